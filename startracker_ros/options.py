@@ -1,0 +1,86 @@
+"""Options of the algorithms: frozen dataclasses whose fields carry unit, range and meaning.
+
+Node parameters, the annotated YAML in config/ and the README tables are all made
+from these fields, so a default or a range stands in one place only.
+"""
+
+from dataclasses import dataclass, field, fields
+import math
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Option:
+    """One row of a parameter table; low and high are inclusive, None means unbounded."""
+
+    name: str
+    default: Any
+    unit: str
+    low: float | None
+    high: float | None
+    choices: tuple[str, ...]
+    read_only: bool
+    description: str
+
+    @property
+    def range_text(self) -> str:
+        """The permitted values in words, empty when anything of the type goes."""
+        if self.choices:
+            return 'one of ' + ', '.join(self.choices)
+        if self.low is None and self.high is None:
+            return ''
+        low = '-inf' if self.low is None else f'{self.low:g}'
+        high = 'inf' if self.high is None else f'{self.high:g}'
+        return f'{low} .. {high}'
+
+    def check(self, value: Any) -> Any:
+        """Return value in the type of the default; ValueError names option, value and range."""
+        wanted = type(self.default)
+        if wanted is float and type(value) is int:
+            value = float(value)
+        if type(value) is not wanted and not (
+                wanted is tuple and isinstance(value, (tuple, list))):
+            raise ValueError(
+                f'{self.name} = {value!r} is of type {type(value).__name__}, '
+                f'must be {wanted.__name__}')
+        if wanted is tuple:
+            value = tuple(value)
+            if len(value) != len(self.default):
+                raise ValueError(
+                    f'{self.name} = {value!r} must have {len(self.default)} elements')
+        elements = value if wanted is tuple else (value,)
+        for element in elements:
+            if isinstance(element, float) and not math.isfinite(element):
+                raise ValueError(f'{self.name} = {value!r} is not finite')
+            if isinstance(element, (int, float)) and not isinstance(element, bool) and (
+                    (self.low is not None and element < self.low)
+                    or (self.high is not None and element > self.high)):
+                unit = f' {self.unit}' if self.unit else ''
+                raise ValueError(
+                    f'{self.name} = {value!r} is out of range {self.range_text}{unit}')
+            if self.choices and element not in self.choices:
+                raise ValueError(
+                    f'{self.name} = {value!r} must be {self.range_text}')
+        return value
+
+
+def option(default: Any, description: str, *, unit: str = '', low: float | None = None,
+           high: float | None = None, choices: tuple[str, ...] = (),
+           read_only: bool = False) -> Any:
+    """Return a dataclass field for a subclass of Options."""
+    return field(default=default, metadata={'option': (
+        unit, low, high, choices, read_only, description)})
+
+
+@dataclass(frozen=True)
+class Options:
+    """Base of every options class: checks each field when it is made."""
+
+    def __post_init__(self) -> None:
+        for row in self.table():
+            object.__setattr__(self, row.name, row.check(getattr(self, row.name)))
+
+    @classmethod
+    def table(cls) -> tuple[Option, ...]:
+        """Return the rows of this class, in the order of definition."""
+        return tuple(Option(f.name, f.default, *f.metadata['option']) for f in fields(cls))

@@ -1,0 +1,135 @@
+"""Rotations, quaternions and celestial pointing.
+
+Quaternions are Hamilton, order x, y, z, w, arrays of shape (4,) or (..., 4).
+q_icrf_from_sensor rotates sensor-frame vectors into ICRF: v_icrf = R(q) v_sensor.
+The sensor frame is optical: x right, y down, z along the boresight out of the lens.
+"""
+
+import numpy as np
+
+ARCSEC = np.pi / (180 * 3600)
+"""One second of arc in radians."""
+
+
+def matrix_from_quaternion(q: np.ndarray) -> np.ndarray:
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    x, y, z, w = np.moveaxis(np.asarray(q, float), -1, 0)
+    return np.stack([
+        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], -1),
+        np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], -1),
+        np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], -1),
+    ], -2)
+
+
+def quaternion_from_matrix(matrix: np.ndarray) -> np.ndarray:
+    """Return the unit quaternion (4,), w >= 0, of one rotation matrix (3, 3)."""
+    m = np.asarray(matrix, float)
+    # Four times the outer product of the quaternion with itself: its largest row is
+    # the quaternion up to scale and never loses precision.
+    outer = np.array([
+        [1 + m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0],
+         m[2, 1] - m[1, 2]],
+        [m[0, 1] + m[1, 0], 1 - m[0, 0] + m[1, 1] - m[2, 2], m[1, 2] + m[2, 1],
+         m[0, 2] - m[2, 0]],
+        [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 - m[0, 0] - m[1, 1] + m[2, 2],
+         m[1, 0] - m[0, 1]],
+        [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1],
+         1 + m[0, 0] + m[1, 1] + m[2, 2]],
+    ])
+    q = outer[np.argmax(np.diag(outer))]
+    q = q / np.linalg.norm(q)
+    return -q if q[3] < 0 else q
+
+
+def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the Hamilton product a b, (..., 4): first b, then a."""
+    ax, ay, az, aw = np.moveaxis(np.asarray(a, float), -1, 0)
+    bx, by, bz, bw = np.moveaxis(np.asarray(b, float), -1, 0)
+    return np.stack([
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    ], -1)
+
+
+def conjugate(q: np.ndarray) -> np.ndarray:
+    """Return the inverse rotation of unit quaternions (..., 4)."""
+    return np.asarray(q, float) * [-1.0, -1.0, -1.0, 1.0]
+
+
+def rotate(q: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return R(q) v for one quaternion (4,) and vectors (3,) or (N, 3)."""
+    return np.asarray(vectors, float) @ matrix_from_quaternion(q).T
+
+
+def quaternion_from_rotation_vector(rotation: np.ndarray) -> np.ndarray:
+    """Return quaternions (..., 4) of rotation vectors (..., 3) in rad."""
+    rotation = np.asarray(rotation, float)
+    angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
+    # sinc keeps the limit of sin(angle / 2) / angle at zero.
+    vector = rotation * 0.5 * np.sinc(angle / (2 * np.pi))
+    return np.concatenate([vector, np.cos(angle / 2)], -1)
+
+
+def rotation_vector_from_quaternion(q: np.ndarray) -> np.ndarray:
+    """Return rotation vectors (..., 3) in rad, length at most pi, of quaternions (..., 4)."""
+    q = np.asarray(q, float)
+    q = np.where(q[..., 3:] < 0, -q, q)
+    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, q[..., 3:])
+    with np.errstate(invalid='ignore', divide='ignore'):
+        scale = np.where(sine > 0, angle / sine, 2.0)
+    return q[..., :3] * scale
+
+
+def attitude_error(q_estimate: np.ndarray, q_truth: np.ndarray) -> np.ndarray:
+    """Return the rotation vector (..., 3) in rad about sensor axes from truth to estimate.
+
+    R(estimate) = R(truth) exp([error]x): x and y are cross-boresight, z is roll.
+    """
+    return rotation_vector_from_quaternion(multiply(conjugate(q_truth), q_estimate))
+
+
+def sign_continuous(q: np.ndarray, previous: np.ndarray | None) -> np.ndarray:
+    """Return q or -q, whichever lies nearer to previous; with no previous, w >= 0."""
+    reference = q[3] if previous is None else float(np.dot(q, previous))
+    return -q if reference < 0 else q
+
+
+def unit_from_radec(ra_rad: np.ndarray, dec_rad: np.ndarray) -> np.ndarray:
+    """Return unit vectors (..., 3) of right ascension and declination in rad."""
+    ra_rad, dec_rad = np.asarray(ra_rad, float), np.asarray(dec_rad, float)
+    return np.stack([np.cos(dec_rad) * np.cos(ra_rad),
+                     np.cos(dec_rad) * np.sin(ra_rad),
+                     np.sin(dec_rad)], -1)
+
+
+def radec_from_unit(unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return right ascension in [0, 2 pi) and declination in rad of vectors (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(unit, float), -1, 0)
+    return np.arctan2(y, x) % (2 * np.pi), np.arctan2(z, np.hypot(x, y))
+
+
+def quaternion_from_pointing(ra_rad: float, dec_rad: float, roll_rad: float) -> np.ndarray:
+    """Return q_icrf_from_sensor (4,) of a boresight and a roll in rad.
+
+    Roll is the position angle of image up (-y), from celestial north through east.
+    """
+    sin_ra, cos_ra = np.sin(ra_rad), np.cos(ra_rad)
+    sin_dec, cos_dec = np.sin(dec_rad), np.cos(dec_rad)
+    north = np.array([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec])
+    east = np.array([-sin_ra, cos_ra, 0.0])
+    boresight = np.array([cos_dec * cos_ra, cos_dec * sin_ra, sin_dec])
+    down = -(np.cos(roll_rad) * north + np.sin(roll_rad) * east)
+    return quaternion_from_matrix(np.stack([np.cross(down, boresight), down, boresight], -1))
+
+
+def pointing_from_quaternion(q: np.ndarray) -> tuple[float, float, float]:
+    """Return right ascension and roll in [0, 2 pi) and declination, in rad."""
+    matrix = matrix_from_quaternion(q)
+    ra, dec = radec_from_unit(matrix[:, 2])
+    north = np.array([-np.sin(dec) * np.cos(ra), -np.sin(dec) * np.sin(ra), np.cos(dec)])
+    east = np.array([-np.sin(ra), np.cos(ra), 0.0])
+    up = -matrix[:, 1]
+    return float(ra), float(dec), float(np.arctan2(up @ east, up @ north) % (2 * np.pi))
