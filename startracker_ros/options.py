@@ -45,9 +45,13 @@ class Option:
                 f'must be {wanted.__name__}')
         if wanted is tuple:
             value = tuple(value)
-            if len(value) != len(self.default):
+            numeric = not isinstance(self.default[0], str)
+            if numeric and len(value) != len(self.default):
                 raise ValueError(
                     f'{self.name} = {value!r} must have {len(self.default)} elements')
+            if any(type(element) is not type(self.default[0]) for element in value):
+                raise ValueError(
+                    f'{self.name} = {value!r} must hold {type(self.default[0]).__name__} only')
         elements = value if wanted is tuple else (value,)
         for element in elements:
             if isinstance(element, float) and not math.isfinite(element):

@@ -1,0 +1,84 @@
+"""Hipparcos stars and where they stand at a given epoch."""
+
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from startracker_ros.rotation import ARCSEC
+
+CATALOG_EPOCH_YEAR = 1991.25
+"""Julian year of the Hipparcos positions (ESA SP-1200, vol. 1)."""
+
+CATALOG_FILE = Path(__file__).with_name('hipparcos.npz')
+
+_J2000_NS = 946_728_000 * 10 ** 9
+_YEAR_NS = 31_557_600 * 10 ** 9
+_MAS = ARCSEC / 1000
+
+
+@dataclass(frozen=True)
+class StarCatalog:
+    """Stars by magnitude, brightest first; every array is (N,).
+
+    hip is int32; ra_rad and dec_rad are float64, ICRS at J1991.25; the rest is float32.
+    pm_ra_mas_yr holds the factor cos(dec); magnitude is Johnson V.
+    """
+
+    hip: np.ndarray
+    ra_rad: np.ndarray
+    dec_rad: np.ndarray
+    pm_ra_mas_yr: np.ndarray
+    pm_dec_mas_yr: np.ndarray
+    parallax_mas: np.ndarray
+    magnitude: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.hip)
+
+    def brighter_than(self, limit: float) -> 'StarCatalog':
+        """Return the stars of magnitude up to and including limit."""
+        # In float32 as the magnitudes are: 6.41 must not fall short of itself.
+        count = int(np.searchsorted(self.magnitude, np.float32(limit), side='right'))
+        return StarCatalog(*(getattr(self, field.name)[:count] for field in fields(self)))
+
+    def directions(self, epoch_year: float) -> np.ndarray:
+        """Return unit vectors (N, 3) in ICRS at a Julian year, seen from the barycentre.
+
+        Uniform straight motion in space (ESA SP-1200, vol. 1, section 1.5.5) with the
+        radial velocity, unknown here, taken as zero. The distance then cancels: the
+        parallax moves nothing seen from the barycentre.
+        """
+        place, motion = self._place_and_motion
+        moved = place + (epoch_year - CATALOG_EPOCH_YEAR) * motion
+        return moved / np.sqrt(np.einsum('ij,ij->i', moved, moved))[:, None]
+
+    @cached_property
+    def _place_and_motion(self) -> tuple[np.ndarray, np.ndarray]:
+        """Unit vectors (N, 3) at the catalogue epoch and their change in rad a year."""
+        sin_ra, cos_ra = np.sin(self.ra_rad), np.cos(self.ra_rad)
+        sin_dec, cos_dec = np.sin(self.dec_rad), np.cos(self.dec_rad)
+        place = np.stack([cos_dec * cos_ra, cos_dec * sin_ra, sin_dec], -1)
+        east = np.stack([-sin_ra, cos_ra, np.zeros_like(sin_ra)], -1)
+        north = np.stack([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec], -1)
+        motion = _MAS * (self.pm_ra_mas_yr[:, None] * east + self.pm_dec_mas_yr[:, None] * north)
+        return place, motion
+
+
+@lru_cache(maxsize=1)
+def load_catalog() -> StarCatalog:
+    """Return the shipped stars, V <= 9; the arrays are shared and read-only."""
+    with np.load(CATALOG_FILE) as columns:
+        arrays = [columns[field.name] for field in fields(StarCatalog)]
+    for array in arrays:
+        array.flags.writeable = False
+    return StarCatalog(*arrays)
+
+
+def epoch_year_from_stamp(stamp_ns: int) -> float:
+    """Return the Julian year of a UNIX time in ns.
+
+    UTC serves as Terrestrial Time: the minute between them moves no star by 0.1 mas.
+    """
+    return 2000.0 + (stamp_ns - _J2000_NS) / _YEAR_NS
