@@ -1,0 +1,1 @@
+"""The simulated sky: motion, orbit, stars in view, detector and gyro."""

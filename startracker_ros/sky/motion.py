@@ -1,0 +1,97 @@
+"""Where the sensor is, where it looks and how it turns: the truth of a simulation."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from startracker_ros.options import option, Options
+from startracker_ros.rotation import (
+    conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
+from startracker_ros.sky.orbit import CircularOrbit, EARTH_RADIUS_M
+
+
+@dataclass(frozen=True)
+class MotionState:
+    """Truth at one instant.
+
+    q_icrf_from_sensor (4,); rate_rad_s (3,), the angular velocity with respect to ICRF
+    on sensor axes; position_m and velocity_m_s (3,), geocentric on ICRF axes.
+    """
+
+    q_icrf_from_sensor: np.ndarray
+    rate_rad_s: np.ndarray
+    position_m: np.ndarray
+    velocity_m_s: np.ndarray
+
+
+class Motion(Protocol):
+    """Anything that knows the state at a time in s since the start of the simulation."""
+
+    def at(self, time_s: float) -> MotionState:
+        """Return the state; any time may be asked for, in any order."""
+
+
+@dataclass(frozen=True)
+class SteadyMotion:
+    """A turn at constant rate about a fixed axis, carried along an orbit.
+
+    q_start (4,) is q_icrf_from_sensor at time 0, rate_rad_s (3,) is on sensor axes.
+    """
+
+    q_start: np.ndarray
+    rate_rad_s: np.ndarray
+    orbit: CircularOrbit
+
+    def at(self, time_s: float) -> MotionState:
+        """Return the state: q(0) times the turn since then, which never jumps in sign."""
+        turn = quaternion_from_rotation_vector(self.rate_rad_s * time_s)
+        position_m, velocity_m_s = self.orbit.at(time_s)
+        return MotionState(multiply(self.q_start, turn), self.rate_rad_s, position_m, velocity_m_s)
+
+
+@dataclass(frozen=True)
+class MotionOptions(Options):
+    """Pointing at time 0, the way it changes, and the orbit."""
+
+    motion: str = option(
+        'low_earth_orbit',
+        'inertial: fixed among the stars; constant_rate: turns at rate_deg_s; '
+        'low_earth_orbit: fixed in the orbit frame, so turns once a revolution',
+        choices=('inertial', 'constant_rate', 'low_earth_orbit'))
+    ra_deg: float = option(84.0, 'right ascension of the boresight at time 0', unit='deg',
+                           low=-360.0, high=360.0)
+    dec_deg: float = option(0.0, 'declination of the boresight at time 0', unit='deg',
+                            low=-90.0, high=90.0)
+    roll_deg: float = option(
+        0.0, 'position angle of image up at time 0, from celestial north through east',
+        unit='deg', low=-360.0, high=360.0)
+    rate_deg_s: tuple[float, float, float] = option(
+        (0.0, 0.06, 0.0), 'angular velocity about sensor x, y, z for constant_rate',
+        unit='deg/s', low=-20.0, high=20.0)
+    altitude_km: float = option(700.0, 'height of the circular orbit above the equatorial radius',
+                                unit='km', low=160.0, high=100000.0)
+    inclination_deg: float = option(30.0, 'inclination of the orbit to the ICRF equator',
+                                    unit='deg', low=0.0, high=180.0)
+    node_deg: float = option(0.0, 'right ascension of the ascending node', unit='deg',
+                             low=-360.0, high=360.0)
+    latitude_deg: float = option(0.0, 'argument of latitude at time 0, from the ascending node',
+                                 unit='deg', low=-360.0, high=360.0)
+
+
+def motion_from_options(options: MotionOptions = MotionOptions()) -> SteadyMotion:
+    """Return the motion that the options describe."""
+    orbit = CircularOrbit(EARTH_RADIUS_M + 1e3 * options.altitude_km,
+                          *np.radians([options.inclination_deg, options.node_deg,
+                                       options.latitude_deg]))
+    q_start = quaternion_from_pointing(
+        *np.radians([options.ra_deg, options.dec_deg, options.roll_deg]))
+    if options.motion == 'inertial':
+        rate_rad_s = np.zeros(3)
+    elif options.motion == 'constant_rate':
+        rate_rad_s = np.radians(options.rate_deg_s)
+    else:
+        # The orbit frame turns about the orbit normal; a sensor fixed in it sees that
+        # axis fixed too, so this is one more constant rate on sensor axes.
+        rate_rad_s = rotate(conjugate(q_start), orbit.rate_rad_s * orbit.normal)
+    return SteadyMotion(q_start, rate_rad_s, orbit)

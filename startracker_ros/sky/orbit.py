@@ -1,0 +1,51 @@
+"""Circular two-body orbit, geocentric, on axes parallel to ICRF."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+EARTH_MU_M3_S2 = 3.986004418e14
+"""Gravitational parameter of the Earth with atmosphere (IERS Conventions 2010, table 1.1)."""
+
+EARTH_RADIUS_M = 6378136.6
+"""Equatorial radius of the Earth (IERS Conventions 2010, table 1.1)."""
+
+
+@dataclass(frozen=True)
+class CircularOrbit:
+    """Orbit of one radius; angles in rad, latitude_rad is the argument of latitude at time 0."""
+
+    radius_m: float
+    inclination_rad: float
+    node_rad: float
+    latitude_rad: float
+
+    @property
+    def rate_rad_s(self) -> float:
+        """Mean motion, Kepler's third law."""
+        return float(np.sqrt(EARTH_MU_M3_S2 / self.radius_m ** 3))
+
+    @property
+    def period_s(self) -> float:
+        """Time of one revolution."""
+        return 2 * np.pi / self.rate_rad_s
+
+    @property
+    def node(self) -> np.ndarray:
+        """Unit vector (3,) to the ascending node."""
+        return np.array([np.cos(self.node_rad), np.sin(self.node_rad), 0.0])
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Unit vector (3,) of the orbital angular momentum."""
+        tilt = np.sin(self.inclination_rad)
+        return np.array([tilt * np.sin(self.node_rad), -tilt * np.cos(self.node_rad),
+                         np.cos(self.inclination_rad)])
+
+    def at(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return position (3,) in m and velocity (3,) in m/s."""
+        argument = self.latitude_rad + self.rate_rad_s * time_s
+        ahead = np.cross(self.normal, self.node)
+        outward = np.cos(argument) * self.node + np.sin(argument) * ahead
+        along = np.cos(argument) * ahead - np.sin(argument) * self.node
+        return self.radius_m * outward, self.radius_m * self.rate_rad_s * along
