@@ -1,0 +1,1 @@
+"""Attitude from star directions, with its uncertainty."""

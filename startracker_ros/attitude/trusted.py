@@ -1,0 +1,70 @@
+"""The attitude of one frame of known stars, given out only when it can be trusted."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate, estimate_attitude
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.options import option, Options
+from startracker_ros.rotation import sign_continuous
+
+
+@dataclass(frozen=True)
+class TrustOptions(Options):
+    """When an attitude is good enough to be published."""
+
+    min_stars: int = option(
+        4, 'fewest stars of a trusted attitude; three or fewer leave no room to notice a wrong one',
+        low=2, high=100)
+    max_residual_px: float = option(
+        1.0, 'largest root mean square distance of the stars from their catalogue places; '
+        'raise it for a lens that is not calibrated', unit='px', low=0.01, high=100.0)
+
+
+@dataclass(frozen=True)
+class TrustedAttitude:
+    """An attitude, or None and the reason why there is none."""
+
+    attitude: AttitudeEstimate | None
+    reason: str
+
+
+class AttitudeTrust:
+    """Solves frames for attitude, keeps the sign of the quaternion continuous."""
+
+    def __init__(self, camera: Camera, places: StarPlaces, options: TrustOptions) -> None:
+        self._camera = camera
+        self._places = places
+        self._options = options
+        self._previous: np.ndarray | None = None
+
+    def solve(self, uv: np.ndarray, hip: np.ndarray, sigma_px: np.ndarray) -> TrustedAttitude:
+        """Return the attitude of stars at pixels uv (N, 2) with errors sigma_px (N,).
+
+        Stars that the catalogue does not hold (hip 0) are left out. The covariance is
+        scaled up when the residuals are larger than sigma_px promised, never down.
+        """
+        index = self._places.index_of(hip)
+        known = index >= 0
+        count = int(known.sum())
+        if count < self._options.min_stars:
+            return TrustedAttitude(
+                None, f'{count} identified stars, min_stars is {self._options.min_stars}')
+        try:
+            attitude = estimate_attitude(
+                self._camera.unproject(uv[known]), self._places.direction[index[known]],
+                sigma_px[known] * self._camera.pixel_rad)
+        except AttitudeError as error:
+            return TrustedAttitude(None, str(error))
+        residual_px = np.sqrt(np.mean(attitude.residual_rad ** 2)) / self._camera.pixel_rad
+        if residual_px > self._options.max_residual_px:
+            return TrustedAttitude(
+                None, f'residual of {residual_px:.2f} px is above max_residual_px = '
+                f'{self._options.max_residual_px:g}: wrong stars, or a lens that is not calibrated')
+        excess = max(1.0, attitude.chi2 / max(1, 2 * count - 3))
+        self._previous = sign_continuous(attitude.quaternion, self._previous)
+        return TrustedAttitude(replace(
+            attitude, quaternion=self._previous,
+            covariance_sensor=attitude.covariance_sensor * excess), 'trusted')

@@ -1,0 +1,1 @@
+"""Bags: MCAP files and folders as rosbag2 (Jazzy) writes them."""
