@@ -49,6 +49,11 @@ class StarPlaces:
             center, _chord(min(radius_rad, np.pi)), return_sorted=True)
         return np.asarray(found, int)
 
+    def count_within(self, centers: np.ndarray, radius_rad: float) -> np.ndarray:
+        """Return how many stars (M,) are up to radius_rad from each of centers (M, 3)."""
+        return self._tree.query_ball_point(
+            centers, _chord(min(radius_rad, np.pi)), return_length=True)
+
     def index_of(self, hip: np.ndarray) -> np.ndarray:
         """Return the index (M,) of each Hipparcos number (M,), -1 where it is not here."""
         hip = np.asarray(hip)

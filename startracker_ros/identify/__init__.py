@@ -1,0 +1,1 @@
+"""Which star is which: pattern database, search, verification."""

@@ -1,0 +1,71 @@
+"""Pair databases kept in the user's cache folder, each under what it was built from."""
+
+from dataclasses import fields
+import hashlib
+import io
+import logging
+import os
+from pathlib import Path
+import tempfile
+
+import numpy as np
+
+from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.identify.pairs import build_pairs, PairDatabase
+
+# To be raised whenever the same input would give other pairs or another layout.
+_VERSION = 1
+
+
+def cache_folder() -> Path:
+    """Return the folder of the databases; XDG_CACHE_HOME is respected."""
+    root = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
+    return Path(root) / 'startracker_ros'
+
+
+def cached_pairs(places: StarPlaces, min_separation_rad: float,
+                 max_separation_rad: float) -> PairDatabase:
+    """Return the pairs of places out of the cache, or build and store them.
+
+    The file begins with the SHA-256 of its content; a file that does not agree with it
+    is built anew. A folder that cannot be written only costs the time to build.
+    """
+    key = hashlib.sha256(repr((_VERSION, min_separation_rad, max_separation_rad)).encode())
+    for field in fields(StarPlaces):
+        key.update(np.ascontiguousarray(getattr(places, field.name)).tobytes())
+    path = cache_folder() / f'pairs-{key.hexdigest()[:32]}.bin'
+    pairs = _load(path)
+    if pairs is None:
+        pairs = build_pairs(places, min_separation_rad, max_separation_rad)
+        _store(path, pairs)
+    return pairs
+
+
+def _load(path: Path) -> PairDatabase | None:
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    digest, body = content[:32], memoryview(content)[32:]
+    if hashlib.sha256(body).digest() != digest:
+        logging.getLogger(__name__).warning('%s is damaged and is built anew', path)
+        return None
+    stream = io.BytesIO(body)
+    return PairDatabase(*(np.load(stream, allow_pickle=False) for _ in fields(PairDatabase)))
+
+
+def _store(path: Path, pairs: PairDatabase) -> None:
+    stream = io.BytesIO()
+    for field in fields(PairDatabase):
+        np.save(stream, getattr(pairs, field.name), allow_pickle=False)
+    body = stream.getbuffer()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Renamed when whole, so that another process never reads half a file.
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(hashlib.sha256(body).digest())
+            file.write(body)
+        os.replace(file.name, path)
+    except OSError as error:
+        logging.getLogger(__name__).warning(
+            'pattern database is not cached in %s: %s', path.parent, error.strerror)

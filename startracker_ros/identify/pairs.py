@@ -1,0 +1,50 @@
+"""All pairs of catalogue stars that one image can hold, sorted by separation."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.identify.kvector import KVector
+
+
+@dataclass(frozen=True)
+class PairDatabase:
+    """Star pairs by angular separation.
+
+    star (S,) int32 are indices into the StarPlaces that it was built from; separation
+    (P,) float64 rad ascending; first, second (P,) int32 are positions in star.
+    """
+
+    star: np.ndarray
+    separation: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+
+    @cached_property
+    def _kvector(self) -> KVector:
+        return KVector(self.separation)
+
+    def between(self, low_rad: float, high_rad: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pairs of a separation in both orders: stars a (M,) and b (M,)."""
+        found = self._kvector.range(low_rad, high_rad)
+        first, second = self.first[found], self.second[found]
+        return np.concatenate([first, second]), np.concatenate([second, first])
+
+
+def build_pairs(places: StarPlaces, min_separation_rad: float,
+                max_separation_rad: float) -> PairDatabase:
+    """Return all pairs of stars that are alone enough to have a true centroid."""
+    star = np.flatnonzero(~places.crowded)
+    direction = places.direction[star]
+    pairs = cKDTree(direction).query_pairs(2 * np.sin(max_separation_rad / 2),
+                                           output_type='ndarray')
+    chord = np.linalg.norm(direction[pairs[:, 0]] - direction[pairs[:, 1]], axis=1)
+    separation = 2 * np.arcsin(chord / 2)
+    wide = separation >= min_separation_rad
+    pairs, separation = pairs[wide], separation[wide]
+    order = np.argsort(separation)
+    return PairDatabase(star.astype(np.int32), separation[order],
+                        pairs[order, 0].astype(np.int32), pairs[order, 1].astype(np.int32))
