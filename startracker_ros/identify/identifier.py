@@ -81,7 +81,7 @@ class StarIdentifier:
                  catalog: StarCatalog | None = None) -> None:
         """Build the pattern database, or take it from the cache."""
         catalog = load_catalog() if catalog is None else catalog
-        self._camera = camera
+        self.camera = camera
         self._options = options
         self.magnitude_limit = options.magnitude_limit or _limit_for(camera, catalog)
         # A year of proper motion is nothing to the tolerances, and one database serves it all.
@@ -103,10 +103,9 @@ class StarIdentifier:
             return self._nothing(centroids, 'too_few_stars',
                                  f'{len(used)} usable stars, identification takes '
                                  f'{_MIN_STARS}: expose longer or lower the threshold')
-        uv = centroids.uv[used]
-        sigma_px = np.hypot(centroids.sigma_px[used], self._options.sigma_floor_px)
-        image = self._camera.unproject(uv)
-        sigma_rad = sigma_px * self._camera.pixel_rad
+        image = self.camera.unproject(centroids.uv[used])
+        sigma_rad = self.camera.pixel_rad * np.hypot(
+            centroids.sigma_px[used], self._options.sigma_floor_px)
         deadline_s = time.perf_counter() + self._options.time_limit_s
         best: Match | None = None
         tested = 0
@@ -116,8 +115,10 @@ class StarIdentifier:
                 self._pairs, self._directions, image[index], sigma_rad[index],
                 self._options.tolerance_sigmas, self._scale_error)
             tested += len(triangles)
-            matches = [self._verifier.judge(uv, sigma_px, index, self._pairs.star[triangle],
-                                            1.0, tested) for triangle in triangles]
+            stars = self._pairs.star[triangles]
+            supported = self._verifier.supported(image, sigma_rad, index, stars)
+            matches = [self._verifier.judge(image, sigma_rad, index, stars[candidate], tested)
+                       for candidate in supported]
             matches.sort(key=lambda match: match.chance)
             if matches and (best is None or matches[0].chance < best.chance):
                 best = matches[0]
@@ -135,7 +136,7 @@ class StarIdentifier:
     def _usable(self, centroids: Centroids) -> np.ndarray:
         """Return indices of the brightest sound centroids, each star once."""
         sound = (np.isfinite(centroids.uv).all(1) & np.isfinite(centroids.sigma_px)
-                 & (centroids.sigma_px > 0) & self._camera.contains(centroids.uv))
+                 & (centroids.sigma_px > 0) & self.camera.contains(centroids.uv))
         index = np.flatnonzero(sound)
         index = index[np.argsort(-centroids.flux[index], kind='stable')]
         index = index[:4 * self._options.max_image_stars]
@@ -152,7 +153,7 @@ class StarIdentifier:
             if other.chance > self._options.false_alarm_max:
                 break
             apart = attitude_error(other.attitude.quaternion, best.attitude.quaternion)
-            if np.linalg.norm(apart) > 20 * self._camera.pixel_rad:
+            if np.linalg.norm(apart) > 20 * self.camera.pixel_rad:
                 return self._nothing(centroids, 'ambiguous', 'two attitudes fit the field '
                                      f'({best.matched} and {other.matched} stars)', best)
         count = len(centroids)

@@ -39,24 +39,37 @@ def matching_triangles(pairs: PairDatabase, directions: np.ndarray, image: np.nd
     angle = np.array([_angle(image[i], image[j]) for i, j in sides])
     noise = tolerance_sigmas * np.array([np.hypot(sigma_rad[i], sigma_rad[j]) for i, j in sides])
     reach = noise + scale_error * angle
+    size = len(directions)
     found = [pairs.between(angle[k] - reach[k], angle[k] + reach[k]) for k in range(3)]
-    if not all(len(side[0]) for side in found):
-        return np.empty((0, 3), int)
-    (a, b), (a2, c2), (b3, c3) = found
+    (a, b), (a2, c2), (b3, c3) = _common(found, size)
     order = np.argsort(a2)
     ranked = a2[order]
-    begin, end = np.searchsorted(ranked, a, 'left'), np.searchsorted(ranked, a, 'right')
-    repeat = end - begin
+    begin = np.searchsorted(ranked, a, 'left')
+    repeat = np.searchsorted(ranked, a, 'right') - begin
     row = np.repeat(np.arange(len(a)), repeat)
     within = np.arange(len(row)) - np.repeat(np.cumsum(repeat) - repeat, repeat)
     c = c2[order[begin[row] + within]]
-    size = len(directions)
     known = np.sort(b3.astype(np.int64) * size + c3)
+    if not len(known):
+        return np.empty((0, 3), int)
     key = b[row].astype(np.int64) * size + c
     place = np.minimum(np.searchsorted(known, key), len(known) - 1)
     closed = known[place] == key
     triples = np.stack([a[row], b[row], c], -1)[closed]
     return triples[_fits(directions[triples], image, angle, noise)]
+
+
+def _common(found: list[tuple[np.ndarray, np.ndarray]], size: int
+            ) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the sides ab, ac, bc without those whose ends no other side has."""
+    (a, b), (a2, c2), (b3, c3) = found
+    in_ab, in_ac, in_bc = (np.zeros((2, size), bool) for _ in range(3))
+    in_ab[0, a], in_ab[1, b], in_ac[0, a2], in_ac[1, c2] = True, True, True, True
+    in_bc[0, b3], in_bc[1, c3] = True, True
+    ab = in_ac[0, a] & in_bc[0, b]
+    ac = in_ab[0, a2] & in_bc[1, c2]
+    bc = in_ab[1, b3] & in_ac[1, c3]
+    return [(a[ab], b[ab]), (a2[ac], c2[ac]), (b3[bc], c3[bc])]
 
 
 def _fits(corner: np.ndarray, image: np.ndarray, angle: np.ndarray,

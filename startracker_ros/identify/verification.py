@@ -25,7 +25,8 @@ class Match:
     """A verified or refuted candidate.
 
     star (N,) is the index into the places for each image star, -1 for none; residual_px
-    (N,) the distance to it, NaN for none; attitude None when too few stars match.
+    (N,) the distance to it, NaN for none; attitude None when too few stars match; chance
+    the false-alarm probability.
     """
 
     star: np.ndarray
@@ -33,6 +34,11 @@ class Match:
     attitude: AttitudeEstimate | None
     focal_ratio: float
     chance: float
+
+    @classmethod
+    def refuted(cls, count: int) -> 'Match':
+        """Return the match of none of count image stars."""
+        return cls(np.full(count, -1), np.full(count, np.nan), None, 1.0, 1.0)
 
     @property
     def matched(self) -> int:
@@ -45,6 +51,9 @@ class Verifier:
 
     # Random directions at which the emptiness of the sky is sampled.
     _SAMPLES = 2000
+    # Image stars that are looked up for each candidate, and candidates that are then judged.
+    _SUPPORTERS = 8
+    _JUDGED = 5
 
     def __init__(self, camera: Camera, places: StarPlaces, tolerance_sigmas: float,
                  fit_scale: bool) -> None:
@@ -52,83 +61,110 @@ class Verifier:
         self._places = places
         self._tolerance_sigmas = tolerance_sigmas
         self._fit_scale = fit_scale
+        # A field of view wider than it says lets in stars from a little beyond its corners.
+        self._field_radius = 1.05 * camera.corner_angle_rad
+        self._focal_px = np.array([camera.fx, camera.fy])
+        self._centre = np.array([camera.cx, camera.cy])
+        self._area = camera.width * camera.height * camera.pixel_rad ** 2
         self._counts = self._field_counts()
 
     def _field_counts(self) -> np.ndarray:
         """Return the sorted numbers of stars in discs of the size of the image."""
-        area_sr = self._camera.width * self._camera.height * self._camera.pixel_rad ** 2
-        radius = np.arccos(1 - min(area_sr / (2 * np.pi), 2.0))
+        radius = np.arccos(1 - min(self._area / (2 * np.pi), 2.0))
         vectors = np.random.default_rng(0).standard_normal((self._SAMPLES, 3))
         vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
         return np.sort(self._places.count_within(vectors, radius))
 
-    def judge(self, uv: np.ndarray, sigma_px: np.ndarray, image: np.ndarray, star: np.ndarray,
-              focal_ratio: float, tested: int) -> Match:
-        """Return how well the field fits when image stars (3,) are the catalogue stars (3,).
+    def supported(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
+                  stars: np.ndarray) -> np.ndarray:
+        """Return the candidates (K,) that further image stars support, the best first.
 
-        uv (N, 2) and sigma_px (N,) are those of all image stars; tested is how many
+        image (N, 3) are the image stars, base (3,) those of the triangle, stars (M, 3) the
+        catalogue stars it may be. Written as a sum of the corners of the triangle a star
+        needs no attitude to be predicted, and a wrong focal length cancels.
+        """
+        if not len(stars):
+            return np.empty(0, int)
+        others = np.setdiff1d(np.arange(len(image)), base)
+        weights = np.linalg.solve(image[base].T, image[others].T).T
+        sigma = np.hypot(sigma_rad[others], np.linalg.norm(weights * sigma_rad[base], axis=1))
+        steady = np.argsort(sigma)[:self._SUPPORTERS]
+        expected = weights[steady] @ self._places.direction[stars]
+        expected /= np.linalg.norm(expected, axis=2, keepdims=True)
+        gap = self._places.distance_to_nearest(expected)
+        count = (gap <= self._tolerance_sigmas * sigma[steady]).sum(1)
+        order = np.argsort(-count, kind='stable')[:self._JUDGED]
+        # Far less support than the best one has is chance.
+        return order[count[order] > count[order[0]] // 3]
+
+    def judge(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
+              star: np.ndarray, tested: int) -> Match:
+        """Return how well the field fits when image stars base (3,) are the stars star (3,).
+
+        image (N, 3) and sigma_rad (N,) are those of all image stars; tested is how many
         candidates there were so far.
         """
-        matched = np.full(len(uv), -1)
-        matched[image] = star
-        radius_px = self._tolerance_sigmas * float(np.median(sigma_px))
-        attitude = None
+        count = len(image)
+        observed = image[:, :2] / image[:, 2:]
+        radius = self._tolerance_sigmas * float(np.median(sigma_rad))
+        matched = np.full(count, -1)
+        matched[base] = star
+        ratio = 1.0
         # The first radius allows for the attitude that three close stars extrapolate.
         for factor in (3.0, 1.0, 1.0):
-            camera = self._camera.with_focal_ratio(focal_ratio)
-            known = matched >= 0
+            before, known = matched, matched >= 0
+            seen, true = observed[known], self._places.direction[matched[known]]
             try:
-                attitude = estimate_attitude(
-                    camera.unproject(uv[known]), self._places.direction[matched[known]],
-                    sigma_px[known] * camera.pixel_rad)
+                attitude = estimate_attitude(_directions(seen / ratio), true, sigma_rad[known])
+                if self._fit_scale and len(seen) > 3:
+                    expected = _tangent(rotate(conjugate(attitude.quaternion), true))
+                    ratio = float(np.sum(seen * expected) / np.sum(expected ** 2))
+                    attitude = estimate_attitude(_directions(seen / ratio), true,
+                                                 sigma_rad[known])
             except AttitudeError:
-                return Match(np.full(len(uv), -1), np.full(len(uv), np.nan), None, 1.0, 1.0)
-            field, place = self._field(camera, attitude.quaternion)
-            if self._fit_scale and known.sum() > 3:
-                ratio = self._scale(camera, uv[known], attitude.quaternion,
-                                    self._places.direction[matched[known]])
-                place = (place - [camera.cx, camera.cy]) * ratio + [camera.cx, camera.cy]
-                focal_ratio *= ratio
-            matched, distance = _pair_up(uv, place, factor * radius_px)
-            matched = np.where(matched >= 0, field[matched] if len(field) else -1, -1)
-            if np.count_nonzero(matched >= 0) < 4:
-                return Match(matched, distance, None, focal_ratio, 1.0)
+                return Match.refuted(count)
+            matrix = matrix_from_quaternion(attitude.quaternion)
+            near = self._places.within(matrix[:, 2], self._field_radius)
+            place = _tangent(self._places.direction[near] @ matrix)
+            nearest, distance = _pair_up(observed / ratio, place, factor * radius)
+            matched = np.where(nearest >= 0, near[nearest], -1)
+            if np.count_nonzero(nearest >= 0) < 4:
+                return Match.refuted(count)
+            if np.array_equal(matched, before):
+                break
+        pixels = place * ratio * self._focal_px + self._centre
+        in_field = np.count_nonzero(self._camera.contains(pixels))
         others = np.count_nonzero(matched >= 0) - 3
-        pixels = self._camera.width * self._camera.height
-        chance = min(1.0, max(len(field), 1) / pixels * np.pi * radius_px ** 2)
-        tail = float(bdtrc(others - 1, len(uv) - 3, chance)) if others > 0 else 1.0
-        emptier = np.searchsorted(self._counts, len(field), 'right') / len(self._counts)
-        share = max(emptier, 1 / len(self._counts))
-        return Match(matched, distance, attitude, focal_ratio, min(1.0, tested * tail * share))
-
-    def _field(self, camera: Camera, quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return indices (M,) and pixels (M, 2) of the catalogue stars in the image."""
-        matrix = matrix_from_quaternion(quaternion)
-        near = self._places.within(matrix[:, 2], camera.corner_angle_rad)
-        pixels = camera.project(self._places.direction[near] @ matrix)
-        inside = camera.contains(pixels)
-        return near[inside], pixels[inside]
-
-    @staticmethod
-    def _scale(camera: Camera, uv: np.ndarray, quaternion: np.ndarray,
-               direction: np.ndarray) -> float:
-        """Return the factor on the focal length that fits pixels to directions best."""
-        centre = [camera.cx, camera.cy]
-        expected = camera.project(rotate(conjugate(quaternion), direction)) - centre
-        return float(np.sum((uv - centre) * expected) / np.sum(expected ** 2))
+        by_chance = min(1.0, max(in_field, 1) * np.pi * radius ** 2 / self._area)
+        tail = float(bdtrc(others - 1, count - 3, by_chance))
+        emptier = np.searchsorted(self._counts, in_field, 'right') / len(self._counts)
+        share = max(float(emptier), 1 / len(self._counts))
+        return Match(matched, distance / self._camera.pixel_rad, attitude, ratio,
+                     min(1.0, tested * tail * share))
 
 
-def _pair_up(uv: np.ndarray, place: np.ndarray, radius_px: float
+def _tangent(directions: np.ndarray) -> np.ndarray:
+    """Return x / z, y / z (N, 2) of vectors (N, 3) in front of the camera."""
+    return directions[:, :2] / directions[:, 2:]
+
+
+def _directions(tangent: np.ndarray) -> np.ndarray:
+    """Return vectors (N, 3), not of unit length, of x / z, y / z (N, 2)."""
+    return np.column_stack([tangent, np.ones(len(tangent))])
+
+
+def _pair_up(observed: np.ndarray, place: np.ndarray, radius: float
              ) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each pixel (N, 2) the index of the nearest place and its distance.
+    """Return for each point (N, 2) the index of the nearest of places (M, 2) and its distance.
 
-    One to one: of several pixels at one place the nearest has it. -1 and NaN beyond the radius.
+    One to one: of several points at one place the nearest has it. -1 and NaN beyond the radius.
     """
     if not len(place):
-        return np.full(len(uv), -1), np.full(len(uv), np.nan)
-    distance = np.linalg.norm(uv[:, None] - place[None], axis=2)
-    nearest = distance.argmin(1)
-    mutual = distance.argmin(0)[nearest] == np.arange(len(uv))
-    gap = distance[np.arange(len(uv)), nearest]
-    good = mutual & (gap <= radius_px)
+        return np.full(len(observed), -1), np.full(len(observed), np.nan)
+    row = np.arange(len(observed))
+    difference = observed[:, None] - place
+    square = np.einsum('ijk,ijk->ij', difference, difference)
+    nearest = square.argmin(1)
+    gap = np.sqrt(square[row, nearest])
+    good = (square.argmin(0)[nearest] == row) & (gap <= radius)
     return np.where(good, nearest, -1), np.where(good, gap, np.nan)

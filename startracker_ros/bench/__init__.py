@@ -1,0 +1,1 @@
+"""Benchmarks: our figure beside a peer or a physical bound, from the same run."""

@@ -1,0 +1,224 @@
+"""The pipeline's figures: accuracy, identification, database, core work, processes."""
+
+from collections.abc import Callable, Iterator
+import os
+from pathlib import Path
+import platform
+import tempfile
+import time
+from unittest import mock
+
+import numpy as np
+from rich.progress import track as progress
+
+from startracker_ros.attitude.estimate import cramer_rao
+from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import camera_places, StarPlaces
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.extraction import CentroidExtractor
+from startracker_ros.identify.identifier import IdentificationOptions, StarIdentifier
+from startracker_ros.rotation import ARCSEC, attitude_error, conjugate, rotate
+from startracker_ros.sky.detector import DetectorOptions
+from startracker_ros.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sky.simulator import SkySimulator
+from startracker_ros.table import Result
+from startracker_ros.track.tracker import StarTracker, TrackerOptions
+
+EPOCH_YEAR = 2026.5
+FULL_CAMERA = Camera.from_fov(1024, 1024, 12.0)
+SMALL_CAMERA = Camera.from_fov(512, 512, 12.0)
+"""The two cameras of the published figures: 42 and 84 arcsec a pixel."""
+
+Row = dict[str, object]
+
+
+def _row(case: str, ours: float, unit: str, bound: str, holds: bool, peer: str = '',
+         ratio: float | None = None) -> Row:
+    return {'case': case, 'ours': ours, 'unit': unit, 'peer': peer, 'ratio': ratio,
+            'bound': bound, 'holds': bool(holds)}
+
+
+def random_attitude(rng: np.random.Generator) -> np.ndarray:
+    """Return a quaternion (4,) drawn uniformly from all rotations."""
+    q = rng.standard_normal(4)
+    return q / np.linalg.norm(q)
+
+
+def star_frame(places: StarPlaces, camera: Camera, q: np.ndarray, sigma_px: float,
+               rng: np.random.Generator) -> tuple[Centroids, np.ndarray]:
+    """Return the centroids that a camera would give at attitude q, and their hip (N,).
+
+    Each axis has Gaussian noise of sigma_px, magnitudes 0.1 mag.
+    """
+    near = places.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
+    uv = camera.project(rotate(conjugate(q), places.direction[near]))
+    inside = camera.contains(uv)
+    near, uv = near[inside], uv[inside]
+    magnitude = places.magnitude[near] + rng.normal(0, 0.1, len(near))
+    flux = 1e6 * 10 ** (-0.4 * magnitude)
+    order = np.argsort(-flux)
+    count = len(order)
+    noisy = uv[order] + rng.normal(0, sigma_px, (count, 2))
+    return Centroids(uv=noisy, flux=flux[order], snr=np.full(count, 1 / max(sigma_px, 1e-3)),
+                     sigma_px=np.full(count, max(sigma_px, 1e-3))), places.hip[near[order]]
+
+
+def noise_free(trials: int, seed: int) -> Iterator[Row]:
+    """Images without noise, through extraction, identification and attitude."""
+    rng = np.random.default_rng(seed)
+    count = min(trials, 100)
+    catalog = load_catalog()
+    detector = DetectorOptions(noise=False, bit_depth=16, gain_e_per_dn=0.25)
+    places = camera_places(catalog, FULL_CAMERA, EPOCH_YEAR, 9.0)
+    identifier = StarIdentifier(FULL_CAMERA, EPOCH_YEAR, IdentificationOptions())
+    trust = AttitudeTrust(FULL_CAMERA, places, TrustOptions())
+    extractor = CentroidExtractor()
+    errors = []
+    for _ in progress(range(count), 'noise-free', transient=True):
+        options = MotionOptions(
+            motion='inertial', ra_deg=rng.uniform(0, 360), roll_deg=rng.uniform(0, 360),
+            dec_deg=np.degrees(np.arcsin(rng.uniform(-1, 1))))
+        frame = SkySimulator(FULL_CAMERA, motion_from_options(options), catalog, EPOCH_YEAR,
+                             detector_options=detector).frame(0.0)
+        centroids = extractor.extract(frame.image).centroids
+        identified = identifier.identify(centroids)
+        solved = trust.solve(centroids.uv, identified.hip, centroids.sigma_px).attitude
+        errors.append(np.full(3, np.nan) if solved is None else attitude_error(
+            solved.quaternion, frame.state.q_icrf_from_sensor))
+    cross = np.sqrt(np.mean(np.array(errors)[:, :2] ** 2)) / ARCSEC
+    yield _row('noise-free images: cross-boresight error, rms', cross, 'arcsec', '< 0.1',
+               cross < 0.1)
+
+
+def cramer_rao_ratio(trials: int, seed: int) -> Iterator[Row]:
+    """Single-frame attitude at 0.1 px against the bound of the same frames."""
+    rng = np.random.default_rng(seed)
+    places = camera_places(load_catalog(), SMALL_CAMERA, EPOCH_YEAR, 6.0)
+    trust = AttitudeTrust(SMALL_CAMERA, places, TrustOptions())
+    normalised, cross, bound = [], [], []
+    for _ in range(trials):
+        q = random_attitude(rng)
+        centroids, hip = star_frame(places, SMALL_CAMERA, q, 0.1, rng)
+        solved = trust.solve(centroids.uv, hip, centroids.sigma_px).attitude
+        if solved is None:
+            continue
+        limit = cramer_rao(SMALL_CAMERA.unproject(centroids.uv),
+                           centroids.sigma_px * SMALL_CAMERA.pixel_rad)
+        error = attitude_error(solved.quaternion, q)
+        normalised.append(error @ np.linalg.solve(limit, error) / 3)
+        cross.append(error[:2])
+        bound.append(np.diag(limit)[:2])
+    ratio = float(np.sqrt(np.mean(normalised)))
+    ours = float(np.sqrt(np.mean(np.square(cross)))) / ARCSEC
+    limit_arcsec = float(np.sqrt(np.mean(bound))) / ARCSEC
+    yield _row('0.1 px, 12 deg, 512 px: cross-boresight error, rms', ours, 'arcsec', '', True,
+               f'Cramer-Rao {limit_arcsec:.3f}', ours / limit_arcsec)
+    yield _row('0.1 px, 12 deg, 512 px: three-axis error over the bound', ratio, '', '<= 1.1',
+               ratio <= 1.1, 'Cramer-Rao 1', ratio)
+
+
+def pyramid(trials: int, seed: int) -> Iterator[Row]:
+    """Lost-in-space identification of random attitudes without false stars."""
+    rng = np.random.default_rng(seed)
+    places = camera_places(load_catalog(), SMALL_CAMERA, EPOCH_YEAR, 6.0)
+    identifier = StarIdentifier(SMALL_CAMERA, EPOCH_YEAR,
+                                IdentificationOptions(magnitude_limit=6.0))
+    solved = wrong = 0
+    times_ms = []
+    for _ in progress(range(trials), 'identification', transient=True):
+        q = random_attitude(rng)
+        centroids, _ = star_frame(places, SMALL_CAMERA, q, 0.3, rng)
+        start_s = time.process_time()
+        result = identifier.identify(centroids)
+        times_ms.append((time.process_time() - start_s) * 1e3)
+        if result.attitude is not None:
+            error = np.abs(np.degrees(attitude_error(result.attitude.quaternion, q)))
+            right = np.hypot(error[0], error[1]) < 0.05 and error[2] < 0.5
+            solved, wrong = solved + right, wrong + (not right)
+    case = '0.3 px, 12 deg, 512 px, V 6'
+    share, median = 100 * solved / trials, float(np.median(times_ms))
+    yield _row(f'{case}: solved', share, '%', '>= 99', share >= 99)
+    yield _row(f'{case}: wrong', wrong, 'frames', '= 0', wrong == 0)
+    yield _row(f'{case}: time, median', median, 'ms', '<= 2', median <= 2)
+    yield _row(f'{case}: time, p99', float(np.percentile(times_ms, 99)), 'ms', '', True)
+
+
+def database(trials: int, seed: int) -> Iterator[Row]:
+    """Building the pattern database, and loading it from the cache."""
+    with tempfile.TemporaryDirectory() as folder, mock.patch.dict(
+            os.environ, {'XDG_CACHE_HOME': folder}):
+        for name, bound in (('built', 2.0), ('out of the cache', 2.0)):
+            start_s = time.perf_counter()
+            StarIdentifier(SMALL_CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
+            elapsed_s = time.perf_counter() - start_s
+            yield _row(f'database, 12 deg, V 6: {name}', elapsed_s, 's', f'<= {bound:g}',
+                       elapsed_s <= bound)
+
+
+def core_work(trials: int, seed: int) -> Iterator[Row]:
+    """Centroids, tracking and attitude of 1024 x 1024 frames on one core."""
+    count = min(trials, 100)
+    catalog = load_catalog()
+    options = MotionOptions(motion='constant_rate', rate_deg_s=(0.05, 0.1, 0.02))
+    simulator = SkySimulator(FULL_CAMERA, motion_from_options(options), catalog, EPOCH_YEAR,
+                             seed=seed)
+    places = camera_places(catalog, FULL_CAMERA, EPOCH_YEAR, 9.0)
+    extractor = CentroidExtractor()
+    identifier = StarIdentifier(FULL_CAMERA, EPOCH_YEAR, IdentificationOptions())
+    tracker = StarTracker(FULL_CAMERA, places, TrackerOptions())
+    trust = AttitudeTrust(FULL_CAMERA, places, TrustOptions())
+    stages: dict[str, list[float]] = {'centroids': [], 'tracking': [], 'attitude': []}
+    for index in progress(range(count + 2), 'core work', transient=True):
+        stamp_ns = index * 100_000_000
+        image = simulator.frame(index / 10).image
+        marks = [time.process_time()]
+        centroids = extractor.extract(image).centroids
+        marks.append(time.process_time())
+        tracks = tracker.update(stamp_ns, centroids)
+        marks.append(time.process_time())
+        used = tracks.usable
+        trust.solve(tracks.uv[used], tracks.hip[used], tracks.position_sigma_px[used])
+        marks.append(time.process_time())
+        if index < 2:
+            tracker.identified(stamp_ns, centroids, identifier.identify(centroids).hip)
+            continue
+        for stage, elapsed_s in zip(stages.values(), np.diff(marks)):
+            stage.append(elapsed_s * 1e3)
+    for name, times_ms in stages.items():
+        yield _row(f'core work, 1024 px: {name}, median', float(np.median(times_ms)), 'ms', '', True)
+    total = float(np.median(np.sum(list(stages.values()), axis=0)))
+    yield _row('core work, 1024 px: all, median', total, 'ms', '<= 15', total <= 15)
+
+
+def processes(trials: int, seed: int) -> Iterator[Row]:
+    """The seven nodes as processes, started twice: with an empty cache and with a full one."""
+    # The only case that needs ROS; the others run without.
+    from startracker_ros.ros.demo import run_demo
+    with tempfile.TemporaryDirectory() as folder, mock.patch.dict(
+            os.environ, {'XDG_CACHE_HOME': folder}):
+        for run, limit_s in (('first', 10.0), ('second', 5.0)):
+            result = run_demo(Path(folder) / run, seconds=15.0, seed=seed)
+            figures = {row['case']: row['ours'] for row in result.rows}
+            start_s = figures['start to first attitude']
+            dropped = figures['frames dropped']
+            yield _row(f'processes, {run} run: start to first attitude', start_s, 's',
+                       f'<= {limit_s:g}', start_s <= limit_s)
+            yield _row(f'processes, {run} run: frames dropped', dropped, 'frames', '= 0',
+                       dropped == 0)
+
+
+CASES: dict[str, Callable[[int, int], Iterator[Row]]] = {
+    'noise-free': noise_free, 'cramer-rao': cramer_rao_ratio, 'pyramid': pyramid,
+    'database': database, 'core-work': core_work, 'processes': processes}
+
+
+def run_pipeline_bench(*, trials: int, seed: int, only: tuple[str, ...]) -> Result:
+    """Run the named cases one after another."""
+    rows = [row for name in only for row in CASES[name](trials, seed)]
+    return Result('bench pipeline', rows, {
+        'machine': f'{platform.machine()}, {os.cpu_count()} cores, Python '
+                   f'{platform.python_version()}, NumPy {np.__version__}',
+        'times': 'process CPU time of one thread, except start-up and database (wall time)',
+        'trials': trials, 'seed': seed})

@@ -1,0 +1,115 @@
+"""The command line: parses, calls, prints. Heavy imports wait until a command needs them."""
+
+from collections.abc import Callable
+import os
+from pathlib import Path
+import sys
+
+import click
+
+from startracker_ros import __version__
+
+_json = click.option('--json', 'as_json', is_flag=True, help='Print one JSON document.')
+
+
+def _fail(message: str) -> None:
+    """End with status 1: the work failed."""
+    click.echo(f'startracker: {message}', err=True)
+    sys.exit(1)
+
+
+@click.group(context_settings={'help_option_names': ['-h', '--help']})
+@click.version_option(__version__, prog_name='startracker')
+def main() -> None:
+    """Star images to spacecraft attitude."""
+
+
+@main.command(context_settings={'ignore_unknown_options': True, 'help_option_names': []})
+@click.argument('node')
+@click.argument('arguments', nargs=-1, type=click.UNPROCESSED)
+def run(node: str, arguments: tuple[str, ...]) -> None:
+    """Run one NODE, as `ros2 run startracker_ros NODE` does; takes --ros-args."""
+    from startracker_ros.executables import NODES
+    from startracker_ros.ros.processes import node_command, node_environment
+    if node not in NODES:
+        raise click.UsageError(f'no node {node!r}; there are {", ".join(NODES)}')
+    command = node_command(node, arguments)
+    os.execve(command[0], command, node_environment())
+
+
+@main.command()
+@click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option('--fov-deg', type=float, help='Horizontal field of view, edge to edge.')
+@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+              help='Camera YAML as camera_calibration writes it, instead of --fov-deg.')
+@click.option('--epoch', 'epoch_year', type=float,
+              help='Julian year of the images, for proper motion.  [default: today]')
+@click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path),
+              help='Folder for a PNG of each image with the identified stars.')
+@_json
+def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
+          epoch_year: float | None, annotate_folder: Path | None, as_json: bool) -> None:
+    """Attitude of star IMAGES: right ascension, declination, roll, stars, residual."""
+    from startracker_ros.camera import CameraError
+    from startracker_ros.solve import solve_files
+    from startracker_ros.table import show
+    if (fov_deg is None) == (camera_file is None):
+        raise click.UsageError('give either --fov-deg or --camera')
+    try:
+        result = solve_files(images, fov_deg=fov_deg, camera_file=camera_file,
+                             epoch_year=epoch_year, annotate_folder=annotate_folder)
+    except CameraError as error:
+        raise click.UsageError(str(error)) from error
+    show(result, as_json)
+    if not all(row['solved'] for row in result.rows):
+        sys.exit(1)
+
+
+@main.command()
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False), default='demo',
+              show_default=True, help='Folder for bag, picture and logs.')
+@click.option('--seconds', type=click.FloatRange(5, 3600), default=60.0, show_default=True,
+              help='Sky time.')
+@click.option('--seed', type=click.IntRange(0), default=1, show_default=True)
+@_json
+def demo(output: Path, seconds: float, seed: int, as_json: bool) -> None:
+    """Run all nodes on the simulated sky, record a bag, print and draw the result."""
+    from startracker_ros.ros.demo import DemoError, run_demo
+    from startracker_ros.table import show
+    try:
+        result = run_demo(output, seconds=seconds, seed=seed)
+    except DemoError as error:
+        _fail(str(error))
+    show(result, as_json)
+    if not all(row['holds'] for row in result.rows):
+        sys.exit(1)
+
+
+@main.group()
+def bench() -> None:
+    """Measure speed and accuracy beside peers and physical bounds."""
+
+
+def _bench(function: Callable[..., None]) -> Callable[..., None]:
+    function = click.option('--trials', type=click.IntRange(1), default=1000, show_default=True,
+                            help='Frames of each case.')(function)
+    function = click.option('--seed', type=click.IntRange(0), default=1,
+                            show_default=True)(function)
+    function = click.option('--only', multiple=True, help='Cases to run, by name.')(function)
+    return _json(function)
+
+
+@bench.command('pipeline')
+@_bench
+def bench_pipeline(trials: int, seed: int, only: tuple[str, ...], as_json: bool) -> None:
+    """Accuracy against the Cramer-Rao bound, identification, start-up, frame times."""
+    from startracker_ros.bench.pipeline import CASES, run_pipeline_bench
+    from startracker_ros.table import show
+    unknown = set(only) - set(CASES)
+    if unknown:
+        raise click.UsageError(f'no case {", ".join(sorted(unknown))}; there are '
+                               f'{", ".join(CASES)}')
+    result = run_pipeline_bench(trials=trials, seed=seed, only=only or tuple(CASES))
+    show(result, as_json)
+    if not all(row['holds'] for row in result.rows):
+        sys.exit(1)

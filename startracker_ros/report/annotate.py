@@ -1,0 +1,35 @@
+"""Star images as a person wants to see them: stretched, with marks and names."""
+
+import cv2
+import numpy as np
+
+_FOUND = (255, 190, 60)
+_IDENTIFIED = (90, 230, 120)
+
+
+def stretch(image: np.ndarray) -> np.ndarray:
+    """Return an (H, W) image as uint8: background dark, faint stars visible."""
+    # A sample fixes the levels as well as the whole image does.
+    sample = image[::7, ::7].astype(np.float32)
+    low, high = np.percentile(sample, [25.0, 99.9])
+    spread = max(float(high - low), 1.0)
+    scaled = np.clip((image.astype(np.float32) - low) / spread, 0, None)
+    return np.minimum(255, np.arcsinh(3 * scaled) * 60).astype(np.uint8)
+
+
+def annotate(image: np.ndarray, uv: np.ndarray, hip: np.ndarray | None = None) -> np.ndarray:
+    """Return (H, W, 3) uint8 RGB of an image with a circle on each pixel uv (N, 2).
+
+    Stars with a Hipparcos number in hip (N,) are drawn in green with it, others in orange.
+    """
+    picture = cv2.cvtColor(stretch(image), cv2.COLOR_GRAY2RGB)
+    hip = np.zeros(len(uv), int) if hip is None else hip
+    size = max(1.0, max(image.shape) / 1024)
+    for (u, v), number in zip(uv, hip):
+        centre = (round(float(u)), round(float(v)))
+        colour = _IDENTIFIED if number else _FOUND
+        cv2.circle(picture, centre, round(9 * size), colour, 1, cv2.LINE_AA)
+        if number:
+            cv2.putText(picture, str(number), (centre[0] + round(12 * size), centre[1]),
+                        cv2.FONT_HERSHEY_SIMPLEX, 0.35 * size, colour, 1, cv2.LINE_AA)
+    return picture

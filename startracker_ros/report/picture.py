@@ -1,0 +1,43 @@
+"""One picture of a run: the star field with names, and the attitude error over time."""
+
+from pathlib import Path
+
+import numpy as np
+
+from startracker_ros.report.annotate import annotate
+from startracker_ros.report.recording import Recording
+
+
+def draw_run(path: Path, recording: Recording, image: np.ndarray, uv: np.ndarray,
+             hip: np.ndarray, title: str) -> None:
+    """Write a PNG; image (H, W) with tracks at uv (N, 2) named by hip (N,)."""
+    # Agg draws without a display; pyplot, which would look for one, is not needed.
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    figure = Figure(figsize=(15, 8), layout='constrained')
+    FigureCanvasAgg(figure)
+    figure.suptitle(title)
+    grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1))
+    field = figure.add_subplot(grid[:, 0])
+    field.imshow(annotate(image, uv, hip))
+    field.set(xlabel='u [px]', ylabel='v [px]',
+              title=f'star field, {np.count_nonzero(hip)} stars tracked (Hipparcos numbers)')
+    stamps, error, sigma = recording.errors()
+    time_s = (stamps - recording.image_ns[0]) / 1e9 if len(stamps) else stamps
+    axis = None
+    for row, name in enumerate(('x, cross boresight', 'y, cross boresight', 'z, roll')):
+        axis = figure.add_subplot(grid[row, 1], sharex=axis)
+        axis.fill_between(time_s, -3 * sigma[:, row], 3 * sigma[:, row], color='tab:blue',
+                          alpha=0.15, label='3 sigma', linewidth=0)
+        axis.plot(time_s, error[:, row], '.', markersize=2, color='tab:blue', label='error')
+        axis.axhline(0, color='black', linewidth=0.5)
+        axis.set_ylabel(f'{name}\n[arcsec]')
+        axis.grid(alpha=0.3)
+        if len(stamps):
+            # The wide bounds of the first frames may leave the picture, no error may.
+            limit = max(4.5 * np.nanmedian(sigma[:, row]), 1.1 * np.abs(error[:, row]).max())
+            axis.set_ylim(-limit, limit)
+    axis.set_xlabel('time since the first image [s]')
+    figure.axes[1].legend(loc='upper right', ncols=2)
+    figure.axes[1].set_title('attitude error against truth, about sensor axes')
+    figure.savefig(path, dpi=110)

@@ -1,0 +1,48 @@
+"""A recorded run in figures, each with the bound that it must hold."""
+
+import numpy as np
+
+from startracker_ros.report.recording import Recording
+
+# An attitude further off than this is wrong, not merely noisy.
+WRONG_SIGMAS, WRONG_ARCSEC = 5.0, 60.0
+
+
+def summarise(recording: Recording) -> list[dict[str, object]]:
+    """Return rows of case, ours, bound, unit, holds; bound is None where there is none."""
+    frames = len(recording.image_ns)
+    stamps, error, sigma = recording.errors()
+    rows: list[dict[str, object]] = []
+
+    def row(case: str, ours: float, unit: str, bound: str = '', holds: bool = True) -> None:
+        rows.append({'case': case, 'ours': ours, 'unit': unit, 'bound': bound, 'holds': holds})
+
+    row('images', frames, 'frames', '> 0', frames > 0)
+    lost = len(np.setdiff1d(recording.image_ns, recording.centroids_ns))
+    expected = _expected_frames(recording.image_ns)
+    row('frames dropped', expected - frames + lost, 'frames', '= 0', expected == frames and not lost)
+    if not len(stamps):
+        row('frames with attitude', 0.0, '%', '>= 95', False)
+        return rows
+    share = 100 * len(recording.attitude_ns) / frames
+    row('frames with attitude', share, '%', '>= 95', share >= 95)
+    row('cross-boresight error, rms each axis', float(np.sqrt(np.mean(error[:, :2] ** 2))), 'arcsec')
+    row('cross-boresight sigma, rms each axis', float(np.sqrt(np.mean(sigma[:, :2] ** 2))), 'arcsec')
+    row('roll error, rms', float(np.sqrt(np.mean(error[:, 2] ** 2))), 'arcsec')
+    row('roll sigma, rms', float(np.sqrt(np.mean(sigma[:, 2] ** 2))), 'arcsec')
+    wrong = np.any(np.abs(error) > WRONG_SIGMAS * sigma + WRONG_ARCSEC, axis=1).sum()
+    row('wrong attitudes', int(wrong), 'frames', '= 0', wrong == 0)
+    row('first image to first attitude', (recording.attitude_ns[0] - recording.image_ns[0]) / 1e9,
+        's')
+    latency_ms = recording.latency_ms()
+    for name, percent in (('p50', 50), ('p95', 95)):
+        row(f'image sent to attitude received, {name}', float(np.percentile(latency_ms, percent)),
+            'ms')
+    return rows
+
+
+def _expected_frames(image_ns: np.ndarray) -> int:
+    """Return how many frames the span of the stamps holds at their usual distance."""
+    if len(image_ns) < 3:
+        return len(image_ns)
+    return int(round((image_ns[-1] - image_ns[0]) / np.median(np.diff(image_ns)))) + 1
