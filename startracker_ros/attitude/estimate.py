@@ -42,19 +42,22 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
     The covariance is what sigma_rad promises, whatever the residuals: a wrong
     identification or a mirrored image shows in chi2. AttitudeError says why there is none.
     """
-    sensor, icrf, sigma_rad = (np.asarray(a, float) for a in (sensor, icrf, sigma_rad))
+    sigma_rad = np.asarray(sigma_rad, float)
     count = len(sigma_rad)
-    if sensor.shape != (count, 3) or icrf.shape != (count, 3):
-        raise AttitudeError(f'shapes {sensor.shape}, {icrf.shape} and {sigma_rad.shape} '
+    if np.shape(sensor) != (count, 3) or np.shape(icrf) != (count, 3):
+        raise AttitudeError(f'shapes {np.shape(sensor)}, {np.shape(icrf)} and {sigma_rad.shape} '
                             'do not belong to one list of stars')
     if count < 2:
         raise AttitudeError(f'{count} stars: an attitude takes at least 2')
-    if not (np.isfinite(sensor).all() and np.isfinite(icrf).all()
-            and np.isfinite(sigma_rad).all()):
+    both = np.array([sensor, icrf], float)
+    if not (np.isfinite(both).all() and np.isfinite(sigma_rad).all()):
         raise AttitudeError('NaN or infinity among the directions or their sigma')
     if sigma_rad.min() <= 0:
         raise AttitudeError(f'sigma of {sigma_rad.min():g} rad must be positive')
-    sensor, icrf = _unit(sensor), _unit(icrf)
+    length = np.sqrt(np.einsum('kij,kij->ki', both, both))
+    if not length.min() > 0:
+        raise AttitudeError('a direction of length zero')
+    sensor, icrf = both / length[..., None]
     weight = (sigma_rad.min() / sigma_rad) ** 2
     quaternion, gap = davenport(sensor, icrf, weight / weight.sum())
     if gap < MIN_EIGENVALUE_GAP:
@@ -88,10 +91,3 @@ def covariance_icrf(q_icrf_from_sensor: np.ndarray, covariance_sensor: np.ndarra
     """Return the covariance (3, 3) of a rotation vector about sensor axes on ICRF axes."""
     matrix = matrix_from_quaternion(q_icrf_from_sensor)
     return matrix @ covariance_sensor @ matrix.T
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    length = np.sqrt(np.einsum('ij,ij->i', vectors, vectors))
-    if not length.min() > 0:
-        raise AttitudeError('a direction of length zero')
-    return vectors / length[:, None]

@@ -107,7 +107,7 @@ def star_places(catalog: StarCatalog, epoch_year: float, *, magnitude_limit: flo
 
 
 def camera_places(catalog: StarCatalog, camera: Camera, epoch_year: float,
-                  magnitude_limit: float) -> StarPlaces:
+                  magnitude_limit: float = np.inf) -> StarPlaces:
     """Return the star images of a camera, resolved as finely as its pixels allow."""
     return star_places(catalog, epoch_year, magnitude_limit=magnitude_limit,
                        merge_rad=MERGE_PX * camera.pixel_rad,

@@ -1,0 +1,43 @@
+# make demo | test | clean. Needs Python 3.11 or 3.12 and a package index; ROS 2 comes as wheels.
+
+SUPPORTED = import ensurepip, sys, venv; sys.exit(sys.version_info[:2] not in [(3, 11), (3, 12)])
+PYTHON ?= $(shell for python in python3.12 python3.11 python3; do \
+	"$$python" -c '$(SUPPORTED)' 2>/dev/null && echo "$$python" && break; done)
+
+VENV := $(CURDIR)/.venv
+# `/usr/bin/env python3` of the node scripts is to be the python of the venv.
+RUN := PATH="$(VENV)/bin:$$PATH" $(VENV)/bin/python
+PIP_INSTALL := $(VENV)/bin/python -m pip install -q --disable-pip-version-check
+# Leftovers of a sourced ROS 2 or of another venv must not meet the wheels of this one.
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONPATH PYTHONHOME
+unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
+
+# Folders are among them, so that a deleted file counts as a change.
+SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
+	find startracker_ros config launch resource -not -path '*/__pycache__*')
+
+.PHONY: demo test clean
+
+demo: .venv/package
+	$(RUN) -m startracker_ros demo
+
+test: .venv/package
+	$(RUN) -m pytest -q test
+
+.venv/requirements: requirements.txt
+	@"$(PYTHON)" -c '$(SUPPORTED)' 2>/dev/null || { \
+		echo 'Python 3.11 or 3.12 with venv is needed: make PYTHON=/path/to/python3.12' >&2; \
+		exit 1; }
+	"$(PYTHON)" -m venv .venv
+	$(PIP_INSTALL) -r requirements.txt
+	touch $@
+
+# Not editable: pip leaves config, launch files and node scripts out of an editable install.
+.venv/package: .venv/requirements $(SOURCES)
+	rm -rf build/lib
+	$(PIP_INSTALL) --no-deps --no-build-isolation .
+	touch $@
+
+clean:
+	rm -rf .venv build install log demo *.egg-info .pytest_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

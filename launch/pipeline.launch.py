@@ -1,0 +1,46 @@
+"""The star tracker behind a camera: image_raw and camera_info of its namespace -> attitude.
+
+A camera of one's own: copy the parameter files, change them, pass their folder as
+`config:=...`; the focal length and the distortion come with the camera's camera_info.
+"""
+
+import os
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+
+from startracker_ros.ros.processes import node_environment
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the four stages of the star tracker and, on request, the recorder."""
+    share = get_package_share_directory('startracker_ros')
+    arguments = [
+        DeclareLaunchArgument(
+            'namespace', default_value='', description='namespace of all topics and nodes'),
+        DeclareLaunchArgument(
+            'config', default_value=os.path.join(share, 'config'),
+            description='folder with one parameter file <node>.yaml for each node'),
+        DeclareLaunchArgument(
+            'record', default_value='false', description='record all topics into a bag'),
+    ]
+
+    def node(name: str, **options: object) -> Node:
+        return Node(
+            package='startracker_ros', executable=name, name=name, output='screen',
+            namespace=LaunchConfiguration('namespace'),
+            parameters=[PathJoinSubstitution([LaunchConfiguration('config'), f'{name}.yaml'])],
+            additional_env=node_environment(), **options)
+
+    return LaunchDescription([
+        *arguments,
+        node('bag_recorder', condition=IfCondition(LaunchConfiguration('record'))),
+        node('centroid_extractor'),
+        node('star_identifier'),
+        node('star_tracker'),
+        node('attitude_estimator'),
+    ])

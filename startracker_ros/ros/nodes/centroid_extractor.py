@@ -1,0 +1,65 @@
+"""centroid_extractor: image_raw, camera_info -> centroids, image_annotated."""
+
+from sensor_msgs.msg import Image, PointCloud2
+
+from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
+from startracker_ros.report.annotate import annotate
+from startracker_ros.ros import qos
+from startracker_ros.ros.diagnostics import OK, WARN
+from startracker_ros.ros.messages import (
+    centroids_to_message, image_from_message, image_to_message, MessageError)
+from startracker_ros.ros.node import CameraNode, main_of
+
+
+class CentroidExtractorNode(CameraNode):
+    """Turns each image into a list of centroids; an empty list means looked, found none."""
+
+    option_classes = (ExtractionOptions,)
+    task = 'centroids'
+
+    def __init__(self) -> None:
+        super().__init__('centroid_extractor')
+        self._centroids = self.give(PointCloud2, 'centroids', qos.LIST)
+        self._annotated = self.give(Image, 'image_annotated', qos.IMAGE)
+        self._listens = False
+
+    def configure(self) -> None:
+        # Images are taken once the camera is known: a source that waits for subscribers
+        # then loses none.
+        if self.camera is not None and not self._listens:
+            self._listens = True
+            self.take(Image, 'image_raw', self._take_image, qos.IMAGE)
+        self._extractor = CentroidExtractor(self.options(ExtractionOptions))
+
+    def _take_image(self, message: Image) -> None:
+        image = image_from_message(message)
+        if not self.has_camera() or not self.in_order(
+                'image_raw', message.header.stamp):
+            return
+        if image.shape != (self.camera.height, self.camera.width):
+            raise MessageError(
+                f'image of {message.width} x {message.height} px does not fit camera_info of '
+                f'{self.camera.width} x {self.camera.height} px')
+        extraction = self._extractor.extract(image)
+        self._centroids.publish(centroids_to_message(
+            extraction.centroids, self.camera, message.header))
+        if self._annotated.get_subscription_count():
+            self._annotated.publish(image_to_message(
+                annotate(image, extraction.centroids.uv), message.header))
+        found = len(extraction.centroids)
+        self.diagnostics.values.update({
+            'centroids': found,
+            'background_dn': f'{extraction.background_dn:.1f}',
+            'noise_dn': f'{extraction.noise_dn:.2f}',
+            'psf_sigma_px': f'{extraction.psf_sigma_px:.2f}'})
+        for reason, count in extraction.rejected.items():
+            self.diagnostics.counts[f'rejected {reason}'] += count
+        good = extraction.status == 'ok'
+        self.diagnostics.report(OK if good else WARN,
+                                'extracting centroids' if good else extraction.reason)
+
+
+main = main_of(CentroidExtractorNode)
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,77 @@
+"""image_publisher: image files -> image_raw, camera_info."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from startracker_ros.images import ImageError, read_image
+from startracker_ros.options import option, Options
+from startracker_ros.ros.diagnostics import ERROR, OK
+from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.node import main_of, StartError
+from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
+
+_SUFFIXES = {'.png', '.tif', '.tiff', '.jpg', '.jpeg', '.bmp', '.pgm'}
+
+
+@dataclass(frozen=True)
+class FileOptions(Options):
+    """Which files are published."""
+
+    path: str = option('', 'image file, or folder whose images are published in order of name',
+                       read_only=True)
+    loop: bool = option(False, 'begin again after the last image')
+
+    def files(self) -> list[Path]:
+        """Return the image files; StartError says what is wrong with path."""
+        path = Path(self.path)
+        if not self.path:
+            raise StartError('path is empty: give an image file or a folder')
+        if path.is_dir():
+            files = sorted(f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES)
+            if not files:
+                raise StartError(f'path {path} holds no image ({", ".join(sorted(_SUFFIXES))})')
+            return files
+        if not path.is_file():
+            raise StartError(f'path {path} does not exist')
+        return [path]
+
+
+class ImagePublisherNode(SourceNode):
+    """Publishes image files with the camera they were taken with."""
+
+    option_classes = (SourceOptions, CameraOptions, FileOptions, FrameOptions)
+    task = 'images'
+
+    def __init__(self) -> None:
+        super().__init__('image_publisher')
+
+    def configure(self) -> None:
+        self._files = self.options(FileOptions).files()
+        # A bad first image or camera file stops the node here, where the user looks.
+        try:
+            height, width = read_image(self._files[0]).shape
+        except ImageError as error:
+            raise StartError(str(error)) from error
+        self.start(self.options(CameraOptions).camera(width, height), self._publish_file)
+
+    def _publish_file(self, index: int, stamp_ns: int, time_s: float) -> None:
+        if index >= len(self._files) and not self.options(FileOptions).loop:
+            self.diagnostics.report(OK, 'all images published')
+            return
+        path = self._files[index % len(self._files)]
+        try:
+            image = read_image(path)
+        except ImageError as error:
+            self.diagnostics.counts['unreadable files'] += 1
+            self.diagnostics.report(ERROR, str(error))
+            return
+        height, width = image.shape
+        camera = self.options(CameraOptions).camera(width, height)
+        self.publish_image(image, camera, self.sensor_header(stamp_ns))
+        self.diagnostics.report(OK, 'publishing images')
+
+
+main = main_of(ImagePublisherNode)
+
+if __name__ == '__main__':
+    main()

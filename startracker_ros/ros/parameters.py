@@ -1,0 +1,87 @@
+"""Node parameters out of options classes: declaration, refusal of bad values, YAML, tables."""
+
+from collections.abc import Sequence
+import difflib
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+
+from startracker_ros.options import Option, Options
+
+
+class ParameterError(ValueError):
+    """A parameter that is unknown or out of range; the text names it and the range."""
+
+
+# Parameters that rclpy itself declares or reads.
+_RCLPY_PARAMETERS = ('use_sim_time', 'start_type_description_service')
+
+
+def _to_ros(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _descriptor(row: Option) -> ParameterDescriptor:
+    unit = f' [{row.unit}]' if row.unit else ''
+    descriptor = ParameterDescriptor(
+        name=row.name, description=f'{row.description}{unit}', read_only=row.read_only,
+        additional_constraints=row.range_text)
+    # The range in the descriptor serves tools; the text of a refusal comes from Option.check.
+    if None not in (row.low, row.high):
+        if isinstance(row.default, float):
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(row.low), to_value=float(row.high))]
+        elif isinstance(row.default, int):
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(row.low), to_value=int(row.high), step=1)]
+    return descriptor
+
+
+def declare(node: Node, classes: Sequence[type[Options]]) -> dict[type[Options], Options]:
+    """Declare every option of the classes and return one instance of each.
+
+    ParameterError names the parameter and its range when an override does not fit.
+    """
+    for row in (row for cls in classes for row in cls.table()):
+        override = node._parameter_overrides.get(row.name)
+        if override is not None:
+            _check_override(row, override.value)
+        try:
+            node.declare_parameter(row.name, _to_ros(row.default), _descriptor(row))
+        except ParameterException as error:
+            raise ParameterError(str(error)) from error
+    return {cls: read(node, cls) for cls in classes}
+
+
+def _check_override(row: Option, value: object) -> None:
+    if isinstance(row.default, float) and type(value) is int:
+        raise ParameterError(f'{row.name} = {value} must be a double: write {value}.0')
+    try:
+        row.check(value)
+    except ValueError as error:
+        raise ParameterError(str(error)) from error
+
+
+def read(node: Node, cls: type[Options], changes: dict[str, object] | None = None) -> Options:
+    """Return the options as they are now, or as they would be with changes; ValueError if bad."""
+    names = [row.name for row in cls.table()]
+    values = {name: node.get_parameter(name).value for name in names}
+    values.update({name: value for name, value in (changes or {}).items() if name in values})
+    return cls(**{name: tuple(value) if not isinstance(value, str) and hasattr(value, '__len__')
+                  else value for name, value in values.items()})
+
+
+def refuse_unknown(node: Node) -> None:
+    """Raise ParameterError for an override that no part of the node declared.
+
+    A misspelt safety limit that is silently ignored is worse than a node that does not start.
+    """
+    # rclpy has no public list of the overrides that were given.
+    for name in node._parameter_overrides:
+        known = node.has_parameter(name) or name in _RCLPY_PARAMETERS
+        if not known and not name.startswith('qos_overrides.'):
+            declared = [row for row in node._parameters if '.' not in row]
+            near = difflib.get_close_matches(name, declared, 1)
+            hint = f'; did you mean {near[0]}?' if near else f'; known: {", ".join(declared)}'
+            raise ParameterError(f'unknown parameter {name}{hint}')

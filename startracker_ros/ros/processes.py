@@ -1,0 +1,101 @@
+"""Nodes as processes of their own, with the environment that makes DDS fast."""
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+from startracker_ros.executables import NODES
+
+
+def share_folder() -> Path:
+    """Return share/startracker_ros of the install, or the source tree when run from there."""
+    for prefix in (*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix):
+        share = Path(prefix) / 'share' / 'startracker_ros'
+        if prefix and share.is_dir():
+            return share
+    return Path(find_spec('startracker_ros').origin).parents[1]
+
+
+def node_environment() -> dict[str, str]:
+    """Return this process's environment with what the nodes need.
+
+    Image messages want a shared-memory segment larger than the stock one, and fresh
+    2 MiB buffers without page faults; NumPy's threads would only fight over the cores.
+    What the user has set stays.
+    """
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    if sys.prefix not in prefixes:
+        prefixes.append(sys.prefix)
+    defaults = {
+        'FASTRTPS_DEFAULT_PROFILES_FILE': str(share_folder() / 'config' / 'fastdds.xml'),
+        'MALLOC_MMAP_THRESHOLD_': '1073741824',
+        'MALLOC_TRIM_THRESHOLD_': '1073741824',
+        'MALLOC_TOP_PAD_': '67108864',
+        'OMP_NUM_THREADS': '1',
+        'OPENBLAS_NUM_THREADS': '1',
+    }
+    return {**defaults, **os.environ,
+            'AMENT_PREFIX_PATH': os.pathsep.join(filter(None, prefixes))}
+
+
+def node_command(node: str, arguments: Sequence[str] = ()) -> list[str]:
+    """Return the command that runs one node; KeyError for an unknown name."""
+    return [sys.executable, '-m', NODES[node], *arguments]
+
+
+def parameter_arguments(parameters: dict[str, object]) -> list[str]:
+    """Return --ros-args that set parameters."""
+    arguments = ['--ros-args']
+    for name, value in parameters.items():
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        if isinstance(value, str):
+            text = "'" + value.replace("'", "''") + "'"
+        arguments += ['-p', f'{name}:={text}']
+    return arguments
+
+
+class NodeProcesses:
+    """A group of nodes, ended together; used as a context manager."""
+
+    def __init__(self, log_folder: Path, environment: dict[str, str] | None = None) -> None:
+        self._log_folder = log_folder
+        self._environment = {**node_environment(), **(environment or {})}
+        self.processes: dict[str, subprocess.Popen] = {}
+
+    def start(self, node: str, parameters: dict[str, object] | None = None,
+              extra: Sequence[str] = ()) -> subprocess.Popen:
+        """Start one node; what it prints goes into the log folder."""
+        arguments = [*parameter_arguments(parameters or {}), *extra]
+        with open(self._log_folder / f'{node}.log', 'ab') as log:
+            process = subprocess.Popen(node_command(node, arguments), stdin=subprocess.DEVNULL,
+                                       stdout=log, stderr=log, env=self._environment)
+        self.processes[node] = process
+        return process
+
+    def failed(self) -> list[str]:
+        """Return the names of the nodes that have ended."""
+        return [name for name, process in self.processes.items() if process.poll() is not None]
+
+    def stop(self) -> dict[str, int]:
+        """End all nodes, politely first; return their exit codes."""
+        for process in self.processes.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+        codes = {}
+        for name, process in self.processes.items():
+            try:
+                codes[name] = process.wait(timeout=15)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                codes[name] = process.wait()
+        return codes
+
+    def __enter__(self) -> 'NodeProcesses':
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()

@@ -1,0 +1,116 @@
+"""What the two nodes that make images share: the camera, the pace, the stamps."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timezone
+
+import numpy as np
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
+
+from startracker_ros.camera import Camera, load_camera
+from startracker_ros.options import option, Options
+from startracker_ros.ros import messages, qos
+from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.node import PipelineNode, StartError
+
+
+@dataclass(frozen=True)
+class SourceOptions(Options):
+    """Pace and stamps of the published images."""
+
+    frame_rate_hz: float = option(10.0, 'images a second', unit='Hz', low=0.01, high=1000.0)
+    frame_count: int = option(0, 'images to publish, 0 for no end', low=0)
+    wait_for_subscribers: int = option(
+        0, 'subscribers of image_raw to wait for before the first image', low=0, high=100)
+    start_time_utc: str = option(
+        '', 'stamp of the first image, as 2019-07-29T20:47:26; empty for now', read_only=True)
+
+    def start_ns(self) -> int | None:
+        """Return the stamp of the first image in ns since the UNIX epoch, None for now."""
+        if not self.start_time_utc:
+            return None
+        try:
+            moment = datetime.fromisoformat(self.start_time_utc)
+        except ValueError as error:
+            raise StartError(f'start_time_utc = {self.start_time_utc!r} is not an ISO 8601 '
+                             'time like 2019-07-29T20:47:26') from error
+        if moment.tzinfo is None:
+            moment = moment.replace(tzinfo=timezone.utc)
+        return round(moment.timestamp() * 1e6) * 1000
+
+
+@dataclass(frozen=True)
+class CameraOptions(Options):
+    """The camera, out of a calibration file or ideal."""
+
+    camera_file: str = option(
+        '', 'camera YAML as camera_calibration writes it; empty for an ideal camera')
+    fov_deg: float = option(12.0, 'horizontal field of view of the ideal camera, edge to edge',
+                            unit='deg', low=0.5, high=90.0)
+
+    def camera(self, width: int, height: int) -> Camera:
+        """Return the camera of the file, or an ideal one of width x height px."""
+        if self.camera_file:
+            return load_camera(self.camera_file)
+        return Camera.from_fov(width, height, self.fov_deg)
+
+
+class SourceNode(PipelineNode):
+    """Publishes image after image at the wanted rate, once enough subscribers listen.
+
+    Until then camera_info alone is published, so that every node knows the camera before
+    the first image. Images that are not ready in time are left out and counted, as a
+    camera does: the stamps keep to the clock.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self._timer = None
+        self._image = self.give(Image, 'image_raw', qos.IMAGE)
+        self._camera_info = self.give(CameraInfo, 'camera_info', qos.LIST)
+
+    def start_ns(self) -> int:
+        """Return the stamp of the first image, in ns since the UNIX epoch."""
+        now_ns = self.get_clock().now().nanoseconds
+        return self.options(SourceOptions).start_ns() or now_ns
+
+    def start(self, camera: Camera, publish: Callable[[int, int, float], None]) -> None:
+        """Begin to call publish(index, stamp_ns, time_s), time_s counted from the first image."""
+        self._waiting_camera, self._publish = camera, publish
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
+        self._next_index = 0
+        self._begin_ns: int | None = None
+        self._timer = self.create_timer(
+            1 / self.options(SourceOptions).frame_rate_hz, self._tick)
+
+    def publish_image(self, image: np.ndarray, camera: Camera, header: Header) -> None:
+        """Publish an image (H, W) and the camera that took it."""
+        self._camera_info.publish(messages.camera_to_message(camera, header))
+        self._image.publish(messages.image_to_message(image, header))
+        self.diagnostics.counts['frames'] += 1
+
+    def sensor_header(self, stamp_ns: int) -> Header:
+        """Return a header in the sensor frame."""
+        return messages.make_header(stamp_ns, self.options(FrameOptions).sensor_frame_id)
+
+    def _tick(self) -> None:
+        options = self.options(SourceOptions)
+        now_ns = self.get_clock().now().nanoseconds
+        if self._begin_ns is None:
+            self._stamp_offset_ns = (options.start_ns() or now_ns) - now_ns
+            if self._image.get_subscription_count() < options.wait_for_subscribers:
+                self._camera_info.publish(messages.camera_to_message(
+                    self._waiting_camera, self.sensor_header(now_ns + self._stamp_offset_ns)))
+                return
+            self._begin_ns = now_ns
+        if options.frame_count and self._next_index >= options.frame_count:
+            return
+        due = int((now_ns - self._begin_ns) * options.frame_rate_hz / 1e9)
+        index = max(self._next_index, due)
+        self.diagnostics.counts['frames skipped'] += index - self._next_index
+        self._next_index = index + 1
+        elapsed_ns = round(index / options.frame_rate_hz * 1e9)
+        self._publish(index, self._begin_ns + self._stamp_offset_ns + elapsed_ns,
+                      elapsed_ns / 1e9)

@@ -1,0 +1,74 @@
+"""Annotated YAML and documentation out of the option tables: python -m startracker_ros.ros.tables.
+
+Writes config/<node>.yaml and docs/parameters.md of the source tree it is started in.
+"""
+
+from importlib import import_module
+import json
+from pathlib import Path
+import textwrap
+
+from startracker_ros.executables import NODES
+from startracker_ros.options import Option
+from startracker_ros.ros.node import PipelineNode
+
+_COMMAND = 'python -m startracker_ros.ros.tables'
+
+
+def node_rows(node: str) -> list[Option]:
+    """Return the parameter table of one node."""
+    module = import_module(NODES[node])
+    cls = next(value for value in vars(module).values() if isinstance(value, type)
+               and issubclass(value, PipelineNode) and value.__module__ == module.__name__)
+    return [row for options in cls.option_classes for row in options.table()]
+
+
+def _value(row: Option) -> str:
+    """Return the default as YAML and as people read it; JSON is a subset of YAML."""
+    return json.dumps(list(row.default) if isinstance(row.default, tuple) else row.default)
+
+
+def _facts(row: Option) -> str:
+    facts = [row.unit, row.range_text, 'read only' if row.read_only else '']
+    return '; '.join(fact for fact in facts if fact)
+
+
+def yaml_text(node: str) -> str:
+    """Return the annotated parameter file of one node."""
+    lines = [f'# Every parameter of {node} with its default. Made by `{_COMMAND}`.', '/**:',
+             '  ros__parameters:']
+    for row in node_rows(node):
+        note = f'{row.description} ({_facts(row)})' if _facts(row) else row.description
+        lines += [f'    # {line}' for line in textwrap.wrap(note, 92)]
+        lines.append(f'    {row.name}: {_value(row)}')
+    return '\n'.join(lines) + '\n'
+
+
+def markdown_text() -> str:
+    """Return the page of all parameter tables."""
+    lines = [
+        '# Parameters', '',
+        f'Made by `{_COMMAND}` from the option tables in the code. A value out of range, of the',
+        'wrong type or with an unknown name stops the node at its start with a message that names',
+        'it; a change at run time is refused in the same words. A change that is accepted takes',
+        'effect with the next frame and makes a stateful node forget its state.']
+    for node in NODES:
+        lines += ['', f'## {node}', '', '| name | default | unit | range | meaning |',
+                  '|---|---|---|---|---|']
+        for row in node_rows(node):
+            meaning = row.description + (' (read only)' if row.read_only else '')
+            lines.append(f'| `{row.name}` | `{_value(row)}` | {row.unit} | {row.range_text} | '
+                         f'{meaning} |')
+    return '\n'.join(lines) + '\n'
+
+
+def files() -> dict[str, str]:
+    """Return the text of every generated file, by its path in the source tree."""
+    texts = {f'config/{node}.yaml': yaml_text(node) for node in NODES}
+    texts['docs/parameters.md'] = markdown_text()
+    return texts
+
+
+if __name__ == '__main__':
+    for path, text in files().items():
+        Path(path).write_text(text)

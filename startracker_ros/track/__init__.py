@@ -1,0 +1,1 @@
+"""Following identified stars from frame to frame."""

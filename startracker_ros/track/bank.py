@@ -1,0 +1,125 @@
+"""All tracks of a tracker as one table, a column per quantity."""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.track.motion_models import POSITION, VELOCITY
+from startracker_ros.track.tracks import Tracks
+
+
+@dataclass(frozen=True)
+class TrackBank:
+    """Tracks in the order in which they were started.
+
+    track_id (N,); place (N,) index into the StarPlaces; state (N, 4) and covariance
+    (N, 4, 4) as in motion_models; confirmed (N,) bool; age and missed (N,) in frames;
+    the rest (N,) as in Tracks.
+    """
+
+    track_id: np.ndarray
+    place: np.ndarray
+    state: np.ndarray
+    covariance: np.ndarray
+    confirmed: np.ndarray
+    age: np.ndarray
+    missed: np.ndarray
+    flux: np.ndarray
+    snr: np.ndarray
+    sigma_px: np.ndarray
+    residual_px: np.ndarray
+    probability: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.place)
+
+    @classmethod
+    def started(cls, track_id: np.ndarray, place: np.ndarray, centroids: Centroids,
+                variance: np.ndarray, velocity: np.ndarray, velocity_covariance: np.ndarray,
+                confirmed: bool) -> 'TrackBank':
+        """Return tracks (N,) that begin at one centroid each, variance (N,) px^2 per axis."""
+        count = len(place)
+        state = np.empty((count, 4))
+        state[:, POSITION], state[:, VELOCITY] = centroids.uv, velocity
+        covariance = np.zeros((count, 4, 4))
+        covariance[:, POSITION, POSITION] = variance[:, None]
+        covariance[:, 1::2, 1::2] = velocity_covariance
+        zero = np.zeros(count, int)
+        return cls(track_id, place, state, covariance, np.full(count, confirmed), zero, zero,
+                   centroids.flux, centroids.snr, centroids.sigma_px, np.full(count, np.nan),
+                   np.ones(count))
+
+    @classmethod
+    def empty(cls) -> 'TrackBank':
+        """Return a bank without tracks."""
+        none = np.empty(0, int)
+        return cls.started(none, none, Centroids.empty(), np.empty(0), np.empty((0, 2)),
+                           np.empty((0, 2, 2)), False)
+
+    @property
+    def uv(self) -> np.ndarray:
+        """Positions (N, 2) in px."""
+        return self.state[:, POSITION]
+
+    @property
+    def uv_covariance(self) -> np.ndarray:
+        """Covariances (N, 2, 2) of uv in px^2."""
+        return self.covariance[:, ::2, ::2]
+
+    @property
+    def sigma_uv(self) -> np.ndarray:
+        """The 1-sigma errors (N,) of uv in px per axis, the mean of both axes."""
+        return np.sqrt((self.covariance[:, 0, 0] + self.covariance[:, 2, 2]) / 2)
+
+    @property
+    def seen(self) -> np.ndarray:
+        """True (N,) for confirmed tracks that had a centroid in the last frame."""
+        return self.confirmed & (self.missed == 0)
+
+    def select(self, chosen: np.ndarray) -> 'TrackBank':
+        """Return the tracks of a boolean mask (N,)."""
+        if chosen.all():
+            return self
+        return TrackBank(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    def joined(self, other: 'TrackBank') -> 'TrackBank':
+        """Return these tracks followed by the others."""
+        return TrackBank(*(np.concatenate([getattr(self, field.name), getattr(other, field.name)])
+                           for field in fields(self)))
+
+    def observed(self, state: np.ndarray, covariance: np.ndarray, probability: np.ndarray,
+                 centroids: Centroids) -> 'TrackBank':
+        """Return the bank after a frame, from the updated state and covariance.
+
+        probability (N, M + 1) as of joint_probabilities. A track counts as missed
+        when that is its more probable fate.
+        """
+        missed = probability[:, 0] > 0.5
+        best = np.where(missed, len(centroids), probability[:, 1:].argmax(axis=1)
+                        if len(centroids) else 0)
+
+        def of_best(values: np.ndarray) -> np.ndarray:
+            return np.append(values, np.nan)[best]
+
+        innovation_u = of_best(centroids.uv[:, 0]) - self.state[:, 0]
+        innovation_v = of_best(centroids.uv[:, 1]) - self.state[:, 2]
+        return replace(
+            self, state=state, covariance=covariance, age=self.age + 1,
+            missed=np.where(missed, self.missed + 1, 0), flux=of_best(centroids.flux),
+            snr=of_best(centroids.snr), sigma_px=of_best(centroids.sigma_px),
+            residual_px=np.hypot(innovation_u, innovation_v),
+            probability=probability[:, 1:].max(axis=1, initial=0.0))
+
+    def published(self, places: StarPlaces, sure: bool) -> Tracks:
+        """Return the tracks as they leave the tracker; unless sure, no star has a name."""
+        named = self.confirmed & sure
+        return Tracks(
+            hip=np.where(named, places.hip[self.place], 0).astype(np.int32),
+            magnitude=np.where(named, places.magnitude[self.place], np.nan),
+            uv=self.uv, flux=self.flux, snr=self.snr, sigma_px=self.sigma_px,
+            residual_px=self.residual_px, track_id=self.track_id.astype(np.uint32),
+            age=np.minimum(self.age, 65535).astype(np.uint16),
+            missed=self.missed.astype(np.uint8), association_probability=self.probability,
+            velocity=self.state[:, VELOCITY], covariance=self.uv_covariance)

@@ -1,0 +1,55 @@
+"""The one rotation that all stars of a frame share, and the stars that do not follow it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from startracker_ros.attitude.estimate import AttitudeEstimate, estimate_attitude
+from startracker_ros.camera import Camera
+from startracker_ros.rotation import conjugate, rotate
+
+OUTLIER_SIGMA = 5.0
+"""A star further from its place than this is not the star it was taken for."""
+
+RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
+"""Median distance from the truth in two dimensions, in units of sigma per axis."""
+
+
+@dataclass(frozen=True)
+class RotationFit:
+    """An attitude and how the stars keep to it.
+
+    normalised (N,) is the distance of each star from its place in units of its own
+    sigma times scale; scale is at least 1, and larger where a lens that is not calibrated
+    moves all stars; inlier (N,) bool took part in the fit; residual_px is their rms distance.
+    """
+
+    attitude: AttitudeEstimate
+    normalised: np.ndarray
+    scale: float
+    inlier: np.ndarray
+    residual_px: float
+
+
+def fit_rotation(camera: Camera, icrf: np.ndarray, uv: np.ndarray, sigma_px: np.ndarray,
+                 candidate: np.ndarray) -> RotationFit:
+    """Return the attitude of the candidates (N,) without outliers; all stars are judged by it.
+
+    icrf (N, 3), uv (N, 2) px, sigma_px (N,) per axis. The worst outlier leaves first: it
+    bends the fit and makes others look bad. AttitudeError when too few are left.
+    """
+    sensor = camera.unproject(uv)
+    sigma_rad = sigma_px * camera.pixel_rad
+    inlier = candidate.copy()
+    while True:
+        attitude = estimate_attitude(sensor[inlier], icrf[inlier], sigma_rad[inlier])
+        place = camera.project(rotate(conjugate(attitude.quaternion), icrf))
+        distance = np.hypot(*(uv - place).T)
+        normalised = distance / sigma_px
+        scale = max(1.0, np.median(normalised[inlier]) / RAYLEIGH_MEDIAN)
+        normalised = np.where(np.isfinite(normalised), normalised / scale, np.inf)
+        worst = np.argmax(np.where(inlier, normalised, 0))
+        if normalised[worst] <= OUTLIER_SIGMA:
+            return RotationFit(attitude, normalised, float(scale), inlier,
+                               float(np.sqrt(np.mean(distance[inlier] ** 2))))
+        inlier[worst] = False

@@ -1,0 +1,57 @@
+"""The list of followed stars of one frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Filtered star images of one frame, in the order in which they were started.
+
+    hip (N,) int32, 0 while the tracker is not sure of the star; magnitude (N,) of the
+    catalogue, NaN where hip is 0; uv (N, 2) px, filtered; flux (N,) DN, snr (N,) and sigma_px
+    (N,) of the centroid, NaN when missed; residual_px (N,) the distance of the centroid from
+    its prediction, NaN when missed or just started; track_id (N,) uint32, never used twice;
+    age (N,) uint16 frames since start; missed (N,) uint8 frames since last seen;
+    association_probability (N,) of the most probable centroid; velocity (N, 2) px/s;
+    covariance (N, 2, 2) px^2 of uv.
+    """
+
+    hip: np.ndarray
+    magnitude: np.ndarray
+    uv: np.ndarray
+    flux: np.ndarray
+    snr: np.ndarray
+    sigma_px: np.ndarray
+    residual_px: np.ndarray
+    track_id: np.ndarray
+    age: np.ndarray
+    missed: np.ndarray
+    association_probability: np.ndarray
+    velocity: np.ndarray
+    covariance: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.hip)
+
+    @classmethod
+    def empty(cls) -> 'Tracks':
+        """Return a list without tracks."""
+        none = np.empty(0)
+        return cls(
+            hip=np.empty(0, np.int32), magnitude=none, uv=np.empty((0, 2)), flux=none, snr=none,
+            sigma_px=none, residual_px=none, track_id=np.empty(0, np.uint32),
+            age=np.empty(0, np.uint16), missed=np.empty(0, np.uint8),
+            association_probability=none, velocity=np.empty((0, 2)),
+            covariance=np.empty((0, 2, 2)))
+
+    @property
+    def usable(self) -> np.ndarray:
+        """True (N,) for stars that may vote on the attitude: sure of, and seen just now."""
+        return (self.hip > 0) & (self.missed == 0)
+
+    @property
+    def position_sigma_px(self) -> np.ndarray:
+        """The 1-sigma error (N,) of uv per axis, the mean of both axes."""
+        return np.sqrt((self.covariance[:, 0, 0] + self.covariance[:, 1, 1]) / 2)

@@ -1,0 +1,107 @@
+"""The demo command, end to end: seven processes, one bag that an independent reader opens."""
+
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import get_typestore, Stores
+from scipy.spatial.transform import Rotation
+
+FRAMES = 80
+
+
+@pytest.fixture(scope='module')
+def demo(tmp_path_factory):
+    """Run the demo for eight seconds of sky time."""
+    output = tmp_path_factory.mktemp('demo') / 'demo'
+    done = subprocess.run(
+        [sys.executable, '-m', 'startracker_ros', 'demo', '--seconds', str(FRAMES / 10),
+         '--output', str(output), '--json'],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(1 + (os.getpid() + 50) % 100)},
+        capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return output, json.loads(done.stdout.splitlines()[-1])
+
+
+def test_every_row_holds(demo):
+    _, document = demo
+    assert document['name'] == 'demo'
+    rows = {row['case']: row for row in document['rows']}
+    assert all(row['holds'] for row in rows.values()), document
+    assert rows['images']['ours'] == FRAMES
+    assert rows['frames dropped']['ours'] == 0
+    assert rows['wrong attitudes']['ours'] == 0
+
+
+def messages_of(output, topic):
+    with AnyReader([output / 'bag'],
+                   default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        connections = [c for c in reader.connections if c.topic == topic]
+        assert connections, f'no {topic} in {[c.topic for c in reader.connections]}'
+        return [reader.deserialize(raw, connection.msgtype)
+                for connection, _, raw in reader.messages(connections)]
+
+
+def test_the_bag_holds_every_message_of_every_frame(demo):
+    output, _ = demo
+    stamps = {}
+    for topic in ('/image_raw', '/camera_info', '/centroids', '/tracks', '/truth/attitude',
+                  '/truth/stars', '/truth/odometry', '/attitude_imu'):
+        stamps[topic] = sorted(m.header.stamp.sec * 10 ** 9 + m.header.stamp.nanosec
+                               for m in messages_of(output, topic))
+        assert len(stamps[topic]) == FRAMES, topic
+        assert stamps[topic] == stamps['/image_raw'], topic
+    gyro = messages_of(output, '/imu')
+    assert len(gyro) == (FRAMES - 1) * 10
+    assert messages_of(output, '/tracker_state')[-1].message == 'TRACKING'
+    assert messages_of(output, '/diagnostics')
+
+
+def test_attitudes_agree_with_the_truth(demo):
+    """Judged by SciPy and rosbags alone."""
+    output, document = demo
+    truth = {m.header.stamp.nanosec + m.header.stamp.sec * 10 ** 9: m.quaternion
+             for m in messages_of(output, '/truth/attitude')}
+    errors, previous = [], None
+    for message in messages_of(output, '/attitude'):
+        q = message.quaternion
+        ours = np.array([q.x, q.y, q.z, q.w])
+        if previous is not None:
+            assert ours @ previous > 0, 'the sign of the quaternion jumped'
+        previous = ours
+        t = truth[message.header.stamp.nanosec + message.header.stamp.sec * 10 ** 9]
+        error = Rotation.from_quat([t.x, t.y, t.z, t.w]).inv() * Rotation.from_quat(ours)
+        errors.append(np.degrees(error.as_rotvec()) * 3600)
+        assert message.header.frame_id == 'icrf'
+    assert len(errors) >= 0.95 * FRAMES
+    errors = np.abs(errors)
+    assert errors[:, :2].max() < 10 and errors[:, 2].max() < 100
+    printed = {row['case']: row['ours'] for row in document['rows']}
+    assert printed['roll error, rms'] == pytest.approx(
+        np.sqrt(np.mean(errors[:, 2] ** 2)), rel=1e-3)
+
+
+def test_the_picture_shows_stars_and_errors(demo):
+    output, _ = demo
+    picture = cv2.imread(str(output / 'demo.png'))
+    assert picture.shape[1] > 1000
+    # Both the green marks of identified stars and the blue error points are there.
+    green = (picture[..., 1] > 180) & (picture[..., 2] < 140) & (picture[..., 0] < 160)
+    assert green.sum() > 200
+    assert Path(output / 'logs' / 'star_tracker.log').read_text().count('TRACKING') >= 1
+
+
+def test_a_folder_that_is_no_bag_is_not_touched(tmp_path):
+    (tmp_path / 'bag').mkdir()
+    (tmp_path / 'bag' / 'thesis.txt').write_text('years of work')
+    done = subprocess.run([sys.executable, '-m', 'startracker_ros', 'demo',
+                           '--output', str(tmp_path)], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert 'exists and holds no bag' in done.stderr
+    assert (tmp_path / 'bag' / 'thesis.txt').read_text() == 'years of work'

@@ -1,0 +1,118 @@
+"""Every message layout survives the way there and back."""
+
+from dataclasses import fields
+
+from hypothesis import given, strategies as st
+from hypothesis.extra.numpy import arrays
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from startracker_ros.attitude.estimate import estimate_attitude
+from startracker_ros.camera import Camera, CameraError
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.ros import messages
+from startracker_ros.rotation import quaternion_from_pointing, rotate, unit_from_radec
+from startracker_ros.track.tracks import Tracks
+
+CAMERA = Camera(640, 480, 3000.0, 3010.0, 320.0, 239.0, (-0.1, 0.01, 1e-3, 2e-3, 0.0))
+HEADER = messages.make_header(1_790_000_000_123_456_789, 'star_tracker_optical_frame')
+
+
+@given(arrays(st.sampled_from(['u1', 'u2']), st.tuples(st.integers(1, 9), st.integers(1, 9))))
+def test_images(image):
+    message = messages.image_to_message(image, HEADER)
+    np.testing.assert_array_equal(messages.image_from_message(message), image)
+
+
+def test_padded_rows_and_big_endian_images_are_read_right():
+    image = np.arange(12, dtype=np.uint16).reshape(3, 4) * 300
+    message = messages.image_to_message(image, HEADER)
+    padded = np.zeros((3, 10), '>u2')
+    padded[:, :4] = image
+    message.step, message.is_bigendian = 20, 1
+    message.data = padded.tobytes()
+    np.testing.assert_array_equal(messages.image_from_message(message), image)
+
+
+def test_stamps_are_whole_nanoseconds():
+    assert messages.ns_from_stamp(HEADER.stamp) == 1_790_000_000_123_456_789
+
+
+def test_camera_info():
+    message = messages.camera_to_message(CAMERA, HEADER)
+    assert messages.camera_from_message(message) == CAMERA
+    message.d = []
+    assert messages.camera_from_message(message).distortion == (0.0,) * 5
+    message.d = [0.1] * 8
+    with pytest.raises(CameraError, match='5 distortion terms'):
+        messages.camera_from_message(message)
+
+
+def some_tracks(count):
+    rng = np.random.default_rng(count)
+    return Tracks(
+        hip=np.arange(1, count + 1, dtype=np.int32), magnitude=rng.uniform(0, 6, count),
+        uv=rng.uniform(0, 480, (count, 2)), flux=rng.uniform(1, 1e5, count),
+        snr=rng.uniform(5, 500, count), sigma_px=rng.uniform(0.01, 1, count),
+        residual_px=np.full(count, np.nan), track_id=np.arange(count, dtype=np.uint32) + 70000,
+        age=np.full(count, 60000, np.uint16), missed=np.full(count, 3, np.uint8),
+        association_probability=rng.uniform(0, 1, count), velocity=rng.normal(0, 5, (count, 2)),
+        covariance=np.tile([[0.2, 0.05], [0.05, 0.1]], (count, 1, 1)))
+
+
+@pytest.mark.parametrize('count', [0, 1, 40])
+def test_tracks(count):
+    tracks = some_tracks(count)
+    again = messages.tracks_from_message(messages.tracks_to_message(tracks, CAMERA, HEADER))
+    for field in fields(Tracks):
+        np.testing.assert_allclose(getattr(again, field.name), getattr(tracks, field.name),
+                                   rtol=1e-6, atol=1e-6, err_msg=field.name)
+
+
+@pytest.mark.parametrize('count', [0, 25])
+def test_centroids_carry_directions_of_the_camera(count):
+    rng = np.random.default_rng(2)
+    centroids = Centroids(uv=rng.uniform(0, 480, (count, 2)), flux=np.linspace(9e4, 1e3, count),
+                          snr=np.full(count, 30.0), sigma_px=np.full(count, 0.05))
+    cloud = messages.centroids_to_message(centroids, CAMERA, HEADER)
+    again = messages.centroids_from_message(cloud)
+    np.testing.assert_allclose(again.uv, centroids.uv, rtol=1e-6)
+    rows = messages.read_cloud(cloud, messages.CENTROID_DTYPE)
+    np.testing.assert_allclose(np.stack([rows['x'], rows['y'], rows['z']], -1),
+                               CAMERA.unproject(centroids.uv), atol=1e-7)
+
+
+def test_foreign_field_order_is_read_by_name():
+    dtype = np.dtype([('pad', 'f8'), ('sigma_px', 'f4'), ('snr', 'f4'), ('flux', 'f4'),
+                      ('v', 'f4'), ('u', 'f4'), ('z', 'f4'), ('y', 'f4'), ('x', 'f4')])
+    rows = np.zeros(2, dtype)
+    rows['u'], rows['v'], rows['flux'] = [1, 2], [3, 4], [9, 8]
+    again = messages.centroids_from_message(messages._cloud(rows, HEADER))
+    np.testing.assert_array_equal(again.uv, [[1, 3], [2, 4]])
+
+
+def test_attitude_messages_mean_what_they_say():
+    q = quaternion_from_pointing(1.0, -0.4, 2.2)
+    sensor = unit_from_radec(np.array([0.1, 0.5, 1.3, 2.0]), np.array([1.2, 1.4, 1.45, 1.3]))
+    attitude = estimate_attitude(sensor, rotate(q, sensor), np.full(4, 1e-4))
+    pose = messages.attitude_to_pose(attitude, HEADER)
+    orientation = pose.pose.pose.orientation
+    turned = Rotation.from_quat([orientation.x, orientation.y, orientation.z, orientation.w])
+    np.testing.assert_allclose(turned.apply(sensor), rotate(q, sensor), atol=1e-9)
+    covariance = np.reshape(pose.pose.covariance, (6, 6))
+    assert not covariance[:3].any()
+    np.testing.assert_allclose(
+        covariance[3:, 3:], turned.as_matrix() @ attitude.covariance_sensor
+        @ turned.as_matrix().T, atol=1e-15)
+    imu = messages.attitude_to_imu(attitude, HEADER)
+    np.testing.assert_allclose(np.reshape(imu.orientation_covariance, (3, 3)),
+                               covariance[3:, 3:], atol=1e-15)
+    assert imu.angular_velocity_covariance[0] == -1
+
+
+def test_invalid_attitude_is_flagged_and_is_no_rotation():
+    imu = messages.attitude_to_imu(None, HEADER)
+    q = imu.orientation
+    assert imu.orientation_covariance[0] == -1
+    assert (q.x, q.y, q.z, q.w) == (0, 0, 0, 0)

@@ -1,0 +1,64 @@
+"""Real photographs through the nodes: the known attitudes come out of the attitude topic."""
+
+import csv
+
+from geometry_msgs.msg import QuaternionStamped
+import numpy as np
+import pytest
+from sensor_msgs.msg import PointCloud2
+
+from startracker_ros.camera import Camera, save_camera
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages import ns_from_stamp, quaternion_from_message
+from startracker_ros.rotation import attitude_error, pointing_from_quaternion
+
+FRAME_NS = 500_000_000
+
+
+def start_nodes(nodes, probe, publisher):
+    nodes.start('centroid_extractor')
+    nodes.start('star_identifier')
+    nodes.start('attitude_estimator', {'source': 'stars'})
+    probe.listen(QuaternionStamped, 'attitude', qos.LIST)
+    probe.listen(PointCloud2, 'stars', qos.LIST)
+    probe.wait(lambda: probe.count_publishers('attitude') and probe.count_publishers('stars')
+               and probe.count_subscribers('stars') >= 2
+               and probe.count_subscribers('camera_info') >= 3, 'the nodes')
+    nodes.start('image_publisher', {
+        'frame_rate_hz': 1e9 / FRAME_NS, 'wait_for_subscribers': 1,
+        'start_time_utc': '2019-07-29T20:47:26', **publisher})
+
+
+def test_night_sky_of_11_degrees(nodes, probe, sky_data, tmp_path):
+    folder = sky_data / 'night-sky-11deg'
+    rows = sorted(csv.DictReader(open(folder / 'solutions.csv')), key=lambda row: row['file'])
+    camera_file = tmp_path / 'camera.yaml'
+    save_camera(Camera.from_fov(1024, 768, 11.427), camera_file)
+    start_nodes(nodes, probe, {'path': str(folder), 'camera_file': str(camera_file)})
+    probe.wait(lambda: len(probe.received['stars']) >= len(rows), 'all images')
+    probe.spin_for(1.0)
+    start_ns = ns_from_stamp(probe.received['stars'][0].header.stamp)
+    solved = {(ns_from_stamp(m.header.stamp) - start_ns) // FRAME_NS: quaternion_from_message(m)
+              for m in probe.received['attitude']}
+    assert sorted(solved) == list(range(len(rows)))
+    for index, row in enumerate(rows):
+        known = np.array([float(row[name]) for name in ('qx', 'qy', 'qz', 'qw')])
+        error = np.abs(np.degrees(attitude_error(solved[index], known / np.linalg.norm(known))))
+        assert np.hypot(error[0], error[1]) * 3600 < 60, row['file']
+        assert error[2] < 0.1, row['file']
+
+
+def test_hard_night_sky_of_6_degrees_gives_no_wrong_attitude(nodes, probe, sky_data):
+    folder = sky_data / 'night-sky-6deg'
+    rows = sorted(csv.DictReader(open(folder / 'solutions.csv')), key=lambda row: row['file'])
+    start_nodes(nodes, probe, {'path': str(folder), 'fov_deg': 6.075})
+    probe.wait(lambda: len(probe.received['stars']) >= len(rows), 'all images', 60)
+    probe.spin_for(1.0)
+    start_ns = ns_from_stamp(probe.received['stars'][0].header.stamp)
+    for message in probe.received['attitude']:
+        row = rows[(ns_from_stamp(message.header.stamp) - start_ns) // FRAME_NS]
+        assert row['grade'] in 'ABC', f'{row["file"]}: nobody knows its attitude'
+        ra, dec, _ = np.degrees(pointing_from_quaternion(
+            quaternion_from_message(message)))
+        assert ra == pytest.approx(float(row['ra_deg']), abs=0.1), row['file']
+        assert dec == pytest.approx(float(row['dec_deg']), abs=0.1), row['file']

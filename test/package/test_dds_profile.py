@@ -1,0 +1,34 @@
+"""The shipped Fast DDS profile is in force in a process that is started with it."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+PROFILE = Path(__file__).parents[2] / 'config' / 'fastdds.xml'
+SEGMENT_BYTES = 64 << 20
+# Makes a participant and prints the size of the largest shared-memory segment it maps.
+PROGRAM = """
+import rclpy
+rclpy.init()
+node = rclpy.create_node('profile_probe')
+ranges = [line.split()[0].split('-') for line in open('/proc/self/maps') if '/fastrtps_' in line]
+print(max(int(end, 16) - int(begin, 16) for begin, end in ranges))
+"""
+
+
+@pytest.mark.parametrize('profile, enough', [(PROFILE, True), (None, False)],
+                         ids=['shipped', 'stock'])
+def test_segment_holds_images(profile, enough):
+    environment = {name: value for name, value in os.environ.items()
+                   if name != 'FASTRTPS_DEFAULT_PROFILES_FILE'}
+    environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    if profile:
+        environment['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profile)
+    done = subprocess.run([sys.executable, '-c', PROGRAM], env=environment,
+                          capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert 'Error' not in done.stdout + done.stderr
+    assert (int(done.stdout.split()[-1]) >= SEGMENT_BYTES) == enough

@@ -1,0 +1,77 @@
+"""The command line: what README shows, wrong use, bench rows."""
+
+import json
+from pathlib import Path
+import re
+import shlex
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README_COMMANDS = sorted(set(re.findall(
+    r'^\$? ?(?:\.venv/bin/)?startracker (.+)$', (ROOT / 'README.md').read_text(), re.MULTILINE)))
+
+
+def startracker(*arguments, timeout_s=120):
+    return subprocess.run([sys.executable, '-m', 'startracker_ros', *arguments],
+                          capture_output=True, text=True, timeout=timeout_s)
+
+
+@pytest.mark.parametrize('command', README_COMMANDS)
+def test_commands_of_the_readme_exist(command):
+    """Each with its options; the work itself is tested elsewhere."""
+    words = shlex.split(command, comments=True)
+    shown = startracker(*words[:1 if words[0] != 'bench' else 2], '--help')
+    if words[0] == 'run':
+        assert words[1] in startracker('run', '--').stderr + (
+            ROOT / 'startracker_ros' / 'executables.py').read_text()
+        return
+    assert shown.returncode == 0
+    for option in (word.split('=')[0] for word in words if word.startswith('--')):
+        assert option in shown.stdout, command
+
+
+def test_the_two_commands_stand_in_the_first_screen():
+    first_screen = (ROOT / 'README.md').read_text().splitlines()[:40]
+    assert any('make demo' in line for line in first_screen)
+    assert any('make test' in line for line in first_screen)
+    makefile = (ROOT / 'Makefile').read_text()
+    assert re.search('^demo:', makefile, re.MULTILINE)
+    assert re.search('^test:', makefile, re.MULTILINE)
+    assert 'make test' in (ROOT / '.ci' / 'run').read_text()
+
+
+@pytest.mark.parametrize('arguments, words', [
+    (['fly'], "No such command 'fly'"),
+    (['run', 'rocket'], "no node 'rocket'; there are sky_simulator"),
+    (['solve', 'a.png'], 'give either --fov-deg or --camera'),
+    (['solve', 'a.png', '--fov-deg', '400'], '400'),
+    (['solve', 'a.png', '--camera', '/no/such.yaml'], '/no/such.yaml'),
+    (['bench', 'pipeline', '--only', 'speed'], 'no case speed; there are noise-free'),
+    (['demo', '--seconds', '1'], '5'),
+])
+def test_wrong_use_is_status_2(arguments, words):
+    done = startracker(*arguments)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert 'Traceback' not in done.stderr
+
+
+def test_unreadable_image_is_a_row_and_status_1(tmp_path):
+    (tmp_path / 'notes.png').write_text('not an image')
+    done = startracker('solve', '--fov-deg', '11.4', '--json', str(tmp_path / 'notes.png'))
+    assert done.returncode == 1
+    row, = json.loads(done.stdout)['rows']
+    assert not row['solved'] and 'notes.png' in row['file']
+    assert 'Traceback' not in done.stderr
+
+
+def test_bench_prints_rows_that_hold():
+    done = startracker('bench', 'pipeline', '--json', '--trials', '100', '--only', 'cramer-rao',
+                       '--only', 'database')
+    document = json.loads(done.stdout)
+    assert done.returncode == 0, document
+    assert {'case', 'ours', 'peer', 'ratio', 'unit'} <= set(document['rows'][0])
+    assert document['conditions']['trials'] == 100

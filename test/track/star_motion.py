@@ -1,0 +1,68 @@
+"""Frames of centroids under a steady turn, for the tests of this folder."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import camera_places, StarPlaces
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.rotation import (
+    conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
+
+CAMERA = Camera.from_fov(1024, 1024, 12.0)
+STEP_NS = 100_000_000
+START_NS = 1_790_000_000_000_000_000
+
+
+def sky(magnitude_limit: float = 6.0, camera: Camera = CAMERA) -> StarPlaces:
+    return camera_places(load_catalog(), camera, 2026.5, magnitude_limit)
+
+
+@dataclass
+class Motion:
+    """A camera that turns at a constant rate and sees stars with noise."""
+
+    places: StarPlaces
+    rate_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pointing_deg: tuple[float, float, float] = (84.0, 5.0, 30.0)
+    sigma_px: float = 0.1
+    missed: float = 0.0
+    false_points: int = 0
+    camera: Camera = CAMERA
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        self.rng = np.random.default_rng(self.seed)
+        self.q_start = quaternion_from_pointing(*np.radians(self.pointing_deg))
+
+    def q(self, frame: float) -> np.ndarray:
+        turn = np.radians(self.rate_deg_s) * frame * STEP_NS * 1e-9
+        return multiply(self.q_start, quaternion_from_rotation_vector(turn))
+
+    def place(self, frame: float, hip: np.ndarray) -> np.ndarray:
+        """Return the true positions (N, 2) of stars by Hipparcos number."""
+        star = self.places.direction[self.places.index_of(hip)]
+        return self.camera.project(rotate(conjugate(self.q(frame)), star))
+
+    def frame(self, frame: float) -> tuple[int, Centroids, np.ndarray]:
+        """Return the stamp, the centroids, brightest first, and their hip, 0 for false ones."""
+        q = self.q(frame)
+        near = self.places.within(rotate(q, [0.0, 0.0, 1.0]), self.camera.corner_angle_rad)
+        uv = self.camera.project(rotate(conjugate(q), self.places.direction[near]))
+        visible = self.camera.contains(uv) & (self.rng.random(len(near)) >= self.missed)
+        near, uv = near[visible], uv[visible]
+        uv = uv + self.rng.normal(0, self.sigma_px, uv.shape)
+        flux = 1e6 * 10 ** (-0.4 * (self.places.magnitude[near]
+                                    + self.rng.normal(0, 0.1, len(near))))
+        false_uv = self.rng.uniform(0, [self.camera.width, self.camera.height],
+                                    (self.false_points, 2))
+        uv = np.concatenate([uv, false_uv])
+        flux = np.append(flux, self.rng.choice(flux, self.false_points))
+        hip = np.append(self.places.hip[near], np.zeros(self.false_points, int))
+        order = np.argsort(-flux)
+        count = len(order)
+        centroids = Centroids(uv[order], flux[order], np.full(count, 30.0),
+                              np.full(count, self.sigma_px))
+        return START_NS + int(frame * STEP_NS), centroids, hip[order]
