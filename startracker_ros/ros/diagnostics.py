@@ -25,8 +25,7 @@ class Diagnostics:
         self._node = node
         self._name = f'{node.get_name()}: {task}'
         self._hardware_id = hardware_id
-        self._level = WARN
-        self._message = 'nothing received yet'
+        self._condition = self._worst = (WARN, 'nothing received yet')
         self.counts: Counter[str] = Counter()
         self.values: dict[str, object] = {}
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -36,21 +35,24 @@ class Diagnostics:
 
     def report(self, level: bytes, message: str) -> None:
         """Set the condition; a change is logged once, repeats are not."""
-        if (level, message) == (self._level, self._message):
+        if (level, message) == self._condition:
             return
-        changed_level = level != self._level
-        self._level, self._message = level, message
+        recovered = level == OK and self._condition[0] != OK
+        self._condition = level, message
+        self._worst = max(self._worst, self._condition, key=lambda condition: condition[0])
         logger = self._node.get_logger()
         if level == ERROR:
             logger.error(message, throttle_duration_sec=1.0)
         elif level == WARN:
             logger.warning(message, throttle_duration_sec=1.0)
-        elif changed_level:
+        elif recovered:
             logger.info(message)
 
     def publish(self) -> None:
-        """Publish the present condition with all counters and values."""
-        status = status_message(self._name, self._hardware_id, self._level, self._message,
+        """Publish the worst condition since the last time, with all counters and values."""
+        level, message = self._worst
+        self._worst = self._condition
+        status = status_message(self._name, self._hardware_id, level, message,
                                 {**self.counts, **self.values})
         self._publisher.publish(DiagnosticArray(
             header=Header(stamp=self._node.get_clock().now().to_msg()), status=[status]))

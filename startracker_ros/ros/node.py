@@ -10,7 +10,7 @@ import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo
@@ -172,8 +172,11 @@ def run(node_class: type[PipelineNode], args: list[str] | None = None) -> int:
         # Long-lived objects leave the collector's view, so that a pass stays short.
         gc.collect()
         gc.freeze()
+        # Made before the node says ready: a signal that comes at once finds all in place.
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
         node.get_logger().info('ready')
-        rclpy.spin(node)
+        executor.spin()
     except (ExternalShutdownException, KeyboardInterrupt):
         pass
     except RCLError:

@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 
+import yaml
+
 from startracker_ros.executables import NODES
 
 
@@ -47,14 +49,18 @@ def node_command(node: str, arguments: Sequence[str] = ()) -> list[str]:
     return [sys.executable, '-m', NODES[node], *arguments]
 
 
+def yaml_value(value: object) -> str:
+    """Return a parameter value on one line of YAML, as the ROS parameter parser reads it."""
+    value = list(value) if isinstance(value, tuple) else value
+    text = yaml.safe_dump(value, default_flow_style=True, width=10 ** 6)
+    return text.removesuffix('\n').removesuffix('\n...')
+
+
 def parameter_arguments(parameters: dict[str, object]) -> list[str]:
     """Return --ros-args that set parameters."""
     arguments = ['--ros-args']
     for name, value in parameters.items():
-        text = str(value).lower() if isinstance(value, bool) else str(value)
-        if isinstance(value, str):
-            text = "'" + value.replace("'", "''") + "'"
-        arguments += ['-p', f'{name}:={text}']
+        arguments += ['-p', f'{name}:={yaml_value(value)}']
     return arguments
 
 

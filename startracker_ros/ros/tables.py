@@ -4,13 +4,13 @@ Writes config/<node>.yaml and docs/parameters.md of the source tree it is starte
 """
 
 from importlib import import_module
-import json
 from pathlib import Path
 import textwrap
 
 from startracker_ros.executables import NODES
 from startracker_ros.options import Option
 from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.processes import yaml_value
 
 _COMMAND = 'python -m startracker_ros.ros.tables'
 
@@ -21,11 +21,6 @@ def node_rows(node: str) -> list[Option]:
     cls = next(value for value in vars(module).values() if isinstance(value, type)
                and issubclass(value, PipelineNode) and value.__module__ == module.__name__)
     return [row for options in cls.option_classes for row in options.table()]
-
-
-def _value(row: Option) -> str:
-    """Return the default as YAML and as people read it; JSON is a subset of YAML."""
-    return json.dumps(list(row.default) if isinstance(row.default, tuple) else row.default)
 
 
 def _facts(row: Option) -> str:
@@ -40,7 +35,7 @@ def yaml_text(node: str) -> str:
     for row in node_rows(node):
         note = f'{row.description} ({_facts(row)})' if _facts(row) else row.description
         lines += [f'    # {line}' for line in textwrap.wrap(note, 92)]
-        lines.append(f'    {row.name}: {_value(row)}')
+        lines.append(f'    {row.name}: {yaml_value(row.default)}')
     return '\n'.join(lines) + '\n'
 
 
@@ -57,7 +52,7 @@ def markdown_text() -> str:
                   '|---|---|---|---|---|']
         for row in node_rows(node):
             meaning = row.description + (' (read only)' if row.read_only else '')
-            lines.append(f'| `{row.name}` | `{_value(row)}` | {row.unit} | {row.range_text} | '
+            lines.append(f'| `{row.name}` | `{yaml_value(row.default)}` | {row.unit} | {row.range_text} | '
                          f'{meaning} |')
     return '\n'.join(lines) + '\n'
 

@@ -15,14 +15,15 @@ class TrackBank:
     """Tracks in the order in which they were started.
 
     track_id (N,); place (N,) index into the StarPlaces; state (N, 4) and covariance
-    (N, 4, 4) as in motion_models; confirmed (N,) bool; age and missed (N,) in frames;
-    the rest (N,) as in Tracks.
+    (N, 4, 4) as in motion_models; variance (N,) px^2 per axis of the last centroid seen;
+    confirmed (N,) bool; age and missed (N,) in frames; the rest (N,) as in Tracks.
     """
 
     track_id: np.ndarray
     place: np.ndarray
     state: np.ndarray
     covariance: np.ndarray
+    variance: np.ndarray
     confirmed: np.ndarray
     age: np.ndarray
     missed: np.ndarray
@@ -47,8 +48,8 @@ class TrackBank:
         covariance[:, POSITION, POSITION] = variance[:, None]
         covariance[:, 1::2, 1::2] = velocity_covariance
         zero = np.zeros(count, int)
-        return cls(track_id, place, state, covariance, np.full(count, confirmed), zero, zero,
-                   centroids.flux, centroids.snr, centroids.sigma_px, np.full(count, np.nan),
+        return cls(track_id, place, state, covariance, variance, np.full(count, confirmed),
+                   zero, zero, centroids.flux, centroids.snr, centroids.sigma_px, np.full(count, np.nan),
                    np.ones(count))
 
     @classmethod
@@ -90,10 +91,10 @@ class TrackBank:
                            for field in fields(self)))
 
     def observed(self, state: np.ndarray, covariance: np.ndarray, probability: np.ndarray,
-                 centroids: Centroids) -> 'TrackBank':
+                 centroids: Centroids, variance: np.ndarray) -> 'TrackBank':
         """Return the bank after a frame, from the updated state and covariance.
 
-        probability (N, M + 1) as of joint_probabilities. A track counts as missed
+        variance (M,) of the centroids; probability (N, M + 1) as of joint_probabilities. A track counts as missed
         when that is its more probable fate.
         """
         missed = probability[:, 0] > 0.5
@@ -107,6 +108,7 @@ class TrackBank:
         innovation_v = of_best(centroids.uv[:, 1]) - self.state[:, 2]
         return replace(
             self, state=state, covariance=covariance, age=self.age + 1,
+            variance=np.where(missed, self.variance, of_best(variance)),
             missed=np.where(missed, self.missed + 1, 0), flux=of_best(centroids.flux),
             snr=of_best(centroids.snr), sigma_px=of_best(centroids.sigma_px),
             residual_px=np.hypot(innovation_u, innovation_v),

@@ -51,7 +51,7 @@ class TrackerOptions(Options):
         0.005, 'unforeseen change of the body rate, 1 sigma; more follows manoeuvres faster, '
         'less filters better', unit='deg/s^2', low=1e-6, high=100.0)
     sigma_floor_px: float = option(
-        0.02, 'smallest error of a centroid that is believed, 1 sigma per axis', unit='px',
+        0.01, 'smallest error of a centroid that is believed, 1 sigma per axis', unit='px',
         low=1e-4, high=10.0)
     detection_probability: float = option(
         0.95, 'how often a followed star is among the centroids', low=0.01, high=0.999)
@@ -160,9 +160,6 @@ class StarTracker:
         Two that agree start the tracks. While TRACKING one that contradicts the tracks
         throws everything out. Frames with too few stars or a poor fit are passed over.
         """
-        if self._stamp_ns is not None and stamp_ns > self._stamp_ns and self._too_far(
-                stamp_ns, self._stamp_ns):
-            return
         fix = self._solve(stamp_ns, centroids, hip)
         if fix is None:
             return
@@ -307,14 +304,24 @@ class StarTracker:
 
     def _predict(self, dt_s: float) -> None:
         transition, noise = constant_velocity(dt_s, self._acceleration_px_s2)
-        # The camera's acceleration moves all N stars alike, so it does not average out as
-        # centroid errors do. With N times the noise, single-star filters have the gain of
-        # one filter of the attitude, and the attitude of N tracks has an honest covariance.
-        noise *= max(1, np.count_nonzero(self._bank.confirmed))
+        noise = self._shares()[:, None, None] * noise
         state, covariance = predict(self._bank.state, self._bank.covariance, transition, noise)
         state += turn_curvature(self._camera, self._bank.uv, self._rate, dt_s)
         bank = replace(self._bank, state=state, covariance=covariance)
         self._bank = bank.select(self._camera.contains(bank.uv))
+
+    def _shares(self) -> np.ndarray:
+        """Return how many times (N,) the camera's process noise each track is given.
+
+        An acceleration of the camera moves all stars alike, so it does not average out over
+        them as centroid errors do: once per track would make the attitude of all tracks
+        too sure of itself. Times the variance of a star over that of the mean of all stars,
+        which is N times if they are equally good, each track has the gain of one filter
+        of the common motion, and the attitude of all tracks the covariance of that filter.
+        """
+        bank = self._bank
+        information = np.sum(1 / bank.variance[bank.confirmed])
+        return np.maximum(1.0, bank.variance * information)
 
     def _associate(self, frame: Centroids) -> np.ndarray:
         """Update the tracks with a frame and return its centroids (M,) that no track wants."""
@@ -329,7 +336,7 @@ class StarTracker:
             clutter_px2))
         state, covariance = update(self._bank.state, self._bank.covariance, frame.uv, variance,
                                    probability)
-        self._bank = self._bank.observed(state, covariance, probability, frame)
+        self._bank = self._bank.observed(state, covariance, probability, frame, variance)
         return unclaimed
 
     def _drop_missed(self) -> None:

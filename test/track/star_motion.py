@@ -22,12 +22,17 @@ def sky(magnitude_limit: float = 6.0, camera: Camera = CAMERA) -> StarPlaces:
 
 @dataclass
 class Motion:
-    """A camera that turns at a constant rate and sees stars with noise."""
+    """A camera that turns at a constant rate and sees stars with noise.
+
+    The error of a star of magnitude 5 is sigma_px; sigma_per_magnitude is the decimal
+    logarithm of the ratio of the next fainter magnitude.
+    """
 
     places: StarPlaces
     rate_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     pointing_deg: tuple[float, float, float] = (84.0, 5.0, 30.0)
     sigma_px: float = 0.1
+    sigma_per_magnitude: float = 0.0
     missed: float = 0.0
     false_points: int = 0
     camera: Camera = CAMERA
@@ -53,7 +58,9 @@ class Motion:
         uv = self.camera.project(rotate(conjugate(q), self.places.direction[near]))
         visible = self.camera.contains(uv) & (self.rng.random(len(near)) >= self.missed)
         near, uv = near[visible], uv[visible]
-        uv = uv + self.rng.normal(0, self.sigma_px, uv.shape)
+        sigma_px = self.sigma_px * 10 ** (
+            self.sigma_per_magnitude * (self.places.magnitude[near] - 5))
+        uv = uv + self.rng.normal(0, sigma_px[:, None], uv.shape)
         flux = 1e6 * 10 ** (-0.4 * (self.places.magnitude[near]
                                     + self.rng.normal(0, 0.1, len(near))))
         false_uv = self.rng.uniform(0, [self.camera.width, self.camera.height],
@@ -61,8 +68,7 @@ class Motion:
         uv = np.concatenate([uv, false_uv])
         flux = np.append(flux, self.rng.choice(flux, self.false_points))
         hip = np.append(self.places.hip[near], np.zeros(self.false_points, int))
+        sigma_px = np.append(sigma_px, np.full(self.false_points, self.sigma_px))
         order = np.argsort(-flux)
-        count = len(order)
-        centroids = Centroids(uv[order], flux[order], np.full(count, 30.0),
-                              np.full(count, self.sigma_px))
+        centroids = Centroids(uv[order], flux[order], np.full(len(order), 30.0), sigma_px[order])
         return START_NS + int(frame * STEP_NS), centroids, hip[order]

@@ -145,12 +145,14 @@ def test_curved_paths_are_followed_without_lag():
     assert abs(np.mean(inward)) < 0.01
 
 
-def test_attitude_is_honest_under_acceleration():
+@pytest.mark.parametrize('sigma_per_magnitude', [0.0, 0.3])
+def test_attitude_is_honest_under_acceleration(sigma_per_magnitude):
     """The body rate swings, its peak acceleration the 1 sigma that the options allow for."""
     options = TrackerOptions()
     pulsation = 2 * np.pi / 30
     motion = Swing(PLACES, swing_deg=options.acceleration_deg_s2 / pulsation ** 2,
-                   pulsation=pulsation, false_points=5)
+                   pulsation=pulsation, false_points=5,
+                   sigma_per_magnitude=sigma_per_magnitude)
     tracker, nees = tracking(motion, 20), []
     for k in range(20, 320):
         tracks = tracker.update(*motion.frame(k)[:2])

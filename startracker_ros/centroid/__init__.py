@@ -1,0 +1,1 @@
+"""Star image to centroids: background, detection, fit and what to reject."""
