@@ -6,6 +6,7 @@ from these fields, so a default or a range stands in one place only.
 
 from dataclasses import dataclass, field, fields
 import math
+from numbers import Integral, Real
 from typing import Any
 
 
@@ -36,8 +37,10 @@ class Option:
     def check(self, value: Any) -> Any:
         """Return value in the type of the default; ValueError names option, value and range."""
         wanted = type(self.default)
-        if wanted is float and type(value) is int:
-            value = float(value)
+        # NumPy scalars and whole numbers are welcome, booleans are no numbers.
+        if wanted in (float, int) and not isinstance(value, bool):
+            kind = Real if wanted is float else Integral
+            value = wanted(value) if isinstance(value, kind) else value
         if type(value) is not wanted and not (
                 wanted is tuple and isinstance(value, (tuple, list))):
             raise ValueError(

@@ -82,7 +82,7 @@ class StarIdentifier:
         """Build the pattern database, or take it from the cache."""
         catalog = load_catalog() if catalog is None else catalog
         self.camera = camera
-        self._options = options
+        self.options = options
         self.magnitude_limit = options.magnitude_limit or _limit_for(camera, catalog)
         # A year of proper motion is nothing to the tolerances, and one database serves it all.
         self._places = camera_places(catalog, camera, round(epoch_year), self.magnitude_limit)
@@ -94,7 +94,7 @@ class StarIdentifier:
 
     @property
     def _scale_error(self) -> float:
-        return self._options.fov_error_percent / 100
+        return self.options.fov_error_percent / 100
 
     def identify(self, centroids: Centroids) -> Identification:
         """Return which stars the centroids are; never raises for what an image may hold."""
@@ -105,15 +105,15 @@ class StarIdentifier:
                                  f'{_MIN_STARS}: expose longer or lower the threshold')
         image = self.camera.unproject(centroids.uv[used])
         sigma_rad = self.camera.pixel_rad * np.hypot(
-            centroids.sigma_px[used], self._options.sigma_floor_px)
-        deadline_s = time.perf_counter() + self._options.time_limit_s
+            centroids.sigma_px[used], self.options.sigma_floor_px)
+        deadline_s = time.perf_counter() + self.options.time_limit_s
         best: Match | None = None
         tested = 0
         for triad in triads(len(used)):
             index = np.array(triad)
             triangles = matching_triangles(
                 self._pairs, self._directions, image[index], sigma_rad[index],
-                self._options.tolerance_sigmas, self._scale_error)
+                self.options.tolerance_sigmas, self._scale_error)
             tested += len(triangles)
             stars = self._pairs.star[triangles]
             supported = self._verifier.supported(image, sigma_rad, index, stars)
@@ -122,12 +122,12 @@ class StarIdentifier:
             matches.sort(key=lambda match: match.chance)
             if matches and (best is None or matches[0].chance < best.chance):
                 best = matches[0]
-            if matches and matches[0].chance <= self._options.false_alarm_max:
+            if matches and matches[0].chance <= self.options.false_alarm_max:
                 return self._decide(centroids, used, matches)
             if time.perf_counter() > deadline_s:
                 return self._nothing(
                     centroids, 'time_limit', f'no answer within time_limit_s = '
-                    f'{self._options.time_limit_s:g}, {tested} candidates tested', best)
+                    f'{self.options.time_limit_s:g}, {tested} candidates tested', best)
         return self._nothing(
             centroids, 'no_candidate', f'{len(used)} stars, {tested} candidates tested, none is '
             'surely right: too few catalogue stars, many false ones, or a wrong focal length',
@@ -139,18 +139,18 @@ class StarIdentifier:
                  & (centroids.sigma_px > 0) & self.camera.contains(centroids.uv))
         index = np.flatnonzero(sound)
         index = index[np.argsort(-centroids.flux[index], kind='stable')]
-        index = index[:4 * self._options.max_image_stars]
+        index = index[:4 * self.options.max_image_stars]
         uv = centroids.uv[index]
         close = np.linalg.norm(uv[:, None] - uv[None], axis=2) < _DUPLICATE_PX
         repeated = np.tril(close, -1).any(1)
-        return index[~repeated][:self._options.max_image_stars]
+        return index[~repeated][:self.options.max_image_stars]
 
     def _decide(self, centroids: Centroids, used: np.ndarray,
                 matches: list[Match]) -> Identification:
         """Return the best of the verified candidates, unless another one contradicts it."""
         best = matches[0]
         for other in matches[1:]:
-            if other.chance > self._options.false_alarm_max:
+            if other.chance > self.options.false_alarm_max:
                 break
             apart = attitude_error(other.attitude.quaternion, best.attitude.quaternion)
             if np.linalg.norm(apart) > 20 * self.camera.pixel_rad:

@@ -5,7 +5,7 @@ from pathlib import Path
 import shutil
 import time
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import rclpy
@@ -44,12 +44,20 @@ class _Monitor(Node):
     def __init__(self) -> None:
         super().__init__('demo_monitor')
         self.state = 'starting'
+        self.frames = 0
         self.truth: dict[int, np.ndarray] = {}
         self.attitudes: list[tuple[int, np.ndarray]] = []
         self.first_attitude_s: float | None = None
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._take_diagnostics, 10)
         self.create_subscription(DiagnosticStatus, 'tracker_state', self._take_state, qos.STATE)
         self.create_subscription(QuaternionStamped, 'truth/attitude', self._take_truth, qos.LIST)
         self.create_subscription(QuaternionStamped, 'attitude', self._take_attitude, qos.LIST)
+
+    def _take_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == 'sky_simulator: simulation':
+                values = {value.key: value.value for value in status.values}
+                self.frames = int(values.get('frames', 0))
 
     def _take_state(self, message: DiagnosticStatus) -> None:
         self.state = message.message
@@ -68,7 +76,7 @@ class _Monitor(Node):
         table = Table(title='star tracker demo', title_justify='left', min_width=70)
         for name in ('frame', 'state', 'RA deg', 'Dec deg', 'roll deg', 'error arcsec'):
             table.add_column(name, justify='right')
-        progress = f'{len(self.truth)}/{frames}'
+        progress = f'{self.frames}/{frames}'
         if not self.attitudes:
             table.add_row(progress, self.state, '-', '-', '-', '-')
             return table
@@ -147,23 +155,25 @@ def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
 
 def _watch(monitor: _Monitor, nodes: NodeProcesses, frames: int) -> None:
     """Spin until every frame is through; DemoError when a node ends or nothing comes."""
+    newest_s, seen = time.monotonic(), 0
     console = Console()
-    deadline_s = time.monotonic() + 30
-    seen = 0
     with Live(monitor.table(frames), console=console, refresh_per_second=4) as live:
-        while True:
+        while monitor.frames < frames:
             rclpy.spin_once(monitor, timeout_sec=0.1)
+            live.update(monitor.table(frames))
             failed = nodes.failed()
             if failed:
-                raise DemoError(f'{", ".join(failed)} ended early: see the logs folder')
-            if len(monitor.truth) > seen:
-                seen = len(monitor.truth)
-                deadline_s = time.monotonic() + (30 if seen < frames else 1.0)
-                live.update(monitor.table(frames))
-            if time.monotonic() > deadline_s:
-                break
-    if seen < frames:
-        raise DemoError(f'only {seen} of {frames} frames came within the time')
+                raise DemoError(f'{", ".join(failed)} ended early: see {nodes.log_folder}')
+            if monitor.frames > seen:
+                newest_s, seen = time.monotonic(), monitor.frames
+            if time.monotonic() - newest_s > 30:
+                raise DemoError(f'no frame after number {seen} of {frames} within 30 s: '
+                                f'see {nodes.log_folder}')
+    console.print()
+    # What is under way may still come through.
+    end_s = time.monotonic() + 1.0
+    while time.monotonic() < end_s:
+        rclpy.spin_once(monitor, timeout_sec=0.1)
 
 
 def _draw(path: Path, bag: Path, recording: Recording) -> None:

@@ -6,6 +6,7 @@ import sys
 from typing import Any
 
 from builtin_interfaces.msg import Time
+import cv2
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 import rclpy
@@ -96,9 +97,12 @@ class PipelineNode(Node):
 
     def _take_change(self, changed: list[Parameter]) -> None:
         names = {parameter.name for parameter in changed}
-        for cls in self.option_classes:
-            if names & {row.name for row in cls.table()}:
-                self._options[cls] = parameters.read(self, cls)
+        touched = [cls for cls in self.option_classes
+                   if names & {row.name for row in cls.table()}]
+        if not touched:
+            return
+        for cls in touched:
+            self._options[cls] = parameters.read(self, cls)
         self.configure()
         self.get_logger().info(f'parameters changed: {", ".join(sorted(names))}')
 
@@ -164,6 +168,8 @@ class CameraNode(PipelineNode):
 
 def run(node_class: type[PipelineNode], args: list[str] | None = None) -> int:
     """Run one node until SIGINT or SIGTERM; return 0, or 2 when it cannot start as asked."""
+    # The nodes of a pipeline share the cores; OpenCV's threads would only wait for each other.
+    cv2.setNumThreads(1)
     rclpy.init(args=args)
     node = None
     try:

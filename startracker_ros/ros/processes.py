@@ -68,7 +68,7 @@ class NodeProcesses:
     """A group of nodes, ended together; used as a context manager."""
 
     def __init__(self, log_folder: Path, environment: dict[str, str] | None = None) -> None:
-        self._log_folder = log_folder
+        self.log_folder = log_folder
         self._environment = {**node_environment(), **(environment or {})}
         self.processes: dict[str, subprocess.Popen] = {}
 
@@ -76,7 +76,7 @@ class NodeProcesses:
               extra: Sequence[str] = ()) -> subprocess.Popen:
         """Start one node; what it prints goes into the log folder."""
         arguments = [*parameter_arguments(parameters or {}), *extra]
-        with open(self._log_folder / f'{node}.log', 'ab') as log:
+        with open(self.log_folder / f'{node}.log', 'ab') as log:
             process = subprocess.Popen(node_command(node, arguments), stdin=subprocess.DEVNULL,
                                        stdout=log, stderr=log, env=self._environment)
         self.processes[node] = process

@@ -60,8 +60,8 @@ class SourceNode(PipelineNode):
     """Publishes image after image at the wanted rate, once enough subscribers listen.
 
     Until then camera_info alone is published, so that every node knows the camera before
-    the first image. Images that are not ready in time are left out and counted, as a
-    camera does: the stamps keep to the clock.
+    the first image. On a machine that is too slow images come late, which is counted, but
+    none is left out: the stamps keep the rate, whatever the clock says.
     """
 
     def __init__(self, name: str) -> None:
@@ -107,10 +107,9 @@ class SourceNode(PipelineNode):
             self._begin_ns = now_ns
         if options.frame_count and self._next_index >= options.frame_count:
             return
-        due = int((now_ns - self._begin_ns) * options.frame_rate_hz / 1e9)
-        index = max(self._next_index, due)
-        self.diagnostics.counts['frames skipped'] += index - self._next_index
-        self._next_index = index + 1
+        index, self._next_index = self._next_index, self._next_index + 1
         elapsed_ns = round(index / options.frame_rate_hz * 1e9)
+        late_ns = now_ns - self._begin_ns - elapsed_ns
+        self.diagnostics.counts['frames late'] += late_ns > 1e9 / options.frame_rate_hz
         self._publish(index, self._begin_ns + self._stamp_offset_ns + elapsed_ns,
                       elapsed_ns / 1e9)

@@ -49,8 +49,8 @@ class TrackBank:
         covariance[:, 1::2, 1::2] = velocity_covariance
         zero = np.zeros(count, int)
         return cls(track_id, place, state, covariance, variance, np.full(count, confirmed),
-                   zero, zero, centroids.flux, centroids.snr, centroids.sigma_px, np.full(count, np.nan),
-                   np.ones(count))
+                   zero, zero, centroids.flux, centroids.snr, centroids.sigma_px,
+                   np.full(count, np.nan), np.ones(count))
 
     @classmethod
     def empty(cls) -> 'TrackBank':
@@ -94,8 +94,8 @@ class TrackBank:
                  centroids: Centroids, variance: np.ndarray) -> 'TrackBank':
         """Return the bank after a frame, from the updated state and covariance.
 
-        variance (M,) of the centroids; probability (N, M + 1) as of joint_probabilities. A track counts as missed
-        when that is its more probable fate.
+        variance (M,) of the centroids; probability (N, M + 1) as of joint_probabilities. A
+        track counts as missed when that is its more probable fate.
         """
         missed = probability[:, 0] > 0.5
         best = np.where(missed, len(centroids), probability[:, 1:].argmax(axis=1)

@@ -15,7 +15,8 @@ from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOpt
 from startracker_ros.rotation import conjugate, rotate
 
 SKY_E, READ_E, GAIN_E_PER_DN, OFFSET_DN = 200.0, 10.0, 1.5, 100.0
-EXTRACT = CentroidExtractor().extract
+# Enough for the crowded fields here; the default keeps to what a star tracker follows.
+EXTRACT = CentroidExtractor(ExtractionOptions(max_stars=150)).extract
 
 
 def light(shape, uv, flux, sigma_px, reach=14):

@@ -55,10 +55,13 @@ def test_hard_night_sky_of_6_degrees_gives_no_wrong_attitude(nodes, probe, sky_d
     probe.wait(lambda: len(probe.received['stars']) >= len(rows), 'all images', 60)
     probe.spin_for(1.0)
     start_ns = ns_from_stamp(probe.received['stars'][0].header.stamp)
+    solved = {}
     for message in probe.received['attitude']:
         row = rows[(ns_from_stamp(message.header.stamp) - start_ns) // FRAME_NS]
-        assert row['grade'] in 'ABC', f'{row["file"]}: nobody knows its attitude'
-        ra, dec, _ = np.degrees(pointing_from_quaternion(
-            quaternion_from_message(message)))
-        assert ra == pytest.approx(float(row['ra_deg']), abs=0.1), row['file']
-        assert dec == pytest.approx(float(row['dec_deg']), abs=0.1), row['file']
+        ra, dec, _ = np.degrees(pointing_from_quaternion(quaternion_from_message(message)))
+        solved[row['file']] = row['grade']
+        # Grade - has no known answer; the next test has other evidence for those.
+        if row['ra_deg']:
+            assert ra == pytest.approx(float(row['ra_deg']), abs=0.05), row['file']
+            assert dec == pytest.approx(float(row['dec_deg']), abs=0.05), row['file']
+    assert {row['file'] for row in rows if row['grade'] in 'AB'} <= set(solved)

@@ -1,0 +1,173 @@
+"""Lost-in-space identification of the real sky: right answers, no wrong ones, clear reasons."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from startracker_ros.bench.pipeline import random_attitude, star_frame
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import camera_places
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.identify.identifier import IdentificationOptions, StarIdentifier
+from startracker_ros.rotation import attitude_error
+
+CAMERA = Camera.from_fov(512, 512, 12.0)
+EPOCH_YEAR = 2026.5
+
+
+@pytest.fixture(scope='module')
+def places():
+    return camera_places(load_catalog(), CAMERA, EPOCH_YEAR, 6.0)
+
+
+@pytest.fixture(scope='module')
+def identifier():
+    return StarIdentifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
+
+
+def frame(uv, flux=None, sigma_px=0.1):
+    uv = np.asarray(uv, float).reshape(-1, 2)
+    flux = np.linspace(2e4, 1e3, len(uv)) if flux is None else flux
+    return Centroids(uv, flux, np.full(len(uv), 20.0), np.full(len(uv), sigma_px))
+
+
+def with_false(centroids, count, rng):
+    """Add false stars, anywhere and as bright as any."""
+    uv = np.concatenate([centroids.uv, rng.uniform(0, 511, (count, 2))])
+    flux = np.concatenate([centroids.flux, rng.choice(centroids.flux, count)])
+    order = rng.permutation(len(uv))
+    return frame(uv[order], flux[order], centroids.sigma_px[0])
+
+
+def off_by(result, q):
+    """Return cross-boresight and rotation error in deg."""
+    error = np.abs(np.degrees(attitude_error(result.attitude.quaternion, q)))
+    return np.hypot(error[0], error[1]), error[2]
+
+
+@pytest.mark.parametrize('sigma_px, false, least', [(0.3, 0, 0.97), (0.3, 5, 0.95)])
+def test_random_attitudes(identifier, places, sigma_px, false, least):
+    rng = np.random.default_rng(false)
+    solved, count = 0, 60
+    for _ in range(count):
+        q = random_attitude(rng)
+        centroids, _ = star_frame(places, CAMERA, q, sigma_px, rng)
+        result = identifier.identify(with_false(centroids, false, rng))
+        if result.status == 'identified':
+            cross, roll = off_by(result, q)
+            assert cross < 0.05 and roll < 0.5
+            assert result.false_alarm_probability <= 1e-5
+            solved += 1
+        else:
+            assert result.attitude is None and not result.hip.any() and result.reason
+    assert solved >= least * count
+
+
+def test_each_star_gets_its_own_number(identifier, places):
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        centroids, hip = star_frame(places, CAMERA, random_attitude(rng), 0.1, rng)
+        result = identifier.identify(centroids)
+        known = result.hip > 0
+        assert known.sum() == result.matched
+        np.testing.assert_array_equal(result.hip[known], hip[known])
+        assert np.isnan(result.magnitude[~known]).all() and np.isfinite(
+            result.residual_px[known]).all()
+
+
+def test_false_stars_alone_are_never_believed(identifier):
+    rng = np.random.default_rng(5)
+    quick = StarIdentifier(CAMERA, EPOCH_YEAR,
+                           replace(identifier.options, time_limit_s=0.1))
+    for _ in range(60):
+        result = quick.identify(frame(rng.uniform(0, 511, (15, 2)), sigma_px=0.3))
+        assert result.status in ('no_candidate', 'time_limit')
+        assert result.attitude is None
+
+
+def test_mirrored_fields_are_never_believed(identifier, places):
+    rng = np.random.default_rng(6)
+    quick = StarIdentifier(CAMERA, EPOCH_YEAR,
+                           replace(identifier.options, time_limit_s=0.1))
+    for _ in range(30):
+        centroids, _ = star_frame(places, CAMERA, random_attitude(rng), 0.1, rng)
+        result = quick.identify(frame(centroids.uv * [-1, 1] + [511, 0], centroids.flux))
+        assert result.attitude is None
+
+
+def test_a_focal_length_within_its_tolerance_is_fitted(places):
+    rng = np.random.default_rng(7)
+    assumed = CAMERA.with_focal_ratio(1 / 1.004)
+    identifier = StarIdentifier(assumed, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
+    ratios = []
+    for _ in range(20):
+        q = random_attitude(rng)
+        centroids, _ = star_frame(places, CAMERA, q, 0.1, rng)
+        result = identifier.identify(centroids)
+        if result.attitude is not None:
+            ratios.append(result.focal_ratio)
+            assert off_by(result, q)[0] < 0.01
+    # A field of N stars some 200 px off the centre gives 0.1 / 200 / sqrt(N), or 1.5e-4.
+    assert len(ratios) >= 18
+    assert np.mean(ratios) == pytest.approx(1.004, abs=1.5e-4)
+    np.testing.assert_allclose(ratios, 1.004, atol=1e-3)
+
+
+def test_a_focal_length_far_off_gives_no_answer(places):
+    rng = np.random.default_rng(8)
+    identifier = StarIdentifier(CAMERA.with_focal_ratio(1.05), EPOCH_YEAR,
+                                IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.1))
+    for _ in range(20):
+        centroids, _ = star_frame(places, CAMERA, random_attitude(rng), 0.1, rng)
+        assert identifier.identify(centroids).attitude is None
+
+
+@pytest.mark.parametrize('count', [0, 1, 3])
+def test_too_few_stars(identifier, places, count):
+    rng = np.random.default_rng(9)
+    centroids, _ = star_frame(places, CAMERA, random_attitude(rng), 0.1, rng)
+    result = identifier.identify(frame(centroids.uv[:count], centroids.flux[:count]))
+    assert result.status == 'too_few_stars'
+    assert f'{count} usable stars' in result.reason
+    assert len(result.hip) == count
+
+
+def test_useless_rows_are_left_out(identifier, places):
+    """NaN, outside the image, found twice: the rest still gives the right answer."""
+    rng = np.random.default_rng(10)
+    q = random_attitude(rng)
+    centroids, hip = star_frame(places, CAMERA, q, 0.1, rng)
+    bad = [[np.nan, 5.0], [-50.0, 10.0], [1e6, 1e6], *(centroids.uv[:3] + 0.2)]
+    uv = np.concatenate([bad, centroids.uv])
+    flux = np.concatenate([np.full(6, 1e9), centroids.flux])
+    result = identifier.identify(frame(uv, flux))
+    assert result.status == 'identified'
+    assert not result.hip[:3].any()
+    assert off_by(result, q)[0] < 0.02
+
+
+def test_thousands_of_centroids_take_bounded_time(places):
+    rng = np.random.default_rng(11)
+    identifier = StarIdentifier(CAMERA, EPOCH_YEAR,
+                                IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.2))
+    result = identifier.identify(frame(rng.uniform(0, 511, (5000, 2)), sigma_px=0.3))
+    assert result.status in ('time_limit', 'no_candidate')
+    assert 'time_limit_s = 0.2' in result.reason or result.status == 'no_candidate'
+
+
+def test_two_skies_in_one_image_are_ambiguous_or_one_of_them(identifier, places):
+    rng = np.random.default_rng(12)
+    for _ in range(10):
+        both = [random_attitude(rng), random_attitude(rng)]
+        uv = np.concatenate([star_frame(places, CAMERA, q, 0.1, rng)[0].uv for q in both])
+        result = identifier.identify(frame(rng.permutation(uv)))
+        if result.attitude is not None:
+            assert min(off_by(result, q)[0] for q in both) < 0.05
+
+
+def test_the_magnitude_limit_follows_the_field():
+    wide = StarIdentifier(Camera.from_fov(512, 512, 20.0), EPOCH_YEAR)
+    narrow = StarIdentifier(Camera.from_fov(512, 512, 8.0), EPOCH_YEAR)
+    assert 4.5 < wide.magnitude_limit < 5.5 < narrow.magnitude_limit < 7.5

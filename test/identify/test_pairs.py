@@ -1,0 +1,92 @@
+"""Pair database: complete, and cached without ever being trusted blindly."""
+
+import logging
+
+import numpy as np
+import pytest
+
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import camera_places
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.identify.cache import cache_folder, cached_pairs
+from startracker_ros.identify.pairs import build_pairs
+
+CAMERA = Camera.from_fov(512, 512, 12.0)
+NEAR, FAR = 0.005, 0.2
+
+
+@pytest.fixture(scope='module')
+def places():
+    return camera_places(load_catalog(), CAMERA, 2026.0, 4.0)
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+
+
+def assert_equal(a, b):
+    for name in ('star', 'separation', 'first', 'second'):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+def test_every_pair_of_lone_stars_is_there_once(places):
+    pairs = build_pairs(places, NEAR, FAR)
+    lone = np.flatnonzero(~places.crowded)
+    assert 0 < len(lone) < len(places)
+    np.testing.assert_array_equal(pairs.star, lone)
+    direction = places.direction[lone]
+    cross = np.linalg.norm(np.cross(direction[:, None], direction[None]), axis=2)
+    angle = np.triu(np.arctan2(cross, direction @ direction.T), 1)
+    expected = np.argwhere((angle >= NEAR) & (angle <= FAR))
+    ours = np.sort(np.stack([pairs.first, pairs.second], -1), axis=1)
+    assert sorted(map(tuple, ours)) == sorted(map(tuple, expected))
+    assert (np.diff(pairs.separation) >= 0).all()
+    np.testing.assert_allclose(pairs.separation, angle[tuple(ours.T)], atol=1e-12)
+
+
+def test_pairs_between_come_in_both_orders(places):
+    pairs = build_pairs(places, NEAR, FAR)
+    a, b = pairs.between(0.1, 0.11)
+    half = len(a) // 2
+    assert half == np.count_nonzero((pairs.separation >= 0.1) & (pairs.separation <= 0.11)) > 0
+    np.testing.assert_array_equal(a[:half], b[half:])
+    np.testing.assert_array_equal(b[:half], a[half:])
+
+
+def test_the_cache_gives_back_what_was_built(places):
+    built = cached_pairs(places, NEAR, FAR)
+    file, = cache_folder().iterdir()
+    written = file.stat().st_mtime_ns
+    assert_equal(cached_pairs(places, NEAR, FAR), built)
+    assert file.stat().st_mtime_ns == written
+
+
+def test_the_cache_is_keyed_by_what_it_was_built_from(places):
+    cached_pairs(places, NEAR, FAR)
+    cached_pairs(places, NEAR, 0.19)
+    other = camera_places(load_catalog(), CAMERA, 2027.0, 4.0)
+    cached_pairs(other, NEAR, FAR)
+    assert len(list(cache_folder().iterdir())) == 3
+
+
+@pytest.mark.parametrize('damage', [
+    lambda content: b'', lambda content: content[:20], lambda content: content[:-1],
+    lambda content: content[:5000] + bytes([content[5000] ^ 1]) + content[5001:],
+    lambda content: b'something else altogether' * 100])
+def test_a_damaged_cache_is_built_anew_and_replaced(places, caplog, damage):
+    built = cached_pairs(places, NEAR, FAR)
+    file, = cache_folder().iterdir()
+    content = file.read_bytes()
+    file.write_bytes(damage(content))
+    with caplog.at_level(logging.WARNING):
+        assert_equal(cached_pairs(places, NEAR, FAR), built)
+    assert 'is damaged and is built anew' in caplog.text
+    assert file.read_bytes() == content
+
+
+def test_without_a_cache_folder_it_only_takes_longer(places, tmp_path, monkeypatch, caplog):
+    (tmp_path / 'file').write_text('in the way')
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'file'))
+    assert_equal(cached_pairs(places, NEAR, FAR), build_pairs(places, NEAR, FAR))
+    assert 'is not cached' in caplog.text
