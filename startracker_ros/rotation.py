@@ -13,12 +13,14 @@ ARCSEC = np.pi / (180 * 3600)
 
 def matrix_from_quaternion(q: np.ndarray) -> np.ndarray:
     """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
-    x, y, z, w = np.moveaxis(np.asarray(q, float), -1, 0)
-    return np.stack([
-        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], -1),
-        np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], -1),
-        np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], -1),
-    ], -2)
+    q = np.asarray(q, float)
+    # Python's floats are several times faster than NumPy's for a single quaternion.
+    x, y, z, w = q.tolist() if q.ndim == 1 else np.moveaxis(q, -1, 0)
+    matrix = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+    return np.moveaxis(matrix, (0, 1), (-2, -1))
 
 
 def quaternion_from_matrix(matrix: np.ndarray) -> np.ndarray:

@@ -55,6 +55,9 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     if epoch_year is None:
         epoch_year = epoch_year_from_stamp(int(datetime.now(timezone.utc).timestamp() * 1e9))
     calibrated = None if camera_file is None else load_camera(camera_file)
+    if calibrated is None:
+        # An impossible field of view is wrong use, whatever the images are.
+        Camera.from_fov(1, 1, fov_deg)
     extractor = CentroidExtractor()
     identifiers: dict[Camera, StarIdentifier] = {}
     rows = []

@@ -116,13 +116,10 @@ class Verifier:
             seen, true = observed[known], self._places.direction[matched[known]]
             try:
                 attitude = estimate_attitude(_directions(seen / ratio), true, sigma_rad[known])
-                if self._fit_scale and len(seen) > 3:
-                    expected = _tangent(rotate(conjugate(attitude.quaternion), true))
-                    ratio = float(np.sum(seen * expected) / np.sum(expected ** 2))
-                    attitude = estimate_attitude(_directions(seen / ratio), true,
-                                                 sigma_rad[known])
             except AttitudeError:
                 return Match.refuted(count)
+            if self._fit_scale and len(seen) > 3:
+                ratio = _scale(seen, _tangent(rotate(conjugate(attitude.quaternion), true)))
             matrix = matrix_from_quaternion(attitude.quaternion)
             near = self._places.within(matrix[:, 2], self._field_radius)
             place = _tangent(self._places.direction[near] @ matrix)
@@ -132,15 +129,28 @@ class Verifier:
                 return Match.refuted(count)
             if np.array_equal(matched, before):
                 break
+        known = matched >= 0
+        attitude = estimate_attitude(_directions(observed[known] / ratio),
+                                     self._places.direction[matched[known]], sigma_rad[known])
         pixels = place * ratio * self._focal_px + self._centre
         in_field = np.count_nonzero(self._camera.contains(pixels))
-        others = np.count_nonzero(matched >= 0) - 3
+        others = np.count_nonzero(known) - 3
         by_chance = min(1.0, max(in_field, 1) * np.pi * radius ** 2 / self._area)
         tail = float(bdtrc(others - 1, count - 3, by_chance))
         emptier = np.searchsorted(self._counts, in_field, 'right') / len(self._counts)
         share = max(float(emptier), 1 / len(self._counts))
         return Match(matched, distance / self._camera.pixel_rad, attitude, ratio,
                      min(1.0, tested * tail * share))
+
+
+def _scale(seen: np.ndarray, expected: np.ndarray) -> float:
+    """Return the factor from expected to seen points (N, 2), about their own centres.
+
+    The centres are left to the attitude: were they not, stars on one side of the image
+    would hide a wrong scale in a wrong attitude.
+    """
+    seen, expected = seen - seen.mean(0), expected - expected.mean(0)
+    return float(np.sum(seen * expected) / np.sum(expected ** 2))
 
 
 def _tangent(directions: np.ndarray) -> np.ndarray:
