@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import bdtrc
 
+from startracker_ros.attitude.davenport import davenport
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate, estimate_attitude
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
-from startracker_ros.rotation import conjugate, matrix_from_quaternion, rotate
+from startracker_ros.rotation import matrix_from_quaternion
 
 
 @dataclass(frozen=True)
@@ -114,13 +115,11 @@ class Verifier:
         for factor in (3.0, 1.0, 1.0):
             before, known = matched, matched >= 0
             seen, true = observed[known], self._places.direction[matched[known]]
-            try:
-                attitude = estimate_attitude(_directions(seen / ratio), true, sigma_rad[known])
-            except AttitudeError:
-                return Match.refuted(count)
+            weight = 1 / sigma_rad[known] ** 2
+            quaternion, _ = davenport(_directions(seen / ratio), true, weight / weight.sum())
+            matrix = matrix_from_quaternion(quaternion)
             if self._fit_scale and len(seen) > 3:
-                ratio = _scale(seen, _tangent(rotate(conjugate(attitude.quaternion), true)))
-            matrix = matrix_from_quaternion(attitude.quaternion)
+                ratio = _scale(seen, _tangent(true @ matrix))
             near = self._places.within(matrix[:, 2], self._field_radius)
             place = _tangent(self._places.direction[near] @ matrix)
             nearest, distance = _pair_up(observed / ratio, place, factor * radius)
@@ -130,8 +129,11 @@ class Verifier:
             if np.array_equal(matched, before):
                 break
         known = matched >= 0
-        attitude = estimate_attitude(_directions(observed[known] / ratio),
-                                     self._places.direction[matched[known]], sigma_rad[known])
+        try:
+            attitude = estimate_attitude(_directions(observed[known] / ratio),
+                                         self._places.direction[matched[known]], sigma_rad[known])
+        except AttitudeError:
+            return Match.refuted(count)
         pixels = place * ratio * self._focal_px + self._centre
         in_field = np.count_nonzero(self._camera.contains(pixels))
         others = np.count_nonzero(known) - 3
@@ -159,8 +161,9 @@ def _tangent(directions: np.ndarray) -> np.ndarray:
 
 
 def _directions(tangent: np.ndarray) -> np.ndarray:
-    """Return vectors (N, 3), not of unit length, of x / z, y / z (N, 2)."""
-    return np.column_stack([tangent, np.ones(len(tangent))])
+    """Return unit vectors (N, 3) of x / z, y / z (N, 2)."""
+    vectors = np.column_stack([tangent, np.ones(len(tangent))])
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def _pair_up(observed: np.ndarray, place: np.ndarray, radius: float
