@@ -208,7 +208,7 @@ def core_work(trials: int, seed: int) -> Iterator[Row]:
 
 
 def processes(trials: int, seed: int) -> Iterator[Row]:
-    """The seven nodes as processes, started twice: with an empty cache and with a full one."""
+    """The demo with each node a process, started twice: with an empty cache and with a full one."""
     # The only case that needs ROS; the others run without.
     from startracker_ros.ros.demo import run_demo
     with _empty_cache() as folder:

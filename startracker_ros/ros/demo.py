@@ -30,8 +30,9 @@ FRAME_RATE_HZ = 10.0
 _SIMULATOR = {
     'frame_rate_hz': FRAME_RATE_HZ, 'width': 1024, 'height': 1024, 'fov_deg': 12.0,
     'motion': 'constant_rate', 'rate_deg_s': [0.05, 0.1, 0.02], 'bit_depth': 12,
-    # The recorder and the extractor must both be there, so that no frame is lost.
-    'wait_for_subscribers': 2}
+    # The recorder, the extractor and the three stages behind it must be there, so that no
+    # frame is lost.
+    'wait_for_subscribers': 2, 'wait_for_camera_users': 5}
 
 
 class DemoError(RuntimeError):
@@ -148,7 +149,7 @@ def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
     _draw(picture, bag, recording)
     size_mb = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
     return Result('demo', rows, {
-        'sky': '1024 x 1024 px, mono16 (12 bit), 12 deg field, 10 Hz, seven processes',
+        'sky': '1024 x 1024 px, mono16 (12 bit), 12 deg field, 10 Hz, six nodes, a process each',
         'motion': 'constant rate 0.05, 0.1, 0.02 deg/s about x, y, z',
         'bag': f'{bag} ({size_mb:.0f} MB)', 'picture': str(picture)})
 

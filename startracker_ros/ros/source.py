@@ -23,6 +23,9 @@ class SourceOptions(Options):
     frame_count: int = option(0, 'images to publish, 0 for no end', low=0)
     wait_for_subscribers: int = option(
         0, 'subscribers of image_raw to wait for before the first image', low=0, high=100)
+    wait_for_camera_users: int = option(
+        0, 'subscribers of camera_info to wait for before the first image: every stage of the '
+        'pipeline is one', low=0, high=100)
     start_time_utc: str = option(
         '', 'stamp of the first image, as 2019-07-29T20:47:26; empty for now', read_only=True)
 
@@ -100,7 +103,9 @@ class SourceNode(PipelineNode):
         now_ns = self.get_clock().now().nanoseconds
         if self._begin_ns is None:
             self._stamp_offset_ns = (options.start_ns() or now_ns) - now_ns
-            if self._image.get_subscription_count() < options.wait_for_subscribers:
+            if (self._image.get_subscription_count() < options.wait_for_subscribers
+                    or self._camera_info.get_subscription_count()
+                    < options.wait_for_camera_users):
                 self._camera_info.publish(messages.camera_to_message(
                     self._waiting_camera, self.sensor_header(now_ns + self._stamp_offset_ns)))
                 return
