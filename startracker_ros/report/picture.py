@@ -21,7 +21,8 @@ def draw_run(path: Path, recording: Recording, image: np.ndarray, uv: np.ndarray
     field = figure.add_subplot(grid[:, 0])
     field.imshow(annotate(image, uv, hip))
     field.set(xlabel='u [px]', ylabel='v [px]',
-              title=f'star field, {np.count_nonzero(hip)} stars tracked (Hipparcos numbers)')
+              title=f'star field: {np.count_nonzero(hip)} stars with Hipparcos numbers, '
+              f'{np.count_nonzero(hip == 0)} not yet confirmed')
     stamps, error, sigma = recording.errors()
     time_s = (stamps - recording.image_ns[0]) / 1e9 if len(stamps) else stamps
     axis = None

@@ -14,6 +14,7 @@ from rclpy.serialization import deserialize_message
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+from sensor_msgs.msg import CameraInfo
 
 from startracker_ros.bag.reader import read_messages
 from startracker_ros.report.picture import draw_run
@@ -30,9 +31,13 @@ FRAME_RATE_HZ = 10.0
 _SIMULATOR = {
     'frame_rate_hz': FRAME_RATE_HZ, 'width': 1024, 'height': 1024, 'fov_deg': 12.0,
     'motion': 'constant_rate', 'rate_deg_s': [0.05, 0.1, 0.02], 'bit_depth': 12,
-    # The recorder, the extractor and the three stages behind it must be there, so that no
-    # frame is lost.
-    'wait_for_subscribers': 2, 'wait_for_camera_users': 5}
+    # The recorder and the extractor take images. The recorder, the extractor, the three stages
+    # behind it and, once all of these have found each other, the monitor hear of the camera.
+    'wait_for_subscribers': 2, 'wait_for_camera_users': 6}
+
+# How many publishers and subscribers (monitor and recorder among them) complete the pipeline.
+_ENDPOINTS = {'centroids': (1, 3), 'stars': (1, 2), 'tracks': (1, 2), 'tracker_state': (1, 3),
+              'attitude': (1, 2)}
 
 
 class DemoError(RuntimeError):
@@ -46,6 +51,7 @@ class _Monitor(Node):
         super().__init__('demo_monitor')
         self.state = 'starting'
         self.frames = 0
+        self._released = False
         self.truth: dict[int, np.ndarray] = {}
         self.attitudes: list[tuple[int, np.ndarray]] = []
         self.first_attitude_s: float | None = None
@@ -71,6 +77,15 @@ class _Monitor(Node):
             self.first_attitude_s = time.time()
         self.attitudes.append((ns_from_stamp(message.header.stamp),
                                quaternion_from_message(message)))
+
+    def release_when_complete(self) -> None:
+        """Let the simulator begin, by listening to camera_info, once all nodes are connected."""
+        if not self._released and all(
+                self.count_publishers(topic) >= publishers
+                and self.count_subscribers(topic) >= subscribers
+                for topic, (publishers, subscribers) in _ENDPOINTS.items()):
+            self._released = True
+            self.create_subscription(CameraInfo, 'camera_info', lambda message: None, qos.LIST)
 
     def table(self, frames: int) -> Table:
         """Return the newest attitude, its error and the progress."""
@@ -161,6 +176,7 @@ def _watch(monitor: _Monitor, nodes: NodeProcesses, frames: int) -> None:
     with Live(monitor.table(frames), console=console, refresh_per_second=4) as live:
         while monitor.frames < frames:
             rclpy.spin_once(monitor, timeout_sec=0.1)
+            monitor.release_when_complete()
             live.update(monitor.table(frames))
             failed = nodes.failed()
             if failed:
