@@ -156,7 +156,8 @@ def load_camera(path: str | Path) -> Camera:
     try:
         document = yaml.safe_load(Path(path).read_text())
         if document['distortion_model'] != 'plumb_bob':
-            raise CameraError(f'distortion_model {document["distortion_model"]!r} is not plumb_bob')
+            model = document['distortion_model']
+            raise CameraError(f'distortion_model {model!r} is not plumb_bob')
         matrix = [float(value) for value in document['camera_matrix']['data']]
         distortion = tuple(float(v) for v in document['distortion_coefficients']['data'])
         width, height = document['image_width'], document['image_height']
@@ -167,7 +168,8 @@ def load_camera(path: str | Path) -> Camera:
     except CameraError as error:
         raise CameraError(f'camera file {path}: {error}') from error
     except (yaml.YAMLError, KeyError, IndexError, TypeError, ValueError) as error:
-        raise CameraError(f'camera file {path}: not a ROS camera calibration ({error!r})') from error
+        raise CameraError(
+            f'camera file {path}: not a ROS camera calibration ({error!r})') from error
 
 
 def save_camera(camera: Camera, path: str | Path, name: str = 'star_tracker') -> None:

@@ -16,7 +16,8 @@ class TrustOptions(Options):
     """When an attitude is good enough to be published."""
 
     min_stars: int = option(
-        4, 'fewest stars of a trusted attitude; three or fewer leave no room to notice a wrong one',
+        4, 'fewest stars of a trusted attitude; three or fewer leave no room to notice a wrong '
+        'one',
         low=2, high=100)
     max_residual_px: float = option(
         1.0, 'largest root mean square distance of the stars from their catalogue places; '
@@ -62,7 +63,7 @@ class AttitudeTrust:
         if residual_px > self._options.max_residual_px:
             return TrustedAttitude(
                 None, f'residual of {residual_px:.2f} px is above max_residual_px = '
-                f'{self._options.max_residual_px:g}: wrong stars, or a lens that is not calibrated')
+                f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
         excess = max(1.0, attitude.chi2 / max(1, 2 * count - 3))
         self._previous = sign_continuous(attitude.quaternion, self._previous)
         return TrustedAttitude(replace(

@@ -202,13 +202,14 @@ def core_work(trials: int, seed: int) -> Iterator[Row]:
         for stage, elapsed_s in zip(stages.values(), np.diff(marks)):
             stage.append(elapsed_s * 1e3)
     for name, times_ms in stages.items():
-        yield _row(f'core work, 1024 px: {name}, median', float(np.median(times_ms)), 'ms', '', True)
+        yield _row(f'core work, 1024 px: {name}, median', float(np.median(times_ms)), 'ms', '',
+                   True)
     total = float(np.median(np.sum(list(stages.values()), axis=0)))
     yield _row('core work, 1024 px: all, median', total, 'ms', '<= 15', total <= 15)
 
 
 def processes(trials: int, seed: int) -> Iterator[Row]:
-    """The demo with each node a process, started twice: with an empty cache and with a full one."""
+    """The demo with each node a process, started with an empty cache and with a full one."""
     # The only case that needs ROS; the others run without.
     from startracker_ros.ros.demo import run_demo
     with _empty_cache() as folder:

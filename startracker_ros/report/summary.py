@@ -20,16 +20,17 @@ def summarise(recording: Recording) -> list[dict[str, object]]:
     row('images', frames, 'frames', '> 0', frames > 0)
     lost = len(np.setdiff1d(recording.image_ns, recording.centroids_ns))
     expected = _expected_frames(recording.image_ns)
-    row('frames dropped', expected - frames + lost, 'frames', '= 0', expected == frames and not lost)
+    dropped = expected - frames + lost
+    row('frames dropped', dropped, 'frames', '= 0', dropped == 0)
     if not len(stamps):
         row('frames with attitude', 0.0, '%', '>= 95', False)
         return rows
     share = 100 * len(recording.attitude_ns) / frames
     row('frames with attitude', share, '%', '>= 95', share >= 95)
-    row('cross-boresight error, rms each axis', float(np.sqrt(np.mean(error[:, :2] ** 2))), 'arcsec')
-    row('cross-boresight sigma, rms each axis', float(np.sqrt(np.mean(sigma[:, :2] ** 2))), 'arcsec')
-    row('roll error, rms', float(np.sqrt(np.mean(error[:, 2] ** 2))), 'arcsec')
-    row('roll sigma, rms', float(np.sqrt(np.mean(sigma[:, 2] ** 2))), 'arcsec')
+    for name, axes in (('cross-boresight', slice(0, 2)), ('roll', slice(2, 3))):
+        for kind, values in (('error', error), ('sigma', sigma)):
+            row(f'{name} {kind}, rms each axis', float(np.sqrt(np.mean(values[:, axes] ** 2))),
+                'arcsec')
     wrong = np.any(np.abs(error) > WRONG_SIGMAS * sigma + WRONG_ARCSEC, axis=1).sum()
     row('wrong attitudes', int(wrong), 'frames', '= 0', wrong == 0)
     row('first image to first attitude', (recording.attitude_ns[0] - recording.image_ns[0]) / 1e9,

@@ -52,8 +52,8 @@ def markdown_text() -> str:
                   '|---|---|---|---|---|']
         for row in node_rows(node):
             meaning = row.description + (' (read only)' if row.read_only else '')
-            lines.append(f'| `{row.name}` | `{yaml_value(row.default)}` | {row.unit} | {row.range_text} | '
-                         f'{meaning} |')
+            lines.append(f'| `{row.name}` | `{yaml_value(row.default)}` | {row.unit} | '
+                         f'{row.range_text} | {meaning} |')
     return '\n'.join(lines) + '\n'
 
 

@@ -11,7 +11,8 @@ SILENT = {'gyro_bias_walk_deg_h_sqrt_h': 0.0, 'gyro_noise_deg_sqrt_h': 0.0}
 
 
 def test_without_noise_only_the_bias_is_added():
-    gyro = Gyro(GyroOptions(gyro_bias_deg_h=(1.0, 2.0, -3.0), **SILENT), rng=np.random.default_rng(1))
+    gyro = Gyro(GyroOptions(gyro_bias_deg_h=(1.0, 2.0, -3.0), **SILENT),
+                rng=np.random.default_rng(1))
     np.testing.assert_allclose(gyro.measure(RATE, 0.01) - RATE, np.array([1, 2, -3]) * DEG_H)
 
 
