@@ -27,14 +27,17 @@ def _plain(value: object) -> object:
     return value
 
 
-def _text(value: object) -> str:
+def _text(name: str, value: object) -> str:
     value = _plain(value)
     if value is None:
         return '-'
     if isinstance(value, bool):
         return 'yes' if value else 'no'
     if isinstance(value, float):
-        return f'{value:.4g}' if abs(value) < 1000 else f'{value:.1f}'
+        # Angles are worth their arcseconds, other figures four digits.
+        if name.endswith('_deg'):
+            return f'{value:.4f}'
+        return f'{value:.4g}' if abs(value) < 1000 else f'{value:.2f}'
     return str(value)
 
 
@@ -50,8 +53,8 @@ def show(result: Result, as_json: bool) -> None:
         numeric = any(isinstance(row[key], (int, float)) for row in rows)
         table.add_column(key, justify='right' if numeric else 'left', overflow='fold')
     for row in result.rows:
-        table.add_row(*(_text(value) for value in row.values()))
+        table.add_row(*(_text(name, value) for name, value in row.items()))
     console = Console()
     console.print(table)
     for key, value in conditions.items():
-        console.print(f'  {key}: {_text(value)}', highlight=False)
+        console.print(f'  {key}: {_text(key, value)}', highlight=False)

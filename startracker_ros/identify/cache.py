@@ -62,10 +62,12 @@ def _store(path: Path, pairs: PairDatabase) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # Renamed when whole, so that another process never reads half a file.
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(hashlib.sha256(body).digest())
-            file.write(body)
-        os.replace(file.name, path)
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            part = Path(folder) / path.name
+            with part.open('wb') as file:
+                file.write(hashlib.sha256(body).digest())
+                file.write(body)
+            os.replace(part, path)
     except OSError as error:
         logging.getLogger(__name__).warning(
             'pattern database is not cached in %s: %s', path.parent, error.strerror)

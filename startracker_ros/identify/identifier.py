@@ -109,8 +109,8 @@ class StarIdentifier:
         deadline_s = time.perf_counter() + self.options.time_limit_s
         best: Match | None = None
         tested = 0
-        for triad in triads(len(used)):
-            index = np.array(triad)
+        for index in triads(self._pairs, image, sigma_rad, self.options.tolerance_sigmas,
+                            self._scale_error):
             triangles = matching_triangles(
                 self._pairs, self._directions, image[index], sigma_rad[index],
                 self.options.tolerance_sigmas, self._scale_error)

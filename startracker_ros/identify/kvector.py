@@ -4,19 +4,18 @@ import numpy as np
 
 
 class KVector:
-    """Range search over sorted values (N,), N >= 1.
+    """Range search over sorted values (N,).
 
-    A straight line from the first value to the last cuts the range into N steps; step i knows how many values lie below it (Yuan, Zhang, Shi 2017,
-    section 2). A range maps to steps by division, and only the values that share a step
+    A straight line from the first value to the last cuts the range into N steps; step i
+    knows how many values lie below it (Yuan, Zhang, Shi 2017, section 2). A range maps to steps by division, and only the values that share a step
     with its ends are compared.
     """
 
     def __init__(self, values: np.ndarray) -> None:
         self._values = np.asarray(values, float)
         count = len(self._values)
-        span = self._values[-1] - self._values[0]
-        self._start = self._values[0]
-        self._step = span / count or 1.0
+        self._start, last = self._values[[0, -1]] if count else (0.0, 0.0)
+        self._step = (last - self._start) / count if last > self._start else 1.0
         edges = self._start + self._step * np.arange(count + 1)
         self._below = np.searchsorted(self._values, edges)
         self._below[-1] = count
@@ -31,6 +30,7 @@ class KVector:
 
     def _bracket(self, value: float) -> slice:
         """Return a slice that holds the place of a value in the order."""
-        step = int(min(max((value - self._start) / self._step, 0), len(self._below) - 2))
+        step = int(min(max((value - self._start) / self._step, 0), len(self._below) - 1))
         # One step more on each side, because the division rounds.
-        return slice(self._below[max(step - 1, 0)], self._below[min(step + 2, len(self._below) - 1)])
+        last = len(self._below) - 1
+        return slice(self._below[max(step - 1, 0)], self._below[min(step + 2, last)])

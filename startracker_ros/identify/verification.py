@@ -3,9 +3,11 @@
 The statistical model. A candidate comes from three stars. Were it wrong, each of the
 other n - 3 image stars would still fall within the matching radius of some catalogue
 star with probability p = density x radius area, independently, so m matches or more
-have the probability of a binomial tail. A wrong candidate lies somewhere on the sky, so
-the field that it predicts must by chance be as empty as this one: the share of random
-fields with no more catalogue stars than the candidate has. The product, times the
+have the probability of a binomial tail. Stars of a cluster are not independent: the
+Pleiades, shifted or turned, put several stars on others at once. So stars of one small
+cell of the image count as one. A wrong candidate lies somewhere on the sky, so the field
+that it predicts must by chance be as empty as this one: the share of random fields with
+no more catalogue stars than the candidate has. The product, times the
 number of candidates that were tested, is the false-alarm probability.
 """
 
@@ -55,6 +57,8 @@ class Verifier:
     # Image stars that are looked up for each candidate, and candidates that are then judged.
     _SUPPORTERS = 8
     _JUDGED = 5
+    # Cells along one side of a square image: 3/4 of a degree in a field of 12.
+    _CELLS = 16
 
     def __init__(self, camera: Camera, places: StarPlaces, tolerance_sigmas: float,
                  fit_scale: bool) -> None:
@@ -136,13 +140,19 @@ class Verifier:
             return Match.refuted(count)
         pixels = place * ratio * self._focal_px + self._centre
         in_field = np.count_nonzero(self._camera.contains(pixels))
-        others = np.count_nonzero(known) - 3
+        others = max(self._independent(observed[known]) - 3, 0)
+        trials = max(self._independent(observed) - 3, others)
         by_chance = min(1.0, max(in_field, 1) * np.pi * radius ** 2 / self._area)
-        tail = float(bdtrc(others - 1, count - 3, by_chance))
+        tail = float(bdtrc(others - 1, trials, by_chance))
         emptier = np.searchsorted(self._counts, in_field, 'right') / len(self._counts)
         share = max(float(emptier), 1 / len(self._counts))
         return Match(matched, distance / self._camera.pixel_rad, attitude, ratio,
                      min(1.0, tested * tail * share))
+
+    def _independent(self, observed: np.ndarray) -> int:
+        """Return how many cells of the image hold points (N, 2)."""
+        cell = np.sqrt(self._area) / self._CELLS
+        return len(np.unique(np.floor(observed / cell) @ [1.0, 1j]))
 
 
 def _scale(seen: np.ndarray, expected: np.ndarray) -> float:
