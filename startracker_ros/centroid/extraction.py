@@ -47,7 +47,7 @@ class ExtractionOptions(Options):
         0.0, 'width (1 sigma) of a star image, 0: estimated from each image',
         unit='px', low=0.0, high=5.0)
     max_stars: int = option(
-        50, 'most stars returned, the brightest', low=1, high=5000)
+        40, 'most stars returned, the brightest', low=1, high=5000)
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ class TrackerOptions(Options):
     magnitude_limit: float = option(
         9.0, 'faintest catalogue stars that are followed', unit='mag', low=0.0, high=9.0)
     max_stars: int = option(
-        50, 'most stars followed at a time, brightest first', low=4, high=500)
+        40, 'most stars followed at a time, brightest first', low=4, high=500)
     min_stars: int = option(
         4, 'fewest stars that must be seen and move as one for a frame to count as good',
         low=3, high=100)
