@@ -27,10 +27,10 @@ def summarise(recording: Recording) -> list[dict[str, object]]:
         return rows
     share = 100 * len(recording.attitude_ns) / frames
     row('frames with attitude', share, '%', '>= 95', share >= 95)
-    for name, axes in (('cross-boresight', slice(0, 2)), ('roll', slice(2, 3))):
+    for name, axes, each in (('cross-boresight', slice(0, 2), 'rms each axis'),
+                             ('roll', slice(2, 3), 'rms')):
         for kind, values in (('error', error), ('sigma', sigma)):
-            row(f'{name} {kind}, rms each axis', float(np.sqrt(np.mean(values[:, axes] ** 2))),
-                'arcsec')
+            row(f'{name} {kind}, {each}', float(np.sqrt(np.mean(values[:, axes] ** 2))), 'arcsec')
     wrong = np.any(np.abs(error) > WRONG_SIGMAS * sigma + WRONG_ARCSEC, axis=1).sum()
     row('wrong attitudes', int(wrong), 'frames', '= 0', wrong == 0)
     row('first image to first attitude', (recording.attitude_ns[0] - recording.image_ns[0]) / 1e9,

@@ -87,7 +87,7 @@ def test_attitudes_agree_with_the_truth(demo):
     errors = np.abs(errors)
     assert errors[:, :2].max() < 10 and errors[:, 2].max() < 100
     printed = {row['case']: row['ours'] for row in document['rows']}
-    assert printed['roll error, rms each axis'] == pytest.approx(
+    assert printed['roll error, rms'] == pytest.approx(
         np.sqrt(np.mean(errors[:, 2] ** 2)), rel=1e-3)
 
 
