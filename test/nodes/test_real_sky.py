@@ -5,7 +5,7 @@ import csv
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Image, PointCloud2
 
 from startracker_ros.camera import Camera, save_camera
 from startracker_ros.ros import qos
@@ -32,6 +32,7 @@ def start_nodes(nodes, probe, publisher):
 def test_night_sky_of_11_degrees(nodes, probe, sky_data, tmp_path):
     folder = sky_data / 'night-sky-11deg'
     rows = sorted(csv.DictReader(open(folder / 'solutions.csv')), key=lambda row: row['file'])
+    probe.listen(Image, 'image_annotated', qos.IMAGE)
     camera_file = tmp_path / 'camera.yaml'
     save_camera(Camera.from_fov(1024, 768, 11.427), camera_file)
     start_nodes(nodes, probe, {'path': str(folder), 'camera_file': str(camera_file)})
@@ -41,6 +42,11 @@ def test_night_sky_of_11_degrees(nodes, probe, sky_data, tmp_path):
     solved = {(ns_from_stamp(m.header.stamp) - start_ns) // FRAME_NS: quaternion_from_message(m)
               for m in probe.received['attitude']}
     assert sorted(solved) == list(range(len(rows)))
+    picture = probe.received['image_annotated'][0]
+    pixels = np.frombuffer(picture.data, np.uint8).reshape(768, 1024, 3).astype(int)
+    assert picture.encoding == 'rgb8'
+    # Orange marks around what was found, on a grey sky.
+    assert np.count_nonzero(pixels[..., 0] - pixels[..., 2] > 60) > 500
     for index, row in enumerate(rows):
         known = np.array([float(row[name]) for name in ('qx', 'qy', 'qz', 'qw')])
         error = np.abs(np.degrees(attitude_error(solved[index], known / np.linalg.norm(known))))
