@@ -7,8 +7,8 @@ class KVector:
     """Range search over sorted values (N,).
 
     A straight line from the first value to the last cuts the range into N steps; step i
-    knows how many values lie below it (Yuan, Zhang, Shi 2017, section 2). A range maps to steps by division, and only the values that share a step
-    with its ends are compared.
+    knows how many values lie below it (Yuan, Zhang, Shi 2017, section 2). A range maps to
+    steps by division, and only the values that share a step with its ends are compared.
     """
 
     def __init__(self, values: np.ndarray) -> None:
