@@ -90,7 +90,7 @@ class StarIdentifier:
                                    2 * camera.corner_angle_rad * (1 + self._scale_error))
         self._directions = self._places.direction[self._pairs.star]
         self._verifier = Verifier(camera, self._places, options.tolerance_sigmas,
-                                  fit_scale=self._scale_error > 0)
+                                  self._scale_error)
 
     @property
     def _scale_error(self) -> float:

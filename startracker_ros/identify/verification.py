@@ -61,11 +61,11 @@ class Verifier:
     _CELLS = 16
 
     def __init__(self, camera: Camera, places: StarPlaces, tolerance_sigmas: float,
-                 fit_scale: bool) -> None:
+                 scale_error: float) -> None:
         self._camera = camera
         self._places = places
         self._tolerance_sigmas = tolerance_sigmas
-        self._fit_scale = fit_scale
+        self._scale_error = scale_error
         # A field of view wider than it says lets in stars from a little beyond its corners.
         self._field_radius = 1.05 * camera.corner_angle_rad
         self._focal_px = np.array([camera.fx, camera.fy])
@@ -122,8 +122,11 @@ class Verifier:
             weight = 1 / sigma_rad[known] ** 2
             quaternion, _ = davenport(_directions(seen / ratio), true, weight / weight.sum())
             matrix = matrix_from_quaternion(quaternion)
-            if self._fit_scale and len(seen) > 3:
+            if self._scale_error:
                 ratio = _scale(seen, _tangent(true @ matrix))
+            if len(seen) == 3:
+                # Three close stars alone may know the scale less well than it was known before.
+                ratio = float(np.clip(ratio, 1 - self._scale_error, 1 + self._scale_error))
             near = self._places.within(matrix[:, 2], self._field_radius)
             place = _tangent(self._places.direction[near] @ matrix)
             nearest, distance = _pair_up(observed / ratio, place, factor * radius)
@@ -133,6 +136,9 @@ class Verifier:
             if np.array_equal(matched, before):
                 break
         known = matched >= 0
+        spread = observed[known] - observed[known].mean(0)
+        if abs(ratio - 1) > self._scale_error + radius / np.linalg.norm(spread):
+            return Match.refuted(count)
         try:
             attitude = estimate_attitude(_directions(observed[known] / ratio),
                                          self._places.direction[matched[known]], sigma_rad[known])

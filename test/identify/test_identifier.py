@@ -11,7 +11,7 @@ from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.identifier import IdentificationOptions, StarIdentifier
-from startracker_ros.rotation import attitude_error
+from startracker_ros.rotation import attitude_error, quaternion_from_pointing
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
 EPOCH_YEAR = 2026.5
@@ -115,6 +115,24 @@ def test_a_focal_length_within_its_tolerance_is_fitted(places):
     np.testing.assert_allclose(ratios, 1.004, atol=1e-3)
 
 
+@pytest.mark.parametrize('ratio', [0.986, 1.014])
+def test_a_wide_tolerance_of_the_focal_length_is_used(places, ratio):
+    rng = np.random.default_rng(15)
+    identifier = StarIdentifier(
+        CAMERA.with_focal_ratio(1 / ratio), EPOCH_YEAR,
+        IdentificationOptions(magnitude_limit=6.0, fov_error_percent=1.5))
+    solved = 0
+    for _ in range(20):
+        q = random_attitude(rng)
+        centroids, _ = star_frame(places, CAMERA, q, 0.1, rng)
+        result = identifier.identify(centroids)
+        if result.attitude is not None:
+            assert off_by(result, q)[0] < 0.01
+            assert result.focal_ratio == pytest.approx(ratio, abs=1e-3)
+            solved += 1
+    assert solved >= 19
+
+
 def test_a_focal_length_far_off_gives_no_answer(places):
     rng = np.random.default_rng(8)
     identifier = StarIdentifier(CAMERA.with_focal_ratio(1.05), EPOCH_YEAR,
@@ -122,6 +140,26 @@ def test_a_focal_length_far_off_gives_no_answer(places):
     for _ in range(20):
         centroids, _ = star_frame(places, CAMERA, random_attitude(rng), 0.1, rng)
         assert identifier.identify(centroids).attitude is None
+
+
+def test_a_cluster_is_not_taken_for_evidence(places):
+    """Around the Pleiades a wrong focal length leaves many chance matches in one corner."""
+    rng = np.random.default_rng(13)
+    identifier = StarIdentifier(CAMERA.with_focal_ratio(1 / 1.03), EPOCH_YEAR,
+                                IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.15))
+    for _ in range(20):
+        ra_deg, dec_deg = 56.75 + rng.uniform(-4, 4), 24.1 + rng.uniform(-4, 4)
+        q = quaternion_from_pointing(*np.radians([ra_deg, dec_deg, rng.uniform(0, 360)]))
+        centroids, _ = star_frame(places, CAMERA, q, 0.3, rng)
+        result = identifier.identify(centroids)
+        assert result.attitude is None or off_by(result, q)[0] < 0.05
+
+
+def test_a_catalogue_without_pairs_gives_no_answer(places):
+    rng = np.random.default_rng(14)
+    centroids, _ = star_frame(places, CAMERA, random_attitude(rng), 0.1, rng)
+    identifier = StarIdentifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=0.01))
+    assert identifier.identify(centroids).status == 'no_candidate'
 
 
 @pytest.mark.parametrize('count', [0, 1, 3])

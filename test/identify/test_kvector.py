@@ -31,3 +31,8 @@ def test_many_values():
 def test_an_empty_range_is_empty():
     found = KVector(np.array([1.0, 2.0, 3.0])).range(2.5, 2.6)
     assert found.start == found.stop
+
+
+def test_without_values_every_range_is_empty():
+    found = KVector(np.empty(0)).range(0.1, 0.2)
+    assert (found.start, found.stop) == (0, 0)
