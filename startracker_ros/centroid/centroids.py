@@ -25,3 +25,8 @@ class Centroids:
     def empty(cls) -> 'Centroids':
         """Return a list without stars."""
         return cls(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0))
+
+    def select(self, chosen: np.ndarray | slice) -> 'Centroids':
+        """Return the centroids of a mask (N,), of indices or of a slice."""
+        return Centroids(self.uv[chosen], self.flux[chosen], self.snr[chosen],
+                         self.sigma_px[chosen])

@@ -192,7 +192,7 @@ class StarTracker:
         good = (np.isfinite(centroids.uv).all(axis=1) & np.isfinite(centroids.sigma_px)
                 & (centroids.sigma_px > 0))
         self.refused_centroids += int(np.count_nonzero(~good))
-        return _chosen(centroids, good), good
+        return centroids.select(good), good
 
     def _sigma(self, centroids: Centroids) -> np.ndarray:
         return np.maximum(centroids.sigma_px, self._options.sigma_floor_px)
@@ -206,7 +206,7 @@ class StarTracker:
         known = (place >= 0) & ~self._places.crowded[place]
         # A star named twice is taken once, at its brightest centroid.
         known[known] = _first_of_each(place[known])
-        centroids, place = _chosen(centroids, known), place[known]
+        centroids, place = centroids.select(known), place[known]
         if len(place) < self._options.min_stars:
             return None
         try:
@@ -216,7 +216,7 @@ class StarTracker:
             return None
         if not self._is_good(fit, len(place)):
             return None
-        return _Fix(stamp_ns, place[fit.inlier], _chosen(centroids, fit.inlier), fit.attitude)
+        return _Fix(stamp_ns, place[fit.inlier], centroids.select(fit.inlier), fit.attitude)
 
     def _is_good(self, fit: RotationFit, stars: int) -> bool:
         return (fit.inlier.sum() >= max(self._options.min_stars, math.ceil(stars / 3))
@@ -239,7 +239,7 @@ class StarTracker:
         self._rate_covariance = (
             first.attitude.covariance_sensor + fix.attitude.covariance_sensor) / dt_s ** 2
         most = slice(self._options.max_stars)
-        self._bank = self._new_tracks(fix.place[most], _chosen(fix.centroids, most),
+        self._bank = self._new_tracks(fix.place[most], fix.centroids.select(most),
                                       confirmed=True)
         self._bank_stamp_ns = fix.stamp_ns
         self.stars_matched = len(fix.place)
@@ -300,7 +300,7 @@ class StarTracker:
         self._bank = replace(self._bank, confirmed=self._bank.confirmed | (
             self._bank.age >= self._options.confirm_frames))
         self._estimate_rate()
-        self._find_newcomers(fit, _chosen(frame, unclaimed))
+        self._find_newcomers(fit, frame.select(unclaimed))
 
     def _predict(self, dt_s: float) -> None:
         transition, noise = constant_velocity(dt_s, self._acceleration_px_s2)
@@ -372,7 +372,7 @@ class StarTracker:
         place, centroid = place[new][:room], centroid[new][:room]
         if len(place):
             self._bank = self._bank.joined(self._new_tracks(
-                place, _chosen(frame, centroid), confirmed=False))
+                place, frame.select(centroid), confirmed=False))
 
     def _new_tracks(self, place: np.ndarray, centroids: Centroids, *, confirmed: bool
                     ) -> TrackBank:
@@ -383,12 +383,6 @@ class StarTracker:
         return TrackBank.started(
             track_id, place, centroids, self._sigma(centroids) ** 2, jacobian @ self._rate,
             jacobian @ self._rate_covariance @ np.swapaxes(jacobian, 1, 2), confirmed)
-
-
-def _chosen(centroids: Centroids, chosen: np.ndarray | slice) -> Centroids:
-    """Return the centroids of a mask (N,), of indices or of a slice."""
-    return Centroids(centroids.uv[chosen], centroids.flux[chosen], centroids.snr[chosen],
-                     centroids.sigma_px[chosen])
 
 
 def _first_of_each(values: np.ndarray) -> np.ndarray:

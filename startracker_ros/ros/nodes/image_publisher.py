@@ -49,10 +49,16 @@ class ImagePublisherNode(SourceNode):
         self._files = self.options(FileOptions).files()
         # A bad first image or camera file stops the node here, where the user looks.
         try:
-            height, width = read_image(self._files[0]).shape
+            self._use_camera_for(read_image(self._files[0]).shape)
         except ImageError as error:
             raise StartError(str(error)) from error
-        self.start(self.options(CameraOptions).camera(width, height), self._publish_file)
+        self.start(self._camera, self._publish_file)
+
+    def _use_camera_for(self, shape: tuple[int, int]) -> None:
+        """Read the camera once for all images of a size."""
+        self._shape = shape
+        height, width = shape
+        self._camera = self.options(CameraOptions).camera(width, height)
 
     def _publish_file(self, index: int, stamp_ns: int, time_s: float) -> None:
         if index >= len(self._files) and not self.options(FileOptions).loop:
@@ -65,9 +71,9 @@ class ImagePublisherNode(SourceNode):
             self.diagnostics.counts['unreadable files'] += 1
             self.diagnostics.report(ERROR, str(error))
             return
-        height, width = image.shape
-        camera = self.options(CameraOptions).camera(width, height)
-        self.publish_image(image, camera, self.sensor_header(stamp_ns))
+        if image.shape != self._shape:
+            self._use_camera_for(image.shape)
+        self.publish_image(image, self._camera, self.sensor_header(stamp_ns))
         self.diagnostics.report(OK, 'publishing images')
 
 
