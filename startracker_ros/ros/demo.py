@@ -33,7 +33,10 @@ _SIMULATOR = {
     'motion': 'constant_rate', 'rate_deg_s': [0.05, 0.1, 0.02], 'bit_depth': 12,
     # The recorder and the extractor take images. The recorder, the extractor, the three stages
     # behind it and, once all of these have found each other, the monitor hear of the camera.
-    'wait_for_subscribers': 2, 'wait_for_camera_users': 6}
+    'wait_for_subscribers': 2, 'wait_for_camera_users': 6,
+    'qos_overrides./image_raw.publisher.depth': 10}
+# A second of images may wait while a busy machine starts the processes: none is to be lost.
+_EXTRACTOR = {'qos_overrides./image_raw.subscription.depth': 10}
 
 # How many publishers and subscribers (monitor and recorder among them) complete the pipeline.
 _ENDPOINTS = {'centroids': (1, 3), 'stars': (1, 2), 'tracks': (1, 2), 'tracker_state': (1, 3),
@@ -139,8 +142,8 @@ def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
     bag = output / 'bag'
     with NodeProcesses(logs) as nodes:
         nodes.start('bag_recorder', {'folder': str(bag)})
-        for node in ('centroid_extractor', 'star_identifier', 'star_tracker',
-                     'attitude_estimator'):
+        nodes.start('centroid_extractor', _EXTRACTOR)
+        for node in ('star_identifier', 'star_tracker', 'attitude_estimator'):
             nodes.start(node)
         nodes.start('sky_simulator', {**_SIMULATOR, 'frame_count': frames, 'seed': seed})
         rclpy.init()

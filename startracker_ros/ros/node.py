@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 import gc
+import signal
 import sys
 from typing import Any
 
@@ -23,6 +24,9 @@ from startracker_ros.options import Options
 from startracker_ros.ros import parameters, qos
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR, WARN
 from startracker_ros.ros.messages import camera_from_message, MessageError, ns_from_stamp
+
+
+_END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class StartError(RuntimeError):
@@ -170,18 +174,21 @@ def run(node_class: type[PipelineNode], args: list[str] | None = None) -> int:
     """Run one node until SIGINT or SIGTERM; return 0, or 2 when it cannot start as asked."""
     # The nodes of a pipeline share the cores; OpenCV's threads would only wait for each other.
     cv2.setNumThreads(1)
+    # A signal that comes early waits until all is in place: rclpy leaves half-made objects
+    # behind when its context ends under their construction.
+    signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)
     rclpy.init(args=args)
     node = None
     try:
+        executor = SingleThreadedExecutor()
         node = node_class()
         node.begin()
         # Long-lived objects leave the collector's view, so that a pass stays short.
         gc.collect()
         gc.freeze()
-        # Made before the node says ready: a signal that comes at once finds all in place.
-        executor = SingleThreadedExecutor()
         executor.add_node(node)
         node.get_logger().info('ready')
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _END_SIGNALS)
         executor.spin()
     except (ExternalShutdownException, KeyboardInterrupt):
         pass

@@ -1,5 +1,6 @@
 """centroid_extractor: image_raw, camera_info -> centroids, image_annotated."""
 
+import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
 
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
@@ -26,10 +27,12 @@ class CentroidExtractorNode(CameraNode):
     def configure(self) -> None:
         # Images are taken once the camera is known: a source that waits for subscribers
         # then loses none.
+        self._extractor = CentroidExtractor(self.options(ExtractionOptions))
         if self.camera is not None and not self._listens:
             self._listens = True
+            # The first image takes ten times as long as the next: it is not to be a real one.
+            self._extractor.extract(np.zeros((self.camera.height, self.camera.width), np.uint16))
             self.take(Image, 'image_raw', self._take_image, qos.IMAGE)
-        self._extractor = CentroidExtractor(self.options(ExtractionOptions))
 
     def _take_image(self, message: Image) -> None:
         image = image_from_message(message)
