@@ -13,7 +13,8 @@ from startracker_ros.camera import Camera, load_camera
 from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor
-from startracker_ros.identify.identifier import Identification, StarIdentifier
+from startracker_ros.identify.identification import Identification, StarIdentifier
+from startracker_ros.identify.methods import make_identifier
 from startracker_ros.images import ImageError, read_image
 from startracker_ros.report.annotate import annotate
 from startracker_ros.rotation import ARCSEC, pointing_from_quaternion
@@ -70,7 +71,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 raise ImageError(f'{path}: {width} x {height} px, the camera has '
                                  f'{camera.width} x {camera.height}')
             if camera not in identifiers:
-                identifiers[camera] = StarIdentifier(camera, epoch_year)
+                identifiers[camera] = make_identifier(camera, epoch_year)
             start_s = time.perf_counter()
             solution = solve_image(image, extractor, identifiers[camera])
             rows.append(_row(path, solution, 1e3 * (time.perf_counter() - start_s)))

@@ -18,15 +18,16 @@ from rich.progress import track as progress
 from startracker_ros.attitude.estimate import cramer_rao
 from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
 from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places, StarPlaces
+from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor
-from startracker_ros.identify.identifier import IdentificationOptions, StarIdentifier
-from startracker_ros.rotation import ARCSEC, attitude_error, conjugate, rotate
+from startracker_ros.identify.identification import IdentificationOptions
+from startracker_ros.identify.methods import make_identifier
+from startracker_ros.rotation import ARCSEC, attitude_error
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
+from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result
 from startracker_ros.track.tracker import StarTracker, TrackerOptions
 
@@ -58,31 +59,6 @@ def _empty_cache() -> Iterator[str]:
                 os.environ['XDG_CACHE_HOME'] = before
 
 
-def random_attitude(rng: np.random.Generator) -> np.ndarray:
-    """Return a quaternion (4,) drawn uniformly from all rotations."""
-    q = rng.standard_normal(4)
-    return q / np.linalg.norm(q)
-
-
-def star_frame(places: StarPlaces, camera: Camera, q: np.ndarray, sigma_px: float,
-               rng: np.random.Generator) -> tuple[Centroids, np.ndarray]:
-    """Return the centroids that a camera would give at attitude q, and their hip (N,).
-
-    Each axis has Gaussian noise of sigma_px, magnitudes 0.1 mag.
-    """
-    near = places.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
-    uv = camera.project(rotate(conjugate(q), places.direction[near]))
-    inside = camera.contains(uv)
-    near, uv = near[inside], uv[inside]
-    magnitude = places.magnitude[near] + rng.normal(0, 0.1, len(near))
-    flux = 1e6 * 10 ** (-0.4 * magnitude)
-    order = np.argsort(-flux)
-    count = len(order)
-    noisy = uv[order] + rng.normal(0, sigma_px, (count, 2))
-    return Centroids(uv=noisy, flux=flux[order], snr=np.full(count, 1 / max(sigma_px, 1e-3)),
-                     sigma_px=np.full(count, max(sigma_px, 1e-3))), places.hip[near[order]]
-
-
 def noise_free(trials: int, seed: int) -> Iterator[Row]:
     """Images without noise, through extraction, identification and attitude."""
     rng = np.random.default_rng(seed)
@@ -90,7 +66,7 @@ def noise_free(trials: int, seed: int) -> Iterator[Row]:
     catalog = load_catalog()
     detector = DetectorOptions(noise=False, bit_depth=16, gain_e_per_dn=0.25)
     places = camera_places(catalog, FULL_CAMERA, EPOCH_YEAR, 9.0)
-    identifier = StarIdentifier(FULL_CAMERA, EPOCH_YEAR, IdentificationOptions())
+    identifier = make_identifier(FULL_CAMERA, EPOCH_YEAR, IdentificationOptions())
     trust = AttitudeTrust(FULL_CAMERA, places, TrustOptions())
     extractor = CentroidExtractor()
     errors = []
@@ -118,7 +94,7 @@ def cramer_rao_ratio(trials: int, seed: int) -> Iterator[Row]:
     normalised, cross, bound = [], [], []
     for _ in range(trials):
         q = random_attitude(rng)
-        centroids, hip = star_frame(places, SMALL_CAMERA, q, 0.1, rng)
+        centroids, hip = star_list(places, SMALL_CAMERA, q, 0.1, rng)
         solved = trust.solve(centroids.uv, hip, centroids.sigma_px).attitude
         if solved is None:
             continue
@@ -141,13 +117,13 @@ def pyramid(trials: int, seed: int) -> Iterator[Row]:
     """Lost-in-space identification of random attitudes without false stars."""
     rng = np.random.default_rng(seed)
     places = camera_places(load_catalog(), SMALL_CAMERA, EPOCH_YEAR, 6.0)
-    identifier = StarIdentifier(SMALL_CAMERA, EPOCH_YEAR,
+    identifier = make_identifier(SMALL_CAMERA, EPOCH_YEAR,
                                 IdentificationOptions(magnitude_limit=6.0))
     solved = wrong = 0
     times_ms = []
     for _ in progress(range(trials), 'identification', transient=True):
         q = random_attitude(rng)
-        centroids, _ = star_frame(places, SMALL_CAMERA, q, 0.3, rng)
+        centroids, _ = star_list(places, SMALL_CAMERA, q, 0.3, rng)
         start_s = time.process_time()
         result = identifier.identify(centroids)
         times_ms.append((time.process_time() - start_s) * 1e3)
@@ -168,7 +144,7 @@ def database(trials: int, seed: int) -> Iterator[Row]:
     with _empty_cache():
         for name, bound in (('built', 2.0), ('out of the cache', 2.0)):
             start_s = time.perf_counter()
-            StarIdentifier(SMALL_CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
+            make_identifier(SMALL_CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
             elapsed_s = time.perf_counter() - start_s
             yield _row(f'database, 12 deg, V 6: {name}', elapsed_s, 's', f'<= {bound:g}',
                        elapsed_s <= bound)
@@ -184,7 +160,7 @@ def core_work(trials: int, seed: int) -> Iterator[Row]:
                              seed=seed)
     places = camera_places(catalog, FULL_CAMERA, EPOCH_YEAR, 9.0)
     extractor = CentroidExtractor()
-    identifier = StarIdentifier(FULL_CAMERA, EPOCH_YEAR, IdentificationOptions())
+    identifier = make_identifier(FULL_CAMERA, EPOCH_YEAR, IdentificationOptions())
     tracker = StarTracker(FULL_CAMERA, places, TrackerOptions())
     trust = AttitudeTrust(FULL_CAMERA, places, TrustOptions())
     stages: dict[str, list[float]] = {'centroids': [], 'tracking': [], 'attitude': []}

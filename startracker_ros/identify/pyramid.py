@@ -10,7 +10,15 @@ from itertools import combinations
 
 import numpy as np
 
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.stars import StarCatalog
+from startracker_ros.identify.cache import cached_pairs
+from startracker_ros.identify.identification import (
+    Candidates, FieldStars, IdentificationOptions, StarIdentifier)
 from startracker_ros.identify.pairs import PairDatabase
+
+# Sides of a triangle shorter than this say little beside their noise.
+_MIN_SEPARATION_PX = 20.0
 
 # A triangle flatter than this many sigmas of its own height has no sure handedness.
 _FLAT_SIGMAS = 4.0
@@ -21,6 +29,28 @@ _TRIAD_STARS = 20
 _FAINTER_TRUST = 0.9
 # What a triple costs in any case, in joined pairs.
 _TRIAD_COST = 2000.0
+
+
+class PyramidIdentifier(StarIdentifier):
+    """Triangles of image stars, looked up side by side, confirmed by all other stars."""
+
+    def __init__(self, camera: Camera, epoch_year: float,
+                 options: IdentificationOptions = IdentificationOptions(),
+                 catalog: StarCatalog | None = None) -> None:
+        super().__init__(camera, epoch_year, options, catalog)
+        self._pairs = cached_pairs(self.places, _MIN_SEPARATION_PX * camera.pixel_rad,
+                                   2 * camera.corner_angle_rad * (1 + self.scale_error))
+        self._directions = self.places.direction[self._pairs.star]
+
+    def candidates(self, field: FieldStars) -> Iterator[Candidates]:
+        """Yield the catalogue triangles that fit one image triangle after the other."""
+        sigmas = self.options.tolerance_sigmas
+        for base in triads(self._pairs, field.direction, field.sigma_rad, sigmas,
+                           self.scale_error):
+            triangles = matching_triangles(
+                self._pairs, self._directions, field.direction[base], field.sigma_rad[base],
+                sigmas, self.scale_error)
+            yield Candidates(base, self._pairs.star[triangles])
 
 
 def triads(pairs: PairDatabase, image: np.ndarray, sigma_rad: np.ndarray,

@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 from startracker_ros.attitude.estimate import AttitudeEstimate, covariance_icrf
 from startracker_ros.camera import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.identify.identifier import Identification
+from startracker_ros.identify.identification import Identification
 from startracker_ros.rotation import conjugate, rotate
 from startracker_ros.track.tracks import Tracks
 

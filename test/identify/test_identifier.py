@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from startracker_ros.bench.pipeline import random_attitude, star_frame
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.identify.identifier import IdentificationOptions, StarIdentifier
+from startracker_ros.identify.identification import IdentificationOptions
+from startracker_ros.identify.methods import make_identifier
 from startracker_ros.rotation import attitude_error, quaternion_from_pointing
+from startracker_ros.sky.star_lists import random_attitude, star_list
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
 EPOCH_YEAR = 2026.5
@@ -24,7 +25,7 @@ def places():
 
 @pytest.fixture(scope='module')
 def identifier():
-    return StarIdentifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
+    return make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
 
 
 def frame(uv, flux=None, sigma_px=0.1):
@@ -53,7 +54,7 @@ def test_random_attitudes(identifier, places, sigma_px, false, least):
     solved, count = 0, 60
     for _ in range(count):
         q = random_attitude(rng)
-        centroids, _ = star_frame(places, CAMERA, q, sigma_px, rng)
+        centroids, _ = star_list(places, CAMERA, q, sigma_px, rng)
         result = identifier.identify(with_false(centroids, false, rng))
         if result.status == 'identified':
             cross, roll = off_by(result, q)
@@ -68,7 +69,7 @@ def test_random_attitudes(identifier, places, sigma_px, false, least):
 def test_each_star_gets_its_own_number(identifier, places):
     rng = np.random.default_rng(4)
     for _ in range(20):
-        centroids, hip = star_frame(places, CAMERA, random_attitude(rng), 0.1, rng)
+        centroids, hip = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
         result = identifier.identify(centroids)
         known = result.hip > 0
         assert known.sum() == result.matched
@@ -79,7 +80,7 @@ def test_each_star_gets_its_own_number(identifier, places):
 
 def test_false_stars_alone_are_never_believed(identifier):
     rng = np.random.default_rng(5)
-    quick = StarIdentifier(CAMERA, EPOCH_YEAR,
+    quick = make_identifier(CAMERA, EPOCH_YEAR,
                            replace(identifier.options, time_limit_s=0.1))
     for _ in range(60):
         result = quick.identify(frame(rng.uniform(0, 511, (15, 2)), sigma_px=0.3))
@@ -89,10 +90,10 @@ def test_false_stars_alone_are_never_believed(identifier):
 
 def test_mirrored_fields_are_never_believed(identifier, places):
     rng = np.random.default_rng(6)
-    quick = StarIdentifier(CAMERA, EPOCH_YEAR,
+    quick = make_identifier(CAMERA, EPOCH_YEAR,
                            replace(identifier.options, time_limit_s=0.1))
     for _ in range(30):
-        centroids, _ = star_frame(places, CAMERA, random_attitude(rng), 0.1, rng)
+        centroids, _ = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
         result = quick.identify(frame(centroids.uv * [-1, 1] + [511, 0], centroids.flux))
         assert result.attitude is None
 
@@ -100,11 +101,11 @@ def test_mirrored_fields_are_never_believed(identifier, places):
 def test_a_focal_length_within_its_tolerance_is_fitted(places):
     rng = np.random.default_rng(7)
     assumed = CAMERA.with_focal_ratio(1 / 1.004)
-    identifier = StarIdentifier(assumed, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
+    identifier = make_identifier(assumed, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
     ratios = []
     for _ in range(20):
         q = random_attitude(rng)
-        centroids, _ = star_frame(places, CAMERA, q, 0.1, rng)
+        centroids, _ = star_list(places, CAMERA, q, 0.1, rng)
         result = identifier.identify(centroids)
         if result.attitude is not None:
             ratios.append(result.focal_ratio)
@@ -118,13 +119,13 @@ def test_a_focal_length_within_its_tolerance_is_fitted(places):
 @pytest.mark.parametrize('ratio', [0.986, 1.014])
 def test_a_wide_tolerance_of_the_focal_length_is_used(places, ratio):
     rng = np.random.default_rng(15)
-    identifier = StarIdentifier(
+    identifier = make_identifier(
         CAMERA.with_focal_ratio(1 / ratio), EPOCH_YEAR,
         IdentificationOptions(magnitude_limit=6.0, fov_error_percent=1.5))
     solved = 0
     for _ in range(20):
         q = random_attitude(rng)
-        centroids, _ = star_frame(places, CAMERA, q, 0.1, rng)
+        centroids, _ = star_list(places, CAMERA, q, 0.1, rng)
         result = identifier.identify(centroids)
         if result.attitude is not None:
             assert off_by(result, q)[0] < 0.01
@@ -135,37 +136,37 @@ def test_a_wide_tolerance_of_the_focal_length_is_used(places, ratio):
 
 def test_a_focal_length_far_off_gives_no_answer(places):
     rng = np.random.default_rng(8)
-    identifier = StarIdentifier(CAMERA.with_focal_ratio(1.05), EPOCH_YEAR,
+    identifier = make_identifier(CAMERA.with_focal_ratio(1.05), EPOCH_YEAR,
                                 IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.1))
     for _ in range(20):
-        centroids, _ = star_frame(places, CAMERA, random_attitude(rng), 0.1, rng)
+        centroids, _ = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
         assert identifier.identify(centroids).attitude is None
 
 
 def test_a_cluster_is_not_taken_for_evidence(places):
     """Around the Pleiades a wrong focal length leaves many chance matches in one corner."""
     rng = np.random.default_rng(13)
-    identifier = StarIdentifier(CAMERA.with_focal_ratio(1 / 1.03), EPOCH_YEAR,
+    identifier = make_identifier(CAMERA.with_focal_ratio(1 / 1.03), EPOCH_YEAR,
                                 IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.15))
     for _ in range(20):
         ra_deg, dec_deg = 56.75 + rng.uniform(-4, 4), 24.1 + rng.uniform(-4, 4)
         q = quaternion_from_pointing(*np.radians([ra_deg, dec_deg, rng.uniform(0, 360)]))
-        centroids, _ = star_frame(places, CAMERA, q, 0.3, rng)
+        centroids, _ = star_list(places, CAMERA, q, 0.3, rng)
         result = identifier.identify(centroids)
         assert result.attitude is None or off_by(result, q)[0] < 0.05
 
 
 def test_a_catalogue_without_pairs_gives_no_answer(places):
     rng = np.random.default_rng(14)
-    centroids, _ = star_frame(places, CAMERA, random_attitude(rng), 0.1, rng)
-    identifier = StarIdentifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=0.01))
+    centroids, _ = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
+    identifier = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=0.01))
     assert identifier.identify(centroids).status == 'no_candidate'
 
 
 @pytest.mark.parametrize('count', [0, 1, 3])
 def test_too_few_stars(identifier, places, count):
     rng = np.random.default_rng(9)
-    centroids, _ = star_frame(places, CAMERA, random_attitude(rng), 0.1, rng)
+    centroids, _ = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
     result = identifier.identify(frame(centroids.uv[:count], centroids.flux[:count]))
     assert result.status == 'too_few_stars'
     assert f'{count} usable stars' in result.reason
@@ -176,7 +177,7 @@ def test_useless_rows_are_left_out(identifier, places):
     """NaN, outside the image, found twice: the rest still gives the right answer."""
     rng = np.random.default_rng(10)
     q = random_attitude(rng)
-    centroids, hip = star_frame(places, CAMERA, q, 0.1, rng)
+    centroids, hip = star_list(places, CAMERA, q, 0.1, rng)
     bad = [[np.nan, 5.0], [-50.0, 10.0], [1e6, 1e6], *(centroids.uv[:3] + 0.2)]
     uv = np.concatenate([bad, centroids.uv])
     flux = np.concatenate([np.full(6, 1e9), centroids.flux])
@@ -188,7 +189,7 @@ def test_useless_rows_are_left_out(identifier, places):
 
 def test_thousands_of_centroids_take_bounded_time(places):
     rng = np.random.default_rng(11)
-    identifier = StarIdentifier(CAMERA, EPOCH_YEAR,
+    identifier = make_identifier(CAMERA, EPOCH_YEAR,
                                 IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.2))
     result = identifier.identify(frame(rng.uniform(0, 511, (5000, 2)), sigma_px=0.3))
     assert result.status in ('time_limit', 'no_candidate')
@@ -199,13 +200,13 @@ def test_two_skies_in_one_image_are_ambiguous_or_one_of_them(identifier, places)
     rng = np.random.default_rng(12)
     for _ in range(10):
         both = [random_attitude(rng), random_attitude(rng)]
-        uv = np.concatenate([star_frame(places, CAMERA, q, 0.1, rng)[0].uv for q in both])
+        uv = np.concatenate([star_list(places, CAMERA, q, 0.1, rng)[0].uv for q in both])
         result = identifier.identify(frame(rng.permutation(uv)))
         if result.attitude is not None:
             assert min(off_by(result, q)[0] for q in both) < 0.05
 
 
 def test_the_magnitude_limit_follows_the_field():
-    wide = StarIdentifier(Camera.from_fov(512, 512, 20.0), EPOCH_YEAR)
-    narrow = StarIdentifier(Camera.from_fov(512, 512, 8.0), EPOCH_YEAR)
+    wide = make_identifier(Camera.from_fov(512, 512, 20.0), EPOCH_YEAR)
+    narrow = make_identifier(Camera.from_fov(512, 512, 8.0), EPOCH_YEAR)
     assert 4.5 < wide.magnitude_limit < 5.5 < narrow.magnitude_limit < 7.5

@@ -3,7 +3,8 @@
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import PointCloud2
 
-from startracker_ros.identify.identifier import IdentificationOptions, StarIdentifier
+from startracker_ros.identify.identification import IdentificationOptions
+from startracker_ros.identify.methods import make_identifier
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages import centroids_from_message, identification_to_message
@@ -27,7 +28,7 @@ class StarIdentifierNode(CameraNode):
 
     def configure(self) -> None:
         if self.camera is not None:
-            self._identifier = StarIdentifier(
+            self._identifier = make_identifier(
                 self.camera, self.epoch_year, self.options(IdentificationOptions))
 
     def _take_tracker_state(self, message: DiagnosticStatus) -> None:

@@ -1,5 +1,7 @@
-"""Lost-in-space identification of one frame: which star is which, or why nobody can say."""
+"""What the identification methods share: options, usable stars, judgement, result."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 import time
 
@@ -10,24 +12,22 @@ from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.identify.cache import cached_pairs
-from startracker_ros.identify.pyramid import matching_triangles, triads
 from startracker_ros.identify.verification import Match, Verifier
 from startracker_ros.options import option, Options
 from startracker_ros.rotation import attitude_error
 
-_MIN_STARS = 4
+METHODS = ('pyramid', 'quad', 'hausdorff_pivot', 'hausdorff_segment', 'extended_grid')
+"""The published methods; each is a module of this name."""
+
 # Two centroids closer than this are one star that was found twice.
 _DUPLICATE_PX = 1.5
-# Sides of a triangle shorter than this say little beside their noise.
-_MIN_SEPARATION_PX = 20.0
-_STARS_PER_FIELD = 20.0
 
 
 @dataclass(frozen=True)
 class IdentificationOptions(Options):
     """How stars are identified, and when an answer is believed."""
 
+    method: str = option('pyramid', 'how candidates are found', choices=METHODS)
     magnitude_limit: float = option(
         0.0, 'faintest stars of the pattern database, V; 0 chooses it so that a field holds '
         'twenty on average', unit='mag', low=0.0, high=9.0)
@@ -73,8 +73,39 @@ class Identification:
         return int(np.count_nonzero(self.hip))
 
 
-class StarIdentifier:
-    """Identifies frames of one camera at one epoch; keeps no state between frames."""
+@dataclass(frozen=True)
+class FieldStars:
+    """The image stars that are looked at, brightest first.
+
+    index (N,) are their places among the centroids; direction (N, 3) unit vectors in the
+    sensor frame; sigma_rad (N,) their errors per axis; flux (N,) in DN.
+    """
+
+    index: np.ndarray
+    direction: np.ndarray
+    sigma_rad: np.ndarray
+    flux: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Catalogue stars (M, B), as indices into the places, that image stars base (B,) may be."""
+
+    base: np.ndarray
+    stars: np.ndarray
+
+
+class StarIdentifier(ABC):
+    """Identifies frames of one camera at one epoch; a method gives the candidates.
+
+    A candidate is believed only when the whole field verifies it, whatever the method.
+    """
+
+    stars_per_field = 20.0
+    min_stars = 4
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions(),
@@ -83,58 +114,50 @@ class StarIdentifier:
         catalog = load_catalog() if catalog is None else catalog
         self.camera = camera
         self.options = options
-        self.magnitude_limit = options.magnitude_limit or _limit_for(camera, catalog)
+        self.magnitude_limit = options.magnitude_limit or _limit_for(
+            camera, catalog, self.stars_per_field)
+        self.scale_error = options.fov_error_percent / 100
         # A year of proper motion is nothing to the tolerances, and one database serves it all.
-        self._places = camera_places(catalog, camera, round(epoch_year), self.magnitude_limit)
-        self._pairs = cached_pairs(self._places, _MIN_SEPARATION_PX * camera.pixel_rad,
-                                   2 * camera.corner_angle_rad * (1 + self._scale_error))
-        self._directions = self._places.direction[self._pairs.star]
-        self._verifier = Verifier(camera, self._places, options.tolerance_sigmas,
-                                  self._scale_error)
+        self.places = camera_places(catalog, camera, round(epoch_year), self.magnitude_limit)
+        self.verifier = Verifier(camera, self.places, options.tolerance_sigmas, self.scale_error)
 
-    @property
-    def _scale_error(self) -> float:
-        return self.options.fov_error_percent / 100
+    @abstractmethod
+    def candidates(self, field: FieldStars) -> Iterator[Candidates]:
+        """Yield what some of the image stars may be, the most promising first."""
 
     def identify(self, centroids: Centroids) -> Identification:
         """Return which stars the centroids are; never raises for what an image may hold."""
-        used = self._usable(centroids)
-        if len(used) < _MIN_STARS:
-            return self._nothing(centroids, 'too_few_stars',
-                                 f'{len(used)} usable stars, identification takes '
-                                 f'{_MIN_STARS}: expose longer or lower the threshold')
-        image = self.camera.unproject(centroids.uv[used])
-        sigma_rad = self.camera.pixel_rad * np.hypot(
-            centroids.sigma_px[used], self.options.sigma_floor_px)
+        field = self.field_stars(centroids)
+        if len(field) < self.min_stars:
+            return self.nothing(centroids, 'too_few_stars',
+                                f'{len(field)} usable stars, {self.options.method} takes '
+                                f'{self.min_stars}: expose longer or lower the threshold')
         deadline_s = time.perf_counter() + self.options.time_limit_s
         best: Match | None = None
         tested = 0
-        for index in triads(self._pairs, image, sigma_rad, self.options.tolerance_sigmas,
-                            self._scale_error):
-            triangles = matching_triangles(
-                self._pairs, self._directions, image[index], sigma_rad[index],
-                self.options.tolerance_sigmas, self._scale_error)
-            tested += len(triangles)
-            stars = self._pairs.star[triangles]
-            supported = self._verifier.supported(image, sigma_rad, index, stars)
-            matches = [self._verifier.judge(image, sigma_rad, index, stars[candidate], tested)
+        for found in self.candidates(field):
+            tested += len(found.stars)
+            supported = self.verifier.supported(field.direction, field.sigma_rad, found.base,
+                                                found.stars)
+            matches = [self.verifier.judge(field.direction, field.sigma_rad, found.base,
+                                           found.stars[candidate], tested)
                        for candidate in supported]
             matches.sort(key=lambda match: match.chance)
             if matches and (best is None or matches[0].chance < best.chance):
                 best = matches[0]
             if matches and matches[0].chance <= self.options.false_alarm_max:
-                return self._decide(centroids, used, matches)
+                return self._decide(centroids, field, matches)
             if time.perf_counter() > deadline_s:
-                return self._nothing(
+                return self.nothing(
                     centroids, 'time_limit', f'no answer within time_limit_s = '
                     f'{self.options.time_limit_s:g}, {tested} candidates tested', best)
-        return self._nothing(
-            centroids, 'no_candidate', f'{len(used)} stars, {tested} candidates tested, none is '
+        return self.nothing(
+            centroids, 'no_candidate', f'{len(field)} stars, {tested} candidates tested, none is '
             'surely right: too few catalogue stars, many false ones, or a wrong focal length',
             best)
 
-    def _usable(self, centroids: Centroids) -> np.ndarray:
-        """Return indices of the brightest sound centroids, each star once."""
+    def field_stars(self, centroids: Centroids) -> FieldStars:
+        """Return the brightest sound centroids, each star once."""
         sound = (np.isfinite(centroids.uv).all(1) & np.isfinite(centroids.sigma_px)
                  & (centroids.sigma_px > 0) & self.camera.contains(centroids.uv))
         index = np.flatnonzero(sound)
@@ -143,9 +166,33 @@ class StarIdentifier:
         uv = centroids.uv[index]
         close = np.linalg.norm(uv[:, None] - uv[None], axis=2) < _DUPLICATE_PX
         repeated = np.tril(close, -1).any(1)
-        return index[~repeated][:self.options.max_image_stars]
+        index = index[~repeated][:self.options.max_image_stars]
+        sigma_px = np.hypot(centroids.sigma_px[index], self.options.sigma_floor_px)
+        return FieldStars(index, self.camera.unproject(centroids.uv[index]),
+                          self.camera.pixel_rad * sigma_px, centroids.flux[index])
 
-    def _decide(self, centroids: Centroids, used: np.ndarray,
+    def answer(self, centroids: Centroids, field: FieldStars, match: Match) -> Identification:
+        """Return a believed match as the result."""
+        count = len(centroids)
+        hip = np.zeros(count, np.int32)
+        magnitude, residual_px = np.full(count, np.nan), np.full(count, np.nan)
+        known = match.star >= 0
+        index = field.index[known]
+        hip[index] = self.places.hip[match.star[known]]
+        magnitude[index] = self.places.magnitude[match.star[known]]
+        residual_px[index] = match.residual_px[known]
+        return Identification('identified', f'{match.matched} stars', hip, magnitude, residual_px,
+                              match.attitude, match.focal_ratio, match.chance)
+
+    def nothing(self, centroids: Centroids, status: str, reason: str,
+                best: Match | None = None) -> Identification:
+        """Return why there is no answer."""
+        count = len(centroids)
+        return Identification(status, reason, np.zeros(count, np.int32), np.full(count, np.nan),
+                              np.full(count, np.nan), None, 1.0,
+                              1.0 if best is None else best.chance)
+
+    def _decide(self, centroids: Centroids, field: FieldStars,
                 matches: list[Match]) -> Identification:
         """Return the best of the verified candidates, unless another one contradicts it."""
         best = matches[0]
@@ -154,30 +201,14 @@ class StarIdentifier:
                 break
             apart = attitude_error(other.attitude.quaternion, best.attitude.quaternion)
             if np.linalg.norm(apart) > 20 * self.camera.pixel_rad:
-                return self._nothing(centroids, 'ambiguous', 'two attitudes fit the field '
-                                     f'({best.matched} and {other.matched} stars)', best)
-        count = len(centroids)
-        hip = np.zeros(count, np.int32)
-        magnitude, residual_px = np.full(count, np.nan), np.full(count, np.nan)
-        known = best.star >= 0
-        hip[used[known]] = self._places.hip[best.star[known]]
-        magnitude[used[known]] = self._places.magnitude[best.star[known]]
-        residual_px[used[known]] = best.residual_px[known]
-        return Identification('identified', f'{best.matched} stars', hip, magnitude, residual_px,
-                              best.attitude, best.focal_ratio, best.chance)
-
-    @staticmethod
-    def _nothing(centroids: Centroids, status: str, reason: str,
-                 best: Match | None = None) -> Identification:
-        count = len(centroids)
-        return Identification(status, reason, np.zeros(count, np.int32), np.full(count, np.nan),
-                              np.full(count, np.nan), None, 1.0,
-                              1.0 if best is None else best.chance)
+                return self.nothing(centroids, 'ambiguous', 'two attitudes fit the field '
+                                    f'({best.matched} and {other.matched} stars)', best)
+        return self.answer(centroids, field, best)
 
 
-def _limit_for(camera: Camera, catalog: StarCatalog) -> float:
-    """Return the magnitude to which a field holds _STARS_PER_FIELD stars on average."""
+def _limit_for(camera: Camera, catalog: StarCatalog, stars_per_field: float) -> float:
+    """Return the magnitude to which a field holds so many stars on average."""
     share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
-    wanted = min(int(_STARS_PER_FIELD / share), len(catalog) - 1)
+    wanted = min(int(stars_per_field / share), len(catalog) - 1)
     # Rounded up, so that cameras that are nearly alike share a database.
     return float(np.ceil(catalog.magnitude[wanted] * 10) / 10)

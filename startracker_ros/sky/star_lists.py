@@ -1,0 +1,40 @@
+"""Lists of star positions without an image: what the identification campaigns look at."""
+
+import numpy as np
+
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.rotation import conjugate, rotate
+
+
+def random_attitude(rng: np.random.Generator) -> np.ndarray:
+    """Return a quaternion (4,) drawn uniformly from all rotations."""
+    q = rng.standard_normal(4)
+    return q / np.linalg.norm(q)
+
+
+def star_list(places: StarPlaces, camera: Camera, q: np.ndarray, sigma_px: float,
+              rng: np.random.Generator, *, magnitude_sigma: float = 0.1, missing: float = 0.0,
+              false: int = 0, brightest_false: float = 1.0) -> tuple[Centroids, np.ndarray]:
+    """Return the centroids that a camera would give at attitude q, and their hip (N,).
+
+    Each axis has Gaussian noise of sigma_px; each star is missing with the given
+    probability. False stars, hip 0, are uniform over the image and in magnitude from
+    brightest_false to that of the faintest star of the places.
+    """
+    near = places.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
+    uv = camera.project(rotate(conjugate(q), places.direction[near]))
+    seen = camera.contains(uv) & (rng.random(len(near)) >= missing)
+    near, uv = near[seen], uv[seen] + rng.normal(0, sigma_px, (np.count_nonzero(seen), 2))
+    magnitude = places.magnitude[near] + rng.normal(0, magnitude_sigma, len(near))
+    uv = np.concatenate([uv, rng.uniform(-0.5, [camera.width - 0.5, camera.height - 0.5],
+                                         (false, 2))])
+    magnitude = np.concatenate([magnitude, rng.uniform(
+        brightest_false, places.magnitude[-1], false)])
+    hip = np.concatenate([places.hip[near], np.zeros(false, np.int32)])
+    order = np.argsort(magnitude)
+    count = len(order)
+    error = max(sigma_px, 1e-3)
+    return Centroids(uv=uv[order], flux=1e6 * 10 ** (-0.4 * magnitude[order]),
+                     snr=np.full(count, 1 / error), sigma_px=np.full(count, error)), hip[order]
