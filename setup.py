@@ -64,8 +64,8 @@ setup(
     ],
     zip_safe=False,
     install_requires=[
-        'click', 'matplotlib', 'mcap', 'mcap-ros2-support', 'numpy', 'opencv-python-headless',
-        'PyYAML', 'rich', 'scipy', 'zstandard'],
+        'click', 'dask', 'distributed', 'matplotlib', 'mcap', 'mcap-ros2-support', 'numba', 'numpy',
+        'opencv-python-headless', 'PyYAML', 'rich', 'scipy', 'zstandard'],
     # A machine with ROS 2 has what is in ros; elsewhere these wheels are enough.
     extras_require={
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],

@@ -4,12 +4,28 @@ from collections.abc import Callable
 import os
 from pathlib import Path
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
 from startracker_ros import __version__
 
+if TYPE_CHECKING:
+    from startracker_ros.table import Result
+
 _json = click.option('--json', 'as_json', is_flag=True, help='Print one JSON document.')
+
+_scheduler = click.option('--scheduler', default='', metavar='ADDRESS',
+                          help='Dask cluster to use instead of the cores of this machine.')
+_seed = click.option('--seed', type=click.IntRange(0), default=1, show_default=True)
+
+
+def _finish(result: 'Result', as_json: bool) -> None:
+    """Print a result; status 1 when a row does not hold."""
+    from startracker_ros.table import show
+    show(result, as_json)
+    if not all(row.get('holds', True) for row in result.rows):
+        sys.exit(1)
 
 
 def _fail(message: str) -> None:
@@ -70,19 +86,21 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
               show_default=True, help='Folder for bag, picture and logs.')
 @click.option('--seconds', type=click.FloatRange(5, 3600), default=60.0, show_default=True,
               help='Sky time.')
-@click.option('--seed', type=click.IntRange(0), default=1, show_default=True)
+@_seed
 @_json
 def demo(output: Path, seconds: float, seed: int, as_json: bool) -> None:
     """Run all nodes on the simulated sky, record a bag, print and draw the result."""
     from startracker_ros.ros.demo import DemoError, run_demo
-    from startracker_ros.table import show
     try:
         result = run_demo(output, seconds=seconds, seed=seed)
     except DemoError as error:
         _fail(str(error))
-    show(result, as_json)
-    if not all(row['holds'] for row in result.rows):
-        sys.exit(1)
+    _finish(result, as_json)
+
+
+@main.group()
+def campaign() -> None:
+    """Repeat the published tables, the paper's figure beside ours."""
 
 
 @main.group()
@@ -93,10 +111,8 @@ def bench() -> None:
 def _bench(function: Callable[..., None]) -> Callable[..., None]:
     function = click.option('--trials', type=click.IntRange(1), default=1000, show_default=True,
                             help='Frames of each case.')(function)
-    function = click.option('--seed', type=click.IntRange(0), default=1,
-                            show_default=True)(function)
     function = click.option('--only', multiple=True, help='Cases to run, by name.')(function)
-    return _json(function)
+    return _seed(_json(function))
 
 
 @bench.command('pipeline')
@@ -104,12 +120,9 @@ def _bench(function: Callable[..., None]) -> Callable[..., None]:
 def bench_pipeline(trials: int, seed: int, only: tuple[str, ...], as_json: bool) -> None:
     """Accuracy against the Cramer-Rao bound, identification, start-up, frame times."""
     from startracker_ros.bench.pipeline import CASES, run_pipeline_bench
-    from startracker_ros.table import show
     unknown = set(only) - set(CASES)
     if unknown:
         raise click.UsageError(f'no case {", ".join(sorted(unknown))}; there are '
                                f'{", ".join(CASES)}')
     result = run_pipeline_bench(trials=trials, seed=seed, only=only or tuple(CASES))
-    show(result, as_json)
-    if not all(row['holds'] for row in result.rows):
-        sys.exit(1)
+    _finish(result, as_json)

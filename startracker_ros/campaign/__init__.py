@@ -1,0 +1,1 @@
+"""Campaigns: the published tables repeated, the paper's figure beside ours."""
