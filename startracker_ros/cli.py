@@ -103,6 +103,18 @@ def campaign() -> None:
     """Repeat the published tables, the paper's figure beside ours."""
 
 
+@campaign.command('quad')
+@click.option('--trials', type=click.IntRange(1), default=300, show_default=True,
+              help='Frames along the orbit, and as many of the whole sky.')
+@_scheduler
+@_seed
+@_json
+def campaign_quad(trials: int, scheduler: str, seed: int, as_json: bool) -> None:
+    """Quads of stars found by k-vector in a field of 20.3 deg."""
+    from startracker_ros.campaign.quad import run_quad_campaign
+    _finish(run_quad_campaign(trials=trials, seed=seed, scheduler=scheduler), as_json)
+
+
 @main.group()
 def bench() -> None:
     """Measure speed and accuracy beside peers and physical bounds."""

@@ -50,17 +50,17 @@ class QuadIdentifier(StarIdentifier):
         super().__init__(camera, epoch_year, options, catalog)
         self.verifier = QuadVerifier(camera, self.places, options.tolerance_sigmas,
                                      self.scale_error)
-        self._pairs = cached_pairs(self.places, _MIN_SEPARATION_PX * camera.pixel_rad,
+        self.pairs = cached_pairs(self.places, _MIN_SEPARATION_PX * camera.pixel_rad,
                                    2 * camera.corner_angle_rad * (1 + self.scale_error))
-        self._directions = self.places.direction[self._pairs.star]
+        self._directions = self.places.direction[self.pairs.star]
 
     def candidates(self, field: FieldStars) -> Iterator[Candidates]:
         """Yield the catalogue quads that fit one image quad after the other."""
         for base in base_quads(len(field)):
-            quads = matching_quads(self._pairs, self._directions, field.direction[base],
+            quads = matching_quads(self.pairs, self._directions, field.direction[base],
                                    field.sigma_rad[base], self.options.tolerance_sigmas,
                                    self.scale_error)
-            yield Candidates(base, self._pairs.star[quads])
+            yield Candidates(base, self.pairs.star[quads])
 
 
 class QuadVerifier(Verifier):
