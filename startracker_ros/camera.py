@@ -85,10 +85,10 @@ class Camera:
             [[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]]))
         return float(np.arccos(corners[:, 2].min()))
 
-    @property
+    @cached_property
     def pixel_rad(self) -> float:
         """Angle of one pixel at the centre, the mean of both axes."""
-        return 1 / np.sqrt(self.fx * self.fy)
+        return float(1 / np.sqrt(self.fx * self.fy))
 
     def with_focal_ratio(self, ratio: float) -> 'Camera':
         """Return the same camera with both focal lengths multiplied by ratio."""
@@ -100,13 +100,15 @@ class Camera:
         z = directions[..., 2:]
         with np.errstate(invalid='ignore', divide='ignore'):
             tangent = np.where(z > 0, directions[..., :2] / z, np.nan)
-        return self._distort(tangent) * [self.fx, self.fy] + [self.cx, self.cy]
+        return self._distort(tangent) * self._focal_px + self._centre_px
 
     def unproject(self, pixels: np.ndarray) -> np.ndarray:
         """Return unit vectors (..., 3) in the sensor frame of pixels (..., 2)."""
         tangent = self._undistort(self._normalise(np.asarray(pixels, float)))
-        vector = np.concatenate([tangent, np.ones(tangent.shape[:-1] + (1,))], -1)
-        return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+        vector = np.empty(tangent.shape[:-1] + (3,))
+        vector[..., :2] = tangent
+        vector[..., 2] = 1
+        return vector / np.sqrt(np.einsum('...i,...i', vector, vector))[..., None]
 
     def contains(self, pixels: np.ndarray, margin_px: float = 0.0) -> np.ndarray:
         """Return True where pixels (..., 2) lie in the image, at least margin_px inside."""
@@ -114,8 +116,16 @@ class Camera:
         return ((u >= -0.5 + margin_px) & (u <= self.width - 0.5 - margin_px)
                 & (v >= -0.5 + margin_px) & (v <= self.height - 0.5 - margin_px))
 
+    @cached_property
+    def _centre_px(self) -> np.ndarray:
+        return np.array([self.cx, self.cy])
+
+    @cached_property
+    def _focal_px(self) -> np.ndarray:
+        return np.array([self.fx, self.fy])
+
     def _normalise(self, pixels: np.ndarray) -> np.ndarray:
-        return (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
+        return (pixels - self._centre_px) / self._focal_px
 
     def _distort(self, tangent: np.ndarray) -> np.ndarray:
         if not any(self.distortion):

@@ -13,7 +13,7 @@ from startracker_ros.camera import Camera, load_camera
 from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor
-from startracker_ros.identify.identification import Identification, StarIdentifier
+from startracker_ros.identify.identification import Identification, Identifier
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.images import ImageError, read_image
 from startracker_ros.report.annotate import annotate
@@ -37,7 +37,7 @@ class Solution:
 
 
 def solve_image(image: np.ndarray, extractor: CentroidExtractor,
-                identifier: StarIdentifier) -> Solution:
+                identifier: Identifier) -> Solution:
     """Return the attitude of one image (H, W) uint8 or uint16, or why there is none."""
     centroids = extractor.extract(image).centroids
     identification = identifier.identify(centroids)
@@ -60,7 +60,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         # An impossible field of view is wrong use, whatever the images are.
         Camera.from_fov(1, 1, fov_deg)
     extractor = CentroidExtractor()
-    identifiers: dict[Camera, StarIdentifier] = {}
+    identifiers: dict[Camera, Identifier] = {}
     rows = []
     for path in paths:
         try:

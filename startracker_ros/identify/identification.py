@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 import time
 
+from numba import njit
 import numpy as np
 
 from startracker_ros.attitude.estimate import AttitudeEstimate
@@ -12,9 +13,8 @@ from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.identify.verification import Match, Verifier
+from startracker_ros.identify.verification import Match, same_attitude, Verifier
 from startracker_ros.options import option, Options
-from startracker_ros.rotation import attitude_error
 
 METHODS = ('pyramid', 'quad', 'hausdorff_pivot', 'hausdorff_segment', 'extended_grid')
 """The published methods; each is a module of this name."""
@@ -98,8 +98,8 @@ class Candidates:
     stars: np.ndarray
 
 
-class StarIdentifier(ABC):
-    """Identifies frames of one camera at one epoch; a method gives the candidates.
+class Identifier(ABC):
+    """Identifies frames of one camera at one epoch.
 
     A candidate is believed only when the whole field verifies it, whatever the method.
     """
@@ -122,8 +122,8 @@ class StarIdentifier(ABC):
         self.verifier = Verifier(camera, self.places, options.tolerance_sigmas, self.scale_error)
 
     @abstractmethod
-    def candidates(self, field: FieldStars) -> Iterator[Candidates]:
-        """Yield what some of the image stars may be, the most promising first."""
+    def search(self, centroids: Centroids, field: FieldStars) -> Identification:
+        """Return which stars the centroids are; field are those to look at, enough of them."""
 
     def identify(self, centroids: Centroids) -> Identification:
         """Return which stars the centroids are; never raises for what an image may hold."""
@@ -132,8 +132,57 @@ class StarIdentifier(ABC):
             return self.nothing(centroids, 'too_few_stars',
                                 f'{len(field)} usable stars, {self.options.method} takes '
                                 f'{self.min_stars}: expose longer or lower the threshold')
+        return self.search(centroids, field)
+
+    def field_stars(self, centroids: Centroids) -> FieldStars:
+        """Return the brightest sound centroids, each star once."""
+        index, sigma_px = _brightest(
+            centroids.uv, centroids.flux, centroids.sigma_px, self.camera.width,
+            self.camera.height, self.options.max_image_stars, self.options.sigma_floor_px)
+        return FieldStars(index, self.camera.unproject(centroids.uv[index]),
+                          self.camera.pixel_rad * sigma_px, centroids.flux[index])
+
+    def answer(self, centroids: Centroids, field: FieldStars, match: Match) -> Identification:
+        """Return a believed match as the result."""
+        hip, magnitude, residual_px = _spread(
+            len(centroids), field.index, match.star, match.residual_px, self.places.hip,
+            self.places.magnitude)
+        return Identification('identified', f'{match.matched} stars', hip, magnitude, residual_px,
+                              match.attitude, match.focal_ratio, match.chance)
+
+    def nothing(self, centroids: Centroids, status: str, reason: str,
+                chance: float = 1.0) -> Identification:
+        """Return why there is no answer; chance is that of the best candidate."""
+        count = len(centroids)
+        return Identification(status, reason, np.zeros(count, np.int32), np.full(count, np.nan),
+                              np.full(count, np.nan), None, 1.0, chance)
+
+    def time_limit(self, centroids: Centroids, tested: int, chance: float) -> Identification:
+        """Return that time was up after so many candidates."""
+        return self.nothing(
+            centroids, 'time_limit', f'no answer within time_limit_s = '
+            f'{self.options.time_limit_s:g}, {tested} candidates tested', chance)
+
+    def no_candidate(self, centroids: Centroids, field: FieldStars, tested: int,
+                     chance: float) -> Identification:
+        """Return that no candidate was believed."""
+        return self.nothing(
+            centroids, 'no_candidate', f'{len(field)} stars, {tested} candidates tested, none is '
+            'surely right: too few catalogue stars, many false ones, or a wrong focal length',
+            chance)
+
+
+class StarIdentifier(Identifier):
+    """An identifier whose method gives candidates, the most promising first."""
+
+    @abstractmethod
+    def candidates(self, field: FieldStars) -> Iterator[Candidates]:
+        """Yield what some of the image stars may be."""
+
+    def search(self, centroids: Centroids, field: FieldStars) -> Identification:
+        """Return the first candidate that the field verifies."""
         deadline_s = time.perf_counter() + self.options.time_limit_s
-        best: Match | None = None
+        chance = 1.0
         tested = 0
         for found in self.candidates(field):
             tested += len(found.stars)
@@ -143,67 +192,65 @@ class StarIdentifier(ABC):
                                            found.stars[candidate], tested)
                        for candidate in supported]
             matches.sort(key=lambda match: match.chance)
-            if matches and (best is None or matches[0].chance < best.chance):
-                best = matches[0]
-            if matches and matches[0].chance <= self.options.false_alarm_max:
-                return self._decide(centroids, field, matches)
+            if matches:
+                chance = min(chance, matches[0].chance)
+                if chance <= self.options.false_alarm_max:
+                    return self._decide(centroids, field, matches)
             if time.perf_counter() > deadline_s:
-                return self.nothing(
-                    centroids, 'time_limit', f'no answer within time_limit_s = '
-                    f'{self.options.time_limit_s:g}, {tested} candidates tested', best)
-        return self.nothing(
-            centroids, 'no_candidate', f'{len(field)} stars, {tested} candidates tested, none is '
-            'surely right: too few catalogue stars, many false ones, or a wrong focal length',
-            best)
-
-    def field_stars(self, centroids: Centroids) -> FieldStars:
-        """Return the brightest sound centroids, each star once."""
-        sound = (np.isfinite(centroids.uv).all(1) & np.isfinite(centroids.sigma_px)
-                 & (centroids.sigma_px > 0) & self.camera.contains(centroids.uv))
-        index = np.flatnonzero(sound)
-        index = index[np.argsort(-centroids.flux[index], kind='stable')]
-        index = index[:4 * self.options.max_image_stars]
-        uv = centroids.uv[index]
-        close = np.linalg.norm(uv[:, None] - uv[None], axis=2) < _DUPLICATE_PX
-        repeated = np.tril(close, -1).any(1)
-        index = index[~repeated][:self.options.max_image_stars]
-        sigma_px = np.hypot(centroids.sigma_px[index], self.options.sigma_floor_px)
-        return FieldStars(index, self.camera.unproject(centroids.uv[index]),
-                          self.camera.pixel_rad * sigma_px, centroids.flux[index])
-
-    def answer(self, centroids: Centroids, field: FieldStars, match: Match) -> Identification:
-        """Return a believed match as the result."""
-        count = len(centroids)
-        hip = np.zeros(count, np.int32)
-        magnitude, residual_px = np.full(count, np.nan), np.full(count, np.nan)
-        known = match.star >= 0
-        index = field.index[known]
-        hip[index] = self.places.hip[match.star[known]]
-        magnitude[index] = self.places.magnitude[match.star[known]]
-        residual_px[index] = match.residual_px[known]
-        return Identification('identified', f'{match.matched} stars', hip, magnitude, residual_px,
-                              match.attitude, match.focal_ratio, match.chance)
-
-    def nothing(self, centroids: Centroids, status: str, reason: str,
-                best: Match | None = None) -> Identification:
-        """Return why there is no answer."""
-        count = len(centroids)
-        return Identification(status, reason, np.zeros(count, np.int32), np.full(count, np.nan),
-                              np.full(count, np.nan), None, 1.0,
-                              1.0 if best is None else best.chance)
+                return self.time_limit(centroids, tested, chance)
+        return self.no_candidate(centroids, field, tested, chance)
 
     def _decide(self, centroids: Centroids, field: FieldStars,
                 matches: list[Match]) -> Identification:
         """Return the best of the verified candidates, unless another one contradicts it."""
         best = matches[0]
         for other in matches[1:]:
-            if other.chance > self.options.false_alarm_max:
-                break
-            apart = attitude_error(other.attitude.quaternion, best.attitude.quaternion)
-            if np.linalg.norm(apart) > 20 * self.camera.pixel_rad:
+            if (other.chance <= self.options.false_alarm_max
+                    and not same_attitude(other.star, best.star)):
                 return self.nothing(centroids, 'ambiguous', 'two attitudes fit the field '
-                                    f'({best.matched} and {other.matched} stars)', best)
+                                    f'({best.matched} and {other.matched} stars)', best.chance)
         return self.answer(centroids, field, best)
+
+
+@njit(cache=True)
+def _brightest(uv, flux, sigma_px, width, height, most, sigma_floor_px):
+    """Return indices (N,) of the brightest sound centroids, each star once, and their sigma."""
+    order = np.argsort(-flux)
+    chosen = np.empty(min(most, len(order)), np.int64)
+    count = 0
+    for i in order:
+        u, v = uv[i, 0], uv[i, 1]
+        # NaN is in no range.
+        sound = (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5 and flux[i] == flux[i]
+                 and 0 < sigma_px[i] < np.inf)
+        if not sound:
+            continue
+        for j in chosen[:count]:
+            if np.hypot(uv[j, 0] - u, uv[j, 1] - v) < _DUPLICATE_PX:
+                sound = False
+                break
+        if not sound:
+            continue
+        chosen[count] = i
+        count += 1
+        if count == most:
+            break
+    chosen = chosen[:count]
+    return chosen, np.sqrt(sigma_px[chosen] ** 2 + sigma_floor_px ** 2)
+
+
+@njit(cache=True)
+def _spread(count, index, star, residual_px, hip, magnitude):
+    """Return hip, magnitude and residual of each of count centroids, those of index matched."""
+    hips = np.zeros(count, np.int32)
+    magnitudes = np.full(count, np.nan)
+    residuals_px = np.full(count, np.nan)
+    for i in range(len(index)):
+        if star[i] >= 0:
+            hips[index[i]] = hip[star[i]]
+            magnitudes[index[i]] = magnitude[star[i]]
+            residuals_px[index[i]] = residual_px[i]
+    return hips, magnitudes, residuals_px
 
 
 def _limit_for(camera: Camera, catalog: StarCatalog, stars_per_field: float) -> float:

@@ -1,6 +1,18 @@
 """K-vector: index ranges of a sorted array in constant time (Mortari and Neta 2000)."""
 
+from typing import NamedTuple
+
+from numba import njit
 import numpy as np
+
+
+class KVectorTable(NamedTuple):
+    """Sorted values (N,) float64 and how many of them, below (N + 1,), lie under each step."""
+
+    values: np.ndarray
+    below: np.ndarray
+    start: float
+    per_step: float
 
 
 class KVector:
@@ -12,25 +24,44 @@ class KVector:
     """
 
     def __init__(self, values: np.ndarray) -> None:
-        self._values = np.asarray(values, float)
-        count = len(self._values)
-        self._start, last = self._values[[0, -1]] if count else (0.0, 0.0)
-        self._step = (last - self._start) / count if last > self._start else 1.0
-        edges = self._start + self._step * np.arange(count + 1)
-        self._below = np.searchsorted(self._values, edges)
-        self._below[-1] = count
+        values = np.ascontiguousarray(values, float)
+        count = len(values)
+        start, last = values[[0, -1]] if count else (0.0, 0.0)
+        step = (last - start) / count if last > start else 1.0
+        below = np.searchsorted(values, start + step * np.arange(count + 1))
+        below[-1] = count
+        self.table = KVectorTable(values, below, float(start), float(1 / step))
 
     def range(self, low: float, high: float) -> slice:
         """Return the slice of the values with low <= value <= high."""
-        begin, end = self._bracket(low), self._bracket(high)
-        values = self._values
-        first = begin.start + np.searchsorted(values[begin], low, 'left')
-        last = end.start + np.searchsorted(values[end], high, 'right')
-        return slice(int(first), int(max(first, last)))
+        first = first_from(self.table, low)
+        return slice(first, max(first, first_beyond(self.table, high)))
 
-    def _bracket(self, value: float) -> slice:
-        """Return a slice that holds the place of a value in the order."""
-        step = int(min(max((value - self._start) / self._step, 0), len(self._below) - 1))
-        # One step more on each side, because the division rounds.
-        last = len(self._below) - 1
-        return slice(self._below[max(step - 1, 0)], self._below[min(step + 2, last)])
+
+@njit(cache=True, inline='always')
+def _step(table, value):
+    """Return the step that a value falls into."""
+    return int(min(max((value - table.start) * table.per_step, 0.0), len(table.values)))
+
+
+@njit(cache=True)
+def first_from(table, low):
+    """Return the place of the first value that is not below low."""
+    # The division rounds, hence the look to both sides.
+    place = table.below[_step(table, low)]
+    while place > 0 and table.values[place - 1] >= low:
+        place -= 1
+    while place < len(table.values) and table.values[place] < low:
+        place += 1
+    return place
+
+
+@njit(cache=True)
+def first_beyond(table, high):
+    """Return the place of the first value above high."""
+    place = table.below[_step(table, high)]
+    while place > 0 and table.values[place - 1] > high:
+        place -= 1
+    while place < len(table.values) and table.values[place] <= high:
+        place += 1
+    return place

@@ -4,7 +4,7 @@ from importlib import import_module
 
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import StarCatalog
-from startracker_ros.identify.identification import IdentificationOptions, StarIdentifier
+from startracker_ros.identify.identification import IdentificationOptions, Identifier
 
 _CLASSES = {
     'pyramid': 'PyramidIdentifier',
@@ -17,7 +17,7 @@ _CLASSES = {
 
 def make_identifier(camera: Camera, epoch_year: float,
                     options: IdentificationOptions = IdentificationOptions(),
-                    catalog: StarCatalog | None = None) -> StarIdentifier:
+                    catalog: StarCatalog | None = None) -> Identifier:
     """Return an identifier of the chosen method, its database built or out of the cache."""
     module = import_module(f'startracker_ros.identify.{options.method}')
     return getattr(module, _CLASSES[options.method])(camera, epoch_year, options, catalog)

@@ -24,17 +24,13 @@ class PairDatabase:
     second: np.ndarray
 
     @cached_property
-    def _kvector(self) -> KVector:
+    def kvector(self) -> KVector:
+        """The range search over the separations."""
         return KVector(self.separation)
-
-    def count(self, low_rad: np.ndarray, high_rad: np.ndarray) -> np.ndarray:
-        """Return how many pairs (...) have a separation from low_rad to high_rad (...)."""
-        return (np.searchsorted(self.separation, high_rad, 'right')
-                - np.searchsorted(self.separation, low_rad, 'left'))
 
     def between(self, low_rad: float, high_rad: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the pairs of a separation in both orders: stars a (M,) and b (M,)."""
-        found = self._kvector.range(low_rad, high_rad)
+        found = self.kvector.range(low_rad, high_rad)
         first, second = self.first[found], self.second[found]
         return np.concatenate([first, second]), np.concatenate([second, first])
 

@@ -1,158 +1,315 @@
-"""Triangles of image stars among the catalogue pairs, in the order of the Pyramid algorithm.
+"""Triangles of image stars among the catalogue pairs, confirmed by the other stars: Pyramid.
 
 Mortari, Samaan, Bruccoleri, Junkins, The Pyramid Star Identification Technique,
-Navigation 51 (2004).
+Navigation 51 (2004). Two sides of a triangle are looked up by k-vector and joined through
+their common star, as the identifier array of Yuan, Zhang, Shi (2017) does it. This is the
+solver for general use, compiled throughout.
 """
 
-from collections.abc import Iterator
-from functools import lru_cache
-from itertools import combinations
+import time
+from typing import NamedTuple
 
+from numba import njit, objmode
 import numpy as np
 
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import StarCatalog
+from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.cache import cached_pairs
 from startracker_ros.identify.identification import (
-    Candidates, FieldStars, IdentificationOptions, StarIdentifier)
-from startracker_ros.identify.pairs import PairDatabase
+    FieldStars, Identification, IdentificationOptions, Identifier)
+from startracker_ros.identify.kvector import first_beyond, first_from, KVectorTable
+from startracker_ros.identify.verification import (
+    fit, JUDGED, judge, refuted, same_attitude, support, support_weights, tangent, volume)
 
 # Sides of a triangle shorter than this say little beside their noise.
 _MIN_SEPARATION_PX = 20.0
-
 # A triangle flatter than this many sigmas of its own height has no sure handedness.
 _FLAT_SIGMAS = 4.0
-_SIDES = ((0, 1), (0, 2), (1, 2))
-# Triples are made of so many of the brightest stars: 1140 of them.
-_TRIAD_STARS = 20
+# Triangles are made of so many of the brightest stars, at any time of the most trusted ones.
+_TRIAD_STARS = 40
+_TRUSTED = 9
 # Trust in a star relative to the next brighter one: nine of ten, a start without evidence.
 _FAINTER_TRUST = 0.9
-# What a triple costs in any case, in joined pairs.
-_TRIAD_COST = 2000.0
+# What a triangle costs in any case, what a pair of a side and a joined pair of pairs cost, in ns.
+_COST, _PAIR_COST, _JOIN_COST = 4000.0, 4.0, 8.0
+# Work between two looks at the clock, in the same measure: 10 ms.
+_BUDGET = 1e7
+_BELIEVED, _AMBIGUOUS, _EXHAUSTED, _TIME_LIMIT = range(4)
 
 
-class PyramidIdentifier(StarIdentifier):
+class _Pairs(NamedTuple):
+    """The pair database and room to work in, for the compiled functions.
+
+    star (S,) are indices into the places, direction (S, 3) their unit vectors. A join lists
+    the partners of star s from head[s] on, through following; stamp[s] is the number of the
+    join that wrote it, stamp[S] that of the last join.
+    """
+
+    table: KVectorTable
+    first: np.ndarray
+    second: np.ndarray
+    star: np.ndarray
+    direction: np.ndarray
+    head: np.ndarray
+    stamp: np.ndarray
+    following: np.ndarray
+
+
+class _State(NamedTuple):
+    """How far the search of one frame has come, for its n brightest stars.
+
+    trust (n,); found (n, n) pairs that a side may be, -1 unknown; used (n, n, n) triangles;
+    tested (1,) candidates so far.
+    """
+
+    trust: np.ndarray
+    found: np.ndarray
+    used: np.ndarray
+    tested: np.ndarray
+
+
+class PyramidIdentifier(Identifier):
     """Triangles of image stars, looked up side by side, confirmed by all other stars."""
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions(),
                  catalog: StarCatalog | None = None) -> None:
         super().__init__(camera, epoch_year, options, catalog)
-        self._pairs = cached_pairs(self.places, _MIN_SEPARATION_PX * camera.pixel_rad,
-                                   2 * camera.corner_angle_rad * (1 + self.scale_error))
-        self._directions = self.places.direction[self._pairs.star]
+        pairs = cached_pairs(self.places, _MIN_SEPARATION_PX * camera.pixel_rad,
+                             2 * camera.corner_angle_rad * (1 + self.scale_error))
+        stars = len(pairs.star)
+        self._pairs = _Pairs(
+            pairs.kvector.table, pairs.first, pairs.second, pairs.star,
+            self.places.direction[pairs.star], np.zeros(stars, np.int32),
+            np.zeros(stars + 1, np.int64), np.zeros(2 * len(pairs.first), np.int32))
 
-    def candidates(self, field: FieldStars) -> Iterator[Candidates]:
-        """Yield the catalogue triangles that fit one image triangle after the other."""
-        sigmas = self.options.tolerance_sigmas
-        for base in triads(self._pairs, field.direction, field.sigma_rad, sigmas,
-                           self.scale_error):
-            triangles = matching_triangles(
-                self._pairs, self._directions, field.direction[base], field.sigma_rad[base],
-                sigmas, self.scale_error)
-            yield Candidates(base, self._pairs.star[triangles])
+    def search(self, centroids: Centroids, field: FieldStars) -> Identification:
+        """Return the answer of the first believed triangle."""
+        outcome, tested, chance, ratio, star, distance, fitted = _search(
+            self._pairs, self.verifier.court, field.direction, field.sigma_rad,
+            self.options.false_alarm_max, time.perf_counter() + self.options.time_limit_s)
+        if outcome == _BELIEVED:
+            return self.answer(centroids, field, self.verifier.match(
+                chance, ratio, star, distance, fitted))
+        if outcome == _AMBIGUOUS:
+            return self.nothing(centroids, 'ambiguous', 'two attitudes fit the field', chance)
+        if outcome == _TIME_LIMIT:
+            return self.time_limit(centroids, tested, chance)
+        return self.no_candidate(centroids, field, tested, chance)
 
 
-def triads(pairs: PairDatabase, image: np.ndarray, sigma_rad: np.ndarray,
-           tolerance_sigmas: float, scale_error: float) -> Iterator[np.ndarray]:
-    """Yield index triples (3,) of image stars (N, 3), brightest first, until all were tried.
+@njit(cache=True)
+def _search(pairs, court, image, sigma, false_alarm_max, deadline_s):
+    """Test triangle after triangle until one is believed, none is left or time is up.
+
+    Return the outcome, the number of tested candidates, chance, focal ratio, star (N,) and
+    distance (N,) of the best one as judge() does, and what fit() says of it.
+    """
+    seen = tangent(image)
+    state = _begin(len(image))
+    chance, ratio, star, distance = refuted(len(image))
+    base = np.empty(3, np.int64)
+    outcome, spent = _EXHAUSTED, 0.0
+    while True:
+        cost = _choose(pairs, court, image, sigma, state, base)
+        if cost < 0:
+            break
+        candidates, count = _candidates(pairs, court, image, sigma, base, state.tested)
+        believed = 0
+        for row in range(count):
+            verdict = judge(court, seen, sigma, base, pairs.star[candidates[row]],
+                            state.tested[0])
+            if verdict[0] <= false_alarm_max and (
+                    not believed or not same_attitude(verdict[2], star)):
+                believed += 1
+            if verdict[0] < chance:
+                chance, ratio, star, distance = verdict
+        if believed:
+            outcome = _AMBIGUOUS if believed > 1 else _BELIEVED
+            break
+        spent += cost + count * _COST
+        if spent > _BUDGET:
+            spent = 0.0
+            with objmode(now_s='float64'):
+                now_s = time.perf_counter()
+            if now_s > deadline_s:
+                outcome = _TIME_LIMIT
+                break
+    return (outcome, state.tested[0], chance, ratio, star, distance,
+            fit(court.sky, seen, sigma, ratio, star))
+
+
+@njit(cache=True)
+def _begin(count):
+    """Return the state of a search of count stars at its beginning."""
+    n = min(count, _TRIAD_STARS)
+    trust = np.empty(n)
+    for i in range(n):
+        trust[i] = _FAINTER_TRUST ** i
+    return _State(trust, np.full((n, n), -1), np.zeros((n, n, n), np.bool_),
+                  np.zeros(1, np.int64))
+
+
+@njit(cache=True, inline='always')
+def _angle(a, b):
+    """Return the angle between unit vectors."""
+    return 2 * np.arcsin(min(np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2
+                                     + (a[2] - b[2]) ** 2) / 2, 1.0))
+
+
+@njit(cache=True)
+def _side(pairs, court, image, sigma, i, j):
+    """Return the pairs that a side may be, as the first place and the one after the last."""
+    angle = _angle(image[i], image[j])
+    reach = (court.tolerance_sigmas * np.sqrt(sigma[i] ** 2 + sigma[j] ** 2)
+             + court.scale_error * angle)
+    return first_from(pairs.table, angle - reach), first_beyond(pairs.table, angle + reach)
+
+
+@njit(cache=True)
+def _choose(pairs, court, image, sigma, state, base):
+    """Put the next triangle into base (3,) and return its cost, negative when none is left.
 
     The next one has the most trust for its cost. Trust starts a little higher for bright
-    stars and halves for the three stars of each triple that is asked to be followed by
+    stars and halves for the three stars of each triangle that is asked to be followed by
     another, so that a false star is soon left aside (the aim of the order of Mortari et
-    al. 2004, figure 5); the cost is that of joining the pairs of the two shorter sides.
+    al. 2004, figure 5); the cost is that of joining the pairs of the two shorter sides. The
+    two shorter sides meet in the first of base.
     """
-    count = min(len(image), _TRIAD_STARS)
-    triple = _combinations(count)
-    i, j = np.triu_indices(count, 1)
-    angle = _angle(image[i], image[j])
-    reach = tolerance_sigmas * np.hypot(sigma_rad[i], sigma_rad[j]) + scale_error * angle
-    found = np.zeros((count, count))
-    found[i, j] = pairs.count(angle - reach, angle + reach)
-    sides = np.sort(found[triple[:, [0, 0, 1]], triple[:, [1, 2, 2]]], axis=1)
-    cost = _TRIAD_COST + sides[:, 0] * sides[:, 1] / max(len(pairs.star), 1)
-    trust = _FAINTER_TRUST ** np.arange(count)
-    # A side that no pair has closes no triangle.
-    value = np.where(sides[:, 0] > 0, 1 / cost, 0.0)
-    for _ in range(np.count_nonzero(value)):
-        chosen = np.argmax(trust[triple].prod(1) * value)
-        yield triple[chosen]
-        value[chosen] = 0.0
-        trust[triple[chosen]] /= 2
+    trust, found, used = state.trust, state.found, state.used
+    order = np.argsort(-trust)
+    size = max(len(pairs.star), 1)
+    # The triangles of the most trusted stars come first, all others when these are used up.
+    for reach in (min(_TRUSTED, len(trust)), len(trust)):
+        most, chosen_cost = 0.0, -1.0
+        for x in range(reach):
+            for y in range(x):
+                i, j = order[x], order[y]
+                if found[i, j] < 0:
+                    begin, end = _side(pairs, court, image, sigma, i, j)
+                    found[i, j] = found[j, i] = end - begin
+                if not found[i, j]:
+                    continue
+                for z in range(y):
+                    k = order[z]
+                    ik, jk = found[i, k], found[j, k]
+                    if not ik or not jk or used[i, j, k]:
+                        continue
+                    longest = max(found[i, j], ik, jk)
+                    both = found[i, j] + ik + jk - longest
+                    joined = 4.0 * found[i, j] * ik * jk / longest / size
+                    cost = _COST + _PAIR_COST * both + _JOIN_COST * joined
+                    value = trust[i] * trust[j] * trust[k] / cost
+                    if value > most:
+                        most, chosen_cost = value, cost
+                        base[0], base[1], base[2] = i, j, k
+        if most > 0:
+            break
+    if chosen_cost < 0:
+        return chosen_cost
+    i, j, k = base
+    for a, b, c in ((i, j, k), (i, k, j), (j, i, k), (j, k, i), (k, i, j), (k, j, i)):
+        used[a, b, c] = True
+    for star in base:
+        trust[star] /= 2
+    # The longest side lies across from the first of base.
+    sides = np.array([found[j, k], found[i, k], found[i, j]])
+    first = np.argmax(sides)
+    base[0], base[first] = base[first], base[0]
+    return chosen_cost
 
 
-@lru_cache
-def _combinations(count: int) -> np.ndarray:
-    return np.array(list(combinations(range(count), 3)))
+@njit(cache=True)
+def _candidates(pairs, court, image, sigma, base, tested):
+    """Return the best supported catalogue triangles (JUDGED, 3) of an image triangle, how many.
 
-
-def matching_triangles(pairs: PairDatabase, directions: np.ndarray, image: np.ndarray,
-                       sigma_rad: np.ndarray, tolerance_sigmas: float,
-                       scale_error: float) -> np.ndarray:
-    """Return catalogue triples (M, 3) that fit three image stars.
-
-    directions (S, 3) are those of the catalogue stars that the pairs count, image (3, 3)
-    unit vectors of the image stars, sigma_rad (3,) their errors per axis. A triple fits
-    when its three sides agree with those of the image within tolerance_sigmas of the
-    noise, after one common scale within 1 +- scale_error, and when its handedness agrees.
+    A triangle fits when its three sides agree with those of the image within the noise, after
+    one common scale within its tolerance, and when its handedness agrees. tested (1,) counts
+    the fitting ones.
     """
-    angle = np.array([_angle(image[i], image[j]) for i, j in _SIDES])
-    noise = tolerance_sigmas * np.array([np.hypot(sigma_rad[i], sigma_rad[j]) for i, j in _SIDES])
-    reach = noise + scale_error * angle
-    # The two shorter sides have the fewest pairs; they are joined where they meet, and the
-    # longest side of what they span is measured.
-    longest = int(np.argmax(angle))
-    end, other_end = _SIDES[longest]
-    meet = 3 - end - other_end
-    side, other_side = _side(meet, end), _side(meet, other_end)
-    a, b = pairs.between(angle[side] - reach[side], angle[side] + reach[side])
-    a2, c = pairs.between(angle[other_side] - reach[other_side],
-                          angle[other_side] + reach[other_side])
-    row, row2 = _join(a, a2, len(directions))
-    b, c = b[row], c[row2]
-    difference = directions[b] - directions[c]
-    square = np.einsum('ij,ij->i', difference, difference)
-    low, high = (2 * np.sin(np.clip(angle[longest] + sign * reach[longest], 0, np.pi) / 2)
-                 for sign in (-1, 1))
-    closed = np.flatnonzero((square >= low ** 2) & (square <= high ** 2))
-    triples = np.empty((len(closed), 3), int)
-    triples[:, meet] = a[row[closed]]
-    triples[:, end] = b[closed]
-    triples[:, other_end] = c[closed]
-    return triples[_fits(directions[triples], image, angle, noise)]
-
-
-def _side(corner: int, other: int) -> int:
-    return _SIDES.index((min(corner, other), max(corner, other)))
-
-
-def _join(left: np.ndarray, right: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions (M,), (M,) of all equal elements of two lists of numbers below size."""
-    # NumPy sorts 16 bit integers by radix, several times faster than wider ones.
-    order = np.argsort(right.astype(np.uint16) if size <= 2 ** 16 else right, kind='stable')
-    count = np.bincount(right, minlength=size)
-    begin = np.cumsum(count) - count
-    repeat = count[left]
-    row = np.repeat(np.arange(len(left)), repeat)
-    within = np.arange(len(row)) - np.repeat(np.cumsum(repeat) - repeat, repeat)
-    return row, order[begin[left[row]] + within]
-
-
-def _fits(corner: np.ndarray, image: np.ndarray, angle: np.ndarray,
-          noise: np.ndarray) -> np.ndarray:
-    """Return which triangles (M, 3, 3) have the sides, up to scale, and the hand of the image."""
-    chord = np.stack([np.linalg.norm(corner[:, i] - corner[:, j], axis=1)
-                      for i, j in _SIDES], -1)
-    side = 2 * np.arcsin(chord / 2)
+    a, b, c = image[base[0]], image[base[1]], image[base[2]]
+    angle = np.array([_angle(a, b), _angle(a, c), _angle(b, c)])
+    variance = sigma[base] ** 2
+    noise = court.tolerance_sigmas * np.sqrt(np.array(
+        [variance[0] + variance[1], variance[0] + variance[2], variance[1] + variance[2]]))
     weight = 1 / noise ** 2
-    scale = (side * angle * weight).sum(1) / (angle ** 2 * weight).sum()
-    alike = np.all(np.abs(side - scale[:, None] * angle) <= noise, axis=1)
-    volume = np.linalg.det(image)
-    flat = abs(volume) < noise.max() / 3.5 * _FLAT_SIGMAS * angle.max()
-    same_hand = np.sign(np.linalg.det(corner)) == np.sign(volume)
-    return alike & (same_hand | flat)
+    full = np.sum(angle ** 2 * weight)
+    hand = volume(a, b, c)
+    flat = abs(hand) < np.max(noise) / court.tolerance_sigmas * _FLAT_SIGMAS * np.max(angle)
+    reach = noise[2] + court.scale_error * angle[2]
+    low = 2 * np.sin(max(angle[2] - reach, 0.0) / 2)
+    high = 2 * np.sin(min(angle[2] + reach, np.pi) / 2)
+    low, high = low * low, high * high
+
+    weights, support_reach = support_weights(image, sigma, base, court.tolerance_sigmas)
+    best = np.empty((JUDGED, 3), np.int64)
+    votes = np.zeros(JUDGED, np.int64)
+    stamp = _list_partners(pairs, *_side(pairs, court, image, sigma, base[0], base[1]))
+    begin, end = _side(pairs, court, image, sigma, base[0], base[2])
+    star = np.empty(3, np.int64)
+    for place in range(2 * begin, 2 * end):
+        pair = place // 2
+        if place % 2:
+            meet, third = pairs.first[pair], pairs.second[pair]
+        else:
+            meet, third = pairs.second[pair], pairs.first[pair]
+        if pairs.stamp[meet] != stamp:
+            continue
+        far = pairs.direction[third]
+        entry = pairs.head[meet]
+        while entry >= 0:
+            second = pairs.first[entry // 2] if entry % 2 else pairs.second[entry // 2]
+            near = pairs.direction[second]
+            square = ((near[0] - far[0]) ** 2 + (near[1] - far[1]) ** 2
+                      + (near[2] - far[2]) ** 2)
+            if low <= square <= high:
+                side = (pairs.table.values[entry // 2], pairs.table.values[pair],
+                        2 * np.arcsin(np.sqrt(square) / 2))
+                scale = (side[0] * angle[0] * weight[0] + side[1] * angle[1] * weight[1]
+                         + side[2] * angle[2] * weight[2]) / full
+                alike = (abs(side[0] - scale * angle[0]) <= noise[0]
+                         and abs(side[1] - scale * angle[1]) <= noise[1]
+                         and abs(side[2] - scale * angle[2]) <= noise[2])
+                if alike and (flat or volume(pairs.direction[meet], near, far) * hand > 0):
+                    tested[0] += 1
+                    star[0], star[1], star[2] = meet, second, third
+                    _keep(best, votes, star, support(
+                        court, weights, support_reach, pairs.star[meet], pairs.star[second],
+                        pairs.star[third]))
+            entry = pairs.following[entry]
+    # Far less support than the best one has is chance.
+    return best, np.count_nonzero(votes > votes[0] // 3)
 
 
-def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the angles (...) between unit vectors (..., 3)."""
-    return 2 * np.arcsin(np.minimum(np.linalg.norm(a - b, axis=-1) / 2, 1.0))
+@njit(cache=True)
+def _list_partners(pairs, begin, end):
+    """List the partners of the stars of some pairs, in both orders; return the stamp.
+
+    Entry 2 p of pair p is its second star, 2 p + 1 its first.
+    """
+    stamp = pairs.stamp[-1] + 1
+    pairs.stamp[-1] = stamp
+    for entry in range(2 * begin, 2 * end):
+        star = pairs.first[entry // 2] if entry % 2 == 0 else pairs.second[entry // 2]
+        if pairs.stamp[star] == stamp:
+            pairs.following[entry] = pairs.head[star]
+        else:
+            pairs.stamp[star] = stamp
+            pairs.following[entry] = -1
+        pairs.head[star] = entry
+    return stamp
+
+
+@njit(cache=True, inline='always')
+def _keep(best, votes, star, count):
+    """Keep the candidates with the most votes, the earlier ones first."""
+    if count <= votes[-1]:
+        return
+    row = len(votes) - 1
+    while row > 0 and votes[row - 1] < count:
+        votes[row] = votes[row - 1]
+        best[row] = best[row - 1]
+        row -= 1
+    votes[row] = count
+    best[row] = star

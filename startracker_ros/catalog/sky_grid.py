@@ -1,0 +1,91 @@
+"""Directions of the sky sorted into the cells of a cube, for compiled neighbour searches."""
+
+from typing import NamedTuple
+
+from numba import njit
+import numpy as np
+
+
+class SkyGrid(NamedTuple):
+    """Unit vectors direction (N, 3) by cell.
+
+    The cube that holds the sphere is cut into cells**3 cells; those of cell c are
+    member[start[c]:start[c + 1]].
+    """
+
+    direction: np.ndarray
+    cells: int
+    start: np.ndarray
+    member: np.ndarray
+
+
+def sky_grid(direction: np.ndarray) -> SkyGrid:
+    """Return the grid of unit vectors (N, 3), about one of them to a cell of the sphere."""
+    # A cell of edge 2 / n cuts out about 4 / n**2 of the sphere's 4 pi.
+    cells = int(np.clip(np.sqrt(len(direction) / np.pi), 4, 64))
+    place = np.clip(((direction + 1) * (cells / 2)).astype(int), 0, cells - 1)
+    cell = (place[:, 0] * cells + place[:, 1]) * cells + place[:, 2]
+    start = np.zeros(cells ** 3 + 1, np.int32)
+    np.cumsum(np.bincount(cell, minlength=cells ** 3), out=start[1:])
+    return SkyGrid(np.ascontiguousarray(direction), cells, start,
+                   np.argsort(cell, kind='stable').astype(np.int32))
+
+
+@njit(cache=True, inline='always')
+def _cells_about(grid, coordinate, chord):
+    """Return the first and the last cell, along one axis, within chord of a coordinate."""
+    half = grid.cells / 2
+    low = int((coordinate - chord + 1) * half)
+    high = int((coordinate + chord + 1) * half)
+    return max(low, 0), min(high, grid.cells - 1)
+
+
+@njit(cache=True)
+def nearest(grid, x, y, z, chord):
+    """Return the index of the star nearest to a unit vector and its squared chord.
+
+    -1 and infinity when none is within chord.
+    """
+    best, best_square = -1, np.inf
+    limit = chord * chord
+    first_x, last_x = _cells_about(grid, x, chord)
+    first_y, last_y = _cells_about(grid, y, chord)
+    first_z, last_z = _cells_about(grid, z, chord)
+    for i in range(first_x, last_x + 1):
+        for j in range(first_y, last_y + 1):
+            row = (i * grid.cells + j) * grid.cells
+            # The cells of a row lie one after the other, and so do their stars.
+            for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
+                star = grid.member[m]
+                dx = grid.direction[star, 0] - x
+                dy = grid.direction[star, 1] - y
+                dz = grid.direction[star, 2] - z
+                square = dx * dx + dy * dy + dz * dz
+                if square <= limit and square < best_square:
+                    best, best_square = star, square
+    return best, best_square
+
+
+@njit(cache=True)
+def count_in_image(grid, matrix, chord, low_x, high_x, low_y, high_y):
+    """Return how many stars a camera sees.
+
+    matrix (3, 3) turns sensor vectors into those of the grid; the image reaches from low_x
+    to high_x and from low_y to high_y in x / z, y / z, and no further than chord from its axis.
+    """
+    found = 0
+    first_x, last_x = _cells_about(grid, matrix[0, 2], chord)
+    first_y, last_y = _cells_about(grid, matrix[1, 2], chord)
+    first_z, last_z = _cells_about(grid, matrix[2, 2], chord)
+    for i in range(first_x, last_x + 1):
+        for j in range(first_y, last_y + 1):
+            row = (i * grid.cells + j) * grid.cells
+            for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
+                star = grid.direction[grid.member[m]]
+                z = star[0] * matrix[0, 2] + star[1] * matrix[1, 2] + star[2] * matrix[2, 2]
+                if z <= 0:
+                    continue
+                x = (star[0] * matrix[0, 0] + star[1] * matrix[1, 0] + star[2] * matrix[2, 0]) / z
+                y = (star[0] * matrix[0, 1] + star[1] * matrix[1, 1] + star[2] * matrix[2, 1]) / z
+                found += low_x <= x <= high_x and low_y <= y <= high_y
+    return found
