@@ -219,6 +219,11 @@ class RecursiveIdentifier:
         """Take the rate (3,) about sensor axes measured up to a time; False if unusable."""
         return self._propagator.add_rate(stamp_ns, rate_rad_s)
 
+    @property
+    def has_rates(self) -> bool:
+        """Whether there is a gyro: without any rate each frame is identified lost-in-space."""
+        return self._propagator.has_rates
+
     def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
         """Identify the frame of a time, later than that of the frame before.
 
@@ -233,7 +238,7 @@ class RecursiveIdentifier:
         if prior is not None:
             sigma = np.sqrt(np.diag(prior.covariance_sensor).max()) / ARCSEC
             self.condition = f'predicted by the gyro within {sigma:.1f} arcsec, 1 sigma'
-        elif self._propagator.has_rates:
+        elif self.has_rates:
             self.condition = 'no prediction, lost in space'
         else:
             self.condition = 'no imu, lost in space'

@@ -300,6 +300,14 @@ def gyro_to_imu(rate_rad_s: np.ndarray, sigma_rad_s: float, header: Header) -> I
     return message
 
 
+def rate_from_imu(message: Imu) -> np.ndarray:
+    """Return the rate (3,) in rad/s of `imu`; MessageError when it says that it has none."""
+    if message.angular_velocity_covariance[0] == -1:
+        raise MessageError('angular_velocity_covariance[0] is -1: imu has no angular velocity')
+    rate = message.angular_velocity
+    return np.array([rate.x, rate.y, rate.z])
+
+
 def motion_to_odometry(position_m: np.ndarray, velocity_m_s: np.ndarray, quaternion: np.ndarray,
                        rate_rad_s: np.ndarray, header: Header,
                        sensor_frame_id: str) -> Odometry:

@@ -1,47 +1,93 @@
-"""star_identifier: centroids, camera_info, tracker_state -> stars."""
+"""star_identifier: centroids, camera_info, tracker_state, imu -> stars."""
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from sensor_msgs.msg import PointCloud2
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Imu, PointCloud2
 
+from startracker_ros.attitude.propagate import GyroErrorOptions
+from startracker_ros.identify.extended_grid import (
+    ExtendedGridIdentifier, ExtendedGridOptions, RecursiveIdentifier)
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.messages import centroids_from_message, identification_to_message
+from startracker_ros.ros.messages import (
+    centroids_from_message, identification_to_message, MessageError, ns_from_stamp,
+    rate_from_imu)
 from startracker_ros.ros.node import CameraNode, main_of
 from startracker_ros.track.tracker import TrackerState
 
+# A second of a fast gyro waits here while a frame is identified.
+_IMU_QOS = QoSProfile(depth=1000, reliability=qos.LIST.reliability)
+
 
 class StarIdentifierNode(CameraNode):
-    """Identifies stars lost-in-space, except while a star tracker says that it is tracking."""
+    """Identifies stars lost-in-space, except while a star tracker says that it is tracking.
 
-    option_classes = (IdentificationOptions,)
+    Method extended_grid carries the attitude from frame to frame by the rates of imu. It goes
+    on while the star tracker tracks: where the field becomes poor the tracker loses it,
+    and then only an attitude that was kept fresh can identify the two or three stars left.
+    """
+
+    option_classes = (IdentificationOptions, ExtendedGridOptions, GyroErrorOptions)
     task = 'identification'
 
     def __init__(self) -> None:
         super().__init__('star_identifier')
         self._tracking = False
+        self._sensor_frame_id = ''
+        self._recursive: RecursiveIdentifier | None = None
+        self._hears_imu = False
         self._stars = self.give(PointCloud2, 'stars', qos.LIST)
         self.take(PointCloud2, 'centroids', self._take_centroids, qos.LIST)
         self.take(DiagnosticStatus, 'tracker_state', self._take_tracker_state, qos.STATE)
         self.offer_reset()
 
     def configure(self) -> None:
-        if self.camera is not None:
-            self._identifier = make_identifier(
-                self.camera, self.epoch_year, self.options(IdentificationOptions))
+        options = self.options(IdentificationOptions)
+        with_gyro = options.method == 'extended_grid'
+        if with_gyro and not self._hears_imu:
+            # Not before it is wanted: a gyro is a hundred messages a second.
+            self.take(Imu, 'imu', self._take_imu, _IMU_QOS)
+            self._hears_imu = True
+        self._recursive = None
+        self.diagnostics.values.pop('prediction', None)
+        if self.camera is None:
+            return
+        if with_gyro:
+            self._recursive = RecursiveIdentifier(
+                ExtendedGridIdentifier(self.camera, self.epoch_year, options,
+                                       grid=self.options(ExtendedGridOptions)),
+                self.options(GyroErrorOptions))
+        else:
+            self._identifier = make_identifier(self.camera, self.epoch_year, options)
 
     def _take_tracker_state(self, message: DiagnosticStatus) -> None:
         self._tracking = message.message == TrackerState.TRACKING.value
+
+    def _take_imu(self, message: Imu) -> None:
+        rate = rate_from_imu(message)
+        if self._sensor_frame_id not in ('', message.header.frame_id):
+            raise MessageError(f'frame {message.header.frame_id!r} is not that of the '
+                               f'centroids, {self._sensor_frame_id!r}')
+        if not self.in_order('imu', message.header.stamp) or self._recursive is None:
+            return
+        if not self._recursive.add_rate(ns_from_stamp(message.header.stamp), rate):
+            raise MessageError(f'angular velocity {rate.tolist()} rad/s cannot be right')
 
     def _take_centroids(self, message: PointCloud2) -> None:
         centroids = centroids_from_message(message)
         if not self.has_camera() or not self.in_order('centroids', message.header.stamp):
             return
-        if self._tracking:
+        self._sensor_frame_id = message.header.frame_id
+        if self._recursive is not None:
+            result = self._recursive.identify(ns_from_stamp(message.header.stamp), centroids)
+            self.diagnostics.values['prediction'] = self._recursive.condition
+        elif self._tracking:
             self.diagnostics.report(OK, 'resting while the star tracker tracks')
             return
-        result = self._identifier.identify(centroids)
+        else:
+            result = self._identifier.identify(centroids)
         self._stars.publish(identification_to_message(
             centroids, result, self.camera, message.header))
         self.diagnostics.counts[result.status] += 1
@@ -49,9 +95,12 @@ class StarIdentifierNode(CameraNode):
             'matched': result.matched,
             'false_alarm_probability': f'{result.false_alarm_probability:.1e}',
             'focal_ratio': f'{result.focal_ratio:.5f}'})
-        identified = result.status == 'identified'
-        self.diagnostics.report(OK if identified else WARN,
-                                'identifying stars' if identified else result.reason)
+        if result.status != 'identified':
+            self.diagnostics.report(WARN, result.reason)
+        elif self._recursive is not None and not self._recursive.has_rates:
+            self.diagnostics.report(WARN, 'no imu: identifying lost-in-space only')
+        else:
+            self.diagnostics.report(OK, 'identifying stars')
 
 
 main = main_of(StarIdentifierNode)

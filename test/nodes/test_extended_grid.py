@@ -1,0 +1,161 @@
+"""A narrow field that runs empty: stars by the gyro and the extended grid, on real nodes."""
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import QuaternionStamped
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
+
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import camera_places
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.identify.identification import IdentificationOptions
+from startracker_ros.identify.methods import make_identifier
+from startracker_ros.ros import messages, qos
+from startracker_ros.ros.messages import ns_from_stamp, quaternion_from_message
+from startracker_ros.rotation import ARCSEC, attitude_error
+from startracker_ros.sky.star_lists import random_attitude, star_list
+
+CAMERA = Camera.from_fov(1024, 1024, 4.0)
+FRAME = 'star_tracker_optical_frame'
+START_NS = 1_790_000_000_000_000_000
+EPOCH_YEAR = 2026.7
+OPTIONS = {'method': 'extended_grid', 'magnitude_limit': 7.5}
+
+
+def identified_hip(cloud):
+    hip = messages.read_cloud(cloud, messages.STAR_DTYPE)['hip']
+    return hip[hip > 0]
+
+
+def test_attitudes_of_two_and_three_stars(nodes, probe):
+    """The field holds ten stars at first, two to three in the second half."""
+    nodes.start('centroid_extractor')
+    nodes.start('star_identifier', OPTIONS)
+    nodes.start('attitude_estimator', {'source': 'stars', 'min_stars': 2})
+    for topic, kind in (('attitude', QuaternionStamped), ('truth/attitude', QuaternionStamped),
+                        ('truth/stars', PointCloud2), ('stars', PointCloud2),
+                        ('centroids', PointCloud2)):
+        probe.listen(kind, topic, qos.LIST)
+    probe.wait(lambda: probe.count_publishers('attitude') and probe.count_publishers('stars')
+               and probe.count_subscribers('stars') >= 2 and probe.count_subscribers('imu')
+               and probe.count_subscribers('camera_info') >= 3, 'the nodes')
+    frames = 50
+    nodes.start('sky_simulator', {
+        'fov_deg': 4.0, 'faint_limit': 7.5, 'zero_flux_e_s': 1e7, 'frame_rate_hz': 5.0,
+        'frame_count': frames, 'wait_for_subscribers': 1, 'wait_for_camera_users': 3,
+        'motion': 'constant_rate', 'ra_deg': 317.24, 'dec_deg': -56.04,
+        'rate_deg_s': [0.0, 0.5, 0.0]})
+    probe.wait(lambda: len(probe.received['stars']) >= frames, 'all frames', 40)
+    probe.spin_for(0.5)
+    truth = {ns_from_stamp(m.header.stamp): quaternion_from_message(m)
+             for m in probe.received['truth/attitude']}
+    there = {ns_from_stamp(m.header.stamp): set(identified_hip(m))
+             for m in probe.received['truth/stars']}
+    found = {ns_from_stamp(m.header.stamp): len(identified_hip(m))
+             for m in probe.received['stars']}
+    attitude = {ns_from_stamp(m.header.stamp): quaternion_from_message(m)
+                for m in probe.received['attitude']}
+    for message in probe.received['stars']:
+        assert set(identified_hip(message)) <= there[ns_from_stamp(message.header.stamp)]
+    for stamp_ns, q in attitude.items():
+        error = np.abs(attitude_error(q, truth[stamp_ns])) / ARCSEC
+        assert np.hypot(error[0], error[1]) < 20 and error[2] < 1200
+    poor = [m for m in probe.received['centroids'] if m.width in (2, 3)]
+    stamps = {ns_from_stamp(m.header.stamp) for m in poor}
+    assert len(stamps) >= 15
+    solved = stamps & set(attitude)
+    assert len(solved) >= 0.9 * len(stamps), sorted(found.values())
+    for method in ('pyramid', 'quad'):
+        identifier = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(
+            method=method, magnitude_limit=7.5))
+        assert all(identifier.identify(messages.centroids_from_message(m)).attitude is None
+                   for m in poor)
+
+
+class Sky:
+    """A running star_identifier with centroids and rates of a sensor that stands still."""
+
+    def __init__(self, nodes, probe):
+        nodes.start('star_identifier', OPTIONS)
+        self.probe = probe
+        self.index = 0
+        probe.listen(PointCloud2, 'stars', qos.LIST)
+        self.info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
+        self.info.publish(messages.camera_to_message(CAMERA, self.header()))
+        probe.spin_for(0.5)
+        self.centroids = probe.speak(PointCloud2, 'centroids', qos.LIST)
+        self.imu = probe.speak(Imu, 'imu', qos.LIST)
+        probe.wait(lambda: probe.count_publishers('stars'), 'stars offered')
+        places = camera_places(load_catalog(), CAMERA, EPOCH_YEAR, 7.5)
+        rng = np.random.default_rng(2)
+        self.stars = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)[0]
+        assert len(self.stars) >= 8
+
+    def header(self, frame_id=FRAME):
+        return messages.make_header(START_NS + self.index * 100_000_000, frame_id)
+
+    def rate(self, rate=(0.0, 0.0, 0.0), frame_id=FRAME):
+        self.imu.publish(messages.gyro_to_imu(np.array(rate), 1e-6, self.header(frame_id)))
+        self.probe.spin_for(0.1)
+
+    def frame(self, count):
+        """Send the brightest stars and return how many are identified."""
+        before = len(self.probe.received['stars'])
+        self.centroids.publish(messages.centroids_to_message(
+            self.stars.select(slice(count)), CAMERA, self.header()))
+        clouds = self.probe.wait(lambda: self.probe.received['stars'][before:], 'an answer')
+        self.index += 1
+        return len(identified_hip(clouds[0]))
+
+
+@pytest.fixture
+def sky(nodes, probe):
+    return Sky(nodes, probe)
+
+
+def test_without_imu_the_pyramid_alone(sky, probe):
+    assert sky.frame(12) >= 4
+    probe.wait_condition('no imu: identifying lost-in-space only')
+    assert sky.frame(2) == 0
+    probe.wait_condition('2 usable stars')
+    assert any(v.key == 'prediction' and v.value == 'no imu, lost in space'
+               for status in probe.statuses() for v in status.values)
+
+
+def test_imu_that_cannot_be_right(sky, probe):
+    """Each is named; the prediction goes on without it and ends when it has aged."""
+    sky.rate()
+    assert sky.frame(12) >= 4
+    sky.rate()
+    assert sky.frame(2) == 2
+    sky.rate((np.nan, 0.0, 0.0))
+    probe.wait_condition('imu: angular velocity [nan, 0.0, 0.0] rad/s cannot be right')
+    sky.rate((0.0, 1e3, 0.0), 'imu_link')
+    probe.wait_condition("frame 'imu_link' is not that of the centroids")
+    sky.index += 1
+    sky.rate((0.0, 1e3, 0.0))
+    probe.wait_condition('imu: angular velocity [0.0, 1000.0, 0.0] rad/s cannot be right')
+    assert sky.frame(3) == 3
+    sky.index += 50
+    assert sky.frame(3) == 0
+    assert sky.frame(12) >= 4
+    sky.rate()
+    assert sky.frame(2) == 2
+
+
+def test_a_jump_back_in_time_forgets_the_attitude(sky, probe):
+    """And it does not rest: the star tracker says that it is tracking all the time."""
+    state = probe.speak(DiagnosticStatus, 'tracker_state', qos.STATE)
+    state.publish(DiagnosticStatus(message='TRACKING'))
+    sky.index = 100
+    sky.rate()
+    assert sky.frame(12) >= 4
+    sky.rate()
+    assert sky.frame(2) == 2
+    sky.index = 1
+    sky.rate()
+    assert sky.frame(2) == 0
+    assert sky.frame(12) >= 4
+    sky.rate()
+    assert sky.frame(2) == 2
