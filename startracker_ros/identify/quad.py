@@ -51,7 +51,7 @@ class QuadIdentifier(StarIdentifier):
         self.verifier = QuadVerifier(camera, self.places, options.tolerance_sigmas,
                                      self.scale_error)
         self.pairs = cached_pairs(self.places, _MIN_SEPARATION_PX * camera.pixel_rad,
-                                   2 * camera.corner_angle_rad * (1 + self.scale_error))
+                                  2 * camera.corner_angle_rad * (1 + self.scale_error))
         self._directions = self.places.direction[self.pairs.star]
 
     def candidates(self, field: FieldStars) -> Iterator[Candidates]:

@@ -2,8 +2,8 @@
 
 import json
 
-import numpy as np
 from click.testing import CliRunner
+import numpy as np
 
 from startracker_ros.campaign.quad import CAMERA, orbit_frames, sky_frames
 from startracker_ros.cli import main

@@ -236,8 +236,7 @@ def test_a_catalogue_without_quads_gives_no_answer(identifier):
     assert bare.identify(centroids).attitude is None
 
 
-def test_a_turned_camera_gives_the_turned_attitude(identifier):
-    """The stars of the answer are where the attitude puts them."""
+def test_the_stars_of_the_answer_are_where_its_attitude_puts_them(identifier):
     rng = np.random.default_rng(11)
     q = random_attitude(rng)
     centroids, _ = star_list(identifier.places, CAMERA, q, 0.5, rng)
