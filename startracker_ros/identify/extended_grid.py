@@ -29,6 +29,9 @@ from startracker_ros.options import option, Options
 from startracker_ros.rotation import ARCSEC, matrix_from_quaternion
 
 _MIN_STARS = 2
+# Cells that a pattern has to share. At 0.35 px and 0.2 mag 99 % of the right answers share
+# 0.6 of theirs or more, 99 % of the wrong ones 0.23 or less.
+_MIN_SHARED = 1 / 3
 # The tangent plane of a very wide extended field is cut here.
 _MAX_HALF_FIELD_RAD = np.radians(75.0)
 
@@ -80,7 +83,7 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         super().__init__(camera, epoch_year, options, catalog)
         self._cell = np.radians(grid.grid_cell_deg)
         self._cells = grid.grid_cells
-        self._buffer = np.radians(grid.grid_buffer_deg)
+        self.buffer_rad = np.radians(grid.grid_buffer_deg)
         self._half_field = np.tan(np.minimum(
             grid.extended_field / 2 * np.array([camera.fov_x_rad, camera.fov_y_rad]),
             _MAX_HALF_FIELD_RAD))
@@ -122,7 +125,8 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         """Return for each observed place (N, 2) the row of the predicted star, -1 for none.
 
         Each takes the star whose pattern over A has most cells in common with its own
-        over C, provided that no other observed star has more in common with that one.
+        over C, provided that these are enough and that no other observed star has more in
+        common with that one.
         """
         image = predicted.brightest(len(observed))
         known = np.flatnonzero(image.inside)
@@ -133,8 +137,9 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         catalogue, _ = self.patterns(image.place, known)
         equal = pattern @ catalogue.T
         best = equal.argmax(1)
-        own = equal.argmax(0)[best] == np.arange(len(observed))
-        return np.where(own, known[best], -1)
+        star = np.arange(len(observed))
+        enough = equal[star, best] >= _MIN_SHARED * pattern.sum(1)
+        return np.where(enough & (equal.argmax(0)[best] == star), known[best], -1)
 
     def patterns(self, place: np.ndarray, reference: np.ndarray
                  ) -> tuple[np.ndarray, np.ndarray]:
@@ -145,14 +150,14 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         """
         away = place - place[reference][:, None]
         distance = np.hypot(away[..., 0], away[..., 1])
-        distance = np.where(distance > self._buffer, distance, np.inf)
+        distance = np.where(distance > self.buffer_rad, distance, np.inf)
         neighbour = distance.argmin(1)
         row = np.arange(len(reference))
         axis = away[row, neighbour]
         length = np.hypot(axis[:, 0], axis[:, 1])
         # A star without a neighbour keeps the axes of the image.
-        axis = np.where(length[:, None] > self._buffer, axis / np.maximum(length, 1e-12)[:, None],
-                        [1.0, 0.0])
+        alone = length <= self.buffer_rad
+        axis = np.where(alone[:, None], [1.0, 0.0], axis / np.where(alone, 1, length)[:, None])
         along = away[..., 0] * axis[:, :1] + away[..., 1] * axis[:, 1:]
         across = away[..., 1] * axis[:, :1] - away[..., 0] * axis[:, 1:]
         # The reference star stands in the middle of a cell, so that its neighbour on the
@@ -173,8 +178,8 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         covariance = np.zeros((4, 4))
         covariance[:3, :3] = prior.covariance_sensor
         covariance[3, 3] = (self.scale_error / options.tolerance_sigmas) ** 2
-        verifier = PriorVerifier(observed, field.sigma_rad, predicted.place, covariance,
-                                 options.tolerance_sigmas, self._area)
+        verifier = PriorVerifier(observed, field.sigma_rad, predicted.place, predicted.inside,
+                                 covariance, options.tolerance_sigmas, self._area)
         found = verifier.verify(votes, self.places.crowded[predicted.star],
                                 options.false_alarm_max)
         recognised = f'{np.count_nonzero(votes >= 0)} of {len(field)} stars are recognised'
@@ -235,13 +240,13 @@ class RecursiveIdentifier:
             self._propagator.forget_attitude()
             prior = None
         result = self._identifier.identify(centroids, prior)
-        if prior is not None:
-            sigma = np.sqrt(np.diag(prior.covariance_sensor).max()) / ARCSEC
-            self.condition = f'predicted by the gyro within {sigma:.1f} arcsec, 1 sigma'
-        elif self.has_rates:
-            self.condition = 'no prediction, lost in space'
-        else:
-            self.condition = 'no imu, lost in space'
+        if prior is not None and result.attitude is None:
+            # A prediction that is wrong by more than it knows must not hide a field that
+            # needs none.
+            lost = self._identifier.identify(centroids)
+            if lost.attitude is not None:
+                result, prior = lost, None
+        self.condition = self._condition(prior)
         if result.attitude is not None:
             attitude = result.attitude.quaternion, result.attitude.covariance_sensor
             if prior is None:
@@ -249,3 +254,9 @@ class RecursiveIdentifier:
             else:
                 self._propagator.correct(*attitude)
         return result
+
+    def _condition(self, prior: AttitudePrediction | None) -> str:
+        if prior is None:
+            return f'no {"prediction" if self.has_rates else "imu"}, lost in space'
+        sigma = np.sqrt(np.diag(prior.covariance_sensor).max()) / ARCSEC
+        return f'predicted by the gyro within {sigma:.1f} arcsec, 1 sigma'

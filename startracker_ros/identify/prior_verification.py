@@ -61,14 +61,18 @@ class PriorVerifier:
     """One frame against one prediction."""
 
     def __init__(self, observed: np.ndarray, sigma_rad: np.ndarray, predicted: np.ndarray,
-                 covariance: np.ndarray, tolerance_sigmas: float, area: float) -> None:
+                 inside: np.ndarray, covariance: np.ndarray, tolerance_sigmas: float,
+                 area: float) -> None:
         """Take observed (N, 2) with errors sigma_rad (N,) per axis and predicted (M, 2) places.
 
-        covariance (4, 4) is that of the state, area that of the image in rad^2.
+        inside (M,) bool are the places in the image: on average as many gates reach into it from
+        beyond its edge as out of it. covariance (4, 4) is that of the state, area that
+        of the image in rad^2.
         """
         self._observed = observed
         self._variance = sigma_rad ** 2
         self._predicted = predicted
+        self._inside = inside
         self._partial = partial_derivatives(predicted)
         self._tolerance = tolerance_sigmas ** 2
         self._image_area = area
@@ -109,7 +113,7 @@ class PriorVerifier:
         away = self._observed[:, None] - (self._predicted + self._partial @ change)
         dx, dy = away[..., 0], away[..., 1]
         square = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / determinant
-        area = np.pi * self._tolerance * np.sqrt(determinant).sum(1)
+        area = np.pi * self._tolerance * np.sqrt(determinant[:, self._inside]).sum(1)
         return _Gates(square, area, change, covariance)
 
     def _after(self, star: np.ndarray, row: np.ndarray) -> _Gates:

@@ -28,6 +28,15 @@ def identified_hip(cloud):
     return hip[hip > 0]
 
 
+def test_a_rate_survives_its_message():
+    rate = np.array([0.01, -0.02, 0.03])
+    message = messages.gyro_to_imu(rate, 1e-4, messages.make_header(START_NS, FRAME))
+    np.testing.assert_array_equal(messages.rate_from_imu(message), rate)
+    message.angular_velocity_covariance[0] = -1.0
+    with pytest.raises(messages.MessageError, match='imu has no angular velocity'):
+        messages.rate_from_imu(message)
+
+
 def test_attitudes_of_two_and_three_stars(nodes, probe):
     """The field holds ten stars at first, two to three in the second half."""
     nodes.start('centroid_extractor')
