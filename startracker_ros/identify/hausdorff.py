@@ -1,0 +1,230 @@
+"""Sets of bright stars around a pivot, looked up by the Hausdorff distance of their halves.
+
+Zahednamazi, Toloei, Ghasemi (2023). Four bright stars around a pivot make two sets: the pivot
+with the brightest, and the other three. The Hausdorff distance of the two, in the tangent plane
+at the pivot, is the one number under which they are stored.
+
+One number cannot name five stars once there is noise: some 65000 sets share 200 px. So here
+it only says where to look. Three stars of a set have to agree with the image in the sides of
+their triangle, and then the whole field decides.
+"""
+
+from abc import abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations, product
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.catalog.stars import StarCatalog
+from startracker_ros.identify.identification import (
+    Candidates, FieldStars, IdentificationOptions, StarIdentifier)
+
+_LOOKED_AT = 6
+BRIGHTEST_FOUR = ((0, 1, 2, 3),)
+FOUR_OF_SIX = tuple(combinations(range(_LOOKED_AT), 4))
+"""Ranks in brightness of the four stars of a set."""
+
+# In an image the second brightest may pass for the brightest. The likeliest come first: those
+# that leave out few brighter stars.
+_IMAGE_FOURS = sorted([*FOUR_OF_SIX, *((b, a, c, d) for a, b, c, d in FOUR_OF_SIX)],
+                      key=lambda four: (sum(four) + (four[0] > four[1]), four))
+# A triangle flatter than this many errors of its corners predicts no other star.
+_FLAT_SIGMAS = 4.0
+
+
+@dataclass(frozen=True)
+class Pivots:
+    """Unit vectors (P, 3), and which star (P,) of the list each one is; None for no stars."""
+
+    direction: np.ndarray
+    star: np.ndarray | None = None
+
+    def first(self) -> 'Pivots':
+        """Return the first one alone."""
+        return Pivots(self.direction[:1], None if self.star is None else self.star[:1])
+
+
+@dataclass(frozen=True)
+class StarSets:
+    """Sets of a pivot and four stars.
+
+    feature (S,) is the Hausdorff distance in focal lengths. stars (S, 4) are indices into the
+    list of stars: the brightest, the one at the Hausdorff distance, the other two with the one
+    farther from the brightest first, so that stars of nearly one brightness do not change
+    places. A pivot that is a star comes before them (S, 5).
+    """
+
+    feature: np.ndarray
+    stars: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: list['StarSets']) -> 'StarSets':
+        """Return all sets of the parts by ascending feature."""
+        feature = np.concatenate([part.feature for part in parts])
+        order = np.argsort(feature, kind='stable')
+        return cls(feature[order], np.concatenate([part.stars for part in parts])[order])
+
+
+class HausdorffIdentifier(StarIdentifier):
+    """Looks up sets of the image among those of the sky.
+
+    Neighbours of a pivot are the stars within a circle: unlike the field, it holds the same
+    ones at every roll. The paper's circle, of radius_rad, is the largest about the centre of
+    the image; a method may add wider ones, and sets without some of the brightest stars.
+    """
+
+    sky_fours = BRIGHTEST_FOUR
+
+    def __init__(self, camera: Camera, epoch_year: float,
+                 options: IdentificationOptions = IdentificationOptions(),
+                 catalog: StarCatalog | None = None) -> None:
+        super().__init__(camera, epoch_year, options, catalog)
+        half_px = np.array([camera.width, camera.height]) / 2
+        self.centre_px = half_px - 0.5
+        self.centre = camera.unproject(self.centre_px)
+        edges = camera.unproject(self.centre_px + half_px * [[-1, 0], [1, 0], [0, -1], [0, 1]])
+        self.radius_rad = float(_angle(edges, self.centre).min())
+        self.pivots = self.sky_pivots(self.places)
+        place = self.places.direction
+        self._sky = StarSets.joined([
+            star_sets(place, self.pivots, around, four)
+            for around in self._around(place, self.pivots) for four in self.sky_fours])
+        self._side = _sides(place[self._sky.stars[:, :3]]).T
+
+    @abstractmethod
+    def sky_pivots(self, places: StarPlaces) -> Pivots:
+        """Return the pivots of the sky with these stars."""
+
+    @abstractmethod
+    def image_pivots(self, field: FieldStars) -> Pivots:
+        """Return the pivots of an image, the best one first."""
+
+    @property
+    def search_radii_rad(self) -> list[float]:
+        """Radii of the circles."""
+        return [self.radius_rad]
+
+    @property
+    def pivot_error_rad(self) -> float:
+        """How far a pivot of the image may be from the nearest one of the sky."""
+        return 0.0
+
+    @cached_property
+    def published_sets(self) -> StarSets:
+        """The sets of the paper's database."""
+        return StarSets.joined([bright_sets(self.places.direction, self.pivots,
+                                            self.radius_rad)])
+
+    def nearest(self, field: FieldStars) -> Candidates | None:
+        """Return the published set of the nearest distance, all that the paper asks for.
+
+        None when fewer than four stars are around the first pivot of the image.
+        """
+        seen = bright_sets(field.direction, self.image_pivots(field).first(), self.radius_rad)
+        sky = self.published_sets
+        if not len(seen.feature) or not len(sky.feature):
+            return None
+        right = np.searchsorted(sky.feature, seen.feature[0])
+        beside = np.clip([right - 1, right], 0, len(sky.feature) - 1)
+        found = beside[np.abs(sky.feature[beside] - seen.feature[0]).argmin()]
+        return Candidates(seen.stars[0], sky.stars[[found]])
+
+    def candidates(self, field: FieldStars) -> Iterator[Candidates]:
+        """Yield the stars of the sky that agree with those of one image set after the other."""
+        sigmas = self.options.tolerance_sigmas
+        pivots = self.image_pivots(field)
+        arounds = self._around(field.direction, pivots)
+        for four, around in product(_IMAGE_FOURS, arounds):
+            sets = star_sets(field.direction, pivots, around, four)
+            base = sets.stars[:, :3]
+            corner = field.direction[base]
+            side = _sides(corner)
+            error = np.sqrt(2) * field.sigma_rad[base].max(1)
+            reach = sigmas * error[:, None] + self.scale_error * side
+            wide = sigmas * error + self.scale_error * sets.feature + self.pivot_error_rad
+            begin = np.searchsorted(self._sky.feature, sets.feature - wide, 'left')
+            end = np.searchsorted(self._sky.feature, sets.feature + wide, 'right')
+            flat = np.abs(np.linalg.det(corner)) < _FLAT_SIGMAS * error * side.max(1)
+            for row in np.flatnonzero(~flat):
+                agree = np.arange(begin[row], end[row])
+                # Side after side, since the first one leaves few.
+                for known, seen, off in zip(self._side, side[row], reach[row]):
+                    agree = agree[np.abs(known[agree] - seen) <= off]
+                stars = self._sky.stars[agree, :3]
+                yield Candidates(base[row], np.unique(stars, axis=0) if len(stars) else stars)
+
+    def _around(self, direction: np.ndarray, pivots: Pivots) -> list[np.ndarray]:
+        return [brightest_around(direction, pivots, radius_rad, _LOOKED_AT)
+                for radius_rad in self.search_radii_rad]
+
+
+def brightest_around(direction: np.ndarray, pivots: Pivots, radius_rad: float,
+                     count: int) -> np.ndarray:
+    """Return the brightest stars (P, count) within a radius of each pivot, -1 for none.
+
+    direction (N, 3) are those of the stars, brightest first. A pivot is not its own neighbour.
+    """
+    around = np.full((len(pivots.direction), count), -1)
+    known = np.zeros(len(around), int)
+    unfilled = len(around)
+    tree = cKDTree(pivots.direction)
+    for star, place in enumerate(direction):
+        near = np.array(tree.query_ball_point(place, 2 * np.sin(radius_rad / 2)), int)
+        near = near[known[near] < count]
+        if pivots.star is not None:
+            near = near[pivots.star[near] != star]
+        around[near, known[near]] = star
+        known[near] += 1
+        unfilled -= np.count_nonzero(known[near] == count)
+        if not unfilled:
+            break
+    return around
+
+
+def bright_sets(direction: np.ndarray, pivots: Pivots, radius_rad: float) -> StarSets:
+    """Return the sets of the four brightest of stars (N, 3) around pivots, as published."""
+    around = brightest_around(direction, pivots, radius_rad, 4)
+    return star_sets(direction, pivots, around, *BRIGHTEST_FOUR)
+
+
+def star_sets(direction: np.ndarray, pivots: Pivots, around: np.ndarray,
+              four: tuple[int, ...]) -> StarSets:
+    """Return the sets of stars (N, 3) of four ranks among those around (P, K) the pivots.
+
+    The first of the four stands for the brightest. A pivot without so many has no set.
+    """
+    stars = around[:, four]
+    full = np.flatnonzero((stars >= 0).all(1))
+    stars, pivot = stars[full], pivots.direction[full]
+    place = direction[stars]
+    place = place / (place @ pivot[:, :, None])
+    first = np.stack([pivot, place[:, 0]], 1)
+    gap = np.linalg.norm(first[:, :, None] - place[:, None, 1:], axis=-1)
+    feature = hausdorff_distance(gap)
+    # Which of the three it is, then the others by their distance from the brightest.
+    rank = np.where(np.any(gap == feature[:, None, None], axis=1), np.inf, gap[:, 1])
+    others = np.take_along_axis(stars[:, 1:], np.argsort(-rank, axis=1, kind='stable'), 1)
+    columns = [stars[:, 0], others]
+    if pivots.star is not None:
+        columns.insert(0, pivots.star[full])
+    return StarSets(feature, np.column_stack(columns))
+
+
+def hausdorff_distance(gap: np.ndarray) -> np.ndarray:
+    """Return the Hausdorff distance (...) of two sets whose members are gap (..., A, B) apart."""
+    return np.maximum(gap.min(-1).max(-1), gap.min(-2).max(-1))
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the angles (...) between unit vectors (..., 3)."""
+    return 2 * np.arcsin(np.minimum(np.linalg.norm(a - b, axis=-1) / 2, 1.0))
+
+
+def _sides(corner: np.ndarray) -> np.ndarray:
+    """Return the sides (T, 3) in rad of triangles (T, 3, 3)."""
+    return _angle(corner, corner[:, [1, 2, 0]])
