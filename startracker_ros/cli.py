@@ -103,6 +103,18 @@ def campaign() -> None:
     """Repeat the published tables, the paper's figure beside ours."""
 
 
+@campaign.command('hausdorff')
+@click.option('--trials', type=click.IntRange(1), default=200, show_default=True,
+              help='Directions of each figure.')
+@_scheduler
+@_seed
+@_json
+def campaign_hausdorff(trials: int, scheduler: str, seed: int, as_json: bool) -> None:
+    """Sets of bright stars found by their Hausdorff distance in a field of 12 deg."""
+    from startracker_ros.campaign.hausdorff import run_hausdorff_campaign
+    _finish(run_hausdorff_campaign(trials=trials, seed=seed, scheduler=scheduler), as_json)
+
+
 @campaign.command('quad')
 @click.option('--trials', type=click.IntRange(1), default=300, show_default=True,
               help='Frames along the orbit, and as many of the whole sky.')
