@@ -3,9 +3,13 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
+
+if TYPE_CHECKING:
+    from startracker_ros.lens import Lens
 
 
 class CameraError(ValueError):
@@ -90,6 +94,13 @@ class Camera:
         """Angle of one pixel at the centre, the mean of both axes."""
         return float(1 / np.sqrt(self.fx * self.fy))
 
+    @cached_property
+    def lens(self) -> 'Lens':
+        """The same model for compiled functions."""
+        from startracker_ros.lens import Lens
+        return Lens(self.width, self.height, float(self.fx), float(self.fy), float(self.cx),
+                    float(self.cy), *map(float, self.distortion))
+
     def with_focal_ratio(self, ratio: float) -> 'Camera':
         """Return the same camera with both focal lengths multiplied by ratio."""
         return replace(self, fx=self.fx * ratio, fy=self.fy * ratio)
@@ -151,14 +162,9 @@ class Camera:
     def _undistort(self, distorted: np.ndarray) -> np.ndarray:
         if not any(self.distortion):
             return distorted
-        tangent = distorted
-        for _ in range(20):
-            residual = self._distort(tangent) - distorted
-            if np.abs(residual).max(initial=0.0) < 1e-14:
-                break
-            step = np.linalg.solve(self._distortion_jacobian(tangent), residual[..., None])
-            tangent = tangent - step[..., 0]
-        return tangent
+        # Compiled code takes a third of a second to import: only lenses that need it wait.
+        from startracker_ros.lens import undistort_all
+        return undistort_all(self.lens, distorted.reshape(-1, 2)).reshape(distorted.shape)
 
 
 def load_camera(path: str | Path) -> Camera:

@@ -73,7 +73,7 @@ def refine(matrix, sensor, icrf, weight, steps):
         dy = covariance[1, 0] * gx + covariance[1, 1] * gy + covariance[1, 2] * gz
         dz = covariance[2, 0] * gx + covariance[2, 1] * gy + covariance[2, 2] * gz
         _turn(matrix, dx, dy, dz)
-        if dx * dx + dy * dy + dz * dz < 1e-26:
+        if dx * dx + dy * dy + dz * dz < 1e-20:
             break
     return covariance, determinant
 

@@ -14,6 +14,7 @@ from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.verification import Match, same_attitude, Verifier
+from startracker_ros.lens import undistort
 from startracker_ros.options import option, Options
 
 METHODS = ('pyramid', 'quad', 'hausdorff_pivot', 'hausdorff_segment', 'extended_grid')
@@ -32,7 +33,7 @@ class IdentificationOptions(Options):
         0.0, 'faintest stars of the pattern database, V; 0 chooses it so that a field holds '
         'twenty on average', unit='mag', low=0.0, high=9.0)
     max_image_stars: int = option(
-        20, 'brightest centroids that are looked at', low=4, high=200)
+        40, 'brightest centroids that are looked at', low=4, high=200)
     tolerance_sigmas: float = option(
         3.5, 'how far stars may stand from where they should, in errors of their centroids',
         low=1.0, high=10.0)
@@ -106,6 +107,7 @@ class Identifier(ABC):
 
     stars_per_field = 20.0
     min_stars = 4
+    bases_by_brightness = False
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions(),
@@ -119,36 +121,33 @@ class Identifier(ABC):
         self.scale_error = options.fov_error_percent / 100
         # A year of proper motion is nothing to the tolerances, and one database serves it all.
         self.places = camera_places(catalog, camera, round(epoch_year), self.magnitude_limit)
-        self.verifier = Verifier(camera, self.places, options.tolerance_sigmas, self.scale_error)
+        self.verifier = Verifier(camera, self.places, options.tolerance_sigmas, self.scale_error,
+                                 bases_by_brightness=self.bases_by_brightness)
 
     @abstractmethod
-    def search(self, centroids: Centroids, field: FieldStars) -> Identification:
-        """Return which stars the centroids are; field are those to look at, enough of them."""
-
     def identify(self, centroids: Centroids) -> Identification:
         """Return which stars the centroids are; never raises for what an image may hold."""
-        field = self.field_stars(centroids)
-        if len(field) < self.min_stars:
-            return self.nothing(centroids, 'too_few_stars',
-                                f'{len(field)} usable stars, {self.options.method} takes '
-                                f'{self.min_stars}: expose longer or lower the threshold')
-        return self.search(centroids, field)
 
     def field_stars(self, centroids: Centroids) -> FieldStars:
         """Return the brightest sound centroids, each star once."""
-        index, sigma_px = _brightest(
-            centroids.uv, centroids.flux, centroids.sigma_px, self.camera.width,
-            self.camera.height, self.options.max_image_stars, self.options.sigma_floor_px)
-        return FieldStars(index, self.camera.unproject(centroids.uv[index]),
-                          self.camera.pixel_rad * sigma_px, centroids.flux[index])
+        index, direction, sigma_rad = usable_stars(
+            self.camera.lens, centroids.uv, centroids.flux, centroids.sigma_px,
+            self.options.max_image_stars, self.options.sigma_floor_px)
+        return FieldStars(index, direction, sigma_rad, centroids.flux[index])
 
     def answer(self, centroids: Centroids, field: FieldStars, match: Match) -> Identification:
         """Return a believed match as the result."""
-        hip, magnitude, residual_px = _spread(
+        hip, magnitude, residual_px = spread(
             len(centroids), field.index, match.star, match.residual_px, self.places.hip,
             self.places.magnitude)
         return Identification('identified', f'{match.matched} stars', hip, magnitude, residual_px,
                               match.attitude, match.focal_ratio, match.chance)
+
+    def too_few(self, centroids: Centroids, count: int) -> Identification:
+        """Return that a field holds only so many usable stars."""
+        return self.nothing(centroids, 'too_few_stars',
+                            f'{count} usable stars, {self.options.method} takes '
+                            f'{self.min_stars}: expose longer or lower the threshold')
 
     def nothing(self, centroids: Centroids, status: str, reason: str,
                 chance: float = 1.0) -> Identification:
@@ -163,11 +162,11 @@ class Identifier(ABC):
             centroids, 'time_limit', f'no answer within time_limit_s = '
             f'{self.options.time_limit_s:g}, {tested} candidates tested', chance)
 
-    def no_candidate(self, centroids: Centroids, field: FieldStars, tested: int,
+    def no_candidate(self, centroids: Centroids, count: int, tested: int,
                      chance: float) -> Identification:
-        """Return that no candidate was believed."""
+        """Return that of so many candidates for count stars none was believed."""
         return self.nothing(
-            centroids, 'no_candidate', f'{len(field)} stars, {tested} candidates tested, none is '
+            centroids, 'no_candidate', f'{count} stars, {tested} candidates tested, none is '
             'surely right: too few catalogue stars, many false ones, or a wrong focal length',
             chance)
 
@@ -179,8 +178,11 @@ class StarIdentifier(Identifier):
     def candidates(self, field: FieldStars) -> Iterator[Candidates]:
         """Yield what some of the image stars may be."""
 
-    def search(self, centroids: Centroids, field: FieldStars) -> Identification:
+    def identify(self, centroids: Centroids) -> Identification:
         """Return the first candidate that the field verifies."""
+        field = self.field_stars(centroids)
+        if len(field) < self.min_stars:
+            return self.too_few(centroids, len(field))
         deadline_s = time.perf_counter() + self.options.time_limit_s
         chance = 1.0
         tested = 0
@@ -198,7 +200,7 @@ class StarIdentifier(Identifier):
                     return self._decide(centroids, field, matches)
             if time.perf_counter() > deadline_s:
                 return self.time_limit(centroids, tested, chance)
-        return self.no_candidate(centroids, field, tested, chance)
+        return self.no_candidate(centroids, len(field), tested, chance)
 
     def _decide(self, centroids: Centroids, field: FieldStars,
                 matches: list[Match]) -> Identification:
@@ -213,20 +215,21 @@ class StarIdentifier(Identifier):
 
 
 @njit(cache=True)
-def _brightest(uv, flux, sigma_px, width, height, most, sigma_floor_px):
-    """Return indices (N,) of the brightest sound centroids, each star once, and their sigma."""
-    order = np.argsort(-flux)
-    chosen = np.empty(min(most, len(order)), np.int64)
+def usable_stars(lens, uv, flux, sigma_px, most, sigma_floor_px):
+    """Return the brightest sound centroids, each star once, as in FieldStars.
+
+    Their indices (N,), directions (N, 3) and errors (N,) in rad.
+    """
+    chosen = np.empty(min(most, len(flux)), np.int64)
     count = 0
-    for i in order:
+    for i in np.argsort(-flux):
         u, v = uv[i, 0], uv[i, 1]
         # NaN is in no range.
-        sound = (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5 and flux[i] == flux[i]
-                 and 0 < sigma_px[i] < np.inf)
-        if not sound:
-            continue
-        for j in chosen[:count]:
-            if np.hypot(uv[j, 0] - u, uv[j, 1] - v) < _DUPLICATE_PX:
+        sound = (-0.5 <= u <= lens.width - 0.5 and -0.5 <= v <= lens.height - 0.5
+                 and flux[i] == flux[i] and 0 < sigma_px[i] < np.inf)
+        for j in range(count if sound else 0):
+            du, dv = uv[chosen[j], 0] - u, uv[chosen[j], 1] - v
+            if du * du + dv * dv < _DUPLICATE_PX * _DUPLICATE_PX:
                 sound = False
                 break
         if not sound:
@@ -236,11 +239,19 @@ def _brightest(uv, flux, sigma_px, width, height, most, sigma_floor_px):
         if count == most:
             break
     chosen = chosen[:count]
-    return chosen, np.sqrt(sigma_px[chosen] ** 2 + sigma_floor_px ** 2)
+    direction, sigma_rad = np.empty((count, 3)), np.empty(count)
+    for i in range(count):
+        u, v = uv[chosen[i], 0], uv[chosen[i], 1]
+        x, y = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
+        length = np.sqrt(x * x + y * y + 1)
+        direction[i, 0], direction[i, 1], direction[i, 2] = x / length, y / length, 1 / length
+        sigma_rad[i] = np.sqrt((sigma_px[chosen[i]] ** 2 + sigma_floor_px ** 2)
+                               / (lens.fx * lens.fy))
+    return chosen, direction, sigma_rad
 
 
 @njit(cache=True)
-def _spread(count, index, star, residual_px, hip, magnitude):
+def spread(count, index, star, residual_px, hip, magnitude):
     """Return hip, magnitude and residual of each of count centroids, those of index matched."""
     hips = np.zeros(count, np.int32)
     magnitudes = np.full(count, np.nan)

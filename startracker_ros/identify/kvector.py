@@ -40,8 +40,9 @@ class KVector:
 
 @njit(cache=True, inline='always')
 def _step(table, value):
-    """Return the step that a value falls into."""
-    return int(min(max((value - table.start) * table.per_step, 0.0), len(table.values)))
+    """Return the step that a value falls into, the first one for NaN."""
+    step = (value - table.start) * table.per_step
+    return int(min(step, len(table.values))) if step > 0 else 0
 
 
 @njit(cache=True)

@@ -28,6 +28,12 @@ class PairDatabase:
         """The range search over the separations."""
         return KVector(self.separation)
 
+    def among(self, count: int) -> 'PairDatabase':
+        """Return the pairs of the first count of star alone."""
+        kept = (self.first < count) & (self.second < count)
+        return PairDatabase(self.star[:count], self.separation[kept], self.first[kept],
+                            self.second[kept])
+
     def between(self, low_rad: float, high_rad: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the pairs of a separation in both orders: stars a (M,) and b (M,)."""
         found = self.kvector.range(low_rad, high_rad)

@@ -9,16 +9,19 @@ solver for general use, compiled throughout.
 import time
 from typing import NamedTuple
 
-from numba import njit, objmode
+from numba import njit, objmode, types
+from numba.experimental import structref
 import numpy as np
 
+from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.cache import cached_pairs
 from startracker_ros.identify.identification import (
-    FieldStars, Identification, IdentificationOptions, Identifier)
+    Identification, IdentificationOptions, Identifier, spread, usable_stars)
 from startracker_ros.identify.kvector import first_beyond, first_from, KVectorTable
+from startracker_ros.identify.pairs import PairDatabase
 from startracker_ros.identify.verification import (
     fit, JUDGED, judge, refuted, same_attitude, support, support_weights, tangent, volume)
 
@@ -27,23 +30,29 @@ _MIN_SEPARATION_PX = 20.0
 # A triangle flatter than this many sigmas of its own height has no sure handedness.
 _FLAT_SIGMAS = 4.0
 # Triangles are made of so many of the brightest stars, at any time of the most trusted ones.
-_TRIAD_STARS = 40
+_IMAGE_STARS = 40
 _TRUSTED = 9
+# The first triangles, of the very brightest, are looked up among the brightest catalogue stars:
+# few pairs, all of them near the processor.
+_BRIGHT_STARS_PER_FIELD = 10.0
+_BRIGHT_IMAGE_STARS = 6
+_BRIGHT_TRIANGLES = 3
 # Trust in a star relative to the next brighter one: nine of ten, a start without evidence.
 _FAINTER_TRUST = 0.9
 # What a triangle costs in any case, what a pair of a side and a joined pair of pairs cost, in ns.
 _COST, _PAIR_COST, _JOIN_COST = 4000.0, 4.0, 8.0
 # Work between two looks at the clock, in the same measure: 10 ms.
 _BUDGET = 1e7
-_BELIEVED, _AMBIGUOUS, _EXHAUSTED, _TIME_LIMIT = range(4)
+_BELIEVED, _TOO_FEW, _AMBIGUOUS, _EXHAUSTED, _TIME_LIMIT = range(5)
 
 
 class _Pairs(NamedTuple):
-    """The pair database and room to work in, for the compiled functions.
+    """A pair database and room to work in, for the compiled functions.
 
     star (S,) are indices into the places, direction (S, 3) their unit vectors. A join lists
-    the partners of star s from head[s] on, through following; stamp[s] is the number of the
-    join that wrote it, stamp[S] that of the last join.
+    the partners of star s from head[s] on, through following. The upper half of head[s] is the
+    number of the join that wrote it, head[S] that of the last join. image_stars and
+    triangles limit what is looked up here.
     """
 
     table: KVectorTable
@@ -52,21 +61,45 @@ class _Pairs(NamedTuple):
     star: np.ndarray
     direction: np.ndarray
     head: np.ndarray
-    stamp: np.ndarray
     following: np.ndarray
+    image_stars: int
+    triangles: int
 
 
 class _State(NamedTuple):
     """How far the search of one frame has come, for its n brightest stars.
 
-    trust (n,); found (n, n) pairs that a side may be, -1 unknown; used (n, n, n) triangles;
-    tested (1,) candidates so far.
+    trust (n,); found (n, n) pairs that a side may be, -1 unknown; used (n, n, n) triangles.
     """
 
     trust: np.ndarray
     found: np.ndarray
     used: np.ndarray
-    tested: np.ndarray
+
+
+@structref.register
+class _SkyType(types.StructRef):
+    """The compiled type of _Sky."""
+
+    def preprocess_fields(self, fields: tuple) -> tuple:
+        """Return the fields without the values that they happen to have."""
+        return tuple((name, types.unliteral(kind)) for name, kind in fields)
+
+
+class _Sky(structref.StructRefProxy):
+    """All that stays the same from frame to frame, handed over as one reference.
+
+    Handed over one by one, the arrays would take as long as the search itself.
+    """
+
+
+structref.define_proxy(_Sky, _SkyType, ['levels', 'court', 'lens'])
+
+
+@njit(cache=True)
+def _sky(levels, court, lens):
+    """Return the reference; a compiled function, because that one is cached."""
+    return _Sky(levels, court, lens)
 
 
 class PyramidIdentifier(Identifier):
@@ -78,77 +111,92 @@ class PyramidIdentifier(Identifier):
         super().__init__(camera, epoch_year, options, catalog)
         pairs = cached_pairs(self.places, _MIN_SEPARATION_PX * camera.pixel_rad,
                              2 * camera.corner_angle_rad * (1 + self.scale_error))
-        stars = len(pairs.star)
-        self._pairs = _Pairs(
-            pairs.kvector.table, pairs.first, pairs.second, pairs.star,
-            self.places.direction[pairs.star], np.zeros(stars, np.int32),
-            np.zeros(stars + 1, np.int64), np.zeros(2 * len(pairs.first), np.int32))
+        share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
+        bright = np.searchsorted(pairs.star, _BRIGHT_STARS_PER_FIELD / share)
+        levels = (self._room(pairs.among(bright), _BRIGHT_IMAGE_STARS, _BRIGHT_TRIANGLES),
+                  self._room(pairs, _IMAGE_STARS, _IMAGE_STARS ** 3))
+        self._sky = _sky(levels, self.verifier.court, camera.lens)
 
-    def search(self, centroids: Centroids, field: FieldStars) -> Identification:
+    def _room(self, pairs: PairDatabase, image_stars: int, triangles: int) -> _Pairs:
+        return _Pairs(
+            pairs.kvector.table, pairs.first, pairs.second, pairs.star,
+            self.places.direction[pairs.star], np.zeros(len(pairs.star) + 1, np.int64),
+            np.zeros(2 * len(pairs.first), np.int32), image_stars, triangles)
+
+    def identify(self, centroids: Centroids) -> Identification:
         """Return the answer of the first believed triangle."""
-        outcome, tested, chance, ratio, star, distance, fitted = _search(
-            self._pairs, self.verifier.court, field.direction, field.sigma_rad,
-            self.options.false_alarm_max, time.perf_counter() + self.options.time_limit_s)
+        options = self.options
+        outcome, used, tested, chance, ratio, matched, found, fitted = _identify(
+            self._sky, centroids.uv, centroids.flux, centroids.sigma_px,
+            options.max_image_stars, options.sigma_floor_px, options.false_alarm_max,
+            time.perf_counter() + options.time_limit_s)
         if outcome == _BELIEVED:
-            return self.answer(centroids, field, self.verifier.match(
-                chance, ratio, star, distance, fitted))
+            return Identification('identified', f'{matched} stars', *found,
+                                  AttitudeEstimate(fitted[0], fitted[1], matched, *fitted[2:]),
+                                  ratio, chance)
+        if outcome == _TOO_FEW:
+            return self.too_few(centroids, used)
         if outcome == _AMBIGUOUS:
             return self.nothing(centroids, 'ambiguous', 'two attitudes fit the field', chance)
         if outcome == _TIME_LIMIT:
             return self.time_limit(centroids, tested, chance)
-        return self.no_candidate(centroids, field, tested, chance)
+        return self.no_candidate(centroids, used, tested, chance)
 
 
 @njit(cache=True)
-def _search(pairs, court, image, sigma, false_alarm_max, deadline_s):
+def _identify(constant, uv, flux, sigma_px, most, sigma_floor_px, false_alarm_max, deadline_s):
     """Test triangle after triangle until one is believed, none is left or time is up.
 
-    Return the outcome, the number of tested candidates, chance, focal ratio, star (N,) and
-    distance (N,) of the best one as judge() does, and what fit() says of it.
+    Return the outcome, how many stars were used, candidates tested, chance, focal ratio,
+    number of matched stars, (hip, magnitude, residual_px) of all centroids and fit().
     """
+    court, lens = constant.court, constant.lens
+    index, image, sigma = usable_stars(lens, uv, flux, sigma_px, most, sigma_floor_px)
     seen = tangent(image)
-    state = _begin(len(image))
     chance, ratio, star, distance = refuted(len(image))
+    tested = np.zeros(1, np.int64)
     base = np.empty(3, np.int64)
-    outcome, spent = _EXHAUSTED, 0.0
-    while True:
-        cost = _choose(pairs, court, image, sigma, state, base)
-        if cost < 0:
-            break
-        candidates, count = _candidates(pairs, court, image, sigma, base, state.tested)
-        believed = 0
-        for row in range(count):
-            verdict = judge(court, seen, sigma, base, pairs.star[candidates[row]],
-                            state.tested[0])
-            if verdict[0] <= false_alarm_max and (
-                    not believed or not same_attitude(verdict[2], star)):
-                believed += 1
-            if verdict[0] < chance:
-                chance, ratio, star, distance = verdict
-        if believed:
-            outcome = _AMBIGUOUS if believed > 1 else _BELIEVED
-            break
-        spent += cost + count * _COST
-        if spent > _BUDGET:
-            spent = 0.0
-            with objmode(now_s='float64'):
-                now_s = time.perf_counter()
-            if now_s > deadline_s:
-                outcome = _TIME_LIMIT
+    outcome = _TOO_FEW if len(image) < 4 else _EXHAUSTED
+    spent = 0.0
+    for level in constant.levels:
+        state = _begin(len(image), level.image_stars)
+        for _ in range(level.triangles):
+            cost = _choose(level, court, image, sigma, state, base)
+            if cost < 0 or outcome != _EXHAUSTED:
                 break
-    return (outcome, state.tested[0], chance, ratio, star, distance,
+            candidates, count = _candidates(level, court, image, sigma, base, tested)
+            believed = 0
+            for row in range(count):
+                verdict = judge(court, seen, sigma, base, level.star[candidates[row]], tested[0])
+                if verdict[0] <= false_alarm_max and (
+                        not believed or not same_attitude(verdict[2], star)):
+                    believed += 1
+                if verdict[0] < chance:
+                    chance, ratio, star, distance = verdict
+            if believed:
+                outcome = _AMBIGUOUS if believed > 1 else _BELIEVED
+                break
+            spent += cost + count * _COST
+            if spent > _BUDGET:
+                spent = 0.0
+                with objmode(now_s='float64'):
+                    now_s = time.perf_counter()
+                if now_s > deadline_s:
+                    outcome = _TIME_LIMIT
+    residual_px = distance * np.sqrt(lens.fx * lens.fy)
+    return (outcome, len(index), tested[0], chance, ratio, np.count_nonzero(star >= 0),
+            spread(len(flux), index, star, residual_px, court.hip, court.magnitude),
             fit(court.sky, seen, sigma, ratio, star))
 
 
 @njit(cache=True)
-def _begin(count):
-    """Return the state of a search of count stars at its beginning."""
-    n = min(count, _TRIAD_STARS)
+def _begin(count, most):
+    """Return the state of a search of count stars at its beginning, at most so many used."""
+    n = min(count, most)
     trust = np.empty(n)
     for i in range(n):
         trust[i] = _FAINTER_TRUST ** i
-    return _State(trust, np.full((n, n), -1), np.zeros((n, n, n), np.bool_),
-                  np.zeros(1, np.int64))
+    return _State(trust, np.full((n, n), -1.0), np.zeros((n, n, n), np.bool_))
 
 
 @njit(cache=True, inline='always')
@@ -158,13 +206,32 @@ def _angle(a, b):
                                      + (a[2] - b[2]) ** 2) / 2, 1.0))
 
 
+@njit(cache=True, inline='always')
+def _angle_and_reach(court, image, sigma, i, j):
+    """Return the length of a side and how far its catalogue pairs may differ."""
+    angle = _angle(image[i], image[j])
+    return angle, (court.tolerance_sigmas * np.sqrt(sigma[i] ** 2 + sigma[j] ** 2)
+                   + court.scale_error * angle)
+
+
 @njit(cache=True)
 def _side(pairs, court, image, sigma, i, j):
     """Return the pairs that a side may be, as the first place and the one after the last."""
-    angle = _angle(image[i], image[j])
-    reach = (court.tolerance_sigmas * np.sqrt(sigma[i] ** 2 + sigma[j] ** 2)
-             + court.scale_error * angle)
+    angle, reach = _angle_and_reach(court, image, sigma, i, j)
     return first_from(pairs.table, angle - reach), first_beyond(pairs.table, angle + reach)
+
+
+@njit(cache=True)
+def _expected_pairs(pairs, court, image, sigma, i, j):
+    """Return how many pairs a side may be, were the stars spread evenly over the sky.
+
+    Faster than to look; nothing where the database has no such pairs at all.
+    """
+    angle, reach = _angle_and_reach(court, image, sigma, i, j)
+    values = pairs.table.values
+    if not len(values) or angle + reach < values[0] or angle - reach > values[-1]:
+        return 0.0
+    return len(pairs.star) ** 2 / 4 * np.sin(angle) * 2 * reach
 
 
 @njit(cache=True)
@@ -187,8 +254,7 @@ def _choose(pairs, court, image, sigma, state, base):
             for y in range(x):
                 i, j = order[x], order[y]
                 if found[i, j] < 0:
-                    begin, end = _side(pairs, court, image, sigma, i, j)
-                    found[i, j] = found[j, i] = end - begin
+                    found[i, j] = found[j, i] = _expected_pairs(pairs, court, image, sigma, i, j)
                 if not found[i, j]:
                     continue
                 for z in range(y):
@@ -209,14 +275,16 @@ def _choose(pairs, court, image, sigma, state, base):
     if chosen_cost < 0:
         return chosen_cost
     i, j, k = base
-    for a, b, c in ((i, j, k), (i, k, j), (j, i, k), (j, k, i), (k, i, j), (k, j, i)):
-        used[a, b, c] = True
-    for star in base:
-        trust[star] /= 2
+    used[i, j, k] = used[i, k, j] = used[j, i, k] = True
+    used[j, k, i] = used[k, i, j] = used[k, j, i] = True
+    trust[i] /= 2
+    trust[j] /= 2
+    trust[k] /= 2
     # The longest side lies across from the first of base.
-    sides = np.array([found[j, k], found[i, k], found[i, j]])
-    first = np.argmax(sides)
-    base[0], base[first] = base[first], base[0]
+    if found[i, k] >= max(found[i, j], found[j, k]):
+        base[0], base[1] = j, i
+    elif found[i, j] >= max(found[i, k], found[j, k]):
+        base[0], base[2] = k, i
     return chosen_cost
 
 
@@ -248,30 +316,31 @@ def _candidates(pairs, court, image, sigma, base, tested):
     stamp = _list_partners(pairs, *_side(pairs, court, image, sigma, base[0], base[1]))
     begin, end = _side(pairs, court, image, sigma, base[0], base[2])
     star = np.empty(3, np.int64)
+    # Scalars alone: a view of a row costs more than the arithmetic with it.
+    direction = pairs.direction
     for place in range(2 * begin, 2 * end):
-        pair = place // 2
-        if place % 2:
-            meet, third = pairs.first[pair], pairs.second[pair]
-        else:
-            meet, third = pairs.second[pair], pairs.first[pair]
-        if pairs.stamp[meet] != stamp:
+        pair = place >> 1
+        meet, third = pairs.first[pair], pairs.second[pair]
+        if place & 1:
+            meet, third = third, meet
+        if pairs.head[meet] >> 32 != stamp:
             continue
-        far = pairs.direction[third]
-        entry = pairs.head[meet]
+        x, y, z = direction[third, 0], direction[third, 1], direction[third, 2]
+        entry = np.int32(pairs.head[meet])
         while entry >= 0:
-            second = pairs.first[entry // 2] if entry % 2 else pairs.second[entry // 2]
-            near = pairs.direction[second]
-            square = ((near[0] - far[0]) ** 2 + (near[1] - far[1]) ** 2
-                      + (near[2] - far[2]) ** 2)
+            second = pairs.first[entry >> 1] if entry & 1 else pairs.second[entry >> 1]
+            dx, dy, dz = direction[second, 0] - x, direction[second, 1] - y, direction[second, 2] - z
+            square = dx * dx + dy * dy + dz * dz
             if low <= square <= high:
-                side = (pairs.table.values[entry // 2], pairs.table.values[pair],
-                        2 * np.arcsin(np.sqrt(square) / 2))
-                scale = (side[0] * angle[0] * weight[0] + side[1] * angle[1] * weight[1]
-                         + side[2] * angle[2] * weight[2]) / full
-                alike = (abs(side[0] - scale * angle[0]) <= noise[0]
-                         and abs(side[1] - scale * angle[1]) <= noise[1]
-                         and abs(side[2] - scale * angle[2]) <= noise[2])
-                if alike and (flat or volume(pairs.direction[meet], near, far) * hand > 0):
+                side0, side1 = pairs.table.values[entry >> 1], pairs.table.values[pair]
+                side2 = 2 * np.arcsin(np.sqrt(square) / 2)
+                scale = (side0 * angle[0] * weight[0] + side1 * angle[1] * weight[1]
+                         + side2 * angle[2] * weight[2]) / full
+                alike = (abs(side0 - scale * angle[0]) <= noise[0]
+                         and abs(side1 - scale * angle[1]) <= noise[1]
+                         and abs(side2 - scale * angle[2]) <= noise[2])
+                if alike and (flat or volume(direction[meet], direction[second],
+                                             direction[third]) * hand > 0):
                     tested[0] += 1
                     star[0], star[1], star[2] = meet, second, third
                     _keep(best, votes, star, support(
@@ -288,16 +357,13 @@ def _list_partners(pairs, begin, end):
 
     Entry 2 p of pair p is its second star, 2 p + 1 its first.
     """
-    stamp = pairs.stamp[-1] + 1
-    pairs.stamp[-1] = stamp
+    stamp = pairs.head[-1] + 1
+    pairs.head[-1] = stamp
     for entry in range(2 * begin, 2 * end):
-        star = pairs.first[entry // 2] if entry % 2 == 0 else pairs.second[entry // 2]
-        if pairs.stamp[star] == stamp:
-            pairs.following[entry] = pairs.head[star]
-        else:
-            pairs.stamp[star] = stamp
-            pairs.following[entry] = -1
-        pairs.head[star] = entry
+        star = pairs.second[entry >> 1] if entry & 1 else pairs.first[entry >> 1]
+        known = pairs.head[star] >> 32 == stamp
+        pairs.following[entry] = np.int32(pairs.head[star]) if known else -1
+        pairs.head[star] = stamp << 32 | entry
     return stamp
 
 

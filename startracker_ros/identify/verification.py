@@ -1,14 +1,20 @@
 """Whether a candidate attitude is right: all stars of the field, and what chance would do.
 
-The statistical model. A candidate comes from three stars. Were it wrong, each of the
-other n - 3 image stars would still fall within the matching radius of some catalogue
+The statistical model. A candidate comes from three stars, or b. Were it wrong, each of the
+other n - b image stars would still fall within the matching radius of some catalogue
 star with probability p = density x radius area, independently, so m matches or more
 have the probability of a binomial tail. Stars of a cluster are not independent: the
 Pleiades, shifted or turned, put several stars on others at once. So stars of one small
 cell of the image count as one. A wrong candidate lies somewhere on the sky, so the field
 that it predicts must by chance be as empty as this one: the share of random fields with
-no more catalogue stars than the candidate has. The product, times the
-number of candidates that were tested, is the false-alarm probability.
+no more catalogue stars than the candidate has.
+
+Brightness is evidence of its own. Were the candidate wrong, any order of the catalogue
+stars would be as likely as that of their image stars: the chance is the share of all
+orders with no more inversions (Kendall 1938). No photometry is asked for but the order.
+
+Both chances together, as Fisher (1925) combines them, times the number of candidates
+that were tested, are the false-alarm probability.
 """
 
 from dataclasses import dataclass
@@ -28,6 +34,8 @@ SUPPORTERS = 8
 JUDGED = 5
 # Random directions at which the emptiness of the sky is sampled.
 _SAMPLES = 2000
+# Matched stars whose order is looked at.
+_ORDERED = 12
 # Cells along one side of a square image: 3/4 of a degree in a field of 12.
 _CELLS = 16
 
@@ -56,33 +64,38 @@ class Match:
 class Court(NamedTuple):
     """What candidates are judged by, for the compiled functions.
 
-    field holds the borders of the image in x / z, y / z (low, high, low, high) and the
+    sky, hip (S,) and magnitude (S,) are the catalogue; field holds the borders of the image in x / z, y / z (low, high, low, high) and the
     chord from its axis to the farthest corner; area is in rad^2; counts (S,) are the
-    ascending numbers of stars in fields about random directions.
+    ascending numbers of stars in fields about random directions. Where the stars of a
+    candidate were themselves found by their brightness, it is no evidence for them.
     """
 
     sky: SkyGrid
+    hip: np.ndarray
+    magnitude: np.ndarray
     tolerance_sigmas: float
     scale_error: float
     field: tuple[float, float, float, float, float]
     area: float
     counts: np.ndarray
+    bases_by_brightness: bool
 
 
 class Verifier:
     """Holds the sky and the camera against which candidates are judged."""
 
     def __init__(self, camera: Camera, places: StarPlaces, tolerance_sigmas: float,
-                 scale_error: float) -> None:
+                 scale_error: float, *, bases_by_brightness: bool = False) -> None:
         self._pixel_rad = camera.pixel_rad
         area = camera.width * camera.height * camera.pixel_rad ** 2
         self.court = Court(
-            sky_grid(places.direction), tolerance_sigmas, scale_error,
+            sky_grid(places.direction), places.hip, places.magnitude, float(tolerance_sigmas),
+            float(scale_error),
             ((-0.5 - camera.cx) / camera.fx, (camera.width - 0.5 - camera.cx) / camera.fx,
              (-0.5 - camera.cy) / camera.fy, (camera.height - 0.5 - camera.cy) / camera.fy,
              # A field of view wider than it says lets in stars from a little beyond.
              2 * np.sin(min(1.1 * camera.corner_angle_rad, np.pi) / 2)),
-            area, _field_counts(places, area))
+            area, _field_counts(places, area), bases_by_brightness)
 
     def supported(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
                   stars: np.ndarray) -> np.ndarray:
@@ -337,6 +350,40 @@ def _binomial_tail(least, trials, chance):
     return min(total, 1.0)
 
 
+def _order_chances() -> np.ndarray:
+    """Return the share of the orders of n things with at most k inversions, (n, k)."""
+    chances = np.ones((_ORDERED + 1, _ORDERED * (_ORDERED - 1) // 2 + 1))
+    counts = np.ones(1)
+    for n in range(2, _ORDERED + 1):
+        # The n-th thing may come before any number of the others.
+        counts = np.convolve(counts, np.ones(n)) / n
+        chances[n, :len(counts)] = np.minimum(np.cumsum(counts), 1)
+    return chances
+
+
+_ORDER_CHANCES = _order_chances()
+
+
+@njit(cache=True)
+def _order_chance(star, base, without_base):
+    """Return the chance that the brightest matched stars come in so good an order.
+
+    Image stars and catalogue stars both go from bright to faint.
+    """
+    ordered = np.empty(_ORDERED, np.int64)
+    count = inversions = 0
+    for i in range(len(star)):
+        if star[i] < 0 or (without_base and np.any(base == i)):
+            continue
+        for other in ordered[:count]:
+            inversions += other > star[i]
+        ordered[count] = star[i]
+        count += 1
+        if count == _ORDERED:
+            break
+    return _ORDER_CHANCES[count, inversions]
+
+
 @njit(cache=True)
 def judge(court, seen, sigma, base, star, tested):
     """Return chance, focal ratio, star (N,) and distance (N,) of a candidate.
@@ -358,7 +405,7 @@ def judge(court, seen, sigma, base, star, tested):
         sensor, icrf, weight = _chosen(seen, sigma, ratio, matched, sky)
         if attempt == 0:
             matrix = triad(sensor, icrf, 0, _farthest(sensor))
-        determinant = refine(matrix, sensor, icrf, weight, 3)[1]
+        determinant = refine(matrix, sensor, icrf, weight, 2)[1]
         if not determinant > 0:
             return 1.0, ratio, matched, distance
         if court.scale_error > 0:
@@ -383,13 +430,17 @@ def judge(court, seen, sigma, base, star, tested):
     in_field = count_in_image(sky, matrix, chord, low_x / ratio, high_x / ratio, low_y / ratio,
                               high_y / ratio)
     every, agreeing = _independent(seen, matched, np.sqrt(court.area) / _CELLS)
-    others = max(agreeing - 3, 0)
-    trials = max(every - 3, others)
+    # The stars that found the candidate are no evidence for it.
+    others = max(agreeing - len(base), 0)
+    trials = max(every - len(base), others)
     by_chance = min(1.0, max(in_field, 1) * np.pi * radius ** 2 / court.area)
     emptier = np.searchsorted(court.counts, in_field, 'right') / len(court.counts)
     share = max(emptier, 1 / len(court.counts))
-    chance = min(1.0, max(tested, 1) * _binomial_tail(others, trials, by_chance) * share)
-    return chance, ratio, matched, distance
+    both = (_binomial_tail(others, trials, by_chance) * share
+            * _order_chance(matched, base, court.bases_by_brightness))
+    # The probability that the product of two uniform numbers is so small.
+    combined = both * (1 - np.log(both)) if both > 0 else 0.0
+    return min(1.0, max(tested, 1) * combined), ratio, matched, distance
 
 
 @njit(cache=True)

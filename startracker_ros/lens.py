@@ -1,0 +1,54 @@
+"""The camera model for compiled functions: from pixels to directions."""
+
+from typing import NamedTuple
+
+from numba import njit
+import numpy as np
+
+
+class Lens(NamedTuple):
+    """Image size, focal lengths and principal point in px, plumb_bob distortion terms."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    k1: float
+    k2: float
+    p1: float
+    p2: float
+    k3: float
+
+
+@njit(cache=True)
+def undistort(lens, x, y):
+    """Return x / z, y / z of the direction that the lens shows at x, y (Newton's method)."""
+    if lens.k1 == lens.k2 == lens.p1 == lens.p2 == lens.k3 == 0:
+        return x, y
+    a, b = x, y
+    for _ in range(20):
+        r2 = a * a + b * b
+        radial = 1 + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3))
+        ex = a * radial + 2 * lens.p1 * a * b + lens.p2 * (r2 + 2 * a * a) - x
+        ey = b * radial + lens.p1 * (r2 + 2 * b * b) + 2 * lens.p2 * a * b - y
+        if max(abs(ex), abs(ey)) < 1e-14:
+            break
+        slope = 2 * (lens.k1 + r2 * (2 * lens.k2 + r2 * 3 * lens.k3))
+        cross = slope * a * b + 2 * (lens.p1 * a + lens.p2 * b)
+        xx = radial + slope * a * a + 2 * lens.p1 * b + 6 * lens.p2 * a
+        yy = radial + slope * b * b + 6 * lens.p1 * b + 2 * lens.p2 * a
+        determinant = xx * yy - cross * cross
+        a -= (yy * ex - cross * ey) / determinant
+        b -= (xx * ey - cross * ex) / determinant
+    return a, b
+
+
+@njit(cache=True)
+def undistort_all(lens, tangent):
+    """Return undistort() of points (N, 2)."""
+    clear = np.empty_like(tangent)
+    for i in range(len(tangent)):
+        clear[i, 0], clear[i, 1] = undistort(lens, tangent[i, 0], tangent[i, 1])
+    return clear
