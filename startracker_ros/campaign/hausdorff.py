@@ -216,7 +216,7 @@ def run_hausdorff_campaign(*, trials: int, seed: int, scheduler: str = '',
     return Result('campaign hausdorff', rows, {
         'camera': '512 x 512 px, 12 deg from edge to edge; Hipparcos, epoch 2000, any roll',
         'columns': '% of the directions; under_5_stars is the share of fields with fewer stars: '
-                   'no set for pivot, for segment seldom enough to verify an answer; mean_ms is '
+                   'no set for pivot, for segment now and then enough to verify one; mean_ms is '
                    'process CPU time of one thread after warm-up, the paper used MATLAB',
         'as published': 'the nearest distance is the answer, right when each star of the set is '
                         'named; a pivot of the database is at the centre of the field: for '
