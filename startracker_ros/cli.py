@@ -127,6 +127,22 @@ def campaign_quad(trials: int, scheduler: str, seed: int, as_json: bool) -> None
     _finish(run_quad_campaign(trials=trials, seed=seed, scheduler=scheduler), as_json)
 
 
+@campaign.command('extended-grid')
+@click.option('--trials', type=click.IntRange(1), default=10000, show_default=True,
+              help='Directions of each figure.')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              help='Folder for a picture of the two curves.')
+@_scheduler
+@_seed
+@_json
+def campaign_extended_grid(trials: int, output: Path | None, scheduler: str, seed: int,
+                           as_json: bool) -> None:
+    """Fields of 4 deg with few stars, known by a gyro and grids beyond the edge."""
+    from startracker_ros.campaign.extended_grid import run_extended_grid_campaign
+    _finish(run_extended_grid_campaign(trials=trials, seed=seed, scheduler=scheduler,
+                                       output=output), as_json)
+
+
 @main.group()
 def bench() -> None:
     """Measure speed and accuracy beside peers and physical bounds."""
