@@ -166,3 +166,34 @@ def bench_pipeline(trials: int, seed: int, only: tuple[str, ...], as_json: bool)
                                f'{", ".join(CASES)}')
     result = run_pipeline_bench(trials=trials, seed=seed, only=only or tuple(CASES))
     _finish(result, as_json)
+
+
+@bench.command('lost-in-space')
+@click.option('--all-cells', is_flag=True, help='Every combination of noise, missing and false.')
+@click.option('--camera', 'cameras', multiple=True, help='Cameras to run: A12, B20, C10.')
+@click.option('--cedar-python', type=click.Path(exists=True, dir_okay=False),
+              help="Python of a venv with cedar-solve and 'numpy<2', to run that peer as well.")
+@_scheduler
+@_bench
+def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python: str | None,
+                        scheduler: str, trials: int, seed: int, only: tuple[str, ...],
+                        as_json: bool) -> None:
+    """Identification beside tetra3rs and cedar-solve, on the same frames."""
+    from startracker_ros.bench.corpus import ALL_CELLS, CELLS, VIEWS
+    from startracker_ros.bench.lost_in_space import DATABASE, run_lost_in_space_bench
+    from startracker_ros.bench.peers import PeerError
+    for kind, named, known in (('case', only, (DATABASE, *ALL_CELLS)), ('camera', cameras, VIEWS)):
+        unknown = set(named) - set(known)
+        if unknown:
+            raise click.UsageError(f'no {kind} {", ".join(sorted(unknown))}; there are '
+                                   f'{", ".join(known)}')
+    if cedar_python and scheduler:
+        raise click.UsageError('cedar-solve runs on this machine, without --scheduler')
+    chosen = only or (DATABASE, *(ALL_CELLS if all_cells else CELLS))
+    try:
+        result = run_lost_in_space_bench(
+            trials=trials, seed=seed, only=chosen, cameras=cameras or tuple(VIEWS),
+            cedar_python=cedar_python or '', scheduler=scheduler)
+    except PeerError as error:
+        _fail(str(error))
+    _finish(result, as_json)
