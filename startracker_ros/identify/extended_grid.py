@@ -55,12 +55,19 @@ class PredictedField:
     """The catalogue stars of the extended field at the predicted attitude, brightest first.
 
     star (M,) are indices into the places; place (M, 2) is x / z, y / z in the sensor frame;
-    inside (M,) bool is True within the image.
+    inside (M,) bool is True within the image, near (M,) also where a prediction that is off may
+    have put a star of the image.
     """
 
     star: np.ndarray
     place: np.ndarray
     inside: np.ndarray
+    near: np.ndarray
+
+    def select(self, chosen: np.ndarray | slice) -> 'PredictedField':
+        """Return the stars of a mask (M,), of indices or of a slice."""
+        return PredictedField(self.star[chosen], self.place[chosen], self.inside[chosen],
+                              self.near[chosen])
 
     def brightest(self, observed: int) -> 'PredictedField':
         """Return the stars down to where as many of them are inside as were observed.
@@ -69,7 +76,7 @@ class PredictedField:
         """
         beyond = np.flatnonzero(self.inside)[observed:]
         count = beyond[0] if len(beyond) else len(self.star)
-        return PredictedField(self.star[:count], self.place[:count], self.inside[:count])
+        return self.select(slice(count))
 
 
 class ExtendedGridIdentifier(PyramidIdentifier):
@@ -109,7 +116,11 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         observed = field.direction[:, :2] / field.direction[:, 2:]
         predicted = self.predicted_field(prior.quaternion)
         votes = self.recognise(observed, predicted)
-        return self._decide_with_prior(centroids, field, observed, predicted, votes, prior)
+        # Rows of all stars become rows of those near the image, where the answer is.
+        known = votes >= 0
+        votes[known] = np.cumsum(predicted.near)[votes[known]] - 1
+        return self._decide_with_prior(centroids, field, observed,
+                                       predicted.select(predicted.near), votes, prior)
 
     def predicted_field(self, quaternion: np.ndarray) -> PredictedField:
         """Return the catalogue stars of the extended field, image A."""
@@ -118,8 +129,9 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         direction = self.places.direction[near] @ matrix
         place = direction[:, :2] / direction[:, 2:]
         kept = (np.abs(place) <= self._half_field).all(1)
-        inside = self.camera.contains(self.camera.project(direction[kept]))
-        return PredictedField(near[kept], place[kept], inside)
+        uv = self.camera.project(direction[kept])
+        return PredictedField(near[kept], place[kept], self.camera.contains(uv),
+                              self.camera.contains(uv, -self._cell / self.camera.pixel_rad))
 
     def recognise(self, observed: np.ndarray, predicted: PredictedField) -> np.ndarray:
         """Return for each observed place (N, 2) the row of the predicted star, -1 for none.

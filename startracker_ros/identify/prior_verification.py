@@ -37,16 +37,20 @@ class PriorMatch:
 
 @dataclass(frozen=True)
 class _Gates:
-    """How N observed stars and M predicted places agree.
+    """How N observed stars and M predicted places agree; of one state, or of K side by side.
 
-    square (N, M) is the squared distance in sigmas; area (N,) the summed areas of the gates
-    of each observed star in rad^2; change (4,) and covariance (4, 4) the state they hold for.
+    square (..., N, M) is the squared distance in sigmas; area (..., N) the summed areas of the
+    gates of each observed star in rad^2; change (..., 4) and covariance (..., 4, 4) the state
+    they hold for.
     """
 
     square: np.ndarray
     area: np.ndarray
     change: np.ndarray
     covariance: np.ndarray
+
+    def __getitem__(self, k: int) -> '_Gates':
+        return _Gates(self.square[k], self.area[k], self.change[k], self.covariance[k])
 
 
 def partial_derivatives(place: np.ndarray) -> np.ndarray:
@@ -59,6 +63,9 @@ def partial_derivatives(place: np.ndarray) -> np.ndarray:
 
 class PriorVerifier:
     """One frame against one prediction."""
+
+    # Recognised stars, the brightest, whose places are tried as the true ones.
+    _TRIALS = 20
 
     def __init__(self, observed: np.ndarray, sigma_rad: np.ndarray, predicted: np.ndarray,
                  inside: np.ndarray, covariance: np.ndarray, tolerance_sigmas: float,
@@ -86,11 +93,11 @@ class PriorVerifier:
         bool are places that may not stand for their star; a chance up to believed counts.
         """
         voter = np.flatnonzero(votes >= 0)
-        voter = voter[self._prior.square[voter, votes[voter]] <= self._tolerance]
+        voter = voter[self._prior.square[voter, votes[voter]] <= self._tolerance][:self._TRIALS]
         if not len(voter):
             return None
-        trials = [self._after(voter[[k]], votes[voter[[k]]]) for k in range(len(voter))]
-        matches = [self._pair_up(trial) for trial in trials]
+        trials = self._after(voter[:, None], votes[voter][:, None])
+        matches = self._pair_up(trials)
         best = max(range(len(voter)), key=lambda k: self._support(matches[k], trials[k]))
         gates = trials[best]
         for _ in range(2):
@@ -100,38 +107,43 @@ class PriorVerifier:
         # Two stars that are the same leave no room for two attitudes.
         contradicted = any(
             np.count_nonzero((match == row) & (row >= 0)) < 2
-            and self._chance(match, trial) <= believed
-            for match, trial in zip(matches, trials))
+            and self._chance(match, trials[k]) <= believed
+            for k, match in enumerate(matches))
         row = self._alone(gates, doubtful)
         return PriorMatch(row, 1 + gates.change[3], self._chance(row, trials[best]), contradicted)
 
     def _gates(self, change: np.ndarray, covariance: np.ndarray) -> _Gates:
-        spread = self._partial @ covariance @ self._partial.transpose(0, 2, 1)
-        xx, yy = (spread[:, axis, axis] + self._variance[:, None] for axis in (0, 1))
-        xy = spread[:, 0, 1]
+        spread = self._partial @ covariance[..., None, :, :] @ self._partial.transpose(0, 2, 1)
+        xx, yy = (spread[..., None, :, axis, axis] + self._variance[:, None] for axis in (0, 1))
+        xy = spread[..., None, :, 0, 1]
         determinant = xx * yy - xy * xy
-        away = self._observed[:, None] - (self._predicted + self._partial @ change)
+        moved = self._predicted + (self._partial @ change[..., None, :, None])[..., 0]
+        away = self._observed[:, None] - moved[..., None, :, :]
         dx, dy = away[..., 0], away[..., 1]
         square = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / determinant
-        area = np.pi * self._tolerance * np.sqrt(determinant[:, self._inside]).sum(1)
+        area = np.pi * self._tolerance * np.sqrt(determinant[..., self._inside]).sum(-1)
         return _Gates(square, area, change, covariance)
 
     def _after(self, star: np.ndarray, row: np.ndarray) -> _Gates:
-        """Return the gates once observed stars (K,) are known to be predicted ones (K,)."""
-        partial = self._partial[row].reshape(-1, 4)
+        """Return the gates once observed stars (..., K) are known to be predicted ones (..., K).
+
+        A Kalman update of the state.
+        """
+        partial = self._partial[row].reshape(*row.shape[:-1], -1, 4)
         covariance = self._prior.covariance
-        residual = (self._observed[star] - self._predicted[row]).ravel()
-        innovation = partial @ covariance @ partial.T + np.diag(
-            np.repeat(self._variance[star], 2))
-        gain = np.linalg.solve(innovation, partial @ covariance).T
-        return self._gates(gain @ residual, covariance - gain @ partial @ covariance)
+        residual = (self._observed[star] - self._predicted[row]).reshape(*row.shape[:-1], -1, 1)
+        variance = np.repeat(self._variance[star], 2, -1)
+        innovation = partial @ covariance @ partial.swapaxes(-1, -2)
+        innovation = innovation + np.eye(variance.shape[-1]) * variance[..., None]
+        gain = np.linalg.solve(innovation, partial @ covariance).swapaxes(-1, -2)
+        return self._gates((gain @ residual)[..., 0], covariance - gain @ partial @ covariance)
 
     def _pair_up(self, gates: _Gates) -> np.ndarray:
-        """Return the nearest row (N,) of each star that is also its nearest, -1 out of gate."""
-        star = np.arange(len(gates.square))
-        nearest = gates.square.argmin(1)
-        good = ((gates.square.argmin(0)[nearest] == star)
-                & (gates.square[star, nearest] <= self._tolerance))
+        """Return the row (..., N) of each star, nearest both ways, -1 when out of its gate."""
+        nearest = gates.square.argmin(-1)
+        distance = np.take_along_axis(gates.square, nearest[..., None], -1)[..., 0]
+        nearest_star = np.take_along_axis(gates.square.argmin(-2), nearest, -1)
+        good = (nearest_star == np.arange(nearest.shape[-1])) & (distance <= self._tolerance)
         return np.where(good, nearest, -1)
 
     def _alone(self, gates: _Gates, doubtful: np.ndarray) -> np.ndarray:

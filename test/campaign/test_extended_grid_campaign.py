@@ -53,12 +53,12 @@ def test_triangles_need_two_neighbours_and_one_answer():
     rng = np.random.default_rng(2)
     place = rng.uniform(-0.05, 0.05, (30, 2))
     inside = (np.abs(place) < 0.03).all(1)
-    image = PredictedField(np.arange(30), place, inside)
+    image = PredictedField(np.arange(30), place, inside, inside)
     votes = campaign.triangle_votes(place[inside], image, 0.005, 1e-6)
     np.testing.assert_array_equal(votes, np.flatnonzero(inside))
     shaken = place[inside] + rng.normal(0, 1e-4, (inside.sum(), 2))
     assert (campaign.triangle_votes(shaken, image, 0.005, 1e-6) == -1).all()
-    pair = PredictedField(np.arange(2), place[:2], np.array([True, True]))
+    pair = PredictedField(np.arange(2), place[:2], *np.ones((2, 2), bool))
     assert (campaign.triangle_votes(place[:2], pair, 0.005, 1e-6) == -1).all()
 
 
