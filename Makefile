@@ -36,6 +36,7 @@ test: .venv/package
 .venv/package: .venv/requirements $(SOURCES)
 	rm -rf build/lib
 	$(PIP_INSTALL) --no-deps --no-build-isolation .
+	cd "$(VENV)" && $(RUN) -m startracker_ros.warm_up
 	touch $@
 
 clean:

@@ -2,8 +2,9 @@
 
 from typing import NamedTuple
 
-from numba import njit
 import numpy as np
+
+from startracker_ros.compiled import compiled
 
 
 class Lens(NamedTuple):
@@ -22,7 +23,7 @@ class Lens(NamedTuple):
     k3: float
 
 
-@njit(cache=True)
+@compiled
 def undistort(lens, x, y):
     """Return x / z, y / z of the direction that the lens shows at x, y (Newton's method)."""
     if lens.k1 == lens.k2 == lens.p1 == lens.p2 == lens.k3 == 0:
@@ -45,7 +46,7 @@ def undistort(lens, x, y):
     return a, b
 
 
-@njit(cache=True)
+@compiled
 def undistort_all(lens, tangent):
     """Return undistort() of points (N, 2)."""
     clear = np.empty_like(tangent)

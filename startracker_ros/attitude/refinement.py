@@ -1,38 +1,47 @@
 """A rotation from two directions, and its least-squares refinement by all: compiled."""
 
-from numba import njit
 import numpy as np
 
+from startracker_ros.compiled import compiled
 
-@njit(cache=True)
+
+# Each step doubles the digits; a few arcseconds become rounding in two.
+_MOST_STEPS = 5
+
+
+@compiled
 def triad(sensor, icrf, first, second):
     """Return the matrix (3, 3) to ICRF that fits two of the directions (N, 3), the first exactly.
 
     Black, AIAA Journal 2 (1964). The two must not be parallel.
     """
-    matrix = np.empty((3, 3))
-    frames = np.empty((2, 3, 3))
-    for k in range(2):
-        vectors = sensor if k == 0 else icrf
-        a, b = vectors[first], vectors[second]
-        frame = frames[k]
-        frame[0] = a
-        frame[1, 0] = a[1] * b[2] - a[2] * b[1]
-        frame[1, 1] = a[2] * b[0] - a[0] * b[2]
-        frame[1, 2] = a[0] * b[1] - a[1] * b[0]
-        frame[1] /= np.sqrt(frame[1, 0] ** 2 + frame[1, 1] ** 2 + frame[1, 2] ** 2)
-        frame[2, 0] = a[1] * frame[1, 2] - a[2] * frame[1, 1]
-        frame[2, 1] = a[2] * frame[1, 0] - a[0] * frame[1, 2]
-        frame[2, 2] = a[0] * frame[1, 1] - a[1] * frame[1, 0]
+    frame, other = _frame(sensor, first, second), _frame(icrf, first, second)
+    matrix = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
-            matrix[i, j] = (frames[1, 0, i] * frames[0, 0, j] + frames[1, 1, i] * frames[0, 1, j]
-                            + frames[1, 2, i] * frames[0, 2, j])
+            for k in range(3):
+                matrix[i, j] += other[k, i] * frame[k, j]
     return matrix
 
 
-@njit(cache=True)
-def refine(matrix, sensor, icrf, weight, steps):
+@compiled
+def _frame(vectors, first, second):
+    """Return three axes (3, 3): a vector, the normal of the plane of two, and across."""
+    axes = np.empty((3, 3))
+    for k in range(3):
+        axes[0, k] = vectors[first, k]
+        axes[2, k] = vectors[second, k]
+    for row, a, b in ((1, 0, 2), (2, 0, 1)):
+        x = axes[a, 1] * axes[b, 2] - axes[a, 2] * axes[b, 1]
+        y = axes[a, 2] * axes[b, 0] - axes[a, 0] * axes[b, 2]
+        z = axes[a, 0] * axes[b, 1] - axes[a, 1] * axes[b, 0]
+        length = np.sqrt(x * x + y * y + z * z)
+        axes[row, 0], axes[row, 1], axes[row, 2] = x / length, y / length, z / length
+    return axes
+
+
+@compiled
+def refine(matrix, sensor, icrf, weight):
     """Turn a nearly right matrix (3, 3) to the best fit; return the covariance at unit weight.
 
     Gauss-Newton on sum w |sensor - matrix^T icrf|^2 (Wahba's problem) over unit vectors
@@ -42,7 +51,7 @@ def refine(matrix, sensor, icrf, weight, steps):
     """
     covariance = np.empty((3, 3))
     determinant = 0.0
-    for _ in range(steps):
+    for _ in range(_MOST_STEPS):
         xx = xy = xz = yy = yz = zz = 0.0
         gx = gy = gz = 0.0
         for i in range(len(weight)):
@@ -78,7 +87,7 @@ def refine(matrix, sensor, icrf, weight, steps):
     return covariance, determinant
 
 
-@njit(cache=True)
+@compiled
 def _turn(matrix, dx, dy, dz):
     """Turn a matrix (3, 3) in place by a small rotation vector about its sensor axes."""
     # The half-angle tangent (Rodrigues) vector keeps the matrix a rotation, whatever the size.
@@ -94,7 +103,7 @@ def _turn(matrix, dx, dy, dz):
         matrix[i, 2] = c + scale * (pz + qz)
 
 
-@njit(cache=True)
+@compiled
 def quaternion_from_matrix(matrix):
     """Return the quaternion (4,), w >= 0, of a rotation matrix (3, 3) (Shepperd 1978)."""
     q = np.empty(4)

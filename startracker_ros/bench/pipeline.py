@@ -118,7 +118,7 @@ def pyramid(trials: int, seed: int) -> Iterator[Row]:
     rng = np.random.default_rng(seed)
     places = camera_places(load_catalog(), SMALL_CAMERA, EPOCH_YEAR, 6.0)
     identifier = make_identifier(SMALL_CAMERA, EPOCH_YEAR,
-                                IdentificationOptions(magnitude_limit=6.0))
+                                 IdentificationOptions(magnitude_limit=6.0))
     solved = wrong = 0
     times_ms = []
     for _ in progress(range(trials), 'identification', transient=True):

@@ -2,8 +2,9 @@
 
 from typing import NamedTuple
 
-from numba import njit
 import numpy as np
+
+from startracker_ros.compiled import compiled, inlined
 
 
 class SkyGrid(NamedTuple):
@@ -31,7 +32,7 @@ def sky_grid(direction: np.ndarray) -> SkyGrid:
                    np.argsort(cell, kind='stable').astype(np.int32))
 
 
-@njit(cache=True, inline='always')
+@inlined
 def _cells_about(grid, coordinate, chord):
     """Return the first and the last cell, along one axis, within chord of a coordinate."""
     half = grid.cells / 2
@@ -40,7 +41,7 @@ def _cells_about(grid, coordinate, chord):
     return max(low, 0), min(high, grid.cells - 1)
 
 
-@njit(cache=True)
+@compiled
 def nearest(grid, x, y, z, chord):
     """Return the index of the star nearest to a unit vector and its squared chord.
 
@@ -66,7 +67,7 @@ def nearest(grid, x, y, z, chord):
     return best, best_square
 
 
-@njit(cache=True)
+@compiled
 def count_in_image(grid, matrix, chord, low_x, high_x, low_y, high_y):
     """Return how many stars a camera sees.
 

@@ -22,7 +22,7 @@ from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.identify.identification import (
-    Candidates, FieldStars, IdentificationOptions, StarIdentifier)
+    Candidates, FieldStars, IdentificationOptions, CandidateIdentifier)
 
 _LOOKED_AT = 6
 BRIGHTEST_FOUR = ((0, 1, 2, 3),)
@@ -70,7 +70,7 @@ class StarSets:
         return cls(feature[order], np.concatenate([part.stars for part in parts])[order])
 
 
-class HausdorffIdentifier(StarIdentifier):
+class HausdorffIdentifier(CandidateIdentifier):
     """Looks up sets of the image among those of the sky.
 
     Neighbours of a pivot are the stars within a circle: unlike the field, it holds the same
@@ -79,6 +79,7 @@ class HausdorffIdentifier(StarIdentifier):
     """
 
     sky_fours = BRIGHTEST_FOUR
+    bases_by_brightness = True
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions(),

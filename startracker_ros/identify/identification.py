@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 import time
 
-from numba import njit
 import numpy as np
 
 from startracker_ros.attitude.estimate import AttitudeEstimate
@@ -13,6 +12,7 @@ from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.compiled import compiled
 from startracker_ros.identify.verification import Match, same_attitude, Verifier
 from startracker_ros.lens import undistort
 from startracker_ros.options import option, Options
@@ -131,7 +131,7 @@ class Identifier(ABC):
     def field_stars(self, centroids: Centroids) -> FieldStars:
         """Return the brightest sound centroids, each star once."""
         index, direction, sigma_rad = usable_stars(
-            self.camera.lens, centroids.uv, centroids.flux, centroids.sigma_px,
+            self.camera.lens, centroids.uv, np.argsort(-centroids.flux), centroids.sigma_px,
             self.options.max_image_stars, self.options.sigma_floor_px)
         return FieldStars(index, direction, sigma_rad, centroids.flux[index])
 
@@ -171,7 +171,7 @@ class Identifier(ABC):
             chance)
 
 
-class StarIdentifier(Identifier):
+class CandidateIdentifier(Identifier):
     """An identifier whose method gives candidates, the most promising first."""
 
     @abstractmethod
@@ -214,19 +214,19 @@ class StarIdentifier(Identifier):
         return self.answer(centroids, field, best)
 
 
-@njit(cache=True)
-def usable_stars(lens, uv, flux, sigma_px, most, sigma_floor_px):
-    """Return the brightest sound centroids, each star once, as in FieldStars.
+@compiled
+def usable_stars(lens, uv, order, sigma_px, most, sigma_floor_px):
+    """Return the first sound ones of the centroids in an order, each star once.
 
-    Their indices (N,), directions (N, 3) and errors (N,) in rad.
+    Their indices (N,), directions (N, 3) and errors (N,) in rad, as in FieldStars.
     """
-    chosen = np.empty(min(most, len(flux)), np.int64)
+    chosen = np.empty(min(most, len(order)), np.int64)
     count = 0
-    for i in np.argsort(-flux):
+    for i in order:
         u, v = uv[i, 0], uv[i, 1]
         # NaN is in no range.
         sound = (-0.5 <= u <= lens.width - 0.5 and -0.5 <= v <= lens.height - 0.5
-                 and flux[i] == flux[i] and 0 < sigma_px[i] < np.inf)
+                 and 0 < sigma_px[i] < np.inf)
         for j in range(count if sound else 0):
             du, dv = uv[chosen[j], 0] - u, uv[chosen[j], 1] - v
             if du * du + dv * dv < _DUPLICATE_PX * _DUPLICATE_PX:
@@ -250,7 +250,7 @@ def usable_stars(lens, uv, flux, sigma_px, most, sigma_floor_px):
     return chosen, direction, sigma_rad
 
 
-@njit(cache=True)
+@compiled
 def spread(count, index, star, residual_px, hip, magnitude):
     """Return hip, magnitude and residual of each of count centroids, those of index matched."""
     hips = np.zeros(count, np.int32)

@@ -2,8 +2,9 @@
 
 from typing import NamedTuple
 
-from numba import njit
 import numpy as np
+
+from startracker_ros.compiled import compiled, inlined
 
 
 class KVectorTable(NamedTuple):
@@ -38,14 +39,14 @@ class KVector:
         return slice(first, max(first, first_beyond(self.table, high)))
 
 
-@njit(cache=True, inline='always')
+@inlined
 def _step(table, value):
     """Return the step that a value falls into, the first one for NaN."""
     step = (value - table.start) * table.per_step
     return int(min(step, len(table.values))) if step > 0 else 0
 
 
-@njit(cache=True)
+@compiled
 def first_from(table, low):
     """Return the place of the first value that is not below low."""
     # The division rounds, hence the look to both sides.
@@ -57,7 +58,7 @@ def first_from(table, low):
     return place
 
 
-@njit(cache=True)
+@compiled
 def first_beyond(table, high):
     """Return the place of the first value above high."""
     place = table.below[_step(table, high)]

@@ -9,7 +9,7 @@ solver for general use, compiled throughout.
 import time
 from typing import NamedTuple
 
-from numba import njit, objmode, types
+from numba import objmode, types
 from numba.experimental import structref
 import numpy as np
 
@@ -17,13 +17,14 @@ from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.compiled import compiled, inlined
 from startracker_ros.identify.cache import cached_pairs
 from startracker_ros.identify.identification import (
     Identification, IdentificationOptions, Identifier, spread, usable_stars)
 from startracker_ros.identify.kvector import first_beyond, first_from, KVectorTable
 from startracker_ros.identify.pairs import PairDatabase
 from startracker_ros.identify.verification import (
-    fit, JUDGED, judge, refuted, same_attitude, support, support_weights, tangent, volume)
+    fit, JUDGED, judge, matches, refuted, same_attitude, support, support_weights, tangent, volume)
 
 # Sides of a triangle shorter than this say little beside their noise.
 _MIN_SEPARATION_PX = 20.0
@@ -96,7 +97,7 @@ class _Sky(structref.StructRefProxy):
 structref.define_proxy(_Sky, _SkyType, ['levels', 'court', 'lens'])
 
 
-@njit(cache=True)
+@compiled
 def _sky(levels, court, lens):
     """Return the reference; a compiled function, because that one is cached."""
     return _Sky(levels, court, lens)
@@ -127,7 +128,7 @@ class PyramidIdentifier(Identifier):
         """Return the answer of the first believed triangle."""
         options = self.options
         outcome, used, tested, chance, ratio, matched, found, fitted = _identify(
-            self._sky, centroids.uv, centroids.flux, centroids.sigma_px,
+            self._sky, centroids.uv, np.argsort(-centroids.flux), centroids.sigma_px,
             options.max_image_stars, options.sigma_floor_px, options.false_alarm_max,
             time.perf_counter() + options.time_limit_s)
         if outcome == _BELIEVED:
@@ -143,15 +144,15 @@ class PyramidIdentifier(Identifier):
         return self.no_candidate(centroids, used, tested, chance)
 
 
-@njit(cache=True)
-def _identify(constant, uv, flux, sigma_px, most, sigma_floor_px, false_alarm_max, deadline_s):
+@compiled
+def _identify(constant, uv, order, sigma_px, most, sigma_floor_px, false_alarm_max, deadline_s):
     """Test triangle after triangle until one is believed, none is left or time is up.
 
     Return the outcome, how many stars were used, candidates tested, chance, focal ratio,
     number of matched stars, (hip, magnitude, residual_px) of all centroids and fit().
     """
     court, lens = constant.court, constant.lens
-    index, image, sigma = usable_stars(lens, uv, flux, sigma_px, most, sigma_floor_px)
+    index, image, sigma = usable_stars(lens, uv, order, sigma_px, most, sigma_floor_px)
     seen = tangent(image)
     chance, ratio, star, distance = refuted(len(image))
     tested = np.zeros(1, np.int64)
@@ -167,7 +168,7 @@ def _identify(constant, uv, flux, sigma_px, most, sigma_floor_px, false_alarm_ma
             candidates, count = _candidates(level, court, image, sigma, base, tested)
             believed = 0
             for row in range(count):
-                verdict = judge(court, seen, sigma, base, level.star[candidates[row]], tested[0])
+                verdict = judge(court, seen, sigma, base, candidates[row], tested[0])
                 if verdict[0] <= false_alarm_max and (
                         not believed or not same_attitude(verdict[2], star)):
                     believed += 1
@@ -184,12 +185,12 @@ def _identify(constant, uv, flux, sigma_px, most, sigma_floor_px, false_alarm_ma
                 if now_s > deadline_s:
                     outcome = _TIME_LIMIT
     residual_px = distance * np.sqrt(lens.fx * lens.fy)
-    return (outcome, len(index), tested[0], chance, ratio, np.count_nonzero(star >= 0),
-            spread(len(flux), index, star, residual_px, court.hip, court.magnitude),
+    return (outcome, len(index), tested[0], chance, ratio, matches(star),
+            spread(len(order), index, star, residual_px, court.hip, court.magnitude),
             fit(court.sky, seen, sigma, ratio, star))
 
 
-@njit(cache=True)
+@compiled
 def _begin(count, most):
     """Return the state of a search of count stars at its beginning, at most so many used."""
     n = min(count, most)
@@ -199,29 +200,35 @@ def _begin(count, most):
     return _State(trust, np.full((n, n), -1.0), np.zeros((n, n, n), np.bool_))
 
 
-@njit(cache=True, inline='always')
+@inlined
 def _angle(a, b):
     """Return the angle between unit vectors."""
     return 2 * np.arcsin(min(np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2
                                      + (a[2] - b[2]) ** 2) / 2, 1.0))
 
 
-@njit(cache=True, inline='always')
+@inlined
+def _angle_and_noise(court, image, sigma, i, j):
+    """Return the length of a side and how far noise may take its catalogue pairs off it."""
+    noise = court.tolerance_sigmas * np.sqrt(sigma[i] ** 2 + sigma[j] ** 2)
+    return _angle(image[i], image[j]), noise
+
+
+@inlined
 def _angle_and_reach(court, image, sigma, i, j):
-    """Return the length of a side and how far its catalogue pairs may differ."""
-    angle = _angle(image[i], image[j])
-    return angle, (court.tolerance_sigmas * np.sqrt(sigma[i] ** 2 + sigma[j] ** 2)
-                   + court.scale_error * angle)
+    """Return the length of a side and how far its catalogue pairs may be off it."""
+    angle, noise = _angle_and_noise(court, image, sigma, i, j)
+    return angle, noise + court.scale_error * angle
 
 
-@njit(cache=True)
+@compiled
 def _side(pairs, court, image, sigma, i, j):
     """Return the pairs that a side may be, as the first place and the one after the last."""
     angle, reach = _angle_and_reach(court, image, sigma, i, j)
     return first_from(pairs.table, angle - reach), first_beyond(pairs.table, angle + reach)
 
 
-@njit(cache=True)
+@compiled
 def _expected_pairs(pairs, court, image, sigma, i, j):
     """Return how many pairs a side may be, were the stars spread evenly over the sky.
 
@@ -234,7 +241,21 @@ def _expected_pairs(pairs, court, image, sigma, i, j):
     return len(pairs.star) ** 2 / 4 * np.sin(angle) * 2 * reach
 
 
-@njit(cache=True)
+@compiled
+def _descending(values):
+    """Return the order of a few values (N,) from the greatest to the least."""
+    order = np.arange(len(values))
+    for i in range(1, len(order)):
+        moved = order[i]
+        j = i
+        while j > 0 and values[order[j - 1]] < values[moved]:
+            order[j] = order[j - 1]
+            j -= 1
+        order[j] = moved
+    return order
+
+
+@compiled
 def _choose(pairs, court, image, sigma, state, base):
     """Put the next triangle into base (3,) and return its cost, negative when none is left.
 
@@ -245,7 +266,7 @@ def _choose(pairs, court, image, sigma, state, base):
     two shorter sides meet in the first of base.
     """
     trust, found, used = state.trust, state.found, state.used
-    order = np.argsort(-trust)
+    order = _descending(trust)
     size = max(len(pairs.star), 1)
     # The triangles of the most trusted stars come first, all others when these are used up.
     for reach in (min(_TRUSTED, len(trust)), len(trust)):
@@ -274,7 +295,7 @@ def _choose(pairs, court, image, sigma, state, base):
             break
     if chosen_cost < 0:
         return chosen_cost
-    i, j, k = base
+    i, j, k = base[0], base[1], base[2]
     used[i, j, k] = used[i, k, j] = used[j, i, k] = True
     used[j, k, i] = used[k, i, j] = used[k, j, i] = True
     trust[i] /= 2
@@ -288,7 +309,7 @@ def _choose(pairs, court, image, sigma, state, base):
     return chosen_cost
 
 
-@njit(cache=True)
+@compiled
 def _candidates(pairs, court, image, sigma, base, tested):
     """Return the best supported catalogue triangles (JUDGED, 3) of an image triangle, how many.
 
@@ -296,18 +317,18 @@ def _candidates(pairs, court, image, sigma, base, tested):
     one common scale within its tolerance, and when its handedness agrees. tested (1,) counts
     the fitting ones.
     """
-    a, b, c = image[base[0]], image[base[1]], image[base[2]]
-    angle = np.array([_angle(a, b), _angle(a, c), _angle(b, c)])
-    variance = sigma[base] ** 2
-    noise = court.tolerance_sigmas * np.sqrt(np.array(
-        [variance[0] + variance[1], variance[0] + variance[2], variance[1] + variance[2]]))
-    weight = 1 / noise ** 2
-    full = np.sum(angle ** 2 * weight)
-    hand = volume(a, b, c)
-    flat = abs(hand) < np.max(noise) / court.tolerance_sigmas * _FLAT_SIGMAS * np.max(angle)
-    reach = noise[2] + court.scale_error * angle[2]
-    low = 2 * np.sin(max(angle[2] - reach, 0.0) / 2)
-    high = 2 * np.sin(min(angle[2] + reach, np.pi) / 2)
+    a, b, c = base[0], base[1], base[2]
+    angle0, noise0 = _angle_and_noise(court, image, sigma, a, b)
+    angle1, noise1 = _angle_and_noise(court, image, sigma, a, c)
+    angle2, noise2 = _angle_and_noise(court, image, sigma, b, c)
+    weight0, weight1, weight2 = angle0 / noise0 ** 2, angle1 / noise1 ** 2, angle2 / noise2 ** 2
+    full = weight0 * angle0 + weight1 * angle1 + weight2 * angle2
+    hand = volume(image[a], image[b], image[c])
+    flat = (abs(hand) < max(noise0, noise1, noise2) / court.tolerance_sigmas * _FLAT_SIGMAS
+            * max(angle0, angle1, angle2))
+    reach = noise2 + court.scale_error * angle2
+    low = 2 * np.sin(max(angle2 - reach, 0.0) / 2)
+    high = 2 * np.sin(min(angle2 + reach, np.pi) / 2)
     low, high = low * low, high * high
 
     weights, support_reach = support_weights(image, sigma, base, court.tolerance_sigmas)
@@ -315,7 +336,6 @@ def _candidates(pairs, court, image, sigma, base, tested):
     votes = np.zeros(JUDGED, np.int64)
     stamp = _list_partners(pairs, *_side(pairs, court, image, sigma, base[0], base[1]))
     begin, end = _side(pairs, court, image, sigma, base[0], base[2])
-    star = np.empty(3, np.int64)
     # Scalars alone: a view of a row costs more than the arithmetic with it.
     direction = pairs.direction
     for place in range(2 * begin, 2 * end):
@@ -329,29 +349,30 @@ def _candidates(pairs, court, image, sigma, base, tested):
         entry = np.int32(pairs.head[meet])
         while entry >= 0:
             second = pairs.first[entry >> 1] if entry & 1 else pairs.second[entry >> 1]
-            dx, dy, dz = direction[second, 0] - x, direction[second, 1] - y, direction[second, 2] - z
+            dx, dy = direction[second, 0] - x, direction[second, 1] - y
+            dz = direction[second, 2] - z
             square = dx * dx + dy * dy + dz * dz
             if low <= square <= high:
                 side0, side1 = pairs.table.values[entry >> 1], pairs.table.values[pair]
                 side2 = 2 * np.arcsin(np.sqrt(square) / 2)
-                scale = (side0 * angle[0] * weight[0] + side1 * angle[1] * weight[1]
-                         + side2 * angle[2] * weight[2]) / full
-                alike = (abs(side0 - scale * angle[0]) <= noise[0]
-                         and abs(side1 - scale * angle[1]) <= noise[1]
-                         and abs(side2 - scale * angle[2]) <= noise[2])
+                scale = (side0 * weight0 + side1 * weight1 + side2 * weight2) / full
+                alike = (abs(side0 - scale * angle0) <= noise0
+                         and abs(side1 - scale * angle1) <= noise1
+                         and abs(side2 - scale * angle2) <= noise2)
                 if alike and (flat or volume(direction[meet], direction[second],
                                              direction[third]) * hand > 0):
                     tested[0] += 1
-                    star[0], star[1], star[2] = meet, second, third
-                    _keep(best, votes, star, support(
-                        court, weights, support_reach, pairs.star[meet], pairs.star[second],
-                        pairs.star[third]))
+                    a, b, c = pairs.star[meet], pairs.star[second], pairs.star[third]
+                    _keep(best, votes, a, b, c, support(court, weights, support_reach, a, b, c))
             entry = pairs.following[entry]
     # Far less support than the best one has is chance.
-    return best, np.count_nonzero(votes > votes[0] // 3)
+    count = 0
+    while count < JUDGED and votes[count] > votes[0] // 3:
+        count += 1
+    return best, count
 
 
-@njit(cache=True)
+@compiled
 def _list_partners(pairs, begin, end):
     """List the partners of the stars of some pairs, in both orders; return the stamp.
 
@@ -367,15 +388,16 @@ def _list_partners(pairs, begin, end):
     return stamp
 
 
-@njit(cache=True, inline='always')
-def _keep(best, votes, star, count):
+@inlined
+def _keep(best, votes, first, second, third, count):
     """Keep the candidates with the most votes, the earlier ones first."""
     if count <= votes[-1]:
         return
     row = len(votes) - 1
     while row > 0 and votes[row - 1] < count:
         votes[row] = votes[row - 1]
-        best[row] = best[row - 1]
+        for k in range(3):
+            best[row, k] = best[row - 1, k]
         row -= 1
     votes[row] = count
-    best[row] = star
+    best[row, 0], best[row, 1], best[row, 2] = first, second, third

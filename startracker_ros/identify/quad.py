@@ -18,7 +18,7 @@ from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.identify.cache import cached_pairs
 from startracker_ros.identify.identification import (
-    Candidates, FieldStars, IdentificationOptions, StarIdentifier)
+    Candidates, FieldStars, IdentificationOptions, CandidateIdentifier)
 from startracker_ros.identify.pairs import PairDatabase
 from startracker_ros.identify.verification import Verifier
 from startracker_ros.rotation import matrix_from_quaternion
@@ -38,7 +38,7 @@ _SIDES = tuple(combinations(range(4), 2))
 _TRIPLES = np.array(list(combinations(range(4), 3)))
 
 
-class QuadIdentifier(StarIdentifier):
+class QuadIdentifier(CandidateIdentifier):
     """Quads of bright stars, looked up side by side, confirmed by triangles with all others."""
 
     # Four make the base, and one at least confirms it.

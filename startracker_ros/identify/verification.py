@@ -13,6 +13,10 @@ Brightness is evidence of its own. Were the candidate wrong, any order of the ca
 stars would be as likely as that of their image stars: the chance is the share of all
 orders with no more inversions (Kendall 1938). No photometry is asked for but the order.
 
+A lens that is not what it is taken for leaves a third trace: around the few stars that do
+match, the others lie near catalogue stars, more often than chance would have it, but not
+at them. Such a candidate is refuted, however unlikely its matches are.
+
 Both chances together, as Fisher (1925) combines them, times the number of candidates
 that were tested, are the false-alarm probability.
 """
@@ -20,7 +24,6 @@ that were tested, are the false-alarm probability.
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from numba import njit
 import numpy as np
 
 from startracker_ros.attitude.estimate import AttitudeEstimate
@@ -28,6 +31,7 @@ from startracker_ros.attitude.refinement import quaternion_from_matrix, refine, 
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.catalog.sky_grid import count_in_image, nearest, sky_grid, SkyGrid
+from startracker_ros.compiled import compiled, inlined
 
 # Image stars that are looked up for each candidate, and candidates that are then judged.
 SUPPORTERS = 8
@@ -36,6 +40,10 @@ JUDGED = 5
 _SAMPLES = 2000
 # Matched stars whose order is looked at.
 _ORDERED = 12
+# Image stars without a match count as near misses up to so many matching radii from a star;
+# so improbable a number of them is the lens, not chance.
+_NEAR_MISS_RADII = 8.0
+_NEAR_MISS_CHANCE = 1e-3
 # Cells along one side of a square image: 3/4 of a degree in a field of 12.
 _CELLS = 16
 
@@ -64,9 +72,10 @@ class Match:
 class Court(NamedTuple):
     """What candidates are judged by, for the compiled functions.
 
-    sky, hip (S,) and magnitude (S,) are the catalogue; field holds the borders of the image in x / z, y / z (low, high, low, high) and the
-    chord from its axis to the farthest corner; area is in rad^2; counts (S,) are the
-    ascending numbers of stars in fields about random directions. Where the stars of a
+    sky, hip (S,) and magnitude (S,) are the catalogue; field holds the borders of the image
+    in x / z, y / z (low, high, low, high) and the chord from its axis to the farthest corner;
+    area is in rad^2; counts (F,) are the ascending numbers of stars in fields about random
+    directions. Where the stars of a
     candidate were themselves found by their brightness, it is no evidence for them.
     """
 
@@ -144,7 +153,7 @@ def _field_counts(places: StarPlaces, area: float) -> np.ndarray:
     return np.sort(places.count_within(vectors, radius))
 
 
-@njit(cache=True)
+@compiled
 def same_attitude(star, other):
     """Return whether two answers agree about two stars, which leaves no room for two attitudes."""
     agreeing = 0
@@ -153,13 +162,13 @@ def same_attitude(star, other):
     return agreeing >= 2
 
 
-@njit(cache=True)
+@compiled
 def refuted(count):
     """Return the verdict of a candidate that names none of count stars."""
     return 1.0, 1.0, np.full(count, -1), np.full(count, np.nan)
 
 
-@njit(cache=True)
+@compiled
 def tangent(image):
     """Return x / z, y / z (N, 2) of vectors (N, 3) in front of the camera."""
     seen = np.empty((len(image), 2))
@@ -169,7 +178,7 @@ def tangent(image):
     return seen
 
 
-@njit(cache=True)
+@compiled
 def support_weights(image, sigma, base, tolerance_sigmas):
     """Return how to predict other image stars from three: weights (K, 3), reach (K,) in rad.
 
@@ -192,21 +201,31 @@ def support_weights(image, sigma, base, tolerance_sigmas):
         square = sigma[i] ** 2
         for k in range(3):
             square += (weights[i, k] * sigma[base[k]]) ** 2
-        if np.isfinite(square):
+        if square < np.inf:
             reach[i] = tolerance_sigmas * np.sqrt(square)
-    chosen = np.argsort(reach)[:SUPPORTERS]
-    chosen = chosen[np.isfinite(reach[chosen])]
-    return weights[chosen], reach[chosen]
+    kept = 0
+    for _ in range(min(SUPPORTERS, count)):
+        least = kept
+        for i in range(kept, count):
+            if reach[i] < reach[least]:
+                least = i
+        if not reach[least] < np.inf:
+            break
+        reach[kept], reach[least] = reach[least], reach[kept]
+        for k in range(3):
+            weights[kept, k], weights[least, k] = weights[least, k], weights[kept, k]
+        kept += 1
+    return weights[:kept], reach[:kept]
 
 
-@njit(cache=True, inline='always')
+@inlined
 def volume(a, b, c):
     """Return the triple product a . (b x c)."""
     return (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
             + a[2] * (b[0] * c[1] - b[1] * c[0]))
 
 
-@njit(cache=True)
+@compiled
 def support(court, weights, reach, first, second, third):
     """Return how many predicted image stars are at a catalogue star, if three are these stars."""
     sky = court.sky
@@ -221,10 +240,10 @@ def support(court, weights, reach, first, second, third):
     return count
 
 
-@njit(cache=True)
+@compiled
 def _chosen(seen, sigma, ratio, matched, sky):
     """Return sensor (M, 3) and ICRF (M, 3) directions and weights (M,) of the matched stars."""
-    count = np.count_nonzero(matched >= 0)
+    count = matches(matched)
     sensor, icrf, weight = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
     row = 0
     for i in range(len(matched)):
@@ -233,13 +252,14 @@ def _chosen(seen, sigma, ratio, matched, sky):
         x, y = seen[i, 0] / ratio, seen[i, 1] / ratio
         length = np.sqrt(x * x + y * y + 1)
         sensor[row, 0], sensor[row, 1], sensor[row, 2] = x / length, y / length, 1 / length
-        icrf[row] = sky.direction[matched[i]]
+        for k in range(3):
+            icrf[row, k] = sky.direction[matched[i], k]
         weight[row] = 1 / sigma[i] ** 2
         row += 1
     return sensor, icrf, weight
 
 
-@njit(cache=True)
+@compiled
 def _farthest(vectors):
     """Return the vector (N, 3) that is farthest from the first."""
     chosen, most = 0, -1.0
@@ -251,7 +271,67 @@ def _farthest(vectors):
     return chosen
 
 
-@njit(cache=True)
+@compiled
+def matches(matched):
+    """Return how many of the image stars (N,) have a catalogue star."""
+    count = 0
+    for star in matched:
+        count += star >= 0
+    return count
+
+
+@compiled
+def _equal(matched, other):
+    """Return whether two answers are the same."""
+    for i in range(len(matched)):
+        if matched[i] != other[i]:
+            return False
+    return True
+
+
+@compiled
+def _middle(values):
+    """Return the middle one of a few values (N,)."""
+    ordered = values.copy()
+    for i in range(1, len(ordered)):
+        moved = ordered[i]
+        j = i
+        while j > 0 and ordered[j - 1] > moved:
+            ordered[j] = ordered[j - 1]
+            j -= 1
+        ordered[j] = moved
+    return ordered[len(ordered) // 2]
+
+
+@compiled
+def _up_to(values, limit):
+    """Return how many of the ascending values (N,) are not above a limit."""
+    low, high = 0, len(values)
+    while low < high:
+        middle = (low + high) // 2
+        if values[middle] <= limit:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@compiled
+def _spread(seen, matched):
+    """Return the root of the summed square distances of the matched stars from their centre."""
+    count = 0
+    x = y = xx = yy = 0.0
+    for i in range(len(seen)):
+        if matched[i] >= 0:
+            count += 1
+            x += seen[i, 0]
+            y += seen[i, 1]
+            xx += seen[i, 0] ** 2
+            yy += seen[i, 1] ** 2
+    return np.sqrt(max(xx + yy - (x * x + y * y) / count, 0.0))
+
+
+@compiled
 def _scale(matrix, sensor, icrf):
     """Return the focal length that fits over the one of the sensor directions (M, 3).
 
@@ -279,7 +359,16 @@ def _scale(matrix, sensor, icrf):
     return both / square
 
 
-@njit(cache=True)
+@inlined
+def _star_at(sky, matrix, x, y, radius):
+    """Return the catalogue star nearest to x / z, y / z in the sensor frame, as nearest()."""
+    length = np.sqrt(x * x + y * y + 1)
+    return nearest(sky, (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / length,
+                   (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]) / length,
+                   (matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]) / length, radius)
+
+
+@compiled
 def _pair_up(sky, matrix, seen, ratio, radius):
     """Return the catalogue star (N,) nearest to each image star and its distance (N,) in x / z.
 
@@ -291,11 +380,7 @@ def _pair_up(sky, matrix, seen, ratio, radius):
     distance = np.full(count, np.nan)
     for i in range(count):
         x, y = seen[i, 0] / ratio, seen[i, 1] / ratio
-        length = np.sqrt(x * x + y * y + 1)
-        star, _ = nearest(
-            sky, (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / length,
-            (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]) / length,
-            (matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]) / length, radius)
+        star, _ = _star_at(sky, matrix, x, y, radius)
         if star < 0:
             continue
         c = sky.direction[star]
@@ -317,24 +402,28 @@ def _pair_up(sky, matrix, seen, ratio, radius):
     return matched, distance
 
 
-@njit(cache=True)
-def _independent(seen, matched, edge):
-    """Return how many square cells of an edge hold image stars (N, 2), and how many matched ones."""
-    cells = np.floor(seen / edge)
-    every = known = 0
-    for i in range(len(seen)):
-        new = new_known = True
+@compiled
+def _cells(seen, matched, edge):
+    """Return how many square cells of an edge hold image stars (N, 2), and the first matched (N,).
+
+    The latter are True for the brightest matched star of each cell.
+    """
+    count = len(seen)
+    cell = np.empty((count, 2), np.int64)
+    first = np.zeros(count, np.bool_)
+    every = 0
+    for i in range(count):
+        cell[i, 0], cell[i, 1] = np.floor(seen[i, 0] / edge), np.floor(seen[i, 1] / edge)
+        new, first[i] = True, matched[i] >= 0
         for j in range(i):
-            if cells[j, 0] == cells[i, 0] and cells[j, 1] == cells[i, 1]:
+            if cell[j, 0] == cell[i, 0] and cell[j, 1] == cell[i, 1]:
                 new = False
-                if matched[j] >= 0:
-                    new_known = False
+                first[i] = first[i] and not first[j]
         every += new
-        known += new_known and matched[i] >= 0
-    return every, known
+    return every, first
 
 
-@njit(cache=True)
+@compiled
 def _binomial_tail(least, trials, chance):
     """Return the probability of least or more successes."""
     if least <= 0 or chance >= 1:
@@ -364,19 +453,19 @@ def _order_chances() -> np.ndarray:
 _ORDER_CHANCES = _order_chances()
 
 
-@njit(cache=True)
-def _order_chance(star, base, without_base):
-    """Return the chance that the brightest matched stars come in so good an order.
+@compiled
+def _order_chance(star, chosen):
+    """Return the chance that the first chosen (N,) bool stars come in so good an order.
 
     Image stars and catalogue stars both go from bright to faint.
     """
     ordered = np.empty(_ORDERED, np.int64)
     count = inversions = 0
     for i in range(len(star)):
-        if star[i] < 0 or (without_base and np.any(base == i)):
+        if not chosen[i]:
             continue
-        for other in ordered[:count]:
-            inversions += other > star[i]
+        for j in range(count):
+            inversions += ordered[j] > star[i]
         ordered[count] = star[i]
         count += 1
         if count == _ORDERED:
@@ -384,7 +473,30 @@ def _order_chance(star, base, without_base):
     return _ORDER_CHANCES[count, inversions]
 
 
-@njit(cache=True)
+@compiled
+def _near_misses(sky, matrix, seen, ratio, radius, matched):
+    """Return how many image stars without a match there are, and how many near a free star."""
+    free = near = 0
+    for i in range(len(seen)):
+        if matched[i] >= 0:
+            continue
+        free += 1
+        star, _ = _star_at(sky, matrix, seen[i, 0] / ratio, seen[i, 1] / ratio,
+                           _NEAR_MISS_RADII * radius)
+        near += star >= 0 and not _contains(matched, star)
+    return free, near
+
+
+@compiled
+def _contains(matched, star):
+    """Return whether a catalogue star is among the matched ones."""
+    for other in matched:
+        if other == star:
+            return True
+    return False
+
+
+@compiled
 def judge(court, seen, sigma, base, star, tested):
     """Return chance, focal ratio, star (N,) and distance (N,) of a candidate.
 
@@ -393,9 +505,10 @@ def judge(court, seen, sigma, base, star, tested):
     """
     sky = court.sky
     count = len(seen)
-    radius = court.tolerance_sigmas * np.median(sigma)
+    radius = court.tolerance_sigmas * _middle(sigma)
     matched = np.full(count, -1)
-    matched[base] = star
+    for i in range(len(base)):
+        matched[base[i]] = star[i]
     distance = np.full(count, np.nan)
     ratio = 1.0
     matrix = np.empty((3, 3))
@@ -405,7 +518,7 @@ def judge(court, seen, sigma, base, star, tested):
         sensor, icrf, weight = _chosen(seen, sigma, ratio, matched, sky)
         if attempt == 0:
             matrix = triad(sensor, icrf, 0, _farthest(sensor))
-        determinant = refine(matrix, sensor, icrf, weight, 2)[1]
+        determinant = refine(matrix, sensor, icrf, weight)[1]
         if not determinant > 0:
             return 1.0, ratio, matched, distance
         if court.scale_error > 0:
@@ -415,42 +528,47 @@ def judge(court, seen, sigma, base, star, tested):
             ratio = min(max(ratio, 1 - court.scale_error), 1 + court.scale_error)
         matched, distance = _pair_up(sky, matrix, seen, ratio,
                                      3 * radius if attempt == 0 else radius)
-        if np.count_nonzero(matched >= 0) < 4:
+        if matches(matched) < 4:
             return 1.0, ratio, matched, distance
-        if attempt and np.all(matched == before):
+        if attempt and _equal(matched, before):
             break
-    spread = 0.0
-    known = matched >= 0
-    for k in range(2):
-        along = seen[:, k][known]
-        spread += np.sum((along - np.mean(along)) ** 2)
-    if abs(ratio - 1) > court.scale_error + radius / np.sqrt(spread):
+    if abs(ratio - 1) > court.scale_error + radius / _spread(seen, matched):
         return 1.0, ratio, matched, distance
     low_x, high_x, low_y, high_y, chord = court.field
     in_field = count_in_image(sky, matrix, chord, low_x / ratio, high_x / ratio, low_y / ratio,
                               high_y / ratio)
-    every, agreeing = _independent(seen, matched, np.sqrt(court.area) / _CELLS)
+    every, first = _cells(seen, matched, np.sqrt(court.area) / _CELLS)
+    agreeing = 0
+    for i in range(count):
+        agreeing += first[i]
     # The stars that found the candidate are no evidence for it.
     others = max(agreeing - len(base), 0)
     trials = max(every - len(base), others)
     by_chance = min(1.0, max(in_field, 1) * np.pi * radius ** 2 / court.area)
-    emptier = np.searchsorted(court.counts, in_field, 'right') / len(court.counts)
-    share = max(emptier, 1 / len(court.counts))
-    both = (_binomial_tail(others, trials, by_chance) * share
-            * _order_chance(matched, base, court.bases_by_brightness))
+    share = max(_up_to(court.counts, in_field), 1) / len(court.counts)
+    if court.bases_by_brightness:
+        for i in base:
+            first[i] = False
+    both = (_binomial_tail(others, trials, by_chance) * share * _order_chance(matched, first))
     # The probability that the product of two uniform numbers is so small.
     combined = both * (1 - np.log(both)) if both > 0 else 0.0
-    return min(1.0, max(tested, 1) * combined), ratio, matched, distance
+    chance = min(1.0, max(tested, 1) * combined)
+    if chance < 1:
+        free, near = _near_misses(sky, matrix, seen, ratio, radius, matched)
+        if _binomial_tail(near, free, min(
+                by_chance * (_NEAR_MISS_RADII ** 2 - 1), 1.0)) < _NEAR_MISS_CHANCE:
+            chance = 1.0
+    return chance, ratio, matched, distance
 
 
-@njit(cache=True)
+@compiled
 def fit(sky, seen, sigma, ratio, star):
     """Return quaternion (4,), covariance (3, 3), residual_rad (M,) and chi2 of a match."""
     sensor, icrf, weight = _chosen(seen, sigma, ratio, star, sky)
     if len(weight) < 2:
         return np.zeros(4), np.full((3, 3), np.inf), np.zeros(len(weight)), np.inf
     matrix = triad(sensor, icrf, 0, _farthest(sensor))
-    covariance, _ = refine(matrix, sensor, icrf, weight, 5)
+    covariance, _ = refine(matrix, sensor, icrf, weight)
     residual = np.empty(len(weight))
     chi2 = 0.0
     for i in range(len(weight)):

@@ -81,7 +81,7 @@ def test_each_star_gets_its_own_number(identifier, places):
 def test_false_stars_alone_are_never_believed(identifier):
     rng = np.random.default_rng(5)
     quick = make_identifier(CAMERA, EPOCH_YEAR,
-                           replace(identifier.options, time_limit_s=0.1))
+                            replace(identifier.options, time_limit_s=0.1))
     for _ in range(60):
         result = quick.identify(frame(rng.uniform(0, 511, (15, 2)), sigma_px=0.3))
         assert result.status in ('no_candidate', 'time_limit')
@@ -91,7 +91,7 @@ def test_false_stars_alone_are_never_believed(identifier):
 def test_mirrored_fields_are_never_believed(identifier, places):
     rng = np.random.default_rng(6)
     quick = make_identifier(CAMERA, EPOCH_YEAR,
-                           replace(identifier.options, time_limit_s=0.1))
+                            replace(identifier.options, time_limit_s=0.1))
     for _ in range(30):
         centroids, _ = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
         result = quick.identify(frame(centroids.uv * [-1, 1] + [511, 0], centroids.flux))
@@ -137,7 +137,7 @@ def test_a_wide_tolerance_of_the_focal_length_is_used(places, ratio):
 def test_a_focal_length_far_off_gives_no_answer(places):
     rng = np.random.default_rng(8)
     identifier = make_identifier(CAMERA.with_focal_ratio(1.05), EPOCH_YEAR,
-                                IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.1))
+                                 IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.1))
     for _ in range(20):
         centroids, _ = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
         assert identifier.identify(centroids).attitude is None
@@ -147,7 +147,7 @@ def test_a_cluster_is_not_taken_for_evidence(places):
     """Around the Pleiades a wrong focal length leaves many chance matches in one corner."""
     rng = np.random.default_rng(13)
     identifier = make_identifier(CAMERA.with_focal_ratio(1 / 1.03), EPOCH_YEAR,
-                                IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.15))
+                                 IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.15))
     for _ in range(20):
         ra_deg, dec_deg = 56.75 + rng.uniform(-4, 4), 24.1 + rng.uniform(-4, 4)
         q = quaternion_from_pointing(*np.radians([ra_deg, dec_deg, rng.uniform(0, 360)]))
@@ -190,7 +190,7 @@ def test_useless_rows_are_left_out(identifier, places):
 def test_thousands_of_centroids_take_bounded_time(places):
     rng = np.random.default_rng(11)
     identifier = make_identifier(CAMERA, EPOCH_YEAR,
-                                IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.2))
+                                 IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.2))
     result = identifier.identify(frame(rng.uniform(0, 511, (5000, 2)), sigma_px=0.3))
     assert result.status in ('time_limit', 'no_candidate')
     assert 'time_limit_s = 0.2' in result.reason or result.status == 'no_candidate'

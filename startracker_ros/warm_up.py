@@ -1,0 +1,26 @@
+"""Compile what is compiled at its first use, so that no node has to wait for it."""
+
+import numpy as np
+
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import camera_places
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.identify.identification import IdentificationOptions, METHODS
+from startracker_ros.identify.methods import make_identifier
+from startracker_ros.sky.star_lists import random_attitude, star_list
+
+
+def warm_up() -> None:
+    """Let every method identify one simulated field."""
+    camera = Camera.from_fov(512, 512, 20.0)
+    catalog = load_catalog()
+    places = camera_places(catalog, camera, 2026.0, 5.0)
+    rng = np.random.default_rng(1)
+    centroids, _ = star_list(places, camera, random_attitude(rng), 0.1, rng)
+    for method in METHODS:
+        options = IdentificationOptions(method=method, magnitude_limit=5.0)
+        make_identifier(camera, 2026.0, options, catalog).identify(centroids)
+
+
+if __name__ == '__main__':
+    warm_up()
