@@ -13,7 +13,8 @@ from startracker_ros.camera import Camera, load_camera
 from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor
-from startracker_ros.identify.identification import Identification, Identifier
+from startracker_ros.identify.identification import (
+    Identification, IdentificationOptions, Identifier)
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.images import ImageError, read_image
 from startracker_ros.report.annotate import annotate
@@ -47,7 +48,8 @@ def solve_image(image: np.ndarray, extractor: CentroidExtractor,
 
 def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 camera_file: Path | None = None, epoch_year: float | None = None,
-                annotate_folder: Path | None = None) -> Result:
+                annotate_folder: Path | None = None,
+                options: IdentificationOptions = IdentificationOptions()) -> Result:
     """Solve image files with an ideal camera of fov_deg or the one of camera_file.
 
     epoch_year None is today. CameraError for an impossible camera; an unreadable image is
@@ -71,7 +73,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 raise ImageError(f'{path}: {width} x {height} px, the camera has '
                                  f'{camera.width} x {camera.height}')
             if camera not in identifiers:
-                identifiers[camera] = make_identifier(camera, epoch_year)
+                identifiers[camera] = make_identifier(camera, epoch_year, options)
             start_s = time.perf_counter()
             solution = solve_image(image, extractor, identifiers[camera])
             rows.append(_row(path, solution, 1e3 * (time.perf_counter() - start_s)))

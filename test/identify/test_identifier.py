@@ -143,17 +143,83 @@ def test_a_focal_length_far_off_gives_no_answer(places):
         assert identifier.identify(centroids).attitude is None
 
 
-def test_a_cluster_is_not_taken_for_evidence(places):
-    """Around the Pleiades a wrong focal length leaves many chance matches in one corner."""
+@pytest.mark.parametrize('ratio', [1 / 1.03, 1 / 1.015, 1.03])
+@pytest.mark.parametrize('ra_deg, dec_deg', [(56.75, 24.1), (66.7, 16.0)])
+def test_a_wrong_lens_finds_nothing_in_a_cluster(places, ra_deg, dec_deg, ratio):
+    """Around the Pleiades and the Hyades many stars still match, at a wrong attitude."""
     rng = np.random.default_rng(13)
-    identifier = make_identifier(CAMERA.with_focal_ratio(1 / 1.03), EPOCH_YEAR,
-                                 IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.15))
-    for _ in range(20):
-        ra_deg, dec_deg = 56.75 + rng.uniform(-4, 4), 24.1 + rng.uniform(-4, 4)
-        q = quaternion_from_pointing(*np.radians([ra_deg, dec_deg, rng.uniform(0, 360)]))
+    identifier = make_identifier(CAMERA.with_focal_ratio(ratio), EPOCH_YEAR,
+                                 IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.1))
+    for _ in range(25):
+        pointing = [ra_deg + rng.uniform(-4, 4), dec_deg + rng.uniform(-4, 4),
+                    rng.uniform(0, 360)]
+        q = quaternion_from_pointing(*np.radians(pointing))
         centroids, _ = star_list(places, CAMERA, q, 0.3, rng)
         result = identifier.identify(centroids)
         assert result.attitude is None or off_by(result, q)[0] < 0.05
+
+
+def test_a_field_of_view_known_to_five_percent(places):
+    rng = np.random.default_rng(16)
+    identifier = make_identifier(
+        CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0, fov_error_percent=5.0))
+    for _ in range(20):
+        true = CAMERA.with_focal_ratio(rng.uniform(0.95, 1.05))
+        q = random_attitude(rng)
+        centroids, _ = star_list(places, true, q, 0.3, rng)
+        result = identifier.identify(centroids)
+        assert result.status == 'identified'
+        assert result.focal_ratio == pytest.approx(true.fx / CAMERA.fx, abs=2e-3)
+        assert off_by(result, q)[0] < 0.05
+
+
+def test_the_false_alarm_probability_is_honest(places):
+    """Of fields without a single true star, one in ten may claim 0.1 or less, one in 100 0.01."""
+    rng = np.random.default_rng(17)
+    identifier = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(
+        magnitude_limit=6.0, false_alarm_max=1e-29, time_limit_s=0.3))
+    claimed = []
+    for _ in range(40):
+        count = rng.integers(8, 25)
+        result = identifier.identify(frame(rng.uniform(0, 511, (count, 2)), sigma_px=1.0))
+        claimed.append(result.false_alarm_probability)
+    claimed = np.array(claimed)
+    # The bounds of a binomial distribution that 1 run in 1000 exceeds.
+    assert (claimed <= 0.1).sum() <= 11
+    assert (claimed <= 0.01).sum() <= 3
+    # Nor is it a number that is always one.
+    assert (claimed < 0.9).any()
+
+
+def test_false_stars_may_be_brighter_than_all_true_ones(places):
+    rng = np.random.default_rng(18)
+    identifier = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
+    solved = 0
+    for _ in range(30):
+        q = random_attitude(rng)
+        centroids, hip = star_list(places, CAMERA, q, 0.3, rng, false=20, missing=0.1,
+                                   brightest_false=-1.0)
+        result = identifier.identify(centroids)
+        if result.attitude is not None:
+            assert off_by(result, q)[0] < 0.05
+            assert (result.hip[hip == 0] == 0).mean() > 0.9
+            solved += 1
+    assert solved >= 28
+
+
+def test_an_answer_with_the_order_of_brightness_reversed_costs_more(identifier, places):
+    """The order of brightness is evidence, but not asked for."""
+    rng = np.random.default_rng(19)
+    ratios = []
+    for _ in range(20):
+        q = random_attitude(rng)
+        centroids, _ = star_list(places, CAMERA, q, 0.1, rng)
+        right = identifier.identify(centroids)
+        reversed_ = identifier.identify(replace(centroids, flux=centroids.flux[::-1]))
+        if right.status == reversed_.status == 'identified':
+            assert off_by(reversed_, q)[0] < 0.05
+            ratios.append(right.false_alarm_probability / reversed_.false_alarm_probability)
+    assert len(ratios) >= 15 and np.median(ratios) < 1e-3
 
 
 def test_a_catalogue_without_pairs_gives_no_answer(places):
