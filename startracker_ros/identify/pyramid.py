@@ -28,6 +28,8 @@ from startracker_ros.identify.verification import (
 
 # Sides of a triangle shorter than this say little beside their noise.
 _MIN_SEPARATION_PX = 20.0
+# Focal lengths that are searched at once, as a share of them to either side.
+_BAND = 0.005
 # A triangle flatter than this many sigmas of its own height has no sure handedness.
 _FLAT_SIGMAS = 4.0
 # Triangles are made of so many of the brightest stars, at any time of the most trusted ones.
@@ -117,6 +119,8 @@ class PyramidIdentifier(Identifier):
         levels = (self._room(pairs.among(bright), _BRIGHT_IMAGE_STARS, _BRIGHT_TRIANGLES),
                   self._room(pairs, _IMAGE_STARS, _IMAGE_STARS ** 3))
         self._sky = _sky(levels, self.verifier.court, camera.lens)
+        # Compiles at the first use on a machine: no frame is to wait for it.
+        self.identify(Centroids.empty())
 
     def _room(self, pairs: PairDatabase, image_stars: int, triangles: int) -> _Pairs:
         return _Pairs(
@@ -221,11 +225,10 @@ def _angle_and_reach(court, image, sigma, i, j):
     return angle, noise + court.scale_error * angle
 
 
-@compiled
-def _side(pairs, court, image, sigma, i, j):
-    """Return the pairs that a side may be, as the first place and the one after the last."""
-    angle, reach = _angle_and_reach(court, image, sigma, i, j)
-    return first_from(pairs.table, angle - reach), first_beyond(pairs.table, angle + reach)
+@inlined
+def _bands(court):
+    """Return in how many parts the tolerance of the focal length is searched."""
+    return max(int(np.ceil(court.scale_error / _BAND)), 1)
 
 
 @compiled
@@ -267,7 +270,7 @@ def _choose(pairs, court, image, sigma, state, base):
     """
     trust, found, used = state.trust, state.found, state.used
     order = _descending(trust)
-    size = max(len(pairs.star), 1)
+    size = max(len(pairs.star), 1) * _bands(court)
     # The triangles of the most trusted stars come first, all others when these are used up.
     for reach in (min(_TRUSTED, len(trust)), len(trust)):
         most, chosen_cost = 0.0, -1.0
@@ -314,8 +317,9 @@ def _candidates(pairs, court, image, sigma, base, tested):
     """Return the best supported catalogue triangles (JUDGED, 3) of an image triangle, how many.
 
     A triangle fits when its three sides agree with those of the image within the noise, after
-    one common scale within its tolerance, and when its handedness agrees. tested (1,) counts
-    the fitting ones.
+    one common scale within its tolerance, and when its handedness agrees. A wide tolerance is
+    searched in bands: the pairs to be joined are many fewer. tested (1,) counts the fitting
+    ones.
     """
     a, b, c = base[0], base[1], base[2]
     angle0, noise0 = _angle_and_noise(court, image, sigma, a, b)
@@ -326,45 +330,55 @@ def _candidates(pairs, court, image, sigma, base, tested):
     hand = volume(image[a], image[b], image[c])
     flat = (abs(hand) < max(noise0, noise1, noise2) / court.tolerance_sigmas * _FLAT_SIGMAS
             * max(angle0, angle1, angle2))
-    reach = noise2 + court.scale_error * angle2
-    low = 2 * np.sin(max(angle2 - reach, 0.0) / 2)
-    high = 2 * np.sin(min(angle2 + reach, np.pi) / 2)
-    low, high = low * low, high * high
-
     weights, support_reach = support_weights(image, sigma, base, court.tolerance_sigmas)
     best = np.empty((JUDGED, 3), np.int64)
     votes = np.zeros(JUDGED, np.int64)
-    stamp = _list_partners(pairs, *_side(pairs, court, image, sigma, base[0], base[1]))
-    begin, end = _side(pairs, court, image, sigma, base[0], base[2])
-    # Scalars alone: a view of a row costs more than the arithmetic with it.
-    direction = pairs.direction
-    for place in range(2 * begin, 2 * end):
-        pair = place >> 1
-        meet, third = pairs.first[pair], pairs.second[pair]
-        if place & 1:
-            meet, third = third, meet
-        if pairs.head[meet] >> 32 != stamp:
-            continue
-        x, y, z = direction[third, 0], direction[third, 1], direction[third, 2]
-        entry = np.int32(pairs.head[meet])
-        while entry >= 0:
-            second = pairs.first[entry >> 1] if entry & 1 else pairs.second[entry >> 1]
-            dx, dy = direction[second, 0] - x, direction[second, 1] - y
-            dz = direction[second, 2] - z
-            square = dx * dx + dy * dy + dz * dz
-            if low <= square <= high:
-                side0, side1 = pairs.table.values[entry >> 1], pairs.table.values[pair]
-                side2 = 2 * np.arcsin(np.sqrt(square) / 2)
-                scale = (side0 * weight0 + side1 * weight1 + side2 * weight2) / full
-                alike = (abs(side0 - scale * angle0) <= noise0
-                         and abs(side1 - scale * angle1) <= noise1
-                         and abs(side2 - scale * angle2) <= noise2)
-                if alike and (flat or volume(direction[meet], direction[second],
-                                             direction[third]) * hand > 0):
-                    tested[0] += 1
-                    a, b, c = pairs.star[meet], pairs.star[second], pairs.star[third]
-                    _keep(best, votes, a, b, c, support(court, weights, support_reach, a, b, c))
-            entry = pairs.following[entry]
+    table = pairs.table
+    bands = _bands(court)
+    half = court.scale_error / bands
+    for band in range(bands):
+        middle = 1 - court.scale_error + (2 * band + 1) * half
+        least = middle - half if band > 0 else 0.0
+        most = middle + half if band < bands - 1 else np.inf
+        low = 2 * np.sin(max(middle * angle2 - noise2 - half * angle2, 0.0) / 2)
+        high = 2 * np.sin(min(middle * angle2 + noise2 + half * angle2, np.pi) / 2)
+        low, high = low * low, high * high
+        stamp = _list_partners(
+            pairs, first_from(table, middle * angle0 - noise0 - half * angle0),
+            first_beyond(table, middle * angle0 + noise0 + half * angle0))
+        begin = first_from(table, middle * angle1 - noise1 - half * angle1)
+        end = first_beyond(table, middle * angle1 + noise1 + half * angle1)
+        # Scalars alone: a view of a row costs more than the arithmetic with it.
+        direction = pairs.direction
+        for place in range(2 * begin, 2 * end):
+            pair = place >> 1
+            meet, third = pairs.first[pair], pairs.second[pair]
+            if place & 1:
+                meet, third = third, meet
+            if pairs.head[meet] >> 32 != stamp:
+                continue
+            x, y, z = direction[third, 0], direction[third, 1], direction[third, 2]
+            entry = np.int32(pairs.head[meet])
+            while entry >= 0:
+                second = pairs.first[entry >> 1] if entry & 1 else pairs.second[entry >> 1]
+                dx, dy = direction[second, 0] - x, direction[second, 1] - y
+                dz = direction[second, 2] - z
+                square = dx * dx + dy * dy + dz * dz
+                if low <= square <= high:
+                    side0, side1 = table.values[entry >> 1], table.values[pair]
+                    side2 = 2 * np.arcsin(np.sqrt(square) / 2)
+                    scale = (side0 * weight0 + side1 * weight1 + side2 * weight2) / full
+                    alike = (least <= scale < most
+                             and abs(side0 - scale * angle0) <= noise0
+                             and abs(side1 - scale * angle1) <= noise1
+                             and abs(side2 - scale * angle2) <= noise2)
+                    if alike and (flat or volume(direction[meet], direction[second],
+                                                 direction[third]) * hand > 0):
+                        tested[0] += 1
+                        a, b, c = pairs.star[meet], pairs.star[second], pairs.star[third]
+                        _keep(best, votes, a, b, c,
+                              support(court, weights, support_reach, a, b, c))
+                entry = pairs.following[entry]
     # Far less support than the best one has is chance.
     count = 0
     while count < JUDGED and votes[count] > votes[0] // 3:
