@@ -14,7 +14,7 @@ from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.identify.pairs import build_pairs, PairDatabase
 
 # To be raised whenever the same input would give other pairs or another layout.
-_VERSION = 1
+_VERSION = 2
 
 
 def cache_folder() -> Path:

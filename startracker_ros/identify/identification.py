@@ -121,6 +121,7 @@ class Identifier(ABC):
         self.scale_error = options.fov_error_percent / 100
         # A year of proper motion is nothing to the tolerances, and one database serves it all.
         self.places = camera_places(catalog, camera, round(epoch_year), self.magnitude_limit)
+        self._catalog_stars = len(self.places) * _share_of_sky(camera)
         self.verifier = Verifier(camera, self.places, options.tolerance_sigmas, self.scale_error,
                                  bases_by_brightness=self.bases_by_brightness)
 
@@ -167,7 +168,8 @@ class Identifier(ABC):
         """Return that of so many candidates for count stars none was believed."""
         return self.nothing(
             centroids, 'no_candidate', f'{count} stars, {tested} candidates tested, none is '
-            'surely right: too few catalogue stars, many false ones, or a wrong focal length',
+            'surely right: many false stars, a wrong focal length, or a magnitude limit that '
+            f'does not fit (a field holds {self._catalog_stars:.1f} catalogue stars on average)',
             chance)
 
 
@@ -264,9 +266,12 @@ def spread(count, index, star, residual_px, hip, magnitude):
     return hips, magnitudes, residuals_px
 
 
+def _share_of_sky(camera: Camera) -> float:
+    return camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
+
+
 def _limit_for(camera: Camera, catalog: StarCatalog, stars_per_field: float) -> float:
     """Return the magnitude to which a field holds so many stars on average."""
-    share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
-    wanted = min(int(stars_per_field / share), len(catalog) - 1)
+    wanted = min(int(stars_per_field / _share_of_sky(camera)), len(catalog) - 1)
     # Rounded up, so that cameras that are nearly alike share a database.
     return float(np.ceil(catalog.magnitude[wanted] * 10) / 10)

@@ -9,6 +9,9 @@ from scipy.spatial import cKDTree
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.identify.kvector import KVector
 
+# 100 MB, and some two seconds to build.
+_MOST_PAIRS = 6e6
+
 
 @dataclass(frozen=True)
 class PairDatabase:
@@ -43,8 +46,14 @@ class PairDatabase:
 
 def build_pairs(places: StarPlaces, min_separation_rad: float,
                 max_separation_rad: float) -> PairDatabase:
-    """Return all pairs of stars that are alone enough to have a true centroid."""
-    star = np.flatnonzero(~places.crowded)
+    """Return all pairs of stars that are alone enough to have a true centroid.
+
+    A catalogue too deep for so wide a field would fill the memory: pairs are then made of its
+    brightest stars alone.
+    """
+    # Of S stars spread over the sky, S^2 (1 - cos) / 4 pairs are closer than an angle.
+    most = int(np.sqrt(4 * _MOST_PAIRS / max(1 - np.cos(max_separation_rad), 1e-12)))
+    star = np.flatnonzero(~places.crowded)[:most]
     direction = places.direction[star]
     pairs = cKDTree(direction).query_pairs(2 * np.sin(max_separation_rad / 2),
                                            output_type='ndarray')

@@ -226,7 +226,26 @@ def test_a_catalogue_without_pairs_gives_no_answer(places):
     rng = np.random.default_rng(14)
     centroids, _ = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
     identifier = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=0.01))
-    assert identifier.identify(centroids).status == 'no_candidate'
+    result = identifier.identify(centroids)
+    assert result.status == 'no_candidate'
+    assert 'a field holds 0.0 catalogue stars' in result.reason
+
+
+def test_a_catalogue_too_deep_for_the_field_is_no_burden():
+    """Two thousand stars in a field: bounded pairs, and still the right answer."""
+    camera = Camera.from_fov(512, 512, 40.0)
+    sky = camera_places(load_catalog(), camera, EPOCH_YEAR, 4.0)
+    identifier = make_identifier(camera, EPOCH_YEAR, IdentificationOptions(magnitude_limit=8.0))
+    rng = np.random.default_rng(20)
+    solved = 0
+    for _ in range(10):
+        q = random_attitude(rng)
+        centroids, _ = star_list(sky, camera, q, 0.1, rng)
+        result = identifier.identify(centroids)
+        if result.attitude is not None:
+            assert off_by(result, q)[0] < 0.05
+            solved += 1
+    assert solved >= 8
 
 
 @pytest.mark.parametrize('count', [0, 1, 3])
