@@ -87,6 +87,41 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
 
 
 @main.command()
+@click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option('-o', '--output', required=True, type=click.Path(path_type=Path, dir_okay=False),
+              help='Camera YAML to write, as camera_calibration writes it.')
+@click.option('--fov-deg', type=float, help='Horizontal field of view, within 5 %.')
+@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+              help='Camera YAML to start from, instead of --fov-deg.')
+@click.option('--epoch', 'epoch_year', type=float,
+              help='Julian year of the images, for proper motion.  [default: today]')
+@click.option('--free', 'terms', multiple=True,
+              type=click.Choice(['k1', 'centre', 'tangential', 'k2', 'k3']),
+              help='Estimate just these beside the focal length.  [default: the data decide]')
+@_json
+def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
+              camera_file: Path | None, epoch_year: float | None, terms: tuple[str, ...],
+              as_json: bool) -> None:
+    """Focal length, principal point and distortion out of star IMAGES of one camera."""
+    from startracker_ros.calibration.adjustment import CalibrationError
+    from startracker_ros.calibration.files import calibrate_files
+    from startracker_ros.camera import CameraError
+    from startracker_ros.table import show
+    if (fov_deg is None) == (camera_file is None):
+        raise click.UsageError('give either --fov-deg or --camera')
+    try:
+        result = calibrate_files(images, output, fov_deg=fov_deg, camera_file=camera_file,
+                                 epoch_year=epoch_year, terms=terms)
+    except CameraError as error:
+        raise click.UsageError(str(error)) from error
+    except CalibrationError as error:
+        _fail(str(error))
+    except OSError as error:
+        _fail(f'{output}: {error.strerror}')
+    show(result, as_json)
+
+
+@main.command()
 @click.option('--output', type=click.Path(path_type=Path, file_okay=False), default='demo',
               show_default=True, help='Folder for bag, picture and logs.')
 @click.option('--seconds', type=click.FloatRange(5, 3600), default=60.0, show_default=True,

@@ -1,0 +1,1 @@
+"""Camera calibration out of star images."""

@@ -1,0 +1,133 @@
+"""Calibration from image files: extraction, identification, camera YAML, what to print."""
+
+from collections.abc import Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+
+from startracker_ros.calibration.adjustment import CalibrationError
+from startracker_ros.calibration.estimate import calibrate, Calibration, MIN_FRAME_STARS
+from startracker_ros.calibration.matching import View
+from startracker_ros.calibration.summary import figures, summary
+from startracker_ros.camera import Camera, load_camera, save_camera
+from startracker_ros.catalog.places import camera_places
+from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
+from startracker_ros.identify.identification import IdentificationOptions
+from startracker_ros.identify.methods import make_identifier
+from startracker_ros.images import ImageError, read_image
+from startracker_ros.table import Result
+
+# Faint stars are many, and it is they that fill the corners.
+_MOST_STARS = 300
+# How an uncalibrated lens is identified: its stars stand some px from where an ideal one would
+# show them. A wider search knows more lenses, and takes longer or finds less.
+_FLOORS_PX = (0.5, 2.0)
+_WIDE = tuple(IdentificationOptions(fov_error_percent=5.0, sigma_floor_px=floor_px)
+              for floor_px in _FLOORS_PX)
+# Once its focal length is known; distortion makes it differ from field to field.
+_NEAR = tuple(IdentificationOptions(fov_error_percent=1.0, sigma_floor_px=floor_px)
+              for floor_px in _FLOORS_PX)
+
+
+def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | None = None,
+                    camera_file: Path | None = None, epoch_year: float | None = None,
+                    terms: Sequence[str] = ()) -> Result:
+    """Calibrate the camera of image files and write it to output.
+
+    It starts from an ideal camera of fov_deg or from the one of camera_file; the first image
+    that can be read gives the size. epoch_year None is today. An image that cannot be used
+    is a row that says why. CameraError for an impossible camera to start from,
+    CalibrationError when the images do not suffice, OSError when output cannot be written.
+    """
+    if epoch_year is None:
+        epoch_year = epoch_year_from_stamp(int(datetime.now(timezone.utc).timestamp() * 1e9))
+    camera = None if camera_file is None else load_camera(camera_file)
+    if camera is None:
+        # An impossible field of view is wrong use, whatever the images are.
+        Camera.from_fov(1, 1, fov_deg)
+    extractor = CentroidExtractor(ExtractionOptions(max_stars=_MOST_STARS))
+    centroids: dict[int, Centroids] = {}
+    reasons: dict[int, str] = {}
+    for index, path in enumerate(paths):
+        try:
+            image = read_image(path)
+            height, width = image.shape
+            camera = camera or Camera.from_fov(width, height, fov_deg)
+            if (camera.width, camera.height) != (width, height):
+                raise ImageError(f'{path}: {width} x {height} px, the camera has '
+                                 f'{camera.width} x {camera.height}')
+            centroids[index] = extractor.extract(image).centroids
+        except ImageError as error:
+            reasons[index] = str(error)
+    if not centroids:
+        raise CalibrationError('; '.join(['no image to calibrate from', *reasons.values()]))
+    try:
+        used, calibration = _calibrate(centroids, camera, epoch_year, terms, reasons)
+    except CalibrationError as error:
+        left_out = [f'{paths[index].name}: {reason}' for index, reason in reasons.items()]
+        raise CalibrationError('; '.join([str(error), *left_out])) from error
+    save_camera(calibration.camera, output)
+    rows = [{'file': path.name, 'used': index in used,
+             **figures(calibration, calibration.stars.frame == used.get(index, -1)),
+             'reason': reasons.get(index, '')} for index, path in enumerate(paths)]
+    return Result('calibrate', rows, {
+        **summary(calibration), 'epoch': epoch_year, 'output': str(output)})
+
+
+def _calibrate(centroids: dict[int, Centroids], camera: Camera, epoch_year: float,
+               terms: Sequence[str], reasons: dict[int, str]
+               ) -> tuple[dict[int, int], Calibration]:
+    """Return the frame number of each image used and the calibration; reasons are added to."""
+    places = camera_places(load_catalog(), camera, epoch_year)
+    views: dict[int, View] = {}
+    camera = _scaled(centroids, camera, epoch_year)
+    for options in _NEAR:
+        _identify(centroids, views, camera, epoch_year, options, reasons)
+    calibration = calibrate([*views.values()], camera, places, terms)
+    used = _used(views, calibration)
+    if len(views) < len(centroids):
+        before = len(views)
+        _identify(centroids, views, calibration.camera, epoch_year, IdentificationOptions(),
+                  reasons)
+        if len(views) > before:
+            for index, frame in used.items():
+                views[index] = View(centroids[index], calibration.adjustment.quaternions[frame])
+            calibration = calibrate([*views.values()], calibration.camera, places, terms)
+            used = _used(views, calibration)
+    reasons.update({index: f'fewer than {MIN_FRAME_STARS} of its stars fit the camera'
+                    for index in views if index not in used})
+    return used, calibration
+
+
+def _used(views: dict[int, View], calibration: Calibration) -> dict[int, int]:
+    """Return the frame number of each image that the calibration rests on."""
+    index = [*views]
+    return {index[view]: frame for frame, view in enumerate(calibration.frames)}
+
+
+def _scaled(centroids: dict[int, Centroids], camera: Camera, epoch_year: float) -> Camera:
+    """Return the camera with the focal length of the first image that a wide search knows."""
+    for options in _WIDE:
+        identifier = make_identifier(camera, epoch_year, options)
+        for spots in centroids.values():
+            identification = identifier.identify(spots)
+            if identification.attitude is not None:
+                return camera.with_focal_ratio(identification.focal_ratio)
+    return camera
+
+
+def _identify(centroids: dict[int, Centroids], views: dict[int, View], camera: Camera,
+              epoch_year: float, options: IdentificationOptions, reasons: dict[int, str]) -> None:
+    """Add to views the images that can be identified, to reasons why the others cannot."""
+    rest = [index for index in centroids if index not in views]
+    if not rest:
+        return
+    identifier = make_identifier(camera, epoch_year, options)
+    for index in rest:
+        identification = identifier.identify(centroids[index])
+        if identification.attitude is None:
+            reasons[index] = f'not identified: {identification.reason}'
+            continue
+        reasons.pop(index, None)
+        views[index] = View(centroids[index], identification.attitude.quaternion)
