@@ -7,11 +7,12 @@ from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.identify.identification import IdentificationOptions, METHODS
 from startracker_ros.identify.methods import make_identifier
+from startracker_ros.sky.detector import Detector
 from startracker_ros.sky.star_lists import random_attitude, star_list
 
 
 def warm_up() -> None:
-    """Let every method identify one simulated field."""
+    """Let every method identify one simulated field, and render one image."""
     camera = Camera.from_fov(512, 512, 20.0)
     catalog = load_catalog()
     places = camera_places(catalog, camera, 2026.0, 5.0)
@@ -20,6 +21,9 @@ def warm_up() -> None:
     for method in METHODS:
         options = IdentificationOptions(method=method, magnitude_limit=5.0)
         make_identifier(camera, 2026.0, options, catalog).identify(centroids)
+    detector = Detector(camera)
+    detector.render(centroids.uv, np.full(len(centroids.uv), 5.0), rng)
+    detector.render(np.zeros((0, 2)), np.zeros(0), rng)
 
 
 if __name__ == '__main__':

@@ -3,11 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln, ndtr, xlogy
 
 from startracker_ros.camera import Camera
 from startracker_ros.options import option, Options
-from startracker_ros.sky.sampling import TableSampler
+from startracker_ros.sky.cosmic_rays import add_cosmic_rays
+from startracker_ros.sky.fixed_pattern import fixed_pattern
+from startracker_ros.sky.noise import digitise, noise_tables, read_out, Readout
+from startracker_ros.sky.starlight import add_starlight, reach_px
+from startracker_ros.sky.stray_light import stray_light
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,9 @@ class DetectorOptions(Options):
 
     psf_sigma_px: float = option(0.8, 'width of a star image, Gaussian', unit='px',
                                  low=0.3, high=10.0)
+    psf_corner_sigma_px: float = option(
+        0.0, 'width of a star image in the farthest corner, reached with the square of the '
+        'distance from the optical axis; 0: as in the middle', unit='px', low=0.0, high=10.0)
     exposure_s: float = option(0.1, 'exposure time', unit='s', low=1e-4, high=60.0)
     zero_flux_e_s: float = option(2e6, 'electrons per second from a star of magnitude 0',
                                   unit='e-/s', low=1.0, high=1e12)
@@ -36,26 +42,72 @@ class DetectorOptions(Options):
                                 low=100.0, high=1e7)
     bit_depth: int = option(12, 'bits of a digital number; 8 gives mono8, more mono16',
                             low=8, high=16)
+    dark_current_e_s: float = option(
+        0.0, 'thermal electrons in each pixel, besides background_e', unit='e-/s',
+        low=0.0, high=1e5)
+    hot_pixel_fraction: float = option(
+        0.0, 'share of the pixels with a higher dark current, the same ones for a seed',
+        low=0.0, high=0.1)
+    hot_pixel_e_s: float = option(
+        20000.0, 'mean dark current of hot pixels, exponentially distributed', unit='e-/s',
+        low=0.0, high=1e7)
+    flat_field_percent: float = option(
+        0.0, 'spread of the sensitivity of the pixels, 1 sigma, the same for a seed', unit='%',
+        low=0.0, high=20.0)
+    stray_light_e: float = option(
+        0.0, 'glow of the Earth, the Moon or the Sun where the image is nearest to it', unit='e-',
+        low=0.0, high=1e5)
+    stray_light_angle_deg: float = option(
+        -90.0, 'direction to its source in the image, from +u (right) towards +v (down)',
+        unit='deg', low=-360.0, high=360.0)
+    stray_light_falloff_deg: float = option(
+        4.0, 'angle on the sky over which the glow drops by a factor e', unit='deg',
+        low=0.01, high=1000.0)
+    cosmic_ray_hits_cm2_s: float = option(
+        0.0, 'particles through the sensor; some 5 in low orbit, thousands in the South '
+        'Atlantic Anomaly', unit='1/cm^2/s', low=0.0, high=1e5)
+    pixel_pitch_um: float = option(
+        5.5, 'side of a pixel, for the number and the length of cosmic-ray tracks', unit='um',
+        low=0.5, high=50.0)
     noise: bool = option(True, 'photon and read noise; off gives the expected image')
 
 
 class Detector:
     """Renders stars; the same generator state gives the same image."""
 
-    def __init__(self, camera: Camera, options: DetectorOptions = DetectorOptions()) -> None:
-        """Prepare tables for one camera."""
+    def __init__(self, camera: Camera, options: DetectorOptions = DetectorOptions(), *,
+                 seed: int = 0) -> None:
+        """Make the sensor behind one camera; the seed decides how its pixels differ."""
         self.options = options
+        self._camera = camera
         self._shape = (camera.height, camera.width)
-        self._dtype = np.uint8 if options.bit_depth == 8 else np.uint16
-        # The light beyond 5 sigma, 6e-7 of the star, is left out: it moves a centroid by
-        # less than 2e-6 sigma.
-        self._half = int(np.ceil(5 * options.psf_sigma_px))
-        self._background = self._background_sampler() if options.noise else None
+        self._half_px = np.divide([camera.width, camera.height], 2)
+        self._axis_px = np.array([camera.cx, camera.cy])
+        off_centre = np.abs(self._axis_px - (self._half_px - 0.5))
+        self._corner_px = np.linalg.norm(off_centre + self._half_px)
+        pattern = fixed_pattern(
+            self._shape, np.random.default_rng(seed),
+            flat_field_percent=options.flat_field_percent,
+            dark_current_e_s=options.dark_current_e_s,
+            hot_pixel_fraction=options.hot_pixel_fraction, hot_pixel_e_s=options.hot_pixel_e_s)
+        self._response = pattern.response
+        glow_e = stray_light(camera, peak_e=options.stray_light_e,
+                             angle_deg=options.stray_light_angle_deg,
+                             falloff_deg=options.stray_light_falloff_deg)
+        self._starless_e = ((options.background_e + glow_e) * pattern.response
+                            + pattern.dark_e_s * np.float32(options.exposure_s))
+        self._light_e = np.empty(self._shape, np.float32)
+        self._readout = Readout(*map(np.float32, (
+            options.full_well_e, options.read_noise_e, 1 / options.gain_e_per_dn,
+            options.bias_dn, 2 ** options.bit_depth - 1)))
+        self._tables = noise_tables()
+        area_cm2 = camera.width * camera.height * (options.pixel_pitch_um * 1e-4) ** 2
+        self._hits_mean = options.cosmic_ray_hits_cm2_s * area_cm2 * options.exposure_s
 
     @property
     def margin_px(self) -> float:
         """How far outside the image a star can be and still shed light into it."""
-        return float(self._half)
+        return float(reach_px(max(self.options.psf_sigma_px, self.options.psf_corner_sigma_px)))
 
     def flux_e(self, magnitude: np.ndarray) -> np.ndarray:
         """Return the electrons that stars of magnitude (...,) release in one exposure."""
@@ -67,64 +119,34 @@ class Detector:
         """Return the same in digital numbers, as a centroid extractor would sum them."""
         return self.flux_e(magnitude) / self.options.gain_e_per_dn
 
-    def render(self, uv: np.ndarray, magnitude: np.ndarray,
-               rng: np.random.Generator) -> np.ndarray:
+    def psf_sigma_px(self, uv: np.ndarray) -> np.ndarray:
+        """Return the width (N,) of star images at uv (N, 2) px."""
+        centre = self.options.psf_sigma_px
+        corner = self.options.psf_corner_sigma_px or centre
+        # A little beyond the corner it grows no more, so that margin_px holds for all.
+        distance = np.linalg.norm(uv - self._axis_px, axis=-1) / self._corner_px
+        return centre + (corner - centre) * np.minimum(distance, 1) ** 2
+
+    def render(self, uv: np.ndarray, magnitude: np.ndarray, rng: np.random.Generator,
+               share: np.ndarray | float = 1.0) -> np.ndarray:
         """Return the image (H, W), uint8 or uint16, of stars at uv (N, 2) px.
 
-        Light adds up, so most of the frame is plain background, drawn from its table; only
-        the pixels that starlight reaches are computed one by one.
+        share (N,) is the part of the exposure that each is there: a star that moves is given
+        as several.
         """
-        options = self.options
-        pixel, electrons = self._starlight(np.asarray(uv, float), self.flux_e(magnitude))
-        electrons = electrons + options.background_e
-        count = self._shape[0] * self._shape[1]
-        if options.noise:
-            image = self._background.draw(count, rng)
-            collected = np.minimum(rng.poisson(electrons), options.full_well_e)
-            collected = collected + options.read_noise_e * rng.standard_normal(len(pixel))
+        light_e = self._light_e
+        np.copyto(light_e, self._starless_e)
+        uv = np.ascontiguousarray(uv, float)
+        near = self._camera.contains(uv, -self.margin_px)
+        add_starlight(uv[near], (self.flux_e(magnitude) * share)[near],
+                      self.psf_sigma_px(uv[near]), self._response, light_e)
+        if self._hits_mean:
+            add_cosmic_rays(light_e, self._hits_mean, self.options.pixel_pitch_um, rng)
+        image = np.empty(self._shape, np.uint16)
+        if self.options.noise:
+            key = rng.integers(2 ** 64, dtype=np.uint64)
+            read_out(light_e.reshape(-1), key, self._readout, self._tables, image.reshape(-1))
         else:
-            plain = min(options.background_e, options.full_well_e)
-            image = np.full(count, self._digitise(plain), self._dtype)
-            collected = np.minimum(electrons, options.full_well_e)
-        # A pixel that two stars reach is listed twice with the same expectation; whichever
-        # of its two equally valid draws is written last stands.
-        image[pixel] = self._digitise(collected)
-        return image.reshape(self._shape)
-
-    def _starlight(self, uv: np.ndarray, flux_e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return flat indices (M,) of the pixels with starlight and their electrons (M,)."""
-        centre = np.rint(uv).astype(int)
-        offset = np.arange(-self._half, self._half + 1)
-        edge = np.arange(-self._half, self._half + 2) - 0.5
-        # A Gaussian integrated over square pixels is the product of one share per axis.
-        share = np.diff(ndtr(((centre - uv)[..., None] + edge) / self.options.psf_sigma_px))
-        electrons = flux_e[:, None, None] * share[:, 1, :, None] * share[:, 0, None, :]
-        column, row = np.moveaxis(centre[..., None] + offset, 1, 0)
-        height, width = self._shape
-        inside = (((row >= 0) & (row < height))[:, :, None]
-                  & ((column >= 0) & (column < width))[:, None, :])
-        pixel = (row[:, :, None] * width + column[:, None, :])[inside]
-        total = np.zeros(height * width)
-        np.add.at(total, pixel, electrons[inside])
-        return pixel, total[pixel]
-
-    def _digitise(self, electrons: np.ndarray) -> np.ndarray:
-        options = self.options
-        dn = np.floor(electrons / options.gain_e_per_dn + options.bias_dn + 0.5)
-        return np.clip(dn, 0, 2 ** options.bit_depth - 1).astype(self._dtype)
-
-    def _background_sampler(self) -> TableSampler:
-        """Return the distribution of a pixel without stars: Poisson, read noise, rounding."""
-        options = self.options
-        mean, read_noise = options.background_e, options.read_noise_e
-        spread = 12 * np.sqrt(mean) + 20
-        count = np.arange(max(0, int(mean - spread)), int(mean + spread) if mean else 1)
-        poisson = np.exp(xlogy(count, mean) - mean - gammaln(count + 1))
-        collected = np.minimum(count, options.full_well_e)
-        low, high = self._digitise(np.array([collected[0] - 9 * read_noise,
-                                             collected[-1] + 9 * read_noise]))
-        values = np.arange(int(low), int(high) + 1).astype(self._dtype)
-        upper = (values[:-1] + 0.5 - options.bias_dn) * options.gain_e_per_dn
-        below = ndtr((upper[:, None] - collected) / read_noise) @ poisson
-        # Rounding of the sums can leave differences of -1e-16 in the tails.
-        return TableSampler(values, np.maximum(np.diff(below, prepend=0.0, append=1.0), 0.0))
+            np.minimum(light_e, self._readout.full_well_e, out=light_e)
+            digitise(light_e.reshape(-1), self._readout, image.reshape(-1))
+        return image if self.options.bit_depth > 8 else image.astype(np.uint8)

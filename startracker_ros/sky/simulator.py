@@ -42,7 +42,7 @@ class SkySimulator:
         self._motion = motion
         self._catalog = catalog
         self._directions = catalog.directions(epoch_year)
-        self._detector = Detector(camera, detector_options)
+        self._detector = Detector(camera, detector_options, seed=seed)
         self._gyro_options = gyro_options
         self._seed = seed
         self._gyro_time_s = np.inf
