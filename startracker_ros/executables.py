@@ -7,5 +7,6 @@ NODES = {name: f'startracker_ros.ros.nodes.{name}' for name in (
     'star_identifier',
     'star_tracker',
     'attitude_estimator',
+    'camera_calibrator',
     'bag_recorder',
 )}

@@ -44,6 +44,17 @@ def summary(calibration: Calibration) -> dict[str, object]:
     return values
 
 
+def sentence(calibration: Calibration) -> str:
+    """Return the parameters and residuals in one line."""
+    values = summary(calibration)
+    parameters = ', '.join(
+        f'{name} {values[name]:.6g} +- {values[f"{name}_sigma"]:.2g}'
+        for name in calibration.adjustment.parameters)
+    return (f'{parameters}; residual {values["calibrated_arcsec"]:.2f} arcsec, '
+            f'{values["pinhole_arcsec"]:.2f} of a pinhole, {values["left_out_arcsec"]:.2f} of '
+            f'frames left out; {values["stars"]} stars in {values["images"]} frames')
+
+
 def _squares(calibration: Calibration) -> dict[str, np.ndarray]:
     residuals = {'pinhole': calibration.pinhole_px, 'calibrated': calibration.residual_px,
                  'left_out': calibration.left_out_px}

@@ -1,4 +1,4 @@
-"""Simulated skies through a known lens: the lens comes back, with errors that are what they say."""
+"""Simulated skies through a known lens: the lens comes back, with honest errors."""
 
 from dataclasses import replace
 

@@ -1,0 +1,105 @@
+"""camera_calibrator: stars, camera_info -> a camera YAML, when ~/calibrate is called."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
+
+from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude
+from startracker_ros.calibration.adjustment import CalibrationError
+from startracker_ros.calibration.collection import CollectionOptions, ViewCollection
+from startracker_ros.calibration.estimate import calibrate, MIN_FRAME_STARS
+from startracker_ros.calibration.matching import View
+from startracker_ros.calibration.summary import sentence
+from startracker_ros.camera import save_camera
+from startracker_ros.catalog.places import camera_places
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.options import option, Options
+from startracker_ros.ros import qos
+from startracker_ros.ros.diagnostics import OK, WARN
+from startracker_ros.ros.messages import centroids_from_rows, read_cloud, STAR_DTYPE
+from startracker_ros.ros.node import CameraNode, main_of
+
+
+@dataclass(frozen=True)
+class OutputOptions(Options):
+    """Where the calibration goes."""
+
+    output_file: str = option(
+        'camera.yaml', 'file that ~/calibrate writes, as camera_calibration does',
+        read_only=True)
+
+
+class CameraCalibratorNode(CameraNode):
+    """Collects frames of identified stars and calibrates from them on request."""
+
+    option_classes = (CollectionOptions, OutputOptions)
+    task = 'calibration'
+
+    def __init__(self) -> None:
+        super().__init__('camera_calibrator')
+        self.take(PointCloud2, 'stars', self._take_stars, qos.LIST)
+        self.create_service(Trigger, '~/calibrate', self._calibrate)
+        self.offer_reset()
+
+    def configure(self) -> None:
+        if self.camera is not None:
+            self._places = camera_places(load_catalog(), self.camera, self.epoch_year)
+            self._collection = ViewCollection(self.camera, self.options(CollectionOptions))
+            self._describe()
+
+    def _take_stars(self, message: PointCloud2) -> None:
+        rows = read_cloud(message, STAR_DTYPE)
+        if not self.has_camera() or not self.in_order('stars', message.header.stamp):
+            return
+        centroids = centroids_from_rows(rows)
+        index = self._places.index_of(rows['hip'].astype(np.int32))
+        known = (index >= 0) & (centroids.sigma_px > 0)
+        if np.count_nonzero(known) < MIN_FRAME_STARS:
+            self.diagnostics.counts['frames with too few stars'] += 1
+            self.diagnostics.report(WARN, f'{np.count_nonzero(known)} identified stars in a '
+                                    f'frame, {MIN_FRAME_STARS} are needed')
+            return
+        try:
+            attitude = estimate_attitude(
+                self.camera.unproject(centroids.uv[known]), self._places.direction[index[known]],
+                centroids.sigma_px[known] * self.camera.pixel_rad)
+        except AttitudeError as error:
+            self.diagnostics.report(WARN, f'no attitude: {error}')
+            return
+        kept = self._collection.add(View(centroids, attitude.quaternion), known)
+        self.diagnostics.counts['frames of a pointing already there'] += not kept
+        self._describe()
+        self.diagnostics.report(OK, 'collecting frames')
+
+    def _describe(self) -> None:
+        self.diagnostics.values.update({
+            'frames': len(self._collection), 'stars': self._collection.stars,
+            'field_covered_percent': f'{self._collection.covered_percent:.0f}'})
+
+    def _calibrate(self, request: Trigger.Request, response: Trigger.Response
+                   ) -> Trigger.Response:
+        response.success = False
+        if self.camera is None:
+            response.message = 'no valid camera_info received'
+            return response
+        output = self.options(OutputOptions).output_file
+        try:
+            calibration = calibrate(self._collection.views, self.camera, self._places)
+            save_camera(calibration.camera, output)
+        except CalibrationError as error:
+            response.message = str(error)
+        except OSError as error:
+            response.message = f'output_file {output}: {error.strerror}'
+        else:
+            response.success = True
+            response.message = f'{sentence(calibration)}; written to {output}'
+        self.get_logger().info(response.message)
+        return response
+
+
+main = main_of(CameraCalibratorNode)
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,95 @@
+"""Live calibration: photographs through the nodes, a camera YAML out of the service."""
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo, PointCloud2
+from std_srvs.srv import Trigger
+
+from startracker_ros.camera import Camera, load_camera
+from startracker_ros.catalog.places import camera_places
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.ros import messages, qos
+from startracker_ros.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.sky.star_lists import random_attitude, star_list
+
+CAMERA = Camera.from_fov(1024, 768, 15.0)
+PLACES = camera_places(load_catalog(), CAMERA, 2026.7, 6.5)
+START_NS = 1_790_000_000_000_000_000
+
+
+def call(probe, name):
+    client = probe.create_client(Trigger, f'/camera_calibrator/{name}')
+    probe.wait(client.service_is_ready, name)
+    future = client.call_async(Trigger.Request())
+    probe.wait(future.done, f'an answer of {name}')
+    return future.result()
+
+
+def value(probe, key):
+    """Return the newest value of a key in the diagnostics of the calibrator."""
+    found = [item.value for status in probe.statuses() if 'camera_calibrator' in status.name
+             for item in status.values if item.key == key]
+    return found[-1] if found else None
+
+
+def header(index):
+    return messages.make_header(START_NS + index * 10 ** 8, 'star_tracker_optical_frame')
+
+
+def test_photographs_give_a_camera(nodes, probe, sky_data, tmp_path):
+    output = tmp_path / 'camera.yaml'
+    nodes.start('centroid_extractor', {'max_stars': 200})
+    nodes.start('star_identifier')
+    nodes.start('camera_calibrator', {'output_file': str(output)})
+    probe.wait(lambda: probe.count_publishers('stars') and probe.count_subscribers('stars')
+               and probe.count_subscribers('camera_info') >= 3, 'the nodes')
+    nodes.start('image_publisher', {
+        'path': str(sky_data / 'night-sky-11deg'), 'fov_deg': 11.43, 'frame_rate_hz': 2.0,
+        'wait_for_subscribers': 1, 'start_time_utc': '2019-07-29T20:47:26'})
+    probe.wait(lambda: value(probe, 'frames') == '8', 'eight frames', 60)
+    assert int(value(probe, 'stars')) > 100
+    assert int(value(probe, 'field_covered_percent')) > 50
+    answer = call(probe, 'calibrate')
+    assert answer.success, answer.message
+    assert 'k1 0.1' in answer.message and 'stars in 8 frames' in answer.message
+    camera = load_camera(output)
+    assert camera.fx == pytest.approx(5113.8, abs=1.5)
+    assert 0.05 < camera.distortion[0] < 0.2
+
+
+def test_what_is_missing_is_said(nodes, probe, tmp_path):
+    """No camera, one pointing, a folder that is not there; then the state is forgotten."""
+    nodes.start('camera_calibrator', {'output_file': str(tmp_path / 'absent' / 'camera.yaml'),
+                                      'max_frames': 4})
+    answer = call(probe, 'calibrate')
+    assert not answer.success and answer.message == 'no valid camera_info received'
+    info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
+    stars = probe.speak(PointCloud2, 'stars', qos.LIST)
+    info.publish(messages.camera_to_message(CAMERA, header(0)))
+    probe.wait(lambda: value(probe, 'frames') == '0', 'the camera')
+    rng = np.random.default_rng(1)
+    q = random_attitude(rng)
+    index = 0
+
+    def send(q):
+        nonlocal index
+        index += 1
+        spots, hip = star_list(PLACES, CAMERA, q, 0.1, rng)
+        unknown = np.full(len(hip), np.nan)
+        stars.publish(messages.stars_to_message(spots, hip, unknown, unknown, CAMERA,
+                                                header(index)))
+    for _ in range(3):
+        send(q)
+    probe.wait(lambda: value(probe, 'frames of a pointing already there') == '2', 'two refusals')
+    answer = call(probe, 'calibrate')
+    assert not answer.success and '1 identified images, at least 2' in answer.message
+    # Eight pointings, but no more than four are kept.
+    for turn in range(1, 9):
+        send(multiply(q, quaternion_from_rotation_vector(np.array([0.02 * turn, 0.0, 0.1]))))
+    probe.wait(lambda: value(probe, 'stars received') == '11', 'all frames')
+    assert value(probe, 'frames') == '4'
+    answer = call(probe, 'calibrate')
+    assert not answer.success and 'absent/camera.yaml: No such file' in answer.message
+    assert call(probe, 'reset').success
+    probe.wait(lambda: value(probe, 'frames') == '0', 'nothing left')
+    assert '0 identified images' in call(probe, 'calibrate').message
