@@ -13,11 +13,14 @@ Brightness is evidence of its own. Were the candidate wrong, any order of the ca
 stars would be as likely as that of their image stars: the chance is the share of all
 orders with no more inversions (Kendall 1938). No photometry is asked for but the order.
 
-A lens that is not what it is taken for leaves a third trace: around the few stars that do
+So are the distances of the matched stars: by chance they would be spread over the matching
+radius, where those of true matches gather at its centre.
+
+A lens that is not what it is taken for leaves a trace of its own: around the few stars that do
 match, the others lie near catalogue stars, more often than chance would have it, but not
 at them. Such a candidate is refuted, however unlikely its matches are.
 
-Both chances together, as Fisher (1925) combines them, times the number of candidates
+The three chances together, as Fisher (1925) combines them, times the number of candidates
 that were tested, are the false-alarm probability.
 """
 
@@ -474,6 +477,27 @@ def _order_chance(star, chosen):
 
 
 @compiled
+def _distance_chance(distance, radius, base):
+    """Return a bound of the chance that matched stars are so near to their places.
+
+    distance (N,) is NaN where there is no match. The square of a distance, in squares of the
+    radius, is uniform for a point thrown into the circle; x^m / m! bounds the probability that
+    m such numbers have a sum below x. The stars that found the candidate, base of them, and the
+    fit have taken their part: they add to the sum but not to the number.
+    """
+    count = 0
+    total = 0.0
+    for gap in distance:
+        if gap >= 0:
+            count += 1
+            total += (gap / radius) ** 2
+    bound = 1.0
+    for k in range(count - base):
+        bound *= total / (k + 1)
+    return min(bound, 1.0)
+
+
+@compiled
 def _near_misses(sky, matrix, seen, ratio, radius, matched):
     """Return how many image stars without a match there are, and how many near a free star."""
     free = near = 0
@@ -549,10 +573,11 @@ def judge(court, seen, sigma, base, star, tested):
     if court.bases_by_brightness:
         for i in base:
             first[i] = False
-    both = (_binomial_tail(others, trials, by_chance) * share * _order_chance(matched, first))
-    # The probability that the product of two uniform numbers is so small.
-    combined = both * (1 - np.log(both)) if both > 0 else 0.0
-    chance = min(1.0, max(tested, 1) * combined)
+    product = (_binomial_tail(others, trials, by_chance) * share * _order_chance(matched, first)
+               * _distance_chance(distance, radius, len(base)))
+    # The probability that the product of three uniform numbers is so small.
+    log = -np.log(product) if product > 0 else 0.0
+    chance = min(1.0, max(tested, 1) * product * (1 + log + log * log / 2))
     if chance < 1:
         free, near = _near_misses(sky, matrix, seen, ratio, radius, matched)
         if _binomial_tail(near, free, min(
