@@ -120,7 +120,7 @@ def adjust(camera: Camera, stars: KnownStars, quaternions: np.ndarray, terms: tu
             raise CalibrationError('no camera fits: a star stands behind it')
         square = np.einsum('ij,ij->i', residual, residual)
         if step < _SETTLING_STEPS:
-            extra = extra_error(square[kept], stars.sigma_px[kept], freedom / (2 * len(stars)))
+            extra = _extra_error(square[kept], stars.sigma_px[kept], freedom / (2 * len(stars)))
         variance = stars.sigma_px ** 2 + extra ** 2
         near = square <= _CUT_SIGMAS ** 2 * variance
         if reject:
@@ -220,7 +220,7 @@ def _step(residual: np.ndarray, lens: np.ndarray, turn: np.ndarray, frame: np.nd
     return change, turns.reshape(frames, 3), covariance
 
 
-def extra_error(square: np.ndarray, sigma_px: np.ndarray, share: float = 1.0) -> float:
+def _extra_error(square: np.ndarray, sigma_px: np.ndarray, share: float) -> float:
     """Return the error in px, per axis, that residuals show beyond sigma_px (N,).
 
     square (N,) are the squared residuals of both axes in px^2; a fit leaves only a share of

@@ -31,7 +31,7 @@ _CHANCE = 1e-3
 # What counts as determined: 1 sigma of the focal length, of the principal point in widths of
 # the image, and of a distortion term by what it does in the corner, in px.
 _FOCAL_ERROR = 2e-3
-_CENTRE_ERROR = 0.03
+_CENTRE_ERROR = 0.02
 _CORNER_ERROR_PX = 1.0
 _FIRST_GATE_PX = 5.0
 # Never so wide that many spots find a wrong star: in mean distances of the stars.
@@ -49,10 +49,11 @@ class Calibration:
     """A calibrated camera and what it rests on.
 
     adjustment holds the camera, the parameters and their covariance; its frames are those
-    of `frames` (F,), indices of the views. held says of each term why it was not
-    estimated. stars are those used; the residuals (N, 2) in px of the same stars are
-    residual_px of this camera, pinhole_px of an ideal one with the best focal length, and
-    left_out_px of cameras calibrated without the frame of the star (NaN with two frames).
+    of `frames` (F,), indices of the views. held says of each term why it was not estimated;
+    the covariance takes it as zero, or as it was to begin with. stars are those used; the
+    residuals (N, 2) in px of the same stars are residual_px of this camera, pinhole_px of
+    an ideal one with the best focal length, and left_out_px of cameras calibrated without
+    the frame of the star (NaN with two frames).
     """
 
     adjustment: Adjustment
@@ -114,9 +115,13 @@ def calibrate(views: Sequence[View], camera: Camera, places: StarPlaces,
 
 def covered_percent(camera: Camera, uv: np.ndarray) -> float:
     """Return the share of the cells of the image that hold one of the pixels (N, 2), in %."""
-    cell = ((uv + 0.5) / [camera.width, camera.height] * _CELLS).astype(int)
-    cell = np.clip(cell, 0, _CELLS - 1)
-    return 100 * len(np.unique(cell @ [_CELLS, 1])) / _CELLS ** 2
+    return 100 * len(np.unique(cells(camera, uv))) / _CELLS ** 2
+
+
+def cells(camera: Camera, uv: np.ndarray) -> np.ndarray:
+    """Return which of the 8 x 8 cells of the image each of the pixels (N, 2) lies in, (N,)."""
+    place = ((uv + 0.5) / [camera.width, camera.height] * _CELLS).astype(int)
+    return np.clip(place, 0, _CELLS - 1) @ [_CELLS, 1]
 
 
 def moved(camera: Camera, quaternion: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -155,13 +160,13 @@ def _choose(camera: Camera, stars: KnownStars, quaternions: np.ndarray,
             trial = adjust(found.camera, stars, found.quaternions, (*found.terms, term))
             reason = _undetermined(trial)
         except CalibrationError as error:
-            reason = f'{term} is not determined: {error}'
+            reason = f'is not determined: {error}'
         if not reason and not wanted and term not in _ALWAYS and not _significant(trial, term):
-            reason = f'{term} does not differ from zero'
+            reason = 'does not differ from zero'
         if not reason:
             found = trial
         elif wanted:
-            raise CalibrationError(reason)
+            raise CalibrationError(f'{term}: {reason}')
         else:
             held[term] = reason
     return found, held

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from startracker_ros.calibration.adjustment import extra_error
-from startracker_ros.calibration.estimate import Calibration, covered_percent
+from startracker_ros.calibration.estimate import Calibration, cells, covered_percent
 from startracker_ros.rotation import ARCSEC
 
 
@@ -15,32 +14,33 @@ def figures(calibration: Calibration, chosen: np.ndarray) -> dict[str, object]:
     """
     arcsec = calibration.camera.pixel_rad / ARCSEC
     values: dict[str, object] = {'stars': int(np.count_nonzero(chosen))}
-    for name, square in _squares(calibration).items():
-        values[f'{name}_arcsec'] = (arcsec * float(np.sqrt(square[chosen].mean()))
-                                    if values['stars'] else float('nan'))
+    for name, residual_px in _residuals(calibration).items():
+        square = np.sum(residual_px[chosen] ** 2, axis=-1)
+        values[f'{name}_arcsec'] = (arcsec * float(np.sqrt(square.mean()))
+                                    if len(square) else float('nan'))
     return values
 
 
 def summary(calibration: Calibration) -> dict[str, object]:
     """Return the parameters with their 1-sigma errors and the residuals of all images.
 
-    The ..._lens_arcsec are the parts of the residuals that the errors of the centroids do
-    not explain: what each camera model leaves over.
+    The ..._lens_arcsec are what each camera model leaves over: the mean residuals of the
+    stars in each cell of the image, where the errors of the centroids average out, rms.
     """
     found = calibration.adjustment
     stars = calibration.stars
     values: dict[str, object] = {}
     for name, value in found.values.items():
         values[name], values[f'{name}_sigma'] = float(value), found.sigmas[name]
-    values['held'] = '; '.join(calibration.held.values()) or 'nothing'
+    values['held'] = '; '.join(
+        f'{term}: {reason}' for term, reason in calibration.held.items()) or 'nothing'
     values['images'] = len(calibration.frames)
     values['covered_percent'] = covered_percent(calibration.camera, stars.uv)
     values.update(figures(calibration, np.ones(len(stars), bool)))
     arcsec = calibration.camera.pixel_rad / ARCSEC
-    for name, square in _squares(calibration).items():
-        # Both axes together, as the residuals are.
-        values[f'{name}_lens_arcsec'] = (np.sqrt(2) * arcsec * extra_error(square, stars.sigma_px)
-                                         if np.isfinite(square).all() else float('nan'))
+    for name, residual_px in _residuals(calibration).items():
+        values[f'{name}_lens_arcsec'] = arcsec * _rms_of_cells(
+            cells(calibration.camera, stars.uv), residual_px, stars.sigma_px)
     return values
 
 
@@ -55,7 +55,15 @@ def sentence(calibration: Calibration) -> str:
             f'frames left out; {values["stars"]} stars in {values["images"]} frames')
 
 
-def _squares(calibration: Calibration) -> dict[str, np.ndarray]:
-    residuals = {'pinhole': calibration.pinhole_px, 'calibrated': calibration.residual_px,
-                 'left_out': calibration.left_out_px}
-    return {name: np.sum(residual ** 2, axis=-1) for name, residual in residuals.items()}
+def _residuals(calibration: Calibration) -> dict[str, np.ndarray]:
+    return {'pinhole': calibration.pinhole_px, 'calibrated': calibration.residual_px,
+            'left_out': calibration.left_out_px}
+
+
+def _rms_of_cells(cell: np.ndarray, residual_px: np.ndarray, sigma_px: np.ndarray) -> float:
+    """Return the rms, both axes together, of the weighted mean residuals (N, 2) of the cells."""
+    weight = sigma_px ** -2
+    total = np.bincount(cell, weight)
+    sums = np.array([np.bincount(cell, weight * axis) for axis in residual_px.T])
+    means = sums[:, total > 0] / total[total > 0]
+    return float(np.sqrt(np.mean(np.sum(means ** 2, axis=0))))

@@ -36,7 +36,7 @@ def calibrated(night_sky, tmp_path_factory):
 
 
 def test_the_lens_part_of_the_residual_goes_and_it_is_no_over_fit(calibrated):
-    """The centroids' own errors, most of what is left, are in all residuals alike."""
+    """Errors of the centroids, in all residuals alike, average out over the cells of the image."""
     document, _ = calibrated
     figures = document['conditions']
     assert figures['images'] == 8 and figures['stars'] > 700
