@@ -37,8 +37,8 @@ _IMAGE_STARS = 40
 _TRUSTED = 9
 # The first triangles, of the very brightest, are looked up among the brightest catalogue stars:
 # few pairs, all of them near the processor.
-_BRIGHT_STARS_PER_FIELD = 10.0
-_BRIGHT_IMAGE_STARS = 6
+_BRIGHT_STARS_PER_FIELD = 5.0
+_BRIGHT_IMAGE_STARS = 4
 _BRIGHT_TRIANGLES = 3
 # Trust in a star relative to the next brighter one: nine of ten, a start without evidence.
 _FAINTER_TRUST = 0.9
