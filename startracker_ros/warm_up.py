@@ -5,6 +5,7 @@ import numpy as np
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.identify.identification import IdentificationOptions, METHODS
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.sky.detector import Detector
@@ -12,7 +13,12 @@ from startracker_ros.sky.star_lists import random_attitude, star_list
 
 
 def warm_up() -> None:
-    """Let every method identify one simulated field, and render one image."""
+    """Let every method see something: extraction an image, identification a simulated field.
+
+    One image is rendered, too.
+    """
+    for method in ('gaussian', 'thresholded'):
+        CentroidExtractor(ExtractionOptions(method=method, threshold='iterative')).warm_up()
     camera = Camera.from_fov(512, 512, 20.0)
     catalog = load_catalog()
     places = camera_places(catalog, camera, 2026.0, 5.0)

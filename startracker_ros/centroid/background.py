@@ -1,95 +1,175 @@
 """Local background and noise on a coarse mesh, measured in the smoothed image."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 
+from startracker_ros.centroid.smoothing import filter_row, Kernel
+from startracker_ros.compiled import compiled
+
 TILE_PX = 64
-SAMPLES = 16  # per side of a tile
+SAMPLES = 8  # per side of a tile
 QUANTISATION_DN = 12 ** -0.5  # standard deviation of rounding to whole DN
 SIGMA_OF_MAD = 1.4826  # of a normal distribution
 TAIL = 0.95  # the quantile that shows a skewed noise and is not yet made of stars
 TAIL_SIGMAS = 1.6449  # of a normal distribution
 TAIL_SAMPLES = 16384
+MOST_SIGMAS = 100.0  # more are as far beyond the tail
 MAX_TAIL = 1.5  # beyond this it is stars after all
+FINE = 256  # steps of one DN, in which samples are ranked as int32
 
 
-@dataclass(frozen=True)
-class Mesh:
-    """Background of an image of `shape`; both arrays (rows, columns) float32, a value per tile.
+class Mesh(NamedTuple):
+    """Background of an image; level and noise (rows + 2, columns + 2) have a value per tile.
 
-    level in DN; noise, 1 sigma in DN, is that of the smoothed image.
+    A tile more on each side continues them straight. level in DN; noise, 1 sigma in DN, is
+    that of the smoothed image. The medians are of the tiles within. scale holds tiles per
+    pixel, down and across.
     """
 
     level: np.ndarray
     noise: np.ndarray
-    shape: tuple[int, int]
-
-    def threshold(self, sigmas: float) -> np.ndarray:
-        """Return level + sigmas * noise for every pixel (H, W) float32."""
-        return _spread(self.level + sigmas * self.noise, self.shape)
-
-    def at(self, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return level and noise (N,) float64 at pixels uv (N, 2), bilinear as in threshold()."""
-        rows, columns = self.level.shape
-        height, width = self.shape
-        x = (uv[:, 0] + 0.5) * columns / width + 0.5
-        y = (uv[:, 1] + 0.5) * rows / height + 0.5
-        i = np.clip(y.astype(int), 0, rows)
-        j = np.clip(x.astype(int), 0, columns)
-        y, x = y - i, x - j
-        both = np.stack([_extend(self.level), _extend(self.noise)])
-        level, noise = ((1 - y) * ((1 - x) * both[:, i, j] + x * both[:, i, j + 1])
-                        + y * ((1 - x) * both[:, i + 1, j] + x * both[:, i + 1, j + 1]))
-        return level, noise
+    median_level: float
+    median_noise: float
+    scale: tuple[float, float]
 
 
-def measure_background(smooth: np.ndarray, noise_gain: float) -> Mesh:
-    """Return the mesh of a smoothed image (H, W) float32: median and scaled MAD of each tile.
+def measure_background(image: np.ndarray, kernel: Kernel) -> Mesh:
+    """Return the mesh of image (H, W) after smoothing: median and scaled MAD of each tile.
 
-    noise_gain is the factor by which the smoothing reduces white noise. The smoothed
-    image is measured because averaging undoes the quantisation that makes the MAD of an
-    8-bit image 0 or 1, and because correlated noise then counts as what it does to a star.
+    The smoothed image is measured because averaging undoes the quantisation that makes the
+    MAD of an 8-bit image 0 or 1, and because correlated noise then counts as what it does to
+    a star.
     Where the noise is skewed, as in a camera whose background is cut off at zero, the MAD
     is scaled up to the upper tail, which is where false stars come from.
     """
-    height, width = smooth.shape
-    rows, columns = (max(1, round(size / TILE_PX)) for size in smooth.shape)
-    y = ((np.arange(rows * SAMPLES) + 0.5) * height / (rows * SAMPLES)).astype(int)
-    x = ((np.arange(columns * SAMPLES) + 0.5) * width / (columns * SAMPLES)).astype(int)
-    samples = smooth[y[:, None], x]
-    level = _tile_median(samples)
-    excess = samples - _spread(level, samples.shape)
-    noise = np.maximum(cv2.medianBlur(SIGMA_OF_MAD * _tile_median(np.abs(excess)), 3),
-                       noise_gain * QUANTISATION_DN)
-    excess = (excess / _spread(noise, samples.shape)).ravel()
-    excess = excess[::max(1, excess.size // TAIL_SAMPLES)]
-    rank = int(TAIL * excess.size)
-    tail = np.partition(excess, rank)[rank] / TAIL_SIGMAS
-    return Mesh(level, noise * np.float32(np.clip(tail, 1, MAX_TAIL)), smooth.shape)
+    height, width = image.shape
+    rows, columns = max(1, round(height / TILE_PX)), max(1, round(width / TILE_PX))
+    return Mesh(*_measure(image, kernel, rows, columns),
+                (rows / height, columns / width))
 
 
-def _tile_median(samples: np.ndarray) -> np.ndarray:
-    """Return the median of each SAMPLES x SAMPLES tile."""
-    rows, columns = samples.shape[0] // SAMPLES, samples.shape[1] // SAMPLES
-    tiles = samples.reshape(rows, SAMPLES, columns, SAMPLES).swapaxes(1, 2)
-    middle = SAMPLES ** 2 // 2
-    return np.partition(tiles.reshape(rows, columns, -1), middle)[..., middle].copy()
+@compiled
+def interpolate(mesh, y, x):
+    """Return the value at y tiles down and x tiles across, bilinear."""
+    i = min(max(int(y), 0), mesh.shape[0] - 2)
+    j = min(max(int(x), 0), mesh.shape[1] - 2)
+    y, x = y - i, x - j
+    return ((1 - y) * ((1 - x) * mesh[i, j] + x * mesh[i, j + 1])
+            + y * ((1 - x) * mesh[i + 1, j] + x * mesh[i + 1, j + 1]))
 
 
-def _extend(mesh: np.ndarray) -> np.ndarray:
-    """Return the mesh with one more tile on each side, continued straight (a lone tile: flat)."""
-    for _ in mesh.shape:
-        first, second = mesh[:1], mesh[1:2] if len(mesh) > 1 else mesh[:1]
-        last, before = mesh[-1:], mesh[-2:-1] if len(mesh) > 1 else mesh[:1]
-        mesh = np.concatenate([2 * first - second, mesh, 2 * last - before]).T
-    return np.ascontiguousarray(mesh)
+@compiled
+def background_at(mesh, u, v):
+    """Return level and noise at a pixel."""
+    y, x = (v + 0.5) * mesh.scale[0] + 0.5, (u + 0.5) * mesh.scale[1] + 0.5
+    return interpolate(mesh.level, y, x), interpolate(mesh.noise, y, x)
 
 
-def _spread(mesh: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Return the mesh interpolated bilinearly to (H, W), straight on to the borders."""
-    border = [round(size / tiles) for size, tiles in zip(shape, mesh.shape)]
-    canvas = cv2.resize(_extend(mesh), (shape[1] + 2 * border[1], shape[0] + 2 * border[0]),
-                        interpolation=cv2.INTER_LINEAR)
-    return canvas[border[0]:border[0] + shape[0], border[1]:border[1] + shape[1]]
+@compiled
+def _measure(image, kernel, rows, columns):
+    """Return level, noise and their medians from SAMPLES x SAMPLES pixels of each tile."""
+    height, width = image.shape
+    radius, side = len(kernel.weights) - 1, SAMPLES
+    work, line = np.empty(width + 2 * radius, np.float32), np.empty(width, np.float32)
+    offset = (np.arange(side) + 0.5) / side
+    across = ((np.arange(columns * side) + 0.5) * width / (columns * side)).astype(np.int64)
+    samples = np.empty((rows, columns, side, side), np.int32)
+    level = np.empty((rows + 2, columns + 2))
+    for i in range(rows):
+        for k in range(side):
+            filter_row(image, kernel.weights, int((i + offset[k]) * height / rows), work, line)
+            for j in range(columns):
+                for m in range(side):
+                    samples[i, j, k, m] = np.int32(line[across[j * side + m]] * FINE)
+        for j in range(columns):
+            level[i + 1, j + 1] = ranked(samples[i, j].ravel(), side * side // 2) / FINE
+    _extend(level)
+    spread = np.empty((rows, columns))
+    for i in range(rows):
+        for j in range(columns):
+            for k in range(side):
+                # Along a row of samples the level is one straight line to the middle of the
+                # tile, and another one from there on.
+                y, row = i + 0.5 + offset[k], samples[i, j, k]
+                middle = interpolate(level, y, j + 1.0)
+                before = 2 * (middle - interpolate(level, y, j + 0.5))
+                after = 2 * (interpolate(level, y, j + 1.5) - middle)
+                for m in range(side // 2):
+                    row[m] -= np.int32((middle + (offset[m] - 0.5) * before) * FINE)
+                for m in range(side // 2, side):
+                    row[m] -= np.int32((middle + (offset[m] - 0.5) * after) * FINE)
+            deviation = np.abs(samples[i, j].ravel())
+            spread[i, j] = SIGMA_OF_MAD * ranked(deviation, side * side // 2) / FINE
+    noise = np.empty((rows + 2, columns + 2))
+    for i in range(rows):
+        for j in range(columns):
+            noise[i + 1, j + 1] = max(_median_around(spread, i, j),
+                                      kernel.noise_gain * QUANTISATION_DN)
+    noise[1:-1, 1:-1] *= _tail(samples.reshape(rows, columns, side * side), noise)
+    _extend(noise)
+    return level, noise, np.median(level[1:-1, 1:-1]), np.median(noise[1:-1, 1:-1])
+
+
+@compiled
+def ranked(values, rank):
+    """Return the value (int) that has so many smaller or equal ones before it, of (N,) int32.
+
+    Bisection by counting, which unlike a partition has no branches that depend on the data.
+    """
+    low, high = values[0], values[0]
+    for k in range(1, len(values)):
+        low, high = min(low, values[k]), max(high, values[k])
+    while low < high:
+        middle = np.int32((low + high) >> 1)
+        # In int64, which sums become of themselves, it would take twice the time.
+        count = np.int32(0)
+        for k in range(len(values)):
+            count = np.int32(count + (values[k] <= middle))
+        if count > rank:
+            high = middle
+        else:
+            low = np.int32(middle + 1)
+    return low
+
+
+@compiled
+def _median_around(mesh, i, j):
+    """Return the median of a tile and the eight around it, those of the border repeated."""
+    around = np.empty(9)
+    for k in range(9):
+        value = mesh[min(max(i + k // 3 - 1, 0), mesh.shape[0] - 1),
+                     min(max(j + k % 3 - 1, 0), mesh.shape[1] - 1)]
+        place = k
+        while place > 0 and around[place - 1] > value:
+            around[place] = around[place - 1]
+            place -= 1
+        around[place] = value
+    return around[4]
+
+
+@compiled
+def _tail(samples, noise):
+    """Return by how much the upper tail of samples (rows, columns, N) exceeds that of a normal."""
+    rows, columns, count = samples.shape
+    step = max(1, samples.size // TAIL_SAMPLES)
+    tail = np.empty((rows, columns, (count + step - 1) // step), np.int32)
+    for i in range(rows):
+        for j in range(columns):
+            for k in range(tail.shape[2]):
+                sigmas = samples[i, j, k * step] / (noise[i + 1, j + 1] * FINE)
+                tail[i, j, k] = np.int32(min(sigmas, MOST_SIGMAS) * FINE)
+    ratio = ranked(tail.ravel(), int(TAIL * tail.size)) / FINE / TAIL_SIGMAS
+    return min(max(ratio, 1.0), MAX_TAIL)
+
+
+@compiled
+def _extend(mesh):
+    """Continue the inner tiles straight into the border; a lone tile stays flat."""
+    rows, columns = mesh.shape[0] - 2, mesh.shape[1] - 2
+    for j in range(1, columns + 1):
+        mesh[0, j] = 2 * mesh[1, j] - mesh[min(2, rows), j]
+        mesh[rows + 1, j] = 2 * mesh[rows, j] - mesh[max(rows - 1, 1), j]
+    for i in range(rows + 2):
+        mesh[i, 0] = 2 * mesh[i, 1] - mesh[i, min(2, columns)]
+        mesh[i, columns + 1] = 2 * mesh[i, columns] - mesh[i, max(columns - 1, 1)]

@@ -1,15 +1,18 @@
 """From a star image to centroids, with a reason for everything left out."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.detection import Peaks, row_tops
 from startracker_ros.centroid.frame import Frame, prepare
 from startracker_ros.centroid.gaussian_fit import Fit, fit_stars, FLUX, SIGMA, U, V
-from startracker_ros.centroid.noise import first_noise_model, NoiseModel, refine_noise_model
-from startracker_ros.centroid.shape import elongated, too_narrow, too_wide
+from startracker_ros.centroid.moments import weighted_means, WEIGHTS
+from startracker_ros.centroid.noise import first_noise_model
+from startracker_ros.centroid.noise_fit import refine_noise_model
+from startracker_ros.centroid.shape import judge_shape, lone_pixels, repeated, streaks
+from startracker_ros.centroid.threshold import iterative_threshold
 from startracker_ros.centroid.windows import Windows
 from startracker_ros.options import option, Options
 
@@ -24,14 +27,14 @@ WIDTH_STARS = 16  # fitted at a time, brightest first
 WIDTH_BATCHES = 4
 WIDTH_ENOUGH = 3  # stars that agree on a width
 WIDTH_ERROR = 0.25  # relative, of a star that may tell the width
-LONE_PIXEL = 0.3  # less light than this share of a pixel in the eight around it: not a star
-ROUGH_ITERATIONS = 3
-WIDTH_ITERATIONS = 6
+ROUGH_ITERATIONS = 2
+WIDTH_ITERATIONS = 4
 EDGE_SIGMAS = 1.5
 CORE_RADIUS_PX = 2
 CORE_SATURATED_PX = 9  # saturated pixels of a star that its flanks can still place
 MOVED_PX = 1.5  # a fit that ends further from its peak is of something else
 APART_PX = 1.0  # two fits closer than this are one star
+SEGMENT_SIGMAS = 3.0  # of a pixel, above which it belongs to a star
 FAINT = 0.85  # of the threshold: the fit also frees place and level, so its snr is lower
 MISFIT = 3.0  # standard deviations of chi2 beyond which it widens the errors
 
@@ -40,9 +43,21 @@ MISFIT = 3.0  # standard deviations of chi2 beyond which it widens the errors
 class ExtractionOptions(Options):
     """Options of the centroid extraction."""
 
+    threshold: str = option(
+        'sigma', 'what a spot must exceed above the local background in the filtered image: '
+        'threshold_sigma, threshold_dn, or half-way between the means of the bright and the '
+        'dark pixels, found by iteration, and threshold_sigma',
+        choices=('sigma', 'fixed', 'iterative'))
     threshold_sigma: float = option(
         5.5, 'detection threshold above the local background, in noise of the filtered image',
         low=3.0, high=100.0)
+    threshold_dn: float = option(
+        50.0, 'fixed detection threshold above the local background', unit='DN', low=0.1,
+        high=65535.0)
+    method: str = option(
+        'gaussian', 'fit of the point spread function, or mean of the pixels above the threshold '
+        f'(of sigma: {SEGMENT_SIGMAS:g} times the noise of a pixel) weighed alike, by light, by '
+        'its square, by what exceeds the threshold', choices=(*WEIGHTS, 'gaussian'))
     psf_sigma_px: float = option(
         0.0, 'width (1 sigma) of a star image, 0: estimated from each image',
         unit='px', low=0.0, high=5.0)
@@ -82,100 +97,129 @@ class CentroidExtractor:
         if min(height, width) < MIN_SIDE_PX:
             return _none('too_small', f'image of {width} x {height} px, '
                          f'at least {MIN_SIDE_PX} px a side are needed')
-        if image.min() == image.max():
+        # Compiled for one layout: padded rows and read-only images are copied.
+        image = np.require(image, requirements='CW')
+        tops, darkest = row_tops(image)
+        if tops.max() == darkest:
             return _none('blank', f'all pixels are {image[0, 0]} DN')
-        frame = prepare(image, self._options.psf_sigma_px or FILTER_SIGMA_PX)
+        frame = prepare(image, self._options.psf_sigma_px or FILTER_SIGMA_PX, tops)
         if np.isfinite(frame.full_scale_dn) and (
                 2 * np.count_nonzero(image == frame.full_scale_dn) > image.size):
             return _none('saturated', f'most pixels are at full scale, {frame.full_scale_dn:g} DN',
                          frame)
-        peaks, discs = frame.peaks(self._options.threshold_sigma)
+        most = max(FEW_PEAKS, image.size // PX_PER_PEAK)
+        threshold = self._threshold(frame)
+        peaks, count, discs = frame.peaks(*threshold, most)
         sigma_px = self._options.psf_sigma_px
-        if not sigma_px and 0 < len(peaks) <= _most_peaks(image):
+        if not sigma_px and 0 < count <= most:
             sigma_px = measure_width(frame, peaks)
             if not 1 / FILTER_RATIO < sigma_px / FILTER_SIGMA_PX < FILTER_RATIO:
-                frame = prepare(image, float(np.clip(sigma_px, *FILTER_RANGE_PX)))
-                peaks, discs = frame.peaks(self._options.threshold_sigma)
+                frame = prepare(image, float(np.clip(sigma_px, *FILTER_RANGE_PX)), tops)
+                peaks, count, discs = frame.peaks(*threshold, most)
                 sigma_px = measure_width(frame, peaks)
-        if not len(peaks):
-            return _none('no_stars', 'nothing like a star above '
-                         f'{self._options.threshold_sigma:g} sigma', frame,
+        if not count:
+            return _none('no_stars', f'nothing like a star above {_words(*threshold)}', frame,
                          {'disc': discs} if discs else {})
-        if len(peaks) > _most_peaks(image):
-            return _none('too_many', f'{len(peaks)} spots: noise, not stars', frame)
-        centroids, rejected = self._measure(frame, peaks, sigma_px)
+        if count > most:
+            return _none('too_many', f'{count} spots: noise, not stars', frame)
+        centroids, rejected = self._measure(frame, peaks, sigma_px, *threshold)
         if discs:
             rejected['disc'] = discs
         return Extraction(
             centroids, *(('ok', '') if len(centroids) else ('no_stars', 'no spot is a star')),
             frame.background_dn, frame.noise_dn, sigma_px, rejected)
 
-    def _measure(self, frame: Frame, peaks: np.ndarray, sigma_px: float
-                 ) -> tuple[Centroids, dict[str, int]]:
-        """Fit stars of this width to peaks (N, 2); return the good ones, count the others."""
+    def warm_up(self) -> None:
+        """Compile what is used, or load it, so that the first image need not wait for it."""
+        rng = np.random.default_rng(1)
+        image = rng.normal(50, 3, (64, 64))
+        for u, v in ((15, 20), (50, 15), (30, 45)):
+            image[v - 1:v + 2, u - 1:u + 2] += np.outer((40, 80, 40), (1, 2, 1))
+        for kind in (np.uint8, np.uint16):
+            self.extract(image.clip(0, 255).astype(kind))
+
+    def _threshold(self, frame: Frame) -> tuple[float, float]:
+        """Return the threshold in noise of the filtered image and in DN; both must be met."""
+        options = self._options
+        if options.threshold == 'fixed':
+            return 0.0, options.threshold_dn
+        least_dn = 0.0
+        if options.threshold == 'iterative':
+            least_dn = iterative_threshold(frame.image) - frame.background_dn
+        return options.threshold_sigma, least_dn
+
+    def _measure(self, frame: Frame, peaks: Peaks, sigma_px: float, sigmas: float,
+                 least_dn: float) -> tuple[Centroids, dict[str, int]]:
+        """Fit stars of this width to peaks; return the good ones, count the others.
+
+        sigmas and least_dn are the threshold.
+        """
         rejected: dict[str, int] = {}
 
         def reject(**reasons: np.ndarray) -> np.ndarray:
             """Count each spot under the first of its reasons; return those without any."""
             bad = np.zeros(len(next(iter(reasons.values()))), bool)
             for reason, spots in reasons.items():
-                count = int((spots & ~bad).sum())
+                count = np.count_nonzero(spots & ~bad)
                 if count:
                     rejected[reason] = rejected.get(reason, 0) + count
                 bad |= spots
             return ~bad
 
-        peaks = peaks[:SPARE_PEAKS * self._options.max_stars]
+        peaks = peaks.select(slice(SPARE_PEAKS * self._options.max_stars))
         windows, start = frame.windows(peaks, sigma_px)
-        border = np.minimum(peaks, np.array(frame.pixels.shape[::-1]) - 1 - peaks).min(1)
+        border = np.minimum(peaks.uv, np.array(frame.image.shape[::-1]) - 1 - peaks.uv).min(1)
         keep = reject(edge=border < np.ceil(EDGE_SIGMAS * sigma_px),
                       saturated=_core_saturated(windows) > CORE_SATURATED_PX)
         windows, start = windows.select(keep), start[keep]
 
         noise = first_noise_model(frame.background_dn, frame.noise_dn ** 2)
         fit = fit_stars(windows, start, noise, iterations=ROUGH_ITERATIONS)
-        keep = reject(too_narrow=too_narrow(fit, windows), elongated=elongated(fit, windows),
-                      too_wide=too_wide(fit, windows), not_fitted=_moved(fit, windows))
-        noise = _refined_noise(noise, fit, windows, keep & (_core_saturated(windows) == 0))
+        shape = judge_shape(fit, windows)
+        keep = reject(hot_pixel=shape.narrow & lone_pixels(windows.data), cosmic_ray=shape.narrow,
+                      elongated=shape.elongated, too_wide=shape.wide,
+                      not_fitted=_moved(fit, windows))
+        noise = refine_noise_model(noise, fit, windows, keep & (_core_saturated(windows) == 0))
         windows, start = windows.select(keep), fit.parameters[keep]
 
         fit = fit_stars(windows, start, noise)
         centroids = _centroids(fit)
-        keep = reject(not_fitted=_moved(fit, windows) | _repeated(centroids),
-                      faint=_significance(fit) < FAINT * self._options.threshold_sigma)
+        keep = reject(not_fitted=_moved(fit, windows) | repeated(fit, windows, APART_PX),
+                      faint=_significance(fit) < FAINT * sigmas)
+        if self._options.method != 'gaussian':
+            pixel_dn = (np.full(windows.count, least_dn) if least_dn > 0
+                        else SEGMENT_SIGMAS * np.sqrt(windows.variance))
+            uv, sigma_px = weighted_means(self._options.method, windows, fit, pixel_dn, noise)
+            centroids = replace(centroids, uv=uv, sigma_px=sigma_px)
+            keep &= reject(faint=keep & ~np.isfinite(uv[:, 0]))
         order = np.argsort(-centroids.flux, kind='stable')
-        chosen = order[keep[order]][:self._options.max_stars]
-        return Centroids(centroids.uv[chosen], centroids.flux[chosen], centroids.snr[chosen],
-                         centroids.sigma_px[chosen]), rejected
+        return centroids.select(order[keep[order]][:self._options.max_stars]), rejected
 
 
-def measure_width(frame: Frame, peaks: np.ndarray) -> float:
-    """Return the median width (1 sigma, px) of the brightest stars among peaks (N, 2).
+def measure_width(frame: Frame, peaks: Peaks) -> float:
+    """Return the median width (1 sigma, px) of the brightest stars among peaks.
 
     Where no spot tells, the width of the filter that found them is returned.
     """
     told = np.empty(0)
-    for first in range(0, min(len(peaks), WIDTH_BATCHES * WIDTH_STARS), WIDTH_STARS):
-        told = np.append(told, _widths(frame, peaks[first:first + WIDTH_STARS]))
+    for first in range(0, min(len(peaks.uv), WIDTH_BATCHES * WIDTH_STARS), WIDTH_STARS):
+        told = np.append(told, _widths(frame, peaks.select(slice(first, first + WIDTH_STARS))))
         if len(told) >= WIDTH_ENOUGH:
             break
-    return float(np.median(told)) if len(told) else frame.filter_sigma_px
+    return float(np.median(told)) if len(told) else frame.kernel.sigma_px
 
 
-def _widths(frame: Frame, peaks: np.ndarray) -> np.ndarray:
+def _widths(frame: Frame, peaks: Peaks) -> np.ndarray:
     """Return the widths of those peaks that look like unsaturated stars."""
-    windows, start = frame.windows(peaks, frame.filter_sigma_px)
-    middle = windows.radius
-    centre = windows.data[:, middle, middle]
-    around = windows.data[:, middle - 1:middle + 2, middle - 1:middle + 2].sum((1, 2)) - centre
-    chosen = (_core_saturated(windows) == 0) & (around > LONE_PIXEL * centre)
+    windows, start = frame.windows(peaks, frame.kernel.sigma_px)
+    chosen = (_core_saturated(windows) == 0) & ~lone_pixels(windows.data)
     windows, start = windows.select(chosen), start[chosen]
     noise = first_noise_model(frame.background_dn, frame.noise_dn ** 2)
     fit = fit_stars(windows, start, noise, free_sigma=True, iterations=WIDTH_ITERATIONS)
     width = fit.parameters[:, SIGMA]
     error = np.sqrt(fit.covariance[:, SIGMA, SIGMA])
     return width[(error < WIDTH_ERROR * width) & ~_moved(fit, windows)
-                 & ~elongated(fit, windows)]
+                 & ~streaks(fit, windows)]
 
 
 def _check(image: np.ndarray) -> None:
@@ -188,14 +232,14 @@ def _check(image: np.ndarray) -> None:
         raise ValueError(f'image of {image.shape[1]} x {image.shape[0]} px is empty')
 
 
+def _words(sigmas: float, least_dn: float) -> str:
+    return f'{least_dn:.1f} DN' if least_dn > 0 else f'{sigmas:g} sigma'
+
+
 def _none(status: str, reason: str, frame: Frame | None = None,
           rejected: dict[str, int] | None = None) -> Extraction:
     known = (frame.background_dn, frame.noise_dn) if frame else ()
     return Extraction(Centroids.empty(), status, reason, *known, rejected=rejected or {})
-
-
-def _most_peaks(image: np.ndarray) -> int:
-    return max(FEW_PEAKS, image.size // PX_PER_PEAK)
 
 
 def _core_saturated(windows: Windows) -> np.ndarray:
@@ -214,26 +258,10 @@ def _significance(fit: Fit) -> np.ndarray:
     return fit.parameters[:, FLUX] / np.sqrt(fit.covariance[:, FLUX, FLUX])
 
 
-def _repeated(centroids: Centroids) -> np.ndarray:
-    """Return True (K,) for the fainter of two fits of one star."""
-    repeated = np.zeros(len(centroids), bool)
-    for i, j in cKDTree(centroids.uv).query_pairs(APART_PX):
-        repeated[i if centroids.flux[i] < centroids.flux[j] else j] = True
-    return repeated
-
-
-def _refined_noise(noise: NoiseModel, fit: Fit, windows: Windows,
-                   chosen: np.ndarray) -> NoiseModel:
-    used = windows.used & chosen[:, None, None]
-    background = np.broadcast_to(windows.variance[:, None, None], used.shape)
-    return refine_noise_model(noise, (fit.own - fit.light)[used], fit.light[used],
-                              background[used], np.maximum(1 - fit.leverage[used], 0.1))
-
-
 def _centroids(fit: Fit) -> Centroids:
     """Return all fitted stars; a misfit beyond chance widens their errors."""
     ratio = fit.chi2 / fit.freedom
     misfit = np.where(ratio > 1 + MISFIT * np.sqrt(2 / fit.freedom), np.sqrt(ratio), 1.0)
     place = fit.covariance[:, U, U] + fit.covariance[:, V, V]
-    return Centroids(fit.parameters[:, [U, V]], fit.parameters[:, FLUX],
+    return Centroids(fit.parameters[:, :V + 1], fit.parameters[:, FLUX],
                      _significance(fit) / misfit, misfit * np.sqrt(place / 2))

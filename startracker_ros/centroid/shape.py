@@ -1,65 +1,125 @@
 """Does a fitted spot look like a star: width and elongation."""
 
-import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import math
+from typing import NamedTuple
 
-from startracker_ros.centroid.gaussian_fit import Fit, SIGMA, star_light, U, V
+import numpy as np
+
+from startracker_ros.centroid.gaussian_fit import Fit, FLUX, profile, SIGMA, U, V
 from startracker_ros.centroid.windows import Windows
+from startracker_ros.compiled import compiled
 
 WIDTH_RATIO = 2.0  # the other hypotheses: half as wide, twice as wide
 MARGIN = 9.0  # of chi2, by which another width must be better
 MAX_ELONGATION = 0.4
+LONE_PIXEL = 0.3  # less light than this share of a pixel in the eight around it
 
 
-def chi2_of_width(fit: Fit, windows: Windows, ratio: float) -> np.ndarray:
-    """Return chi2 (K,) of a star `ratio` times as wide at the same place, flux and level free."""
+class Shape(NamedTuple):
+    """What is wrong with each of K spots, all (K,) bool.
+
+    narrow: hot pixels and cosmic hits; wide: spots that no star makes; elongated: streaks.
+    """
+
+    narrow: np.ndarray
+    wide: np.ndarray
+    elongated: np.ndarray
+
+
+def lone_pixels(data: np.ndarray) -> np.ndarray:
+    """Return whether (K,) the middle pixel of windows (K, n, n) has hardly any light around it."""
+    middle = data.shape[1] // 2
+    centre = data[:, middle, middle]
+    around = data[:, middle - 1:middle + 2, middle - 1:middle + 2].sum((1, 2)) - centre
+    return around <= LONE_PIXEL * centre
+
+
+def judge_shape(fit: Fit, windows: Windows) -> Shape:
+    """Return the shapes of all spots.
+
+    Spots chained to an elongated one are part of it, as the fit of neighbours in turns cuts
+    a long streak into round pieces.
+    """
+    return Shape(*_judge(fit, windows))
+
+
+@compiled
+def streaks(fit, windows):
+    """Return True (K,) for elongated spots, each looked at alone."""
+    streak = np.empty(len(fit.parameters), np.bool_)
+    for i in range(len(streak)):
+        streak[i] = _elongated(fit, windows, i)
+    return streak
+
+
+@compiled
+def _judge(fit, windows):
     stars, count = windows.data.shape[:2]
-    other = fit.parameters.copy()
-    other[:, 2] = 1
-    other[:, SIGMA] *= ratio
-    shape = star_light(other, windows.corner, count).reshape(stars, count * count)
-    weight = (windows.used / fit.variance).reshape(stars, count * count)
-    data = fit.own.reshape(stars, count * count)
-    total = weight.sum(1)
-    shape = shape - ((weight * shape).sum(1) / total)[:, None]
-    data = data - ((weight * data).sum(1) / total)[:, None]
-    overlap = (weight * shape * data).sum(1)
-    return (weight * data * data).sum(1) - overlap ** 2 / (weight * shape * shape).sum(1)
+    narrow, wide = np.empty(stars, np.bool_), np.empty(stars, np.bool_)
+    streak = streaks(fit, windows)
+    share = np.empty((2, 3, count))
+    for i in range(stars):
+        narrow[i] = fit.chi2[i] - _chi2_of_width(fit, windows, i, 1 / WIDTH_RATIO, share) > MARGIN
+        wide[i] = fit.chi2[i] - _chi2_of_width(fit, windows, i, WIDTH_RATIO, share) > MARGIN
+    grown = streak.any()
+    while grown:
+        grown = False
+        for i in range(stars):
+            for k in range(windows.first[i], windows.first[i + 1]):
+                if streak[windows.sources[k]] and not streak[i]:
+                    streak[i] = grown = True
+    return narrow, wide, streak
 
 
-def too_narrow(fit: Fit, windows: Windows) -> np.ndarray:
-    """Return True (K,) for hot pixels and cosmic hits."""
-    return fit.chi2 - chi2_of_width(fit, windows, 1 / WIDTH_RATIO) > MARGIN
+@compiled
+def _chi2_of_width(fit, windows, i, ratio, share):
+    """Return chi2 of a star `ratio` times as wide at the same place, flux and level free."""
+    star, count = fit.parameters[i], windows.data.shape[1]
+    profile(star[U], star[SIGMA] * ratio, windows.corner[i, 0], share[0])
+    profile(star[V], star[SIGMA] * ratio, windows.corner[i, 1], share[1])
+    total = s = d = ss = sd = dd = 0.0
+    for y in range(count):
+        for x in range(count):
+            if windows.used[i, y, x]:
+                weight = 1 / fit.variance[i, y, x]
+                shape, data = share[1, 0, y] * share[0, 0, x], fit.own[i, y, x]
+                total, s, d = total + weight, s + weight * shape, d + weight * data
+                ss, sd = ss + weight * shape * shape, sd + weight * shape * data
+                dd += weight * data * data
+    return dd - d * d / total - (sd - s * d / total) ** 2 / (ss - s * s / total)
 
 
-def too_wide(fit: Fit, windows: Windows) -> np.ndarray:
-    """Return True (K,) for spots that no star makes."""
-    return fit.chi2 - chi2_of_width(fit, windows, WIDTH_RATIO) > MARGIN
-
-
-def elongated(fit: Fit, windows: Windows) -> np.ndarray:
-    """Return True (K,) for streaks, by second moments under a Gaussian twice as wide as a star.
+@compiled
+def _elongated(fit, windows, i):
+    """Return whether spot i is a streak, by second moments under a Gaussian twice a star's width.
 
     The elongation is (a - b) / (a + b) of the moments a, b along the axes of the spot; it must
-    exceed MAX_ELONGATION by three times its error. Spots chained to such a one are part of it,
-    as the fit of neighbours in turns cuts a long streak into round pieces.
+    exceed MAX_ELONGATION by three times its error.
     """
-    stars, count = windows.data.shape[:2]
-    place = windows.corner[:, :, None] + np.arange(count)
-    x = (place[:, 0] - fit.parameters[:, U, None])[:, None, :]
-    y = (place[:, 1] - fit.parameters[:, V, None])[:, :, None]
-    width = 2 * fit.parameters[:, SIGMA, None, None]
-    weight = np.exp(-0.5 * (x * x + y * y) / width ** 2) * windows.used
-    difference, cross, total = x * x - y * y, 2 * x * y, x * x + y * y
-    size = (weight * total * np.maximum(fit.own, fit.light)).sum((1, 2))
-    elongation = np.hypot((weight * difference * fit.own).sum((1, 2)),
-                          (weight * cross * fit.own).sum((1, 2))) / size
-    error = np.sqrt((weight ** 2 * total ** 2 * fit.variance).sum((1, 2)) / 2) / size
-    streak = elongation > MAX_ELONGATION + 3 * error
-    if not streak.any():
-        return streak
-    pairs = coo_array((np.ones(len(windows.neighbours)), tuple(windows.neighbours.T)),
-                      (stars, stars))
-    _, chain = connected_components(pairs, directed=False)
-    return np.isin(chain, chain[streak])
+    star, count = fit.parameters[i], windows.data.shape[1]
+    straight = oblique = size = error = 0.0
+    for k in range(count):
+        y = windows.corner[i, 1] + k - star[V]
+        for m in range(count):
+            if not windows.used[i, k, m]:
+                continue
+            x = windows.corner[i, 0] + m - star[U]
+            square = x * x + y * y
+            weight = math.exp(-square / (8 * star[SIGMA] ** 2))
+            straight += weight * (x * x - y * y) * fit.own[i, k, m]
+            oblique += weight * 2 * x * y * fit.own[i, k, m]
+            size += weight * square * max(fit.own[i, k, m], fit.light[i, k, m])
+            error += weight ** 2 * square ** 2 * fit.variance[i, k, m] / 2
+    return math.hypot(straight, oblique) > MAX_ELONGATION * size + 3 * math.sqrt(error)
+
+
+@compiled
+def repeated(fit, windows, apart_px):
+    """Return True (K,) for the fainter of two fits that are closer than apart_px."""
+    twice = np.zeros(len(fit.parameters), np.bool_)
+    for i in range(len(twice)):
+        for k in range(windows.first[i], windows.first[i + 1]):
+            star, other = fit.parameters[i], fit.parameters[windows.sources[k]]
+            if math.hypot(star[U] - other[U], star[V] - other[V]) < apart_px:
+                twice[i] |= star[FLUX] < other[FLUX]
+    return twice

@@ -1,28 +1,31 @@
-"""Square cut-outs around the peaks, and the light that neighbours throw into them."""
+"""Square cut-outs around the peaks, and which of them share light."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+
+from startracker_ros.compiled import compiled
 
 
-@dataclass(frozen=True)
-class Windows:
+class Windows(NamedTuple):
     """K windows of n x n pixels, rows v and columns u.
 
     data (K, n, n) float64 DN above the mesh background; used (K, n, n) bool, False outside
     the image and where saturated; corner (K, 2) int, u and v of the first pixel;
-    variance (K,) DN^2 of one background pixel; neighbours (P, 2) int, pairs (i, j) where star
-    j throws light into window i.
+    variance (K,) DN^2 of one background pixel. Stars sources[first[i]:first[i + 1]] throw light
+    into window i; first (K + 1,) int.
     """
 
     data: np.ndarray
     used: np.ndarray
     corner: np.ndarray
     variance: np.ndarray
-    neighbours: np.ndarray
+    first: np.ndarray
+    sources: np.ndarray
 
-    def __len__(self) -> int:
+    @property
+    def count(self) -> int:
+        """Number of windows."""
         return len(self.data)
 
     @property
@@ -32,20 +35,56 @@ class Windows:
 
     def select(self, chosen: np.ndarray) -> 'Windows':
         """Return the windows of chosen (K,) bool; light of stars not chosen is forgotten."""
-        number = np.cumsum(chosen) - 1
-        pairs = self.neighbours[chosen[self.neighbours].all(1)]
-        return Windows(self.data[chosen], self.used[chosen], self.corner[chosen],
-                       self.variance[chosen], number[pairs])
+        if chosen.all():
+            return self
+        corner = self.corner[chosen]
+        return Windows(self.data[chosen], self.used[chosen], corner, self.variance[chosen],
+                       *_neighbours(corner, self.data.shape[1]))
 
 
-def cut_windows(image: np.ndarray, peaks: np.ndarray, radius: int, level: np.ndarray,
+def cut_windows(image: np.ndarray, uv: np.ndarray, radius: int, level: np.ndarray,
                 variance: np.ndarray, full_scale: float) -> Windows:
-    """Return the windows of image (H, W) around peaks (K, 2) u, v; level and variance (K,)."""
-    offset = np.arange(-radius, radius + 1)
-    u, v = peaks[:, :1] + offset, peaks[:, 1:] + offset
+    """Return the windows of image (H, W) around peaks uv (K, 2); level and variance (K,)."""
+    data, used = _cut(image, uv, radius, level, full_scale)
+    corner = uv - radius
+    return Windows(data, used, corner, variance, *_neighbours(corner, 2 * radius + 1))
+
+
+@compiled
+def _cut(image, uv, radius, level, full_scale):
     height, width = image.shape
-    data = image[np.clip(v, 0, height - 1)[:, :, None], np.clip(u, 0, width - 1)[:, None, :]]
-    inside = (((v >= 0) & (v < height))[:, :, None] & ((u >= 0) & (u < width))[:, None, :])
-    pairs = cKDTree(peaks).query_pairs(2 * radius, p=np.inf, output_type='ndarray')
-    return Windows(data - level[:, None, None], inside & (data < full_scale), peaks - radius,
-                   variance, np.concatenate([pairs, pairs[:, ::-1]]))
+    count = 2 * radius + 1
+    data = np.zeros((len(uv), count, count))
+    used = np.zeros((len(uv), count, count), np.bool_)
+    for i in range(len(uv)):
+        left, top = uv[i, 0] - radius, uv[i, 1] - radius
+        for y in range(max(-top, 0), min(height - top, count)):
+            for x in range(max(-left, 0), min(width - left, count)):
+                value = image[top + y, left + x]
+                data[i, y, x] = value - level[i]
+                used[i, y, x] = value < full_scale
+    return data, used
+
+
+@compiled
+def _neighbours(corner, count):
+    """Return first (K + 1,) and sources: stars whose peaks are less than `count` px away."""
+    order = np.argsort(corner[:, 1])
+    first, place = np.zeros(len(corner) + 1, np.int64), np.zeros(len(corner), np.int64)
+    sources = np.empty(0, np.int64)
+    for filling in (False, True):
+        for a in range(len(order)):
+            for b in range(a + 1, len(order)):
+                i, j = order[a], order[b]
+                if corner[j, 1] - corner[i, 1] >= count:
+                    break
+                if abs(corner[j, 0] - corner[i, 0]) < count:
+                    if filling:
+                        sources[place[i]], sources[place[j]] = j, i
+                    place[i] += 1
+                    place[j] += 1
+        if not filling:
+            first[1:] = np.cumsum(place)
+            place[:] = first[:-1]
+            sources = np.empty(first[-1], np.int64)
+    return first, sources

@@ -174,7 +174,8 @@ def test_hot_pixels_cosmic_hits_and_streaks_are_rejected():
     result = EXTRACT(expose(hot, rng))
     index, false = found(result, uv)
     assert (index >= 0).sum() >= 24 and false <= 1
-    assert result.rejected['too_narrow'] >= 35
+    assert result.rejected['hot_pixel'] + result.rejected['cosmic_ray'] >= 35
+    assert min(result.rejected['hot_pixel'], result.rejected['cosmic_ray']) >= 15
 
     for length in (8, 60):
         at = np.linspace(-0.5, 0.5, 80)[:, None] * length * np.array([0.8, 0.6])

@@ -1,6 +1,5 @@
 """centroid_extractor: image_raw, camera_info -> centroids, image_annotated."""
 
-import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
 
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
@@ -30,8 +29,7 @@ class CentroidExtractorNode(CameraNode):
         self._extractor = CentroidExtractor(self.options(ExtractionOptions))
         if self.camera is not None and not self._listens:
             self._listens = True
-            # The first image takes ten times as long as the next: it is not to be a real one.
-            self._extractor.extract(np.zeros((self.camera.height, self.camera.width), np.uint16))
+            self._extractor.warm_up()
             self.take(Image, 'image_raw', self._take_image, qos.IMAGE)
 
     def _take_image(self, message: Image) -> None:

@@ -1,0 +1,68 @@
+"""Gain and model error of the noise, out of what the fits of all stars leave."""
+
+import numpy as np
+
+from startracker_ros.centroid.gaussian_fit import Fit, leverage
+from startracker_ros.centroid.noise import NoiseModel
+from startracker_ros.centroid.windows import Windows
+from startracker_ros.compiled import compiled
+
+PRIOR_PIXELS = 10.0  # weight of the first guess of the gain
+ROUNDS = 3
+OUTLIER = 16.0  # variances
+LEAST_KEPT = 0.1  # of the noise of a pixel, left in its residual
+
+
+def refine_noise_model(noise: NoiseModel, fit: Fit, windows: Windows,
+                       chosen: np.ndarray) -> NoiseModel:
+    """Fit gain and model error to the residuals of chosen stars (K,), by iterated least squares.
+
+    A residual is short of the noise that its star's fit has absorbed. The first gain counts
+    as PRIOR_PIXELS pixels, so that one or two faint stars change nothing.
+    """
+    return NoiseModel(*_refine(noise, fit, windows, chosen))
+
+
+@compiled
+def _refine(noise, fit, windows, chosen):
+    """Return the fields of NoiseModel."""
+    count = windows.data.shape[1]
+    square, work = np.empty(windows.data.shape), np.empty((count, count))
+    for i in range(len(chosen)):
+        if chosen[i]:
+            leverage(fit, windows, i, work)
+            for y in range(count):
+                for x in range(count):
+                    square[i, y, x] = ((fit.own[i, y, x] - fit.light[i, y, x]) ** 2
+                                       / max(1 - work[y, x], LEAST_KEPT))
+    gain, model_error, prior = noise.gain_dn, noise.model_error, noise.gain_dn
+    for _ in range(ROUNDS):
+        a, b, c = PRIOR_PIXELS / prior ** 2, 0.0, 0.0
+        p, q = PRIOR_PIXELS / prior, 0.0
+        for i in range(len(chosen)):
+            if not chosen[i]:
+                continue
+            for y in range(count):
+                for x in range(count):
+                    if windows.used[i, y, x]:
+                        light, background = fit.light[i, y, x], windows.variance[i]
+                        variance = background + light * (gain + model_error ** 2 * light)
+                        excess = min(square[i, y, x], OUTLIER * variance) - background
+                        first = light / variance
+                        second, excess = light * first, excess / variance
+                        a, b, c = a + first * first, b + first * second, c + second * second
+                        p, q = p + first * excess, q + second * excess
+        gain, model_error = _solve(a, b, c, p, q)
+    return gain, model_error
+
+
+@compiled
+def _solve(a, b, c, p, q):
+    """Return x and the root of y that solve [a b; b c] [x y] = [p q] best with x, y >= 0."""
+    determinant = a * c - b * b
+    if determinant > 0:
+        x, y = (c * p - b * q) / determinant, (a * q - b * p) / determinant
+        if x >= 0 and y >= 0:
+            return x, np.sqrt(y)
+    x, y = max(p, 0.0) / a, max(q, 0.0) / c if c > 0 else 0.0
+    return (x, 0.0) if a * x ** 2 >= c * y ** 2 else (0.0, np.sqrt(y))
