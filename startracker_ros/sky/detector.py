@@ -42,6 +42,12 @@ class DetectorOptions(Options):
                                 low=100.0, high=1e7)
     bit_depth: int = option(12, 'bits of a digital number; 8 gives mono8, more mono16',
                             low=8, high=16)
+    motion_smear: bool = option(
+        False, 'stars move over the pixels during the exposure; off draws them where they are '
+        'in its middle')
+    line_time_us: float = option(
+        0.0, 'rolling shutter: time from the exposure of one row to that of the next; 0: all '
+        'rows at once', unit='us', low=0.0, high=1000.0)
     dark_current_e_s: float = option(
         0.0, 'thermal electrons in each pixel, besides background_e', unit='e-/s',
         low=0.0, high=1e5)

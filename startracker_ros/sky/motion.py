@@ -1,6 +1,6 @@
 """Where the sensor is, where it looks and how it turns: the truth of a simulation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -51,6 +51,38 @@ class SteadyMotion:
 
 
 @dataclass(frozen=True)
+class RollJitter:
+    """A motion with a random roll about the boresight on top, from time 0 on.
+
+    The jitter of Sadeghi, Sabahi and Saberali: a rate uniform in +-peak_rad_s that is
+    constant over each block, so that the roll never jumps.
+    """
+
+    steady: SteadyMotion
+    peak_rad_s: float
+    block_s: float
+    seed: int
+
+    @property
+    def orbit(self) -> CircularOrbit:
+        """The orbit beneath."""
+        return self.steady.orbit
+
+    def at(self, time_s: float) -> MotionState:
+        """Return the state; all blocks up to the time are drawn anew, 1 us for a hundred."""
+        block, within = divmod(max(time_s, 0.0) / self.block_s, 1)
+        rate_rad_s = np.random.default_rng(self.seed).uniform(
+            -self.peak_rad_s, self.peak_rad_s, int(block) + 1)
+        angle = self.block_s * (rate_rad_s[:-1].sum() + within * rate_rad_s[-1])
+        roll = quaternion_from_rotation_vector([0.0, 0.0, angle])
+        state = self.steady.at(time_s)
+        return replace(
+            state, q_icrf_from_sensor=multiply(state.q_icrf_from_sensor, roll),
+            rate_rad_s=rotate(conjugate(roll), state.rate_rad_s)
+            + [0.0, 0.0, rate_rad_s[-1] if time_s >= 0 else 0.0])
+
+
+@dataclass(frozen=True)
 class MotionOptions(Options):
     """Pointing at time 0, the way it changes, and the orbit."""
 
@@ -69,6 +101,11 @@ class MotionOptions(Options):
     rate_deg_s: tuple[float, float, float] = option(
         (0.0, 0.06, 0.0), 'angular velocity about sensor x, y, z for constant_rate',
         unit='deg/s', low=-20.0, high=20.0)
+    jitter_deg_s: float = option(
+        0.0, 'largest rate of a random roll about the boresight, uniform either way and '
+        'constant over blocks', unit='deg/s', low=0.0, high=20.0)
+    jitter_block_s: float = option(1.0, 'length of a block: ten frames at 10 Hz', unit='s',
+                                   low=0.01, high=1000.0)
     altitude_km: float = option(700.0, 'height of the circular orbit above the equatorial radius',
                                 unit='km', low=160.0, high=100000.0)
     inclination_deg: float = option(30.0, 'inclination of the orbit to the ICRF equator',
@@ -79,8 +116,8 @@ class MotionOptions(Options):
                                  unit='deg', low=-360.0, high=360.0)
 
 
-def motion_from_options(options: MotionOptions = MotionOptions()) -> SteadyMotion:
-    """Return the motion that the options describe."""
+def motion_from_options(options: MotionOptions = MotionOptions(), *, seed: int = 0) -> Motion:
+    """Return the motion that the options describe; the seed is that of the jitter."""
     orbit = CircularOrbit(EARTH_RADIUS_M + 1e3 * options.altitude_km,
                           *np.radians([options.inclination_deg, options.node_deg,
                                        options.latitude_deg]))
@@ -94,4 +131,7 @@ def motion_from_options(options: MotionOptions = MotionOptions()) -> SteadyMotio
         # The orbit frame turns about the orbit normal; a sensor fixed in it sees that
         # axis fixed too, so this is one more constant rate on sensor axes.
         rate_rad_s = rotate(conjugate(q_start), orbit.rate_rad_s * orbit.normal)
-    return SteadyMotion(q_start, rate_rad_s, orbit)
+    steady = SteadyMotion(q_start, rate_rad_s, orbit)
+    if not options.jitter_deg_s:
+        return steady
+    return RollJitter(steady, np.radians(options.jitter_deg_s), options.jitter_block_s, seed)

@@ -1,6 +1,7 @@
 """Circular two-body orbit, geocentric, on axes parallel to ICRF."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,22 +31,26 @@ class CircularOrbit:
         """Time of one revolution."""
         return 2 * np.pi / self.rate_rad_s
 
-    @property
+    @cached_property
     def node(self) -> np.ndarray:
         """Unit vector (3,) to the ascending node."""
         return np.array([np.cos(self.node_rad), np.sin(self.node_rad), 0.0])
 
-    @property
+    @cached_property
     def normal(self) -> np.ndarray:
         """Unit vector (3,) of the orbital angular momentum."""
         tilt = np.sin(self.inclination_rad)
         return np.array([tilt * np.sin(self.node_rad), -tilt * np.cos(self.node_rad),
                          np.cos(self.inclination_rad)])
 
+    @cached_property
+    def _ahead(self) -> np.ndarray:
+        """Unit vector (3,) in the plane, a quarter of a revolution past the node."""
+        return np.cross(self.normal, self.node)
+
     def at(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Return position (3,) in m and velocity (3,) in m/s."""
         argument = self.latitude_rad + self.rate_rad_s * time_s
-        ahead = np.cross(self.normal, self.node)
-        outward = np.cos(argument) * self.node + np.sin(argument) * ahead
-        along = np.cos(argument) * ahead - np.sin(argument) * self.node
+        outward = np.cos(argument) * self.node + np.sin(argument) * self._ahead
+        along = np.cos(argument) * self._ahead - np.sin(argument) * self.node
         return self.radius_m * outward, self.radius_m * self.rate_rad_s * along

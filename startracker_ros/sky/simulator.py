@@ -7,9 +7,11 @@ import numpy as np
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.sky.detector import Detector, DetectorOptions
+from startracker_ros.sky.exposure import image_paths
 from startracker_ros.sky.gyro import Gyro, GyroOptions
 from startracker_ros.sky.motion import Motion, MotionState
-from startracker_ros.sky.scene import SceneStars, visible_stars
+from startracker_ros.sky.scene import SceneStars
+from startracker_ros.sky.sources import Sky, SkyOptions
 
 _FRAMES, _GYRO = 0, 1
 
@@ -18,7 +20,8 @@ _FRAMES, _GYRO = 0, 1
 class Frame:
     """One image (H, W) and the truth behind it, at the middle of the exposure.
 
-    stars holds those whose centre lies in the image; flux_dn (N,) is the light of each.
+    stars holds those whose centre lies in the image, at the middle of the exposure of their
+    row, planets and satellites included; flux_dn (N,) is the light of each.
     """
 
     image: np.ndarray
@@ -31,17 +34,18 @@ class SkySimulator:
     """Images and gyro rates along a motion.
 
     A frame depends on seed and time alone, not on the frames made before it. Stars stand at
-    their barycentric ICRS places of epoch_year: no aberration, no parallax.
+    their barycentric ICRS places of epoch_year, without parallax; aberration is an option.
     """
 
     def __init__(self, camera: Camera, motion: Motion, catalog: StarCatalog, epoch_year: float,
-                 *, detector_options: DetectorOptions = DetectorOptions(),
+                 *, sky_options: SkyOptions = SkyOptions(),
+                 detector_options: DetectorOptions = DetectorOptions(),
                  gyro_options: GyroOptions = GyroOptions(), seed: int = 0) -> None:
         """Stars fainter than those of the catalogue are not drawn; limit it to hide more."""
         self._camera = camera
         self._motion = motion
-        self._catalog = catalog
-        self._directions = catalog.directions(epoch_year)
+        self._sky = Sky(catalog, epoch_year, motion, camera.corner_angle_rad, sky_options,
+                        seed=seed)
         self._detector = Detector(camera, detector_options, seed=seed)
         self._gyro_options = gyro_options
         self._seed = seed
@@ -50,12 +54,30 @@ class SkySimulator:
     def frame(self, time_s: float) -> Frame:
         """Return the frame whose exposure is centred time_s >= 0 after the start."""
         state = self._motion.at(time_s)
-        stars = visible_stars(self._catalog, self._directions, self._camera,
-                              state.q_icrf_from_sensor, self._detector.margin_px)
-        image = self._detector.render(stars.uv, stars.magnitude,
-                                      self._rng(_FRAMES, round(time_s * 1e9)))
-        inside = stars.select(self._camera.contains(stars.uv))
-        return Frame(image, state, inside, self._detector.flux_dn(inside.magnitude))
+        options, margin_px = self._detector.options, self._detector.margin_px
+        exposure_s = options.exposure_s if options.motion_smear else 0.0
+        line_time_s = options.line_time_us * 1e-6
+        # What comes into view before the last row is read, and margin enough for distortion.
+        turned_rad = np.linalg.norm(state.rate_rad_s) * (
+            exposure_s + self._camera.height * line_time_s) / 2
+        radius_rad = min(np.pi, self._camera.corner_angle_rad + turned_rad
+                         + 2 * margin_px * self._camera.pixel_rad)
+        groups = self._sky.around(state, time_s, radius_rad)
+        # The faster a group moves, the more places make up its streaks.
+        parts, middle = [], []
+        for sources in groups:
+            paths, share = image_paths(
+                self._camera, self._motion, sources, time_s, exposure_s=exposure_s,
+                step_px=options.psf_sigma_px, line_time_s=line_time_s, margin_px=margin_px)
+            parts.append((paths.reshape(-1, 2), np.tile(sources.magnitude, len(paths)),
+                          np.repeat(share, len(sources.hip))))
+            middle.append((sources.hip, paths[len(paths) // 2], sources.magnitude))
+        uv, magnitude, share = map(np.concatenate, zip(*parts))
+        image = self._detector.render(
+            uv, magnitude, self._rng(_FRAMES, round(time_s * 1e9)), share)
+        seen = SceneStars(*map(np.concatenate, zip(*middle)))
+        stars = seen.select(self._camera.contains(seen.uv))
+        return Frame(image, state, stars, self._detector.flux_dn(stars.magnitude))
 
     def gyro(self, time_s: float) -> np.ndarray:
         """Return the measured rate (3,) in rad/s on sensor axes.

@@ -10,7 +10,8 @@ from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.rotation import (
     conjugate, quaternion_from_pointing, rotate, unit_from_radec)
-from startracker_ros.sky.scene import visible_stars
+from startracker_ros.sky.exposure import image_places
+from startracker_ros.sky.scene import SceneStars
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 EPOCH_YEAR = 2026.0
@@ -20,7 +21,9 @@ BETELGEUSE, RIGEL, ALNILAM, BELLATRIX = 27989, 24436, 26311, 25336
 def stars_at(ra_deg, dec_deg, roll_deg=0.0, camera=CAMERA, margin_px=0.0):
     catalog = load_catalog()
     q = quaternion_from_pointing(*np.radians([ra_deg, dec_deg, roll_deg]))
-    return visible_stars(catalog, catalog.directions(EPOCH_YEAR), camera, q, margin_px)
+    uv = image_places(camera, rotate(conjugate(q), catalog.directions(EPOCH_YEAR)), margin_px)
+    seen = camera.contains(uv, -margin_px)
+    return SceneStars(catalog.hip[seen], uv[seen], catalog.magnitude[seen])
 
 
 def place(stars, hip):
@@ -96,13 +99,10 @@ def test_margin_takes_in_exactly_the_stars_around(distortion):
     camera = Camera(800, 600, 3000.0, 3000.0, 420.0, 280.0, distortion)
     wide, tight = (stars_at(250.0, -30.0, 33.0, camera, margin) for margin in (50.0, 0.0))
     assert len(wide) > len(tight) > 50
-    np.testing.assert_array_equal(wide.select(camera.contains(wide.uv)).hip, tight.hip)
+    np.testing.assert_array_equal(wide.hip[camera.contains(wide.uv)], tight.hip)
     assert camera.contains(wide.uv, -50.0).all()
 
 
-def test_poles_and_an_empty_field():
+def test_poles():
     assert place(stars_at(37.95, 89.26), 11767) == pytest.approx([511.5, 511.5], abs=3)
     assert len(stars_at(10.0, -89.9)) > 20
-    catalog = load_catalog().brighter_than(-1.0)
-    q = quaternion_from_pointing(0.0, 1.5, 0.0)
-    assert len(visible_stars(catalog, catalog.directions(2026.0), CAMERA, q)) == 0

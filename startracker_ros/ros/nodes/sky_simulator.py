@@ -19,6 +19,7 @@ from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.gyro import GyroOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import Frame, SkySimulator
+from startracker_ros.sky.sources import SkyOptions
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,8 @@ class SceneOptions(Options):
 class SkySimulatorNode(SourceNode):
     """Publishes images of the catalogue sky along a motion, with the truth beside them."""
 
-    option_classes = (SourceOptions, CameraOptions, MotionOptions, DetectorOptions, GyroOptions,
-                      SceneOptions, FrameOptions)
+    option_classes = (SourceOptions, CameraOptions, MotionOptions, SkyOptions, DetectorOptions,
+                      GyroOptions, SceneOptions, FrameOptions)
     task = 'simulation'
 
     def __init__(self) -> None:
@@ -54,10 +55,10 @@ class SkySimulatorNode(SourceNode):
         scene = self.options(SceneOptions)
         self._camera = self.options(CameraOptions).camera(scene.width, scene.height)
         self._simulator = SkySimulator(
-            self._camera, motion_from_options(self.options(MotionOptions)),
+            self._camera, motion_from_options(self.options(MotionOptions), seed=scene.seed),
             load_catalog().brighter_than(scene.faint_limit),
             epoch_year_from_stamp(self.start_ns()),
-            detector_options=self.options(DetectorOptions),
+            sky_options=self.options(SkyOptions), detector_options=self.options(DetectorOptions),
             gyro_options=self.options(GyroOptions), seed=scene.seed)
         self.start(self._camera, self._publish_frame)
         gyro = self.options(GyroOptions)
@@ -77,7 +78,7 @@ class SkySimulatorNode(SourceNode):
             state.position_m, state.velocity_m_s, state.q_icrf_from_sensor, state.rate_rad_s,
             inertial, sensor.frame_id))
         self._publish_gyro(stamp_ns, time_s, sensor.frame_id)
-        self.diagnostics.values['stars'] = len(frame.stars)
+        self.diagnostics.values['stars'] = np.count_nonzero(frame.stars.hip)
         self.diagnostics.report(OK, 'simulating the sky')
 
     def _publish_gyro(self, stamp_ns: int, time_s: float, frame_id: str) -> None:

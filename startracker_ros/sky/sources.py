@@ -1,0 +1,83 @@
+"""Every point of light around the field of view: stars, planets, satellites."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from startracker_ros.catalog.stars import StarCatalog
+from startracker_ros.options import option, Options
+from startracker_ros.rotation import rotate
+from startracker_ros.sky.aberration import aberrate
+from startracker_ros.sky.motion import Motion, MotionState
+from startracker_ros.sky.planets import DAYS_PER_YEAR, earth_velocity_m_s, planets_seen
+from startracker_ros.sky.satellites import SatelliteTraffic
+
+_YEAR_S = DAYS_PER_YEAR * 86400
+
+
+@dataclass(frozen=True)
+class SkyOptions(Options):
+    """What there is on the sky besides the stars of the catalogue, and how it is seen."""
+
+    aberration: bool = option(
+        False, 'stars stand where the velocity of the orbit and of the Earth shifts them to')
+    planets: bool = option(False, 'Mercury to Neptune at their places of the date')
+    satellites: int = option(0, 'satellites near the field at any time', low=0, high=100)
+    satellite_rate_deg_s: float = option(0.5, 'their motion among the stars', unit='deg/s',
+                                         low=1e-4, high=20.0)
+    satellite_magnitude: float = option(3.0, 'their brightness, V', unit='mag',
+                                        low=-10.0, high=15.0)
+
+
+@dataclass(frozen=True)
+class LightSources:
+    """Points of light as an observer sees them at one instant.
+
+    hip (N,) int32, 0 for what is no star; direction (N, 3) on ICRF axes; drift_rad_s (N, 3),
+    its change among the stars; magnitude (N,) V.
+    """
+
+    hip: np.ndarray
+    direction: np.ndarray
+    drift_rad_s: np.ndarray
+    magnitude: np.ndarray
+
+
+class Sky:
+    """Finds the light sources around the boresight of a moving observer."""
+
+    def __init__(self, catalog: StarCatalog, epoch_year: float, motion: Motion,
+                 field_rad: float, options: SkyOptions = SkyOptions(), *, seed: int = 0) -> None:
+        """Time counts from epoch_year; field_rad is the angle from boresight to corner."""
+        self._catalog = catalog
+        self._directions = catalog.directions(epoch_year)
+        self._epoch_year = epoch_year
+        self._options = options
+        self._satellites = SatelliteTraffic(
+            options.satellites, np.radians(options.satellite_rate_deg_s), field_rad, motion, seed)
+
+    def around(self, state: MotionState, time_s: float,
+               radius_rad: float) -> tuple[LightSources, ...]:
+        """Return what is seen within radius_rad of the boresight, and all false stars.
+
+        The first group stands still, the second moves among the stars.
+        """
+        options = self._options
+        year = self._epoch_year + time_s / _YEAR_S
+        boresight = rotate(state.q_icrf_from_sensor, np.array([0.0, 0.0, 1.0]))
+        near = np.flatnonzero(self._directions @ boresight >= np.cos(radius_rad))
+        hip, direction = self._catalog.hip[near], self._directions[near]
+        magnitude = self._catalog.magnitude[near]
+        if options.planets:
+            planets, planet_magnitude = planets_seen(year)
+            hip = np.concatenate([hip, np.zeros(len(planets), hip.dtype)])
+            direction = np.concatenate([direction, planets])
+            magnitude = np.concatenate([magnitude, planet_magnitude])
+        if options.aberration:
+            direction = aberrate(direction, state.velocity_m_s + earth_velocity_m_s(year))
+        still = LightSources(hip, direction, np.zeros_like(direction), magnitude)
+        if not options.satellites:
+            return still,
+        return still, LightSources(
+            np.zeros(options.satellites, hip.dtype), *self._satellites.at(time_s),
+            np.full(options.satellites, options.satellite_magnitude))
