@@ -150,6 +150,24 @@ def database(trials: int, seed: int) -> Iterator[Row]:
                        elapsed_s <= bound)
 
 
+def rendering(trials: int, seed: int) -> Iterator[Row]:
+    """Simulated 1024 x 1024 frames, plain and with every effect of the sensor."""
+    everything = DetectorOptions(
+        dark_current_e_s=50.0, hot_pixel_fraction=1e-3, flat_field_percent=1.0,
+        stray_light_e=30.0, cosmic_ray_hits_cm2_s=5.0)
+    for name, detector in (('plain', DetectorOptions()), ('all sensor effects', everything)):
+        simulator = SkySimulator(FULL_CAMERA, motion_from_options(), load_catalog(), EPOCH_YEAR,
+                                 detector_options=detector, seed=seed)
+        simulator.frame(0.0)
+        times_ms = []
+        for index in progress(range(min(trials, 100)), 'rendering', transient=True):
+            start_s = time.process_time()
+            simulator.frame(index / 10)
+            times_ms.append((time.process_time() - start_s) * 1e3)
+        median = float(np.median(times_ms))
+        yield _row(f'rendering, 1024 px, {name}: median', median, 'ms', '<= 10', median <= 10)
+
+
 def core_work(trials: int, seed: int) -> Iterator[Row]:
     """Centroids, tracking and attitude of 1024 x 1024 frames on one core."""
     count = min(trials, 100)
@@ -211,7 +229,7 @@ def processes(trials: int, seed: int) -> Iterator[Row]:
 
 CASES: dict[str, Callable[[int, int], Iterator[Row]]] = {
     'noise-free': noise_free, 'cramer-rao': cramer_rao_ratio, 'pyramid': pyramid,
-    'database': database, 'core-work': core_work, 'processes': processes}
+    'database': database, 'rendering': rendering, 'core-work': core_work, 'processes': processes}
 
 
 def run_pipeline_bench(*, trials: int, seed: int, only: tuple[str, ...]) -> Result:
