@@ -534,7 +534,7 @@ def judge(court, seen, sigma, base, star, tested):
     for i in range(len(base)):
         matched[base[i]] = star[i]
     distance = np.full(count, np.nan)
-    ratio = 1.0
+    ratio = fitted = 1.0
     matrix = np.empty((3, 3))
     # The first radius allows for the attitude that three close stars extrapolate.
     for attempt in range(3):
@@ -545,18 +545,16 @@ def judge(court, seen, sigma, base, star, tested):
         determinant = refine(matrix, sensor, icrf, weight)[1]
         if not determinant > 0:
             return 1.0, ratio, matched, distance
-        if court.scale_error > 0:
-            ratio *= _scale(matrix, sensor, icrf)
-        if len(weight) == 3:
-            # Three close stars alone may know the scale less well than it was known before.
-            ratio = min(max(ratio, 1 - court.scale_error), 1 + court.scale_error)
+        fitted = ratio * _scale(matrix, sensor, icrf)
+        # Close stars may know the scale less well than it was known before.
+        ratio = min(max(fitted, 1 - court.scale_error), 1 + court.scale_error)
         matched, distance = _pair_up(sky, matrix, seen, ratio,
                                      3 * radius if attempt == 0 else radius)
         if matches(matched) < 4:
             return 1.0, ratio, matched, distance
         if attempt and _equal(matched, before):
             break
-    if abs(ratio - 1) > court.scale_error + radius / _spread(seen, matched):
+    if abs(fitted - 1) > court.scale_error + radius / _spread(seen, matched):
         return 1.0, ratio, matched, distance
     low_x, high_x, low_y, high_y, chord = court.field
     in_field = count_in_image(sky, matrix, chord, low_x / ratio, high_x / ratio, low_y / ratio,
