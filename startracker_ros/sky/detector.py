@@ -111,6 +111,12 @@ class Detector:
         self._hits_mean = options.cosmic_ray_hits_cm2_s * area_cm2 * options.exposure_s
 
     @property
+    def sharpest_px(self) -> float:
+        """Width of the sharpest star image, 1 sigma."""
+        centre = self.options.psf_sigma_px
+        return min(centre, self.options.psf_corner_sigma_px or centre)
+
+    @property
     def margin_px(self) -> float:
         """How far outside the image a star can be and still shed light into it."""
         return float(reach_px(max(self.options.psf_sigma_px, self.options.psf_corner_sigma_px)))
@@ -147,6 +153,7 @@ class Detector:
         add_starlight(uv[near], (self.flux_e(magnitude) * share)[near],
                       self.psf_sigma_px(uv[near]), self._response, light_e)
         if self._hits_mean:
+            # Their charge passes through the photon noise, which adds 4 % to that of a weak hit.
             add_cosmic_rays(light_e, self._hits_mean, self.options.pixel_pitch_um, rng)
         image = np.empty(self._shape, np.uint16)
         if self.options.noise:

@@ -34,8 +34,10 @@ def image_paths(camera: Camera, motion: Motion, sources: LightSources, time_s: f
     the image: with a rolling shutter, that of its middle row. Weights and instants are those
     of Gauss and Legendre, which at step_px of a Gaussian sigma give the streak to 0.1 %.
     """
-    instants_s, weight = _instants(exposure_s, _path_px(camera, motion, sources, time_s)
-                                   * exposure_s / step_px)
+    speed_px_s = _speed_px_s(camera, motion, sources, time_s)
+    instants_s, weight = _instants(exposure_s, speed_px_s * exposure_s / step_px)
+    # Room for what comes into view while the first or the last row waits for its turn.
+    margin_px = margin_px + speed_px_s * line_time_s * camera.height / 2
     paths = np.empty((len(instants_s), len(sources.hip), 2))
     for path, instant_s in zip(paths, instants_s):
         state = motion.at(time_s + instant_s)
@@ -73,7 +75,8 @@ def _rows_in_turn(camera: Camera, sensor: np.ndarray, drift_rad_s: np.ndarray,
     return places
 
 
-def _path_px(camera: Camera, motion: Motion, sources: LightSources, time_s: float) -> float:
+def _speed_px_s(camera: Camera, motion: Motion, sources: LightSources,
+                time_s: float) -> float:
     """Return how many pixels a second a source moves at most, anywhere in the field."""
     x, y, z = motion.at(time_s).rate_rad_s
     corner = np.tan(camera.corner_angle_rad)

@@ -68,7 +68,7 @@ class SkySimulator:
         for sources in groups:
             paths, share = image_paths(
                 self._camera, self._motion, sources, time_s, exposure_s=exposure_s,
-                step_px=options.psf_sigma_px, line_time_s=line_time_s, margin_px=margin_px)
+                step_px=self._detector.sharpest_px, line_time_s=line_time_s, margin_px=margin_px)
             parts.append((paths.reshape(-1, 2), np.tile(sources.magnitude, len(paths)),
                           np.repeat(share, len(sources.hip))))
             middle.append((sources.hip, paths[len(paths) // 2], sources.magnitude))

@@ -159,3 +159,18 @@ def test_smeared_stars_come_in_from_outside():
     assert len(frame.stars) == 0
     share = frame.image.sum(dtype=float) / total
     assert share == pytest.approx((length_px / 2 - 11.5) / length_px, abs=0.02)
+
+
+def test_rows_see_what_was_outside_in_the_middle_of_the_exposure():
+    """A star beyond the corner at the stamp stands in the image when the first row is read."""
+    options = replace(QUIET, line_time_us=100.0)
+    # 52 ms before the stamp it was 20 deg/s x 52 ms = 1 deg, 87 px, further to the right.
+    frame, motion = frame_of([(-60.0, 20.0)], (0.0, 20.0, 0.0), options)
+    [place] = frame.stars.uv
+    delay_s = (place[1] - 511.5) * 100e-6
+    direction = rotate(motion.at(0.0).q_icrf_from_sensor,
+                       CAMERA.unproject(np.array([(-60.0, 20.0)])))
+    expected = CAMERA.project(rotate(
+        conjugate(motion.at(delay_s).q_icrf_from_sensor), direction))[0]
+    assert np.abs(place - expected).max() < 0.01 and 10 < place[0] < 60
+    assert np.abs(moments(frame.image, place, half=9)[0] - expected).max() < 0.01

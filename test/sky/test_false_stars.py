@@ -55,6 +55,24 @@ def test_planets_are_seen_from_the_earth_with_light_time(year):
         assert angle(seen[index], then - earth) < (120 if number < 5 else 1000) * ARCSEC
 
 
+@pytest.mark.parametrize('index, number', [(0, 1), (1, 2), (2, 4), (3, 5)])
+def test_light_time_shifts_a_planet_back_along_its_orbit(index, number):
+    """By up to 35 arcsec, which the errors of the elements hide unless differences are taken."""
+    start, days = julian_date(2026.4)
+    earth = np.asarray(erfa.epv00(start, days)[0]['p'])
+
+    def theirs(light_days):
+        place = np.asarray(erfa.plan94(start, days - light_days, number)['p']) - earth
+        return place / np.linalg.norm(place), np.linalg.norm(place)
+
+    ours = heliocentric_au(2026.4)
+    geometric = (ours[index] - ours[-1]) / np.linalg.norm(ours[index] - ours[-1])
+    now, distance_au = theirs(0.0)
+    expected = theirs(distance_au * 499.004784 / 86400)[0] - now
+    assert np.linalg.norm(expected) > 3 * ARCSEC
+    assert np.linalg.norm(planets_seen(2026.4)[0][index] - geometric - expected) < 0.2 * ARCSEC
+
+
 @pytest.mark.parametrize('name, year, magnitude', [
     # Oppositions and the greatest brilliancy of Venus, from the Astronomical Almanac.
     ('Jupiter', 2022.737, -2.9), ('Mars', 2020.784, -2.6), ('Mars', 2022.936, -1.9),
