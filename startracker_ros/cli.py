@@ -183,6 +183,21 @@ def campaign_extended_grid(trials: int, output: Path | None, scheduler: str, see
                                        output=output), as_json)
 
 
+@campaign.command('centroid')
+@click.option('--images', 'folder', metavar='FOLDER',
+              type=click.Path(path_type=Path, exists=True, file_okay=False),
+              help='Images with a solutions.csv.  [default: night-sky-11deg of STARTRACKER_DATA]')
+@_json
+def campaign_centroid(folder: Path | None, as_json: bool) -> None:
+    """Weighted means at right and wrong thresholds on real photographs."""
+    from startracker_ros.campaign.centroid import DataError, run_centroid_campaign
+    try:
+        result = run_centroid_campaign(folder)
+    except DataError as error:
+        _fail(str(error))
+    _finish(result, as_json)
+
+
 @main.group()
 def bench() -> None:
     """Measure speed and accuracy beside peers and physical bounds."""
@@ -237,3 +252,16 @@ def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python:
     except PeerError as error:
         _fail(str(error))
     _finish(result, as_json)
+
+
+@bench.command('centroid')
+@click.option('--trials', type=click.IntRange(1), default=100, show_default=True,
+              help='Images of each signal to noise ratio.')
+@click.option('--snr', 'snrs', multiple=True, type=click.FloatRange(1, 1000),
+              help='Signal to noise ratios of the stars.  [default: 7, 10, 30, 100, 300]')
+@_seed
+@_json
+def bench_centroid(trials: int, snrs: tuple[float, ...], seed: int, as_json: bool) -> None:
+    """Time, stars found and error of centroids beside sep, photutils and tetra3rs."""
+    from startracker_ros.bench.centroid import run_centroid_bench, SNRS
+    _finish(run_centroid_bench(trials=trials, seed=seed, snrs=snrs or SNRS), as_json)

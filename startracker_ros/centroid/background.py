@@ -8,7 +8,8 @@ from startracker_ros.centroid.smoothing import filter_row, Kernel
 from startracker_ros.compiled import compiled
 
 TILE_PX = 64
-SAMPLES = 8  # per side of a tile
+SAMPLE_ROWS = 8  # of a tile; each has to be filtered,
+SAMPLES = 16  # the pixels along it are then cheap
 QUANTISATION_DN = 12 ** -0.5  # standard deviation of rounding to whole DN
 SIGMA_OF_MAD = 1.4826  # of a normal distribution
 TAIL = 0.95  # the quantile that shows a skewed noise and is not yet made of stars
@@ -68,30 +69,31 @@ def background_at(mesh, u, v):
 
 @compiled
 def _measure(image, kernel, rows, columns):
-    """Return level, noise and their medians from SAMPLES x SAMPLES pixels of each tile."""
+    """Return level, noise and their medians from SAMPLE_ROWS x SAMPLES pixels of each tile."""
     height, width = image.shape
-    radius, side = len(kernel.weights) - 1, SAMPLES
+    radius, side, count = len(kernel.weights) - 1, SAMPLES, SAMPLE_ROWS * SAMPLES
     work, line = np.empty(width + 2 * radius, np.float32), np.empty(width, np.float32)
+    down = (np.arange(SAMPLE_ROWS) + 0.5) / SAMPLE_ROWS
     offset = (np.arange(side) + 0.5) / side
     across = ((np.arange(columns * side) + 0.5) * width / (columns * side)).astype(np.int64)
-    samples = np.empty((rows, columns, side, side), np.int32)
+    samples = np.empty((rows, columns, SAMPLE_ROWS, side), np.int32)
     level = np.empty((rows + 2, columns + 2))
     for i in range(rows):
-        for k in range(side):
-            filter_row(image, kernel.weights, int((i + offset[k]) * height / rows), work, line)
+        for k in range(SAMPLE_ROWS):
+            filter_row(image, kernel.weights, int((i + down[k]) * height / rows), work, line)
             for j in range(columns):
                 for m in range(side):
                     samples[i, j, k, m] = np.int32(line[across[j * side + m]] * FINE)
         for j in range(columns):
-            level[i + 1, j + 1] = ranked(samples[i, j].ravel(), side * side // 2) / FINE
+            level[i + 1, j + 1] = ranked(samples[i, j].ravel(), count // 2) / FINE
     _extend(level)
     spread = np.empty((rows, columns))
     for i in range(rows):
         for j in range(columns):
-            for k in range(side):
+            for k in range(SAMPLE_ROWS):
                 # Along a row of samples the level is one straight line to the middle of the
                 # tile, and another one from there on.
-                y, row = i + 0.5 + offset[k], samples[i, j, k]
+                y, row = i + 0.5 + down[k], samples[i, j, k]
                 middle = interpolate(level, y, j + 1.0)
                 before = 2 * (middle - interpolate(level, y, j + 0.5))
                 after = 2 * (interpolate(level, y, j + 1.5) - middle)
@@ -100,13 +102,13 @@ def _measure(image, kernel, rows, columns):
                 for m in range(side // 2, side):
                     row[m] -= np.int32((middle + (offset[m] - 0.5) * after) * FINE)
             deviation = np.abs(samples[i, j].ravel())
-            spread[i, j] = SIGMA_OF_MAD * ranked(deviation, side * side // 2) / FINE
+            spread[i, j] = SIGMA_OF_MAD * ranked(deviation, count // 2) / FINE
     noise = np.empty((rows + 2, columns + 2))
     for i in range(rows):
         for j in range(columns):
             noise[i + 1, j + 1] = max(_median_around(spread, i, j),
                                       kernel.noise_gain * QUANTISATION_DN)
-    noise[1:-1, 1:-1] *= _tail(samples.reshape(rows, columns, side * side), noise)
+    noise[1:-1, 1:-1] *= _tail(samples.reshape(rows, columns, count), noise)
     _extend(noise)
     return level, noise, np.median(level[1:-1, 1:-1]), np.median(noise[1:-1, 1:-1])
 

@@ -8,11 +8,10 @@ from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.detection import Peaks, row_tops
 from startracker_ros.centroid.frame import Frame, prepare
 from startracker_ros.centroid.gaussian_fit import Fit, fit_stars, FLUX, SIGMA, U, V
-from startracker_ros.centroid.moments import weighted_means, WEIGHTS
+from startracker_ros.centroid.moments import Segmentation, weighted_means, WEIGHTS
 from startracker_ros.centroid.noise import first_noise_model
 from startracker_ros.centroid.noise_fit import refine_noise_model
 from startracker_ros.centroid.shape import judge_shape, lone_pixels, repeated, streaks
-from startracker_ros.centroid.threshold import iterative_threshold
 from startracker_ros.centroid.windows import Windows
 from startracker_ros.options import option, Options
 
@@ -34,7 +33,6 @@ CORE_RADIUS_PX = 2
 CORE_SATURATED_PX = 9  # saturated pixels of a star that its flanks can still place
 MOVED_PX = 1.5  # a fit that ends further from its peak is of something else
 APART_PX = 1.0  # two fits closer than this are one star
-SEGMENT_SIGMAS = 3.0  # of a pixel, above which it belongs to a star
 FAINT = 0.85  # of the threshold: the fit also frees place and level, so its snr is lower
 MISFIT = 3.0  # standard deviations of chi2 beyond which it widens the errors
 
@@ -44,9 +42,8 @@ class ExtractionOptions(Options):
     """Options of the centroid extraction."""
 
     threshold: str = option(
-        'sigma', 'what a spot must exceed above the local background in the filtered image: '
-        'threshold_sigma, threshold_dn, or half-way between the means of the bright and the '
-        'dark pixels, found by iteration, and threshold_sigma',
+        'sigma', 'which pixels belong to a star: more than 3 times their noise, threshold_dn '
+        '(which is then that of detection, too), or the iterative threshold of its window',
         choices=('sigma', 'fixed', 'iterative'))
     threshold_sigma: float = option(
         5.5, 'detection threshold above the local background, in noise of the filtered image',
@@ -55,9 +52,9 @@ class ExtractionOptions(Options):
         50.0, 'fixed detection threshold above the local background', unit='DN', low=0.1,
         high=65535.0)
     method: str = option(
-        'gaussian', 'fit of the point spread function, or mean of the pixels above the threshold '
-        f'(of sigma: {SEGMENT_SIGMAS:g} times the noise of a pixel) weighed alike, by light, by '
-        'its square, by what exceeds the threshold', choices=(*WEIGHTS, 'gaussian'))
+        'gaussian', 'fit of the point spread function, or mean of the pixels of a star weighed '
+        'alike, by light, by its square, by what exceeds the threshold',
+        choices=(*WEIGHTS, 'gaussian'))
     psf_sigma_px: float = option(
         0.0, 'width (1 sigma) of a star image, 0: estimated from each image',
         unit='px', low=0.0, high=5.0)
@@ -87,8 +84,11 @@ class Extraction:
 class CentroidExtractor:
     """Finds the stars of mono8 and mono16 images; a pure function of image and options."""
 
-    def __init__(self, options: ExtractionOptions = ExtractionOptions()) -> None:
+    def __init__(self, options: ExtractionOptions = ExtractionOptions(),
+                 factor: float = 1.0) -> None:
+        """Prepare; a factor makes the threshold of the weighted means a wrong one."""
         self._options = options
+        self._factor = factor
 
     def extract(self, image: np.ndarray) -> Extraction:
         """Return the stars of image (H, W) uint8 or uint16; ValueError for anything else."""
@@ -108,7 +108,9 @@ class CentroidExtractor:
             return _none('saturated', f'most pixels are at full scale, {frame.full_scale_dn:g} DN',
                          frame)
         most = max(FEW_PEAKS, image.size // PX_PER_PEAK)
-        threshold = self._threshold(frame)
+        fixed = self._options.threshold == 'fixed'
+        threshold = ((0.0, self._options.threshold_dn) if fixed
+                     else (self._options.threshold_sigma, 0.0))
         peaks, count, discs = frame.peaks(*threshold, most)
         sigma_px = self._options.psf_sigma_px
         if not sigma_px and 0 < count <= most:
@@ -137,16 +139,6 @@ class CentroidExtractor:
             image[v - 1:v + 2, u - 1:u + 2] += np.outer((40, 80, 40), (1, 2, 1))
         for kind in (np.uint8, np.uint16):
             self.extract(image.clip(0, 255).astype(kind))
-
-    def _threshold(self, frame: Frame) -> tuple[float, float]:
-        """Return the threshold in noise of the filtered image and in DN; both must be met."""
-        options = self._options
-        if options.threshold == 'fixed':
-            return 0.0, options.threshold_dn
-        least_dn = 0.0
-        if options.threshold == 'iterative':
-            least_dn = iterative_threshold(frame.image) - frame.background_dn
-        return options.threshold_sigma, least_dn
 
     def _measure(self, frame: Frame, peaks: Peaks, sigma_px: float, sigmas: float,
                  least_dn: float) -> tuple[Centroids, dict[str, int]]:
@@ -187,9 +179,9 @@ class CentroidExtractor:
         keep = reject(not_fitted=_moved(fit, windows) | repeated(fit, windows, APART_PX),
                       faint=_significance(fit) < FAINT * sigmas)
         if self._options.method != 'gaussian':
-            pixel_dn = (np.full(windows.count, least_dn) if least_dn > 0
-                        else SEGMENT_SIGMAS * np.sqrt(windows.variance))
-            uv, sigma_px = weighted_means(self._options.method, windows, fit, pixel_dn, noise)
+            uv, sigma_px = weighted_means(
+                self._options.method, windows, fit, noise,
+                Segmentation(least_dn, self._options.threshold == 'iterative', self._factor))
             centroids = replace(centroids, uv=uv, sigma_px=sigma_px)
             keep &= reject(faint=keep & ~np.isfinite(uv[:, 0]))
         order = np.argsort(-centroids.flux, kind='stable')

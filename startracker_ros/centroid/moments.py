@@ -5,49 +5,77 @@ Gao and Cui 2016: sum(x G) / sum(G) over the window of a star, with G of the lig
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from startracker_ros.centroid.gaussian_fit import Fit, FLUX, LEVEL, profile, SIGMA
 from startracker_ros.centroid.noise import NoiseModel, pixel_variance
+from startracker_ros.centroid.threshold import iterative_threshold
 from startracker_ros.centroid.windows import Windows
 from startracker_ros.compiled import compiled
 
 WEIGHTS = ('binary', 'grey', 'squared', 'thresholded')
+SEGMENT_SIGMAS = 3.0  # noise of a pixel, above which it belongs to a star
 BINARY, GREY, SQUARED, THRESHOLDED = range(4)
 PHASES = 32  # places of a star within its pixel over which its error is averaged
 _STRIDE = 13  # a lattice that meets each of 32 columns and each of 32 rows once
 _FAR_SIGMAS = 8.0  # a pixel so far from the threshold is certainly on its side
 
 
-def weighted_means(method: str, windows: Windows, fit: Fit, threshold_dn: np.ndarray,
-                   noise: NoiseModel) -> tuple[np.ndarray, np.ndarray]:
+class Segmentation(NamedTuple):
+    """Which pixels belong to a star: threshold_dn if positive, else a threshold of each window.
+
+    That is SEGMENT_SIGMAS of noise, and if iterative no less than the iterative threshold; all
+    above the local background, and times factor.
+    """
+
+    threshold_dn: float
+    iterative: bool
+    factor: float
+
+
+def weighted_means(method: str, windows: Windows, fit: Fit, noise: NoiseModel,
+                   segmentation: Segmentation) -> tuple[np.ndarray, np.ndarray]:
     """Return places (K, 2) px and their 1-sigma errors (K,) px; NaN where no pixel is left.
 
-    threshold_dn (K,) is above the local background. The light of neighbours, as fitted, is
-    taken off first. The error follows from flux and width of the fit: that of the mean over
-    pixels with their noise, together with the bias which pixels and threshold give it, as
-    root mean square over all places of the star within a pixel.
+    The light of neighbours, as fitted, is taken off first. The error follows from flux and
+    width of the fit: that of the mean over pixels with their noise, together with the bias
+    which pixels and threshold give it, as root mean square over all places of the star
+    within a pixel.
     """
-    return _means(WEIGHTS.index(method), windows, fit, threshold_dn, noise)
+    return _means(WEIGHTS.index(method), windows, fit, noise, segmentation)
 
 
 @compiled
-def _means(kind, windows, fit, threshold_dn, noise):
+def _means(kind, windows, fit, noise, segmentation):
     stars, count = windows.data.shape[:2]
     uv, sigma = np.empty((stars, 2)), np.empty(stars)
     for i in range(stars):
+        # A saturated pixel counts with what it shows: without it there would be a hole.
+        light = fit.own[i] + fit.parameters[i, LEVEL]
+        threshold = _threshold(segmentation, light, windows.variance[i])
         total = across = down = 0.0
         for y in range(count):
             for x in range(count):
-                light = fit.own[i, y, x] + fit.parameters[i, LEVEL]
-                if windows.used[i, y, x] and light >= threshold_dn[i]:
-                    weight = _weight(kind, light, threshold_dn[i])
+                if light[y, x] >= threshold:
+                    weight = _weight(kind, light[y, x], threshold)
                     total, across, down = total + weight, across + weight * x, down + weight * y
         uv[i, 0] = windows.corner[i, 0] + across / total
         uv[i, 1] = windows.corner[i, 1] + down / total
-        sigma[i] = math.sqrt(_square_error(kind, windows, fit, i, threshold_dn[i], noise))
+        sigma[i] = math.sqrt(_square_error(kind, windows, fit, i, noise, segmentation))
     return uv, sigma
+
+
+@compiled
+def _threshold(segmentation, light, variance):
+    """Return the threshold of a window with this light (n, n) above a sky of this variance."""
+    if segmentation.threshold_dn > 0:
+        return segmentation.factor * segmentation.threshold_dn
+    threshold = SEGMENT_SIGMAS * math.sqrt(variance)
+    if segmentation.iterative:
+        threshold = max(threshold, iterative_threshold(light))
+    return segmentation.factor * threshold
 
 
 @compiled
@@ -62,10 +90,10 @@ def _weight(kind, light, threshold):
 
 
 @compiled
-def _square_error(kind, windows, fit, i, threshold, noise):
+def _square_error(kind, windows, fit, i, noise, segmentation):
     """Return the mean square error per axis in px^2 of star i."""
     count = windows.data.shape[1]
-    share = np.empty((2, 3, count))
+    share, light = np.empty((2, 3, count)), np.empty((count, count))
     first, spread = np.empty((count, count)), np.empty((count, count))
     flux, width, middle = fit.parameters[i, FLUX], fit.parameters[i, SIGMA], count // 2
     error = 0.0
@@ -74,14 +102,17 @@ def _square_error(kind, windows, fit, i, threshold, noise):
         v = middle + (phase * _STRIDE % PHASES + 0.5) / PHASES - 0.5
         profile(u, width, 0, share[0])
         profile(v, width, 0, share[1])
+        for y in range(count):
+            for x in range(count):
+                light[y, x] = windows.used[i, y, x] * flux * share[1, 0, y] * share[0, 0, x]
+        threshold = _threshold(segmentation, light, windows.variance[i])
         total = across = down = 0.0
         for y in range(count):
             for x in range(count):
                 first[y, x] = spread[y, x] = 0
                 if windows.used[i, y, x]:
-                    light = flux * share[1, 0, y] * share[0, 0, x]
-                    variance = pixel_variance(noise, windows.variance[i], light)
-                    mean, square = _expected(kind, light, math.sqrt(variance), threshold)
+                    variance = pixel_variance(noise, windows.variance[i], light[y, x])
+                    mean, square = _expected(kind, light[y, x], math.sqrt(variance), threshold)
                     first[y, x], spread[y, x] = mean, square - mean * mean
                     total, across, down = total + mean, across + mean * x, down + mean * y
         across, down = across / total, down / total

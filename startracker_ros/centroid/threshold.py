@@ -1,34 +1,31 @@
-"""The iterative threshold of an image (Gao and Cui 2016)."""
-
-import numpy as np
+"""The iterative threshold of the window of a star (Gao and Cui 2016)."""
 
 from startracker_ros.compiled import compiled
 
-_ENOUGH_DN = 0.1
-_ROUNDS = 100
+_ENOUGH = 1e-3  # of the range of the window
+_ROUNDS = 30
 
 
 @compiled
-def iterative_threshold(image):
-    """Return the DN that is the mean of the means of the pixels of image (H, W) beside it.
+def iterative_threshold(window):
+    """Return the value that is the mean of the means of the pixels of (n, n) below and above it.
 
-    It begins between the darkest and the brightest pixel. Pixels at the threshold count as
-    bright. An image of one value has no other threshold.
+    It begins between the darkest and the brightest pixel.
     """
-    threshold = (np.float64(image.min()) + np.float64(image.max())) / 2
+    low, high = window.min(), window.max()
+    threshold = (low + high) / 2
     for _ in range(_ROUNDS):
-        bright = total = bright_total = 0
-        for v in range(image.shape[0]):
-            for u in range(image.shape[1]):
-                value = int(image[v, u])
-                above = value >= threshold
-                bright, total = bright + above, total + value
-                bright_total += value * above
-        if bright in (0, image.size):
+        bright, total, bright_total = 0, 0.0, 0.0
+        for y in range(window.shape[0]):
+            for x in range(window.shape[1]):
+                total += window[y, x]
+                if window[y, x] >= threshold:
+                    bright, bright_total = bright + 1, bright_total + window[y, x]
+        if bright == 0 or bright == window.size:
             break
         before = threshold
         threshold = (bright_total / bright
-                     + (total - bright_total) / (image.size - bright)) / 2
-        if abs(threshold - before) < _ENOUGH_DN:
+                     + (total - bright_total) / (window.size - bright)) / 2
+        if abs(threshold - before) < _ENOUGH * (high - low):
             break
     return threshold

@@ -104,6 +104,45 @@ def test_errors_are_as_stated_and_near_the_cramer_rao_bound(snr):
     assert np.abs(errors.mean(0)).max() < 4 * sigmas.mean() / len(errors) ** 0.5
 
 
+@pytest.mark.parametrize('method', ['binary', 'grey', 'squared', 'thresholded', 'gaussian'])
+def test_every_method_states_its_errors(method):
+    rng = np.random.default_rng(12)
+    extract = CentroidExtractor(ExtractionOptions(method=method, max_stars=300)).extract
+    chi2 = []
+    for snr in (10, 20, 50, 100, 300):
+        uv = scattered(rng, 256, 1024)
+        sky = gradient_sky(1024) + light((1024, 1024), uv, flux_of_snr(snr), 0.8)
+        result = extract(expose(sky, rng))
+        index, _ = found(result, uv)
+        seen = index >= 0
+        assert seen.mean() > 0.98
+        error = (result.centroids.uv[index] - uv)[seen]
+        chi2.append((error ** 2 / result.centroids.sigma_px[index[seen], None] ** 2).mean())
+    assert np.mean(chi2) == pytest.approx(1, abs=0.1)
+    assert np.abs(np.array(chi2) - 1).max() < 0.2
+
+
+def test_a_fixed_threshold_is_in_dn():
+    rng = np.random.default_rng(13)
+    uv = scattered(rng, 36, 512)
+    image = expose(SKY_E + light((512, 512), uv, np.geomspace(1500, 50000, 36), 0.8), rng)
+    counts = [len(CentroidExtractor(ExtractionOptions(
+        threshold='fixed', threshold_dn=threshold_dn)).extract(image).centroids)
+        for threshold_dn in (100.0, 1000.0, 60000.0)]
+    assert 36 >= counts[0] > counts[1] > counts[2] == 0
+
+
+@pytest.mark.parametrize('change', [
+    lambda image: np.pad(image, ((0, 0), (0, 8)))[:, :-8],
+    lambda image: np.frombuffer(image.tobytes(), image.dtype).reshape(image.shape),
+    np.asfortranarray])
+def test_layout_in_memory_does_not_matter(change):
+    rng = np.random.default_rng(14)
+    uv = scattered(rng, 16, 300)
+    image = expose(SKY_E + light((300, 300), uv, 20000.0, 0.8), rng)
+    np.testing.assert_array_equal(EXTRACT(change(image)).centroids.uv, EXTRACT(image).centroids.uv)
+
+
 def test_stars_of_all_magnitudes_in_one_image():
     rng = np.random.default_rng(2)
     chi2, lost, false = [], 0, 0
@@ -242,6 +281,7 @@ def test_the_moon_hides_only_the_stars_beside_it():
     (np.random.default_rng(0).integers(0, 65536, (300, 300)).astype(np.uint16), 'no_stars'),
     (np.random.default_rng(0).normal(1000, 12, (8, 3000)).astype(np.uint16), 'no_stars'),
     (np.pad([[200]], 40).astype(np.uint8), 'no_stars'),
+    (np.full((2048, 2048), 255, np.uint8), 'blank'),
 ])
 def test_an_image_without_stars_says_why(image, status):
     result = EXTRACT(image)
@@ -252,7 +292,9 @@ def test_an_image_without_stars_says_why(image, status):
 @pytest.mark.parametrize('image, words', [
     (np.zeros((10, 10)), 'float64'),
     (np.zeros((10, 10), np.float32), 'float32'),
+    (np.full((10, 10), np.nan), 'float64'),
     (np.zeros((10, 10), np.int32), 'int32'),
+    (np.zeros((10, 10), '>u2'), '>u2'),
     ([[1, 2], [3, 4]], 'list'),
     (np.zeros((10, 10, 3), np.uint8), '3 dimensions'),
     (np.zeros(10, np.uint8), '1 dimensions'),
