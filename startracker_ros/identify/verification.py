@@ -536,8 +536,9 @@ def judge(court, seen, sigma, base, star, tested):
     distance = np.full(count, np.nan)
     ratio = fitted = 1.0
     matrix = np.empty((3, 3))
-    # The first radius allows for the attitude that three close stars extrapolate.
-    for attempt in range(3):
+    # The first radius allows for the attitude that three close stars extrapolate; looked at
+    # twice, because the stars found first lead to those at the far side of the image.
+    for attempt in range(4):
         before = matched
         sensor, icrf, weight = _chosen(seen, sigma, ratio, matched, sky)
         if attempt == 0:
@@ -549,10 +550,10 @@ def judge(court, seen, sigma, base, star, tested):
         # Close stars may know the scale less well than it was known before.
         ratio = min(max(fitted, 1 - court.scale_error), 1 + court.scale_error)
         matched, distance = _pair_up(sky, matrix, seen, ratio,
-                                     3 * radius if attempt == 0 else radius)
+                                     3 * radius if attempt < 2 else radius)
         if matches(matched) < 4:
             return 1.0, ratio, matched, distance
-        if attempt and _equal(matched, before):
+        if attempt > 1 and _equal(matched, before):
             break
     if abs(fitted - 1) > court.scale_error + radius / _spread(seen, matched):
         return 1.0, ratio, matched, distance
