@@ -1,5 +1,6 @@
 """The comparison with the peers: fair frames, right adapters, bounds that can fall short."""
 
+import os
 import subprocess
 import sys
 
