@@ -232,6 +232,8 @@ def run_centroid_bench(*, trials: int, seed: int, snrs: Sequence[float] = SNRS) 
     peers = installed()
     table = [row for snr in snrs for row in rows(snr, measure(snr, trials, seed, peers))]
     images = star_images
+    versions = {package: version(package) or 'absent: pip install startracker_ros[bench]'
+                for package in ('tetra3rs', 'sep', 'photutils')}
     return Result('bench centroid', table, {
         'machine': f'{platform.machine()}, {os.cpu_count()} cores, Python '
                    f'{platform.python_version()}, NumPy {np.__version__}',
@@ -245,6 +247,4 @@ def run_centroid_bench(*, trials: int, seed: int, snrs: Sequence[float] = SNRS) 
         'found': f'a centroid within {MATCH_PX:g} px',
         'times': 'process CPU time of the call, one thread, garbage collector off, each '
                  f'extractor alone over {_PIECE} images in turn',
-        **{package: version(package) or 'absent: pip install startracker_ros[bench]'
-           for package in ('tetra3rs', 'sep', 'photutils')},
-        'trials': trials, 'seed': seed})
+        **versions, 'trials': trials, 'seed': seed})
