@@ -5,6 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from startracker_ros.camera import Camera, load_camera
+
 
 class ImageError(ValueError):
     """A file that holds no star image; the text names it."""
@@ -26,3 +28,29 @@ def read_image(path: str | Path) -> np.ndarray:
         # Every channel sees the star: their mean is less noisy than a weighting for the eye.
         image = image[..., :3].mean(axis=2).round().astype(image.dtype)
     return image
+
+
+def known_camera(camera_file: Path | None, fov_deg: float | None) -> Camera | None:
+    """Return the camera of a file, or None where the images give the size to fov_deg.
+
+    CameraError for a file or a field of view that cannot be, whatever the images are.
+    """
+    if camera_file is not None:
+        return load_camera(camera_file)
+    Camera.from_fov(1, 1, fov_deg)
+    return None
+
+
+def read_image_and_camera(path: Path, camera: Camera | None, fov_deg: float | None
+                          ) -> tuple[np.ndarray, Camera]:
+    """Return an image and its camera: the known one, or an ideal one of fov_deg.
+
+    ImageError also when the known camera takes images of another size.
+    """
+    image = read_image(path)
+    height, width = image.shape
+    camera = camera or Camera.from_fov(width, height, fov_deg)
+    if (camera.width, camera.height) != (width, height):
+        raise ImageError(f'{path}: {width} x {height} px, the camera has '
+                         f'{camera.width} x {camera.height}')
+    return image, camera

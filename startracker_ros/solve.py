@@ -2,21 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from pathlib import Path
 import time
 
 import cv2
 import numpy as np
 
-from startracker_ros.camera import Camera, load_camera
-from startracker_ros.catalog.stars import epoch_year_from_stamp
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.stars import epoch_year_now
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.identify.identification import (
     Identification, IdentificationOptions, Identifier)
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.images import ImageError, read_image
+from startracker_ros.images import ImageError, known_camera, read_image_and_camera
 from startracker_ros.report.annotate import annotate
 from startracker_ros.rotation import ARCSEC, pointing_from_quaternion
 from startracker_ros.table import Result
@@ -56,22 +55,14 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     a row of its own.
     """
     if epoch_year is None:
-        epoch_year = epoch_year_from_stamp(int(datetime.now(timezone.utc).timestamp() * 1e9))
-    calibrated = None if camera_file is None else load_camera(camera_file)
-    if calibrated is None:
-        # An impossible field of view is wrong use, whatever the images are.
-        Camera.from_fov(1, 1, fov_deg)
+        epoch_year = epoch_year_now()
+    calibrated = known_camera(camera_file, fov_deg)
     extractor = CentroidExtractor()
     identifiers: dict[Camera, Identifier] = {}
     rows = []
     for path in paths:
         try:
-            image = read_image(path)
-            height, width = image.shape
-            camera = calibrated or Camera.from_fov(width, height, fov_deg)
-            if (camera.width, camera.height) != (width, height):
-                raise ImageError(f'{path}: {width} x {height} px, the camera has '
-                                 f'{camera.width} x {camera.height}')
+            image, camera = read_image_and_camera(path, calibrated, fov_deg)
             if camera not in identifiers:
                 identifiers[camera] = make_identifier(camera, epoch_year, options)
             start_s = time.perf_counter()

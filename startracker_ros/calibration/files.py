@@ -1,21 +1,20 @@
 """Calibration from image files: extraction, identification, camera YAML, what to print."""
 
 from collections.abc import Sequence
-from datetime import datetime, timezone
 from pathlib import Path
 
 from startracker_ros.calibration.adjustment import CalibrationError
 from startracker_ros.calibration.estimate import calibrate, Calibration, MIN_FRAME_STARS
 from startracker_ros.calibration.matching import View
 from startracker_ros.calibration.summary import figures, summary
-from startracker_ros.camera import Camera, load_camera, save_camera
+from startracker_ros.camera import Camera, save_camera
 from startracker_ros.catalog.places import camera_places
-from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
+from startracker_ros.catalog.stars import epoch_year_now, load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.images import ImageError, read_image
+from startracker_ros.images import ImageError, known_camera, read_image_and_camera
 from startracker_ros.table import Result
 
 # Faint stars are many, and it is they that fill the corners.
@@ -41,22 +40,14 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
     CalibrationError when the images do not suffice, OSError when output cannot be written.
     """
     if epoch_year is None:
-        epoch_year = epoch_year_from_stamp(int(datetime.now(timezone.utc).timestamp() * 1e9))
-    camera = None if camera_file is None else load_camera(camera_file)
-    if camera is None:
-        # An impossible field of view is wrong use, whatever the images are.
-        Camera.from_fov(1, 1, fov_deg)
+        epoch_year = epoch_year_now()
+    camera = known_camera(camera_file, fov_deg)
     extractor = CentroidExtractor(ExtractionOptions(max_stars=_MOST_STARS))
     centroids: dict[int, Centroids] = {}
     reasons: dict[int, str] = {}
     for index, path in enumerate(paths):
         try:
-            image = read_image(path)
-            height, width = image.shape
-            camera = camera or Camera.from_fov(width, height, fov_deg)
-            if (camera.width, camera.height) != (width, height):
-                raise ImageError(f'{path}: {width} x {height} px, the camera has '
-                                 f'{camera.width} x {camera.height}')
+            image, camera = read_image_and_camera(path, camera, fov_deg)
             centroids[index] = extractor.extract(image).centroids
         except ImageError as error:
             reasons[index] = str(error)

@@ -54,10 +54,6 @@ class StarPlaces:
         return self._tree.query_ball_point(
             centers, _chord(min(radius_rad, np.pi)), return_length=True)
 
-    def distance_to_nearest(self, directions: np.ndarray) -> np.ndarray:
-        """Return the angle (...) in rad from unit vectors (..., 3) to the nearest star."""
-        return 2 * np.arcsin(self._tree.query(directions)[0] / 2)
-
     def index_of(self, hip: np.ndarray) -> np.ndarray:
         """Return the index (M,) of each Hipparcos number (M,), -1 where it is not here."""
         hip = np.asarray(hip)

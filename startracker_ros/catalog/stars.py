@@ -3,6 +3,7 @@
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from pathlib import Path
+import time
 
 import numpy as np
 
@@ -82,3 +83,8 @@ def epoch_year_from_stamp(stamp_ns: int) -> float:
     UTC serves as Terrestrial Time: the minute between them moves no star by 0.1 mas.
     """
     return 2000.0 + (stamp_ns - _J2000_NS) / _YEAR_NS
+
+
+def epoch_year_now() -> float:
+    """Return the Julian year of this moment."""
+    return epoch_year_from_stamp(time.time_ns())
