@@ -39,6 +39,8 @@ class Probe(Node):
         publisher = self.create_publisher(message_type, topic, profile)
         self.wait(lambda: publisher.get_subscription_count() >= to,
                   f'{to} subscriber of {topic}')
+        # The subscriber may hear of the publisher a little later than the other way round.
+        self.spin_for(0.3)
         return publisher
 
     def wait(self, condition: Callable[[], Any], what: str, timeout_s: float = 30.0) -> Any:
