@@ -43,6 +43,23 @@ class Probe(Node):
         self.spin_for(0.3)
         return publisher
 
+    def ask(self, service_type: type, name: str, request: Any) -> Any:
+        """Return the answer of a service to a request that may be repeated without harm.
+
+        A service that has not yet discovered its client's reader drops the answer, so what
+        is not answered is asked again, as any caller over DDS has to.
+        """
+        client = self.create_client(service_type, name)
+        self.wait(client.service_is_ready, name)
+        answers: list[Any] = []
+
+        def answered() -> bool:
+            if not answers or time.monotonic() > answers[-1][0] + 3:
+                answers.append((time.monotonic(), client.call_async(request)))
+            return any(future.done() for _, future in answers)
+        self.wait(answered, f'an answer of {name}')
+        return next(future for _, future in answers if future.done()).result()
+
     def wait(self, condition: Callable[[], Any], what: str, timeout_s: float = 30.0) -> Any:
         """Spin until the condition is true and return its value; fail by name if it never is."""
         deadline_s = time.monotonic() + timeout_s

@@ -18,11 +18,7 @@ START_NS = 1_790_000_000_000_000_000
 
 
 def call(probe, name):
-    client = probe.create_client(Trigger, f'/camera_calibrator/{name}')
-    probe.wait(client.service_is_ready, name)
-    future = client.call_async(Trigger.Request())
-    probe.wait(future.done, f'an answer of {name}')
-    return future.result()
+    return probe.ask(Trigger, f'/camera_calibrator/{name}', Trigger.Request())
 
 
 def value(probe, key):

@@ -35,18 +35,10 @@ def test_a_node_starts_with_its_own_yaml(nodes, probe):
     probe.wait(lambda: probe.count_publishers('centroids'), 'the node')
 
 
-def call(probe, service_type, name, request):
-    client = probe.create_client(service_type, name)
-    probe.wait(client.service_is_ready, name)
-    future = client.call_async(request)
-    probe.wait(future.done, f'an answer of {name}')
-    return future.result()
-
-
 def set_double(probe, node, name, value):
     request = SetParameters.Request(parameters=[Parameter(name=name, value=ParameterValue(
         type=ParameterType.PARAMETER_DOUBLE, double_value=value))])
-    return call(probe, SetParameters, f'/{node}/set_parameters', request).results[0]
+    return probe.ask(SetParameters, f'/{node}/set_parameters', request).results[0]
 
 
 def test_changes_at_run_time(nodes, probe):
@@ -60,5 +52,5 @@ def test_changes_at_run_time(nodes, probe):
 @pytest.mark.parametrize('node', ['star_identifier', 'star_tracker', 'attitude_estimator'])
 def test_reset_is_offered(nodes, probe, node):
     nodes.start(node)
-    answer = call(probe, Trigger, f'/{node}/reset', Trigger.Request())
+    answer = probe.ask(Trigger, f'/{node}/reset', Trigger.Request())
     assert answer.success and answer.message == 'state forgotten'
