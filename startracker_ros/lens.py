@@ -1,4 +1,4 @@
-"""The camera model for compiled functions: from pixels to directions."""
+"""The camera model for compiled functions: between pixels and directions."""
 
 from typing import NamedTuple
 
@@ -24,22 +24,37 @@ class Lens(NamedTuple):
 
 
 @compiled
+def distort(lens, a, b):
+    """Return x, y where the lens shows the direction of x / z = a, y / z = b."""
+    r2 = a * a + b * b
+    radial = 1 + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3))
+    return (a * radial + 2 * lens.p1 * a * b + lens.p2 * (r2 + 2 * a * a),
+            b * radial + lens.p1 * (r2 + 2 * b * b) + 2 * lens.p2 * a * b)
+
+
+@compiled
+def distortion_jacobian(lens, a, b):
+    """Return dx/da, dx/db = dy/da and dy/db of distort()."""
+    r2 = a * a + b * b
+    radial = 1 + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3))
+    slope = 2 * (lens.k1 + r2 * (2 * lens.k2 + r2 * 3 * lens.k3))
+    return (radial + slope * a * a + 2 * lens.p1 * b + 6 * lens.p2 * a,
+            slope * a * b + 2 * (lens.p1 * a + lens.p2 * b),
+            radial + slope * b * b + 6 * lens.p1 * b + 2 * lens.p2 * a)
+
+
+@compiled
 def undistort(lens, x, y):
     """Return x / z, y / z of the direction that the lens shows at x, y (Newton's method)."""
     if lens.k1 == lens.k2 == lens.p1 == lens.p2 == lens.k3 == 0:
         return x, y
     a, b = x, y
     for _ in range(20):
-        r2 = a * a + b * b
-        radial = 1 + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3))
-        ex = a * radial + 2 * lens.p1 * a * b + lens.p2 * (r2 + 2 * a * a) - x
-        ey = b * radial + lens.p1 * (r2 + 2 * b * b) + 2 * lens.p2 * a * b - y
+        at_x, at_y = distort(lens, a, b)
+        ex, ey = at_x - x, at_y - y
         if max(abs(ex), abs(ey)) < 1e-14:
             break
-        slope = 2 * (lens.k1 + r2 * (2 * lens.k2 + r2 * 3 * lens.k3))
-        cross = slope * a * b + 2 * (lens.p1 * a + lens.p2 * b)
-        xx = radial + slope * a * a + 2 * lens.p1 * b + 6 * lens.p2 * a
-        yy = radial + slope * b * b + 6 * lens.p1 * b + 2 * lens.p2 * a
+        xx, cross, yy = distortion_jacobian(lens, a, b)
         determinant = xx * yy - cross * cross
         a -= (yy * ex - cross * ey) / determinant
         b -= (xx * ey - cross * ex) / determinant

@@ -10,12 +10,13 @@ from startracker_ros.identify.identification import IdentificationOptions, METHO
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.sky.detector import Detector
 from startracker_ros.sky.star_lists import random_attitude, star_list
+from startracker_ros.track.tracker import StarTracker
 
 
 def warm_up() -> None:
     """Let every method see something: extraction an image, identification a simulated field.
 
-    One image is rendered, too.
+    The field is tracked, and one image is rendered, too.
     """
     for method in ('gaussian', 'thresholded'):
         CentroidExtractor(ExtractionOptions(method=method, threshold='iterative')).warm_up()
@@ -23,10 +24,14 @@ def warm_up() -> None:
     catalog = load_catalog()
     places = camera_places(catalog, camera, 2026.0, 5.0)
     rng = np.random.default_rng(1)
-    centroids, _ = star_list(places, camera, random_attitude(rng), 0.1, rng)
+    centroids, hip = star_list(places, camera, random_attitude(rng), 0.1, rng)
     for method in METHODS:
         options = IdentificationOptions(method=method, magnitude_limit=5.0)
         make_identifier(camera, 2026.0, options, catalog).identify(centroids)
+    tracker = StarTracker(camera, places)
+    for stamp_ns in (0, 100_000_000, 200_000_000):
+        tracker.update(stamp_ns, centroids)
+        tracker.identified(stamp_ns, centroids, hip)
     detector = Detector(camera)
     detector.render(centroids.uv, np.full(len(centroids.uv), 5.0), rng)
     detector.render(np.zeros((0, 2)), np.zeros(0), rng)

@@ -1,16 +1,22 @@
-"""How star images move: constant velocity, and the flow under a turn of the camera.
+"""How star images move: constant velocity, coordinated turn, and under a turn of the camera.
 
 The state of one star is [u, u_rate, v, v_rate] in px and px/s. Under the body rate w
 (rad/s, sensor axes) a direction d in the sensor frame changes by -w x d.
 """
 
+from math import cos, factorial, sin
+
 import numpy as np
 
 from startracker_ros.camera import Camera
-from startracker_ros.rotation import matrix_from_quaternion, quaternion_from_rotation_vector
+from startracker_ros.compiled import compiled
+from startracker_ros.lens import distort, distortion_jacobian, undistort
 
 POSITION = [0, 2]
 VELOCITY = [1, 3]
+
+# Of the sine from the fifth power on, the highest first; enough for arguments up to 2.
+_SERIES = [1 / factorial(power) for power in range(27, 4, -2)]
 
 
 def constant_velocity(dt_s: float, acceleration_px_s2: tuple[float, float]
@@ -18,23 +24,107 @@ def constant_velocity(dt_s: float, acceleration_px_s2: tuple[float, float]
     """Return the transition (4, 4) and process noise (4, 4) of the CV model.
 
     White acceleration of 1-sigma (u, v), constant within the step: Q = E diag(s^2) E^T
-    (Sadeghi, Sabahi and Saberali).
+    (Sadeghi, Sabahi and Saberali). dt_s > 0.
     """
-    transition = np.eye(4)
-    transition[0, 1] = transition[2, 3] = dt_s
-    noise = np.zeros((4, 2))
-    noise[[0, 2], [0, 1]] = dt_s * dt_s / 2 * np.asarray(acceleration_px_s2)
-    noise[[1, 3], [0, 1]] = dt_s * np.asarray(acceleration_px_s2)
-    return transition, noise @ noise.T
+    half = dt_s * dt_s / 2
+    transition = np.array([[1, dt_s, 0, 0], [0, 1, 0, 0], [0, 0, 1, dt_s], [0, 0, 0, 1]], float)
+    push = np.array([[half, 0], [dt_s, 0], [0, half], [0, dt_s]]) * acceleration_px_s2
+    return transition, push @ push.T
+
+
+def coordinated_turn(dt_s: float, rate_rad_s: float, acceleration: tuple[float, float]
+                     ) -> tuple[np.ndarray, np.ndarray]:
+    """Return the transition (4, 4) and process noise (4, 4) of the CT model.
+
+    The velocity turns by rate_rad_s from u towards v, as that of all stars does when the
+    camera turns about its boresight by -rate_rad_s (body rate z). acceleration are the
+    square roots of the spectral densities (u, v) of white noise that acts throughout the
+    step, px/s^1.5: Q = integral of e^(At) diag(0, s^2) e^(At)^T over the step (Sadeghi, Sabahi
+    and Saberali). A 1-sigma of constant_velocity compares to s / sqrt(dt_s). Any finite
+    rate, dt_s > 0.
+    """
+    angle = rate_rad_s * dt_s
+    sine, cosine = sin(angle), cos(angle)
+    along, across = dt_s * _sinc(angle), dt_s * angle / 2 * _sinc(angle / 2) ** 2
+    transition = np.array([[1.0, along, 0.0, -across], [0.0, cosine, 0.0, -sine],
+                           [0.0, across, 1.0, along], [0.0, sine, 0.0, cosine]])
+    own, other, between = _turned_noise(dt_s, angle)
+    u, v = np.square(acceleration)
+    noise = np.empty((4, 4))
+    noise[:2, :2] = u * own + v * other
+    noise[2:, 2:] = u * other + v * own
+    noise[:2, 2:] = u * between - v * between.T
+    noise[2:, :2] = noise[:2, 2:].T
+    return transition, noise
+
+
+def _turned_noise(dt_s: float, angle: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the integrals (2, 2) of a a^T, b b^T and a b^T over the step.
+
+    A push at time t before its end leaves, along itself, a = [sin(wt) / w, cos(wt)] in
+    position and velocity and, across, b = [(1 - cos(wt)) / w, sin(wt)]; angle is w dt_s.
+    """
+    square = angle * angle
+    sinc, half = _sinc(angle) ** 2, _sinc(angle / 2) ** 4
+    fifth, fifth_of_double = _fifth_remainder(angle), _fifth_remainder(2 * angle)
+    # (2 angle - sin(2 angle)) / (2 angle)^3, and the same of angle.
+    third_of_double, third = 1 / 6 - 4 * square * fifth_of_double, 1 / 6 - square * fifth
+    own = np.array([[2 * third_of_double, sinc / 2],
+                    [sinc / 2, 1 - 2 * third_of_double * square]])
+    other = np.array([[2 * (4 * fifth_of_double - fifth), half / 8],
+                      [half / 8, 2 * third_of_double]]) * square
+    between = np.array([[half / 8, 2 * third_of_double],
+                        [2 * third_of_double - third, sinc / 2]]) * angle
+    scale = np.array([[dt_s ** 3, dt_s ** 2], [dt_s ** 2, dt_s]])
+    return own * scale, other * scale, between * scale
+
+
+def _sinc(x: float) -> float:
+    return sin(x) / x if x else 1.0
+
+
+def _fifth_remainder(x: float) -> float:
+    """Return (sin x - x + x^3 / 6) / x^5, which has a limit at 0."""
+    if abs(x) > 2:
+        return (sin(x) - x + x ** 3 / 6) / x ** 5
+    total = 0.0
+    for coefficient in _SERIES:
+        total = coefficient - total * x * x
+    return total
 
 
 def image_jacobian(camera: Camera, directions: np.ndarray) -> np.ndarray:
-    """Return d(u, v)/dt per body rate, (N, 2, 3) in px/rad, of directions (N, 3)."""
-    step_rad = 1e-5
-    # Row k is -e_k x d; central differences see the distortion as the camera models it.
-    turned = step_rad * np.cross(directions, np.eye(3)[:, None])
-    ahead, behind = camera.project(np.stack([directions + turned, directions - turned]))
-    return np.moveaxis((ahead - behind) / (2 * step_rad), 0, -1)
+    """Return d(u, v)/dt per body rate, (N, 2, 3) in px/rad, of directions (N, 3).
+
+    NaN for a direction behind the camera.
+    """
+    return _image_jacobian(camera.lens, np.ascontiguousarray(directions))
+
+
+@compiled
+def _image_jacobian(lens, directions):
+    jacobian = np.full((len(directions), 2, 3), np.nan)
+    for star in range(len(directions)):
+        z = directions[star, 2]
+        if z > 0:
+            _flow(lens, directions[star, 0] / z, directions[star, 1] / z, jacobian[star])
+    return jacobian
+
+
+@compiled
+def _flow(lens, a, b, jacobian):
+    """Fill the jacobian (2, 3) of image motion per body rate at x / z = a, y / z = b."""
+    xx, cross, yy = distortion_jacobian(lens, a, b)
+    for axis in range(3):
+        # The motion of a and b where the direction d moves by -e x d.
+        if axis == 0:
+            da, db = a * b, 1 + b * b
+        elif axis == 1:
+            da, db = -(1 + a * a), -a * b
+        else:
+            da, db = b, -a
+        jacobian[0, axis] = lens.fx * (xx * da + cross * db)
+        jacobian[1, axis] = lens.fy * (cross * da + yy * db)
 
 
 def turn_curvature(camera: Camera, uv: np.ndarray, rate_rad_s: np.ndarray, dt_s: float
@@ -42,26 +132,77 @@ def turn_curvature(camera: Camera, uv: np.ndarray, rate_rad_s: np.ndarray, dt_s:
     """Return what a steady turn adds (N, 4) to a constant velocity prediction of uv (N, 2).
 
     Stars run on curves across the image, most of all under roll: without this term a
-    filter lags behind them.
+    filter lags behind them. NaN for a star that the turn puts behind the camera.
     """
-    start = camera.unproject(uv)
-    # Row vectors times R are R^T d: the direction after the turn, on the new axes.
-    end = start @ matrix_from_quaternion(quaternion_from_rotation_vector(rate_rad_s * dt_s))
-    flow = image_jacobian(camera, np.concatenate([start, end])) @ rate_rad_s
-    flow_start, flow_end = flow[:len(uv)], flow[len(uv):]
-    curvature = np.empty((len(uv), 4))
-    curvature[:, POSITION] = camera.project(end) - uv - flow_start * dt_s
-    curvature[:, VELOCITY] = flow_end - flow_start
+    return _turn_curvature(camera.lens, np.ascontiguousarray(uv),
+                           np.ascontiguousarray(rate_rad_s), dt_s)
+
+
+@compiled
+def _turn_curvature(lens, uv, rate_rad_s, dt_s):
+    curvature = np.full((len(uv), 4), np.nan)
+    flow = np.empty((2, 3))
+    turn_x, turn_y, turn_z = rate_rad_s * dt_s
+    angle = np.sqrt(turn_x * turn_x + turn_y * turn_y + turn_z * turn_z)
+    cosine = np.cos(angle)
+    sine = np.sin(angle) / angle if angle > 0 else 1.0
+    versine = 2 * (np.sin(angle / 2) / angle) ** 2 if angle > 0 else 0.5
+    for star in range(len(uv)):
+        a, b = undistort(lens, (uv[star, 0] - lens.cx) / lens.fx,
+                         (uv[star, 1] - lens.cy) / lens.fy)
+        # Rodrigues' formula: the direction (a, b, 1) turns back as the axes turn.
+        along = versine * (turn_x * a + turn_y * b + turn_z)
+        x = cosine * a + sine * (turn_z * b - turn_y) + along * turn_x
+        y = cosine * b + sine * (turn_x - turn_z * a) + along * turn_y
+        z = cosine + sine * (turn_y * a - turn_x * b) + along * turn_z
+        if z <= 0:
+            continue
+        u, v = distort(lens, x / z, y / z)
+        _flow(lens, a, b, flow)
+        start_u, start_v = _times(flow, rate_rad_s)
+        _flow(lens, x / z, y / z, flow)
+        end_u, end_v = _times(flow, rate_rad_s)
+        curvature[star, 0] = u * lens.fx + lens.cx - uv[star, 0] - start_u * dt_s
+        curvature[star, 1] = end_u - start_u
+        curvature[star, 2] = v * lens.fy + lens.cy - uv[star, 1] - start_v * dt_s
+        curvature[star, 3] = end_v - start_v
     return curvature
+
+
+@compiled
+def _times(flow, rate):
+    """Return flow (2, 3) times rate (3,)."""
+    return (flow[0, 0] * rate[0] + flow[0, 1] * rate[1] + flow[0, 2] * rate[2],
+            flow[1, 0] * rate[0] + flow[1, 1] * rate[1] + flow[1, 2] * rate[2])
 
 
 def body_rate(jacobian: np.ndarray, velocity: np.ndarray, covariance: np.ndarray
               ) -> tuple[np.ndarray, np.ndarray]:
     """Return the body rate (3,) rad/s that moves stars at velocity (N, 2), and its covariance.
 
-    jacobian (N, 2, 3) as of image_jacobian, covariance (N, 2, 2) of the velocities;
-    weighted least squares.
+    jacobian (N, 2, 3) as of image_jacobian, covariance (N, 2, 2) of the velocities, positive
+    definite; weighted least squares. numpy.linalg.LinAlgError when less than two stars fix it.
     """
-    weighted = np.swapaxes(jacobian, 1, 2) @ np.linalg.inv(covariance)
-    rate_covariance = np.linalg.inv(np.sum(weighted @ jacobian, axis=0))
-    return rate_covariance @ np.einsum('nij,nj->i', weighted, velocity), rate_covariance
+    information, vector = _rate_information(
+        np.ascontiguousarray(jacobian), np.ascontiguousarray(velocity),
+        np.ascontiguousarray(covariance))
+    rate_covariance = np.linalg.inv(information)
+    return rate_covariance @ vector, rate_covariance
+
+
+@compiled
+def _rate_information(jacobian, velocity, covariance):
+    """Return the normal matrix (3, 3) and vector (3,) of body_rate."""
+    information, vector = np.zeros((3, 3)), np.zeros(3)
+    for star in range(len(jacobian)):
+        uu, uv, vv = covariance[star, 0, 0], covariance[star, 0, 1], covariance[star, 1, 1]
+        determinant = uu * vv - uv * uv
+        for i in range(3):
+            u, v = jacobian[star, 0, i], jacobian[star, 1, i]
+            weighted_u = (u * vv - v * uv) / determinant
+            weighted_v = (v * uu - u * uv) / determinant
+            vector[i] += weighted_u * velocity[star, 0] + weighted_v * velocity[star, 1]
+            for j in range(3):
+                information[i, j] += (
+                    weighted_u * jacobian[star, 0, j] + weighted_v * jacobian[star, 1, j])
+    return information, vector

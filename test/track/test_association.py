@@ -9,7 +9,8 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 from startracker_ros.track.association import (
-    event_weights, gate_size, gated_density, joint_probabilities, MAX_EVENTS)
+    event_weights, gate_size, gated_density, joint_probabilities)
+from startracker_ros.track.joint_events import marginals, OPEN_CENTROIDS
 
 
 def brute_force(weight):
@@ -59,22 +60,79 @@ def test_two_tracks_share_out_two_centroids():
     assert probability[0, 2] > 0.99 and probability[1, 1] > 0.99
 
 
-def test_large_cluster_is_cut_to_its_most_probable_events():
-    rng = np.random.default_rng(0)
-    weight = np.exp(rng.normal(0, 4, (6, 7)))
-    exact = brute_force(weight)
-    events = sum(len(set(e) - {0}) == sum(c > 0 for c in e)
-                 for e in product(range(7), repeat=6))
-    assert events > 5 * MAX_EVENTS
-    np.testing.assert_allclose(joint_probabilities(weight), exact, atol=2e-3)
+def all_events(weight):
+    """Return the sum over all joint events, by the set of centroids that are taken."""
+    sums = {0: 1.0}
+    for row in weight:
+        after = {}
+        for taken, total in sums.items():
+            for choice in np.flatnonzero(row):
+                claim = 1 << choice if choice else 0
+                if not taken & claim:
+                    after[taken | claim] = after.get(taken | claim, 0.0) + total * row[choice]
+        sums = after
+    return sum(sums.values())
 
 
-def test_hopeless_cluster_still_gives_probabilities():
+def only(weight, track, choice):
+    """Return the weights of the events in which a track has what it chose."""
+    left = weight.copy()
+    left[track, np.arange(weight.shape[1]) != choice] = 0
+    return left
+
+
+@pytest.mark.parametrize('tracks, centroids', [(8, 8), (12, 12), (3, 20)])
+def test_all_share_all(tracks, centroids):
+    rng = np.random.default_rng(tracks)
+    weight = np.exp(rng.normal(0, 3, (tracks, centroids + 1)))
+    probability, total = joint_probabilities(weight), all_events(weight)
+    for track, choice in zip(rng.integers(0, tracks, 6), rng.integers(0, centroids + 1, 6)):
+        expected = all_events(only(weight, track, choice)) / total
+        assert probability[track, choice] == pytest.approx(expected, rel=1e-9)
+
+
+def chain_events(weight):
+    """Return all_events of tracks that share a centroid with each neighbour alone."""
+    free, taken = 1.0, 0.0
+    for track, row in enumerate(weight):
+        free, taken = (free + taken) * row[0] + free * row[track + 1], (free + taken) * row[
+            track + 2]
+    return free + taken
+
+
+def test_two_hundred_tracks_in_one_cluster():
+    rng = np.random.default_rng(5)
+    weight, track = np.zeros((200, 202)), np.arange(200)
+    for column in (0, track + 1, track + 2):
+        weight[track, column] = np.exp(rng.normal(0, 1, 200))
+    shuffled = rng.permutation(200)
+    probability = np.empty_like(weight)
+    probability[shuffled] = joint_probabilities(weight[shuffled])
+    total = chain_events(weight)
+    for track in (0, 1, 57, 100, 198, 199):
+        for choice in (0, track + 1, track + 2):
+            assert probability[track, choice] == pytest.approx(
+                chain_events(only(weight, track, choice)) / total, rel=1e-9)
+
+
+def test_cut_to_the_most_probable_states():
+    weight = np.exp(np.random.default_rng(0).normal(0, 4, (10, 11)))
+    exact = joint_probabilities(weight)
+    cut = marginals(weight, 110 * 100)
+    assert 1e-9 < np.abs(cut - exact).max() < 0.05
+    # Even a single state is a possible event up to the last track.
+    for probability in (cut, marginals(weight, 1)):
+        np.testing.assert_allclose(probability.sum(axis=1), 1)
+        assert (probability[:, 1:].sum(axis=0) <= 1 + 1e-9).all()
+
+
+@pytest.mark.parametrize('tracks, centroids', [(40, 50), (200, 2 * OPEN_CENTROIDS)])
+def test_hopeless_cluster_still_gives_probabilities(tracks, centroids):
     """Forty tracks that all share fifty centroids: 10^60 events."""
-    weight = np.exp(np.random.default_rng(1).normal(0, 2, (40, 51)))
+    weight = np.exp(np.random.default_rng(1).normal(0, 2, (tracks, centroids + 1)))
     probability = joint_probabilities(weight)
     np.testing.assert_allclose(probability.sum(axis=1), 1)
-    assert (probability[:, 1:].sum(axis=0) <= 1 + 1e-9).all()
+    assert (probability >= 0).all() and (probability[:, 1:].sum(axis=0) <= 1 + 1e-9).all()
 
 
 def test_density_and_gate():

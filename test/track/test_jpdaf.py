@@ -1,10 +1,13 @@
 """The filter against the textbook Kalman filter, the paper's formula and its own covariance."""
 
 import numpy as np
+import pytest
 from scipy.stats import chi2
 
+from startracker_ros.track.association import (
+    event_weights, gate_size, gated_density, joint_probabilities)
 from startracker_ros.track.jpdaf import predict, update
-from startracker_ros.track.motion_models import constant_velocity
+from startracker_ros.track.motion_models import constant_velocity, coordinated_turn
 
 H = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0]])
 
@@ -47,25 +50,47 @@ def test_spread_of_the_innovations_as_published():
         new_covariance[0], p - 0.9 * gain @ s @ gain.T + gain @ spread @ gain.T, atol=1e-9)
 
 
-def test_covariance_is_consistent_with_constant_velocity_motion():
-    """NEES of 200 stars that accelerate at random, after 60 frames of 0.1 s."""
+def test_each_track_may_have_its_own_noise():
+    state, covariance = some_tracks(np.random.default_rng(5), 3)
+    transition, noise = coordinated_turn(0.3, 0.7, (0.5, 2.0))
+    share = np.array([1.0, 2.0, 5.0])[:, None, None]
+    new_state, new_covariance = predict(state, covariance, transition, share * noise)
+    for track in range(3):
+        np.testing.assert_allclose(new_state[track], transition @ state[track])
+        np.testing.assert_allclose(
+            new_covariance[track],
+            transition @ covariance[track] @ transition.T + share[track] * noise)
+    same = predict(state, covariance, transition, noise)[1]
+    np.testing.assert_array_equal(same[0], new_covariance[0])
+
+
+@pytest.mark.parametrize('transition, noise', [
+    constant_velocity(0.1, (0.8, 1.5)), coordinated_turn(0.1, 0.9, (0.3, 0.5))])
+def test_covariance_is_consistent(transition, noise):
+    """NEES of 300 stars among false centroids, now and then missed, after 60 frames."""
     rng = np.random.default_rng(2)
-    count, dt_s, acceleration, sigma_px = 200, 0.1, (0.8, 1.5), 0.15
-    transition, noise = constant_velocity(dt_s, acceleration)
-    truth = np.column_stack([rng.uniform(0, 1000, count), rng.normal(0, 20, count)] * 2)
-    covariance = np.tile(np.diag([sigma_px ** 2, 4.0, sigma_px ** 2, 4.0]), (count, 1, 1))
+    count, variance, seen, gate_probability = 300, 0.15 ** 2, 0.9, 0.9999
+    gate, false_points, side_px = gate_size(gate_probability), 60, 1500
+    # Too far apart to be mistaken for each other: each is a run of its own.
+    u, v = (place.ravel()[:count] for place in np.meshgrid(*[np.arange(40, side_px, 80)] * 2))
+    truth = np.column_stack([u, rng.normal(0, 2, count), v, rng.normal(0, 2, count)])
+    covariance = np.tile(np.diag([variance, 4.0, variance, 4.0]), (count, 1, 1))
     state = truth + rng.normal(0, np.sqrt(np.diag(covariance[0])), (count, 4))
-    certain = np.column_stack([np.zeros(count), np.eye(count)])
+    root = np.linalg.cholesky(noise + 1e-15 * np.eye(4))
     for _ in range(60):
-        push = np.array([[dt_s ** 2 / 2, dt_s]])
-        truth = truth @ transition.T + np.concatenate(
-            [push * rng.normal(0, a, (count, 1)) for a in acceleration], axis=1)
-        uv = truth[:, [0, 2]] + rng.normal(0, sigma_px, (count, 2))
+        truth = truth @ transition.T + rng.normal(0, 1, (count, 4)) @ root.T
+        uv = truth[rng.random(count) < seen][:, ::2]
+        uv = np.concatenate([uv + rng.normal(0, variance ** 0.5, uv.shape),
+                             rng.uniform(0, side_px, (false_points, 2))])
         state, covariance = predict(state, covariance, transition, noise)
-        state, covariance = update(state, covariance, uv, np.full(count, sigma_px ** 2), certain)
+        density = gated_density(state[:, ::2], covariance[:, ::2, ::2], uv,
+                                np.full(len(uv), variance), gate)
+        probability = joint_probabilities(event_weights(
+            density, seen, gate_probability, false_points / side_px ** 2))
+        state, covariance = update(state, covariance, uv, np.full(len(uv), variance), probability)
     error = state - truth
     nees = np.einsum('ni,nij,nj->n', error, np.linalg.inv(covariance), error).sum()
-    assert chi2.ppf(0.001, 4 * count) < nees < chi2.ppf(0.999, 4 * count)
+    assert chi2.ppf(0.025, 4 * count) < nees < chi2.ppf(0.975, 4 * count)
 
 
 def test_covariance_stays_symmetric_and_positive():
@@ -78,6 +103,15 @@ def test_covariance_stays_symmetric_and_positive():
                                    np.array([0.01, 0.02]), np.array([[0.1, 0.6, 0.3]]))
     np.testing.assert_array_equal(covariance, np.swapaxes(covariance, 1, 2))
     assert np.linalg.eigvalsh(covariance[0]).min() > 0 and np.abs(covariance).max() < 1
+
+
+def test_covariance_stays_positive_from_a_prior_that_knows_nothing():
+    """A million px before, a thousandth of a px after: 10^18 times less variance."""
+    covariance = 1e12 * (np.eye(4) + 0.5)[None]
+    state, uv = np.array([[5.0, 0, 5, 0]]), np.array([[3.0, 4.0], [3.0, 4.002]])
+    for share in ([0.0, 1, 0], [0.0, 0.5, 0.5]):
+        after = update(state, covariance, uv, np.full(2, 1e-6), np.array([share]))[1][0]
+        assert np.linalg.eigvalsh(after[::2, ::2]).min() > 0.9e-6 and after[0, 0] < 3e-6
 
 
 def test_nothing_to_do():
