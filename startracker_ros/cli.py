@@ -265,3 +265,21 @@ def bench_centroid(trials: int, snrs: tuple[float, ...], seed: int, as_json: boo
     """Time, stars found and error of centroids beside sep, photutils and tetra3rs."""
     from startracker_ros.bench.centroid import run_centroid_bench, SNRS
     _finish(run_centroid_bench(trials=trials, seed=seed, snrs=snrs or SNRS), as_json)
+
+
+@bench.command('jpda')
+@click.option('--trials', type=click.IntRange(1), default=5, show_default=True,
+              help='Runs of each scene.')
+@click.option('--scene', 'scenes', multiple=True,
+              type=click.Choice(['apart', 'crossing', 'close']), help='Scenes to run.')
+@click.option('--tracks', multiple=True, type=click.IntRange(2, 500),
+              help='Numbers of tracks.  [default: 4, 10, 20, 40, 100, 200]')
+@_seed
+@_json
+def bench_jpda(trials: int, scenes: tuple[str, ...], tracks: tuple[int, ...], seed: int,
+               as_json: bool) -> None:
+    """Time, error and swapped tracks of the JPDA filter beside Stone Soup."""
+    from startracker_ros.bench.jpda import run_jpda_bench, TRACKS
+    from startracker_ros.bench.moving_targets import SCENES
+    _finish(run_jpda_bench(trials=trials, seed=seed, scenes=scenes or SCENES,
+                           tracks=tracks or TRACKS), as_json)

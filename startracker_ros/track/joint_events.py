@@ -74,6 +74,7 @@ def _share_out(probability, cluster, claims, most_states):
     start, column = _pairings(probability, cluster, claims)
     order = _order(start, column, claims)
     bit, leaving = _bits(probability, cluster, order, start, column, claims)
+    # What is taken, and the sums of the events, before layer l: from begin[l] to begin[l + 1].
     begin = np.zeros(layers + 2, np.int64)
     begin[1] = 1
     taken, forward = np.zeros(1, np.uint64), np.ones(1)
