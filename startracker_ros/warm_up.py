@@ -10,6 +10,7 @@ from startracker_ros.identify.identification import IdentificationOptions, METHO
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.sky.detector import Detector
 from startracker_ros.sky.star_lists import random_attitude, star_list
+from startracker_ros.track.options import MODELS, TrackerOptions
 from startracker_ros.track.tracker import StarTracker
 
 
@@ -28,10 +29,13 @@ def warm_up() -> None:
     for method in METHODS:
         options = IdentificationOptions(method=method, magnitude_limit=5.0)
         make_identifier(camera, 2026.0, options, catalog).identify(centroids)
-    tracker = StarTracker(camera, places)
-    for stamp_ns in (0, 100_000_000, 200_000_000):
-        tracker.update(stamp_ns, centroids)
-        tracker.identified(stamp_ns, centroids, hip)
+    for model in MODELS:
+        tracker = StarTracker(camera, places, TrackerOptions(model=model))
+        # A gyro is believed after some frames only.
+        for stamp_ns in range(0, 1_000_000_000, 100_000_000):
+            tracker.add_rate(stamp_ns, np.zeros(3))
+            tracker.update(stamp_ns, centroids)
+            tracker.identified(stamp_ns, centroids, hip)
     detector = Detector(camera)
     detector.render(centroids.uv, np.full(len(centroids.uv), 5.0), rng)
     detector.render(np.zeros((0, 2)), np.zeros(0), rng)

@@ -29,7 +29,8 @@ from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result
-from startracker_ros.track.tracker import StarTracker, TrackerOptions
+from startracker_ros.track.options import TrackerOptions
+from startracker_ros.track.tracker import StarTracker
 
 EPOCH_YEAR = 2026.5
 FULL_CAMERA = Camera.from_fov(1024, 1024, 12.0)

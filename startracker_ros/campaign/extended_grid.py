@@ -12,8 +12,8 @@ import time
 import numpy as np
 
 from startracker_ros.attitude.estimate import cramer_rao
-from startracker_ros.attitude.propagate import (
-    AttitudePrediction, AttitudePropagator, GyroErrorOptions)
+from startracker_ros.attitude.gyro import GyroErrorOptions
+from startracker_ros.attitude.propagate import AttitudePrediction, AttitudePropagator
 from startracker_ros.camera import Camera
 from startracker_ros.campaign.spread import split, spread
 from startracker_ros.catalog.places import camera_places, StarPlaces

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude
-from startracker_ros.attitude.propagate import (
-    AttitudePrediction, AttitudePropagator, GyroErrorOptions)
+from startracker_ros.attitude.gyro import GyroErrorOptions
+from startracker_ros.attitude.propagate import AttitudePrediction, AttitudePropagator
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.centroid.centroids import Centroids

@@ -1,6 +1,7 @@
 """The one rotation that all stars of a frame share, and the stars that do not follow it."""
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 
@@ -29,6 +30,11 @@ class RotationFit:
     scale: float
     inlier: np.ndarray
     residual_px: float
+
+    def is_good(self, stars: int, min_stars: int, max_residual_px: float) -> bool:
+        """Return whether enough of so many stars agree, and well enough."""
+        return (np.count_nonzero(self.inlier) >= max(min_stars, math.ceil(stars / 3))
+                and self.residual_px <= max_residual_px)
 
 
 def fit_rotation(camera: Camera, icrf: np.ndarray, uv: np.ndarray, sigma_px: np.ndarray,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from startracker_ros.attitude.propagate import AttitudePropagator, GyroErrorOptions
+from startracker_ros.attitude.gyro import GyroErrorOptions
+from startracker_ros.attitude.propagate import AttitudePropagator
 from startracker_ros.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from startracker_ros.attitude.propagate import AttitudePrediction, GyroErrorOptions
+from startracker_ros.attitude.gyro import GyroErrorOptions
+from startracker_ros.attitude.propagate import AttitudePrediction
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog

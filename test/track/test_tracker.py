@@ -11,10 +11,12 @@ from startracker_ros.camera import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.rotation import (
     attitude_error, multiply, quaternion_from_rotation_vector)
-from startracker_ros.track.tracker import StarTracker, TrackerOptions, TrackerState
+from startracker_ros.track.options import TrackerOptions
+from startracker_ros.track.tracker import StarTracker, TrackerState
 
 PLACES = sky()
 ELSEWHERE_DEG = (200.0, -40.0, 10.0)
+FILTERS = ['attitude', 'constant_velocity']
 
 
 @dataclass
@@ -46,6 +48,13 @@ def tracking(motion, frames=10, **options):
         pass
     assert tracker.state is TrackerState.TRACKING, tracker.reason
     return tracker
+
+
+def honesty(tracker, truth):
+    """Return the error (3,) of the attitude in rad, and its square over the covariance."""
+    attitude = tracker.attitude.attitude
+    error = attitude_error(attitude.quaternion, truth)
+    return error, error @ np.linalg.solve(attitude.covariance_sensor, error)
 
 
 def worst_px(motion, k, tracks):
@@ -97,22 +106,19 @@ def test_identification_may_come_late_or_early():
     np.testing.assert_allclose(from_late.uv[in_late], from_early.uv[in_early], atol=1e-9)
 
 
+@pytest.mark.parametrize('model', FILTERS)
 @pytest.mark.parametrize('rate_deg_s', [(0, 0, 0), (0.05, 0.1, 0.02), (0, 1, 0), (0, 0, 1)])
-def test_filtered_attitude_is_honest_unbiased_and_better_than_one_frame(rate_deg_s):
+def test_filtered_attitude_is_honest_unbiased_and_better_than_one_frame(rate_deg_s, model):
     motion = Motion(PLACES, rate_deg_s, false_points=5, missed=0.05)
-    tracker = tracking(motion, 30)
+    tracker = tracking(motion, 30, model=model)
     nees, filtered, single, error_px, position_nees = [], [], [], [], []
     for k in range(30, 180):
         stamp_ns, centroids, hip = motion.frame(k)
         tracks = tracker.update(stamp_ns, centroids)
         assert tracker.state is TrackerState.TRACKING, tracker.reason
         used = tracks.usable
-        estimate = estimate_attitude(
-            CAMERA.unproject(tracks.uv[used]),
-            PLACES.direction[PLACES.index_of(tracks.hip[used])],
-            tracks.position_sigma_px[used] * CAMERA.pixel_rad)
-        error = attitude_error(estimate.quaternion, motion.q(k))
-        nees.append(error @ np.linalg.solve(estimate.covariance_sensor, error))
+        error, squared = honesty(tracker, motion.q(k))
+        nees.append(squared)
         filtered.append(error)
         known = hip > 0
         of_frame = estimate_attitude(
@@ -145,24 +151,19 @@ def test_curved_paths_are_followed_without_lag():
     assert abs(np.mean(inward)) < 0.01
 
 
+@pytest.mark.parametrize('model', FILTERS)
 @pytest.mark.parametrize('sigma_per_magnitude', [0.0, 0.3])
-def test_attitude_is_honest_under_acceleration(sigma_per_magnitude):
+def test_attitude_is_honest_under_acceleration(sigma_per_magnitude, model):
     """The body rate swings, its peak acceleration the 1 sigma that the options allow for."""
     options = TrackerOptions()
     pulsation = 2 * np.pi / 30
     motion = Swing(PLACES, swing_deg=options.acceleration_deg_s2 / pulsation ** 2,
                    pulsation=pulsation, false_points=5,
                    sigma_per_magnitude=sigma_per_magnitude)
-    tracker, nees = tracking(motion, 20), []
+    tracker, nees = tracking(motion, 20, model=model), []
     for k in range(20, 320):
-        tracks = tracker.update(*motion.frame(k)[:2])
-        used = tracks.usable
-        estimate = estimate_attitude(
-            CAMERA.unproject(tracks.uv[used]),
-            PLACES.direction[PLACES.index_of(tracks.hip[used])],
-            tracks.position_sigma_px[used] * CAMERA.pixel_rad)
-        error = attitude_error(estimate.quaternion, motion.q(k))
-        nees.append(error @ np.linalg.solve(estimate.covariance_sensor, error))
+        tracker.update(*motion.frame(k)[:2])
+        nees.append(honesty(tracker, motion.q(k))[1])
     assert 1.5 < np.mean(nees) < 4.5
 
 
@@ -176,9 +177,10 @@ def test_distorted_lens():
     assert tracker.residual_px < 0.2
 
 
-def test_stars_enter_and_leave():
+@pytest.mark.parametrize('model', FILTERS)
+def test_stars_enter_and_leave(model):
     motion = Motion(PLACES, (0.0, 1.0, 0.0), false_points=5)
-    tracker = tracking(motion, 3)
+    tracker = tracking(motion, 3, model=model)
     first = set(motion.frame(2)[2]) - {0}
     owner = {}
     for k, tracks in run(tracker, motion, range(3, 160)):
@@ -221,9 +223,10 @@ def test_the_number_of_stars_is_limited():
     assert tracks.usable.sum() > 8
 
 
-def test_false_points_and_missed_stars():
+@pytest.mark.parametrize('model', FILTERS)
+def test_false_points_and_missed_stars(model):
     motion = Motion(PLACES, (0.1, 0.1, 0.1), false_points=20, missed=0.2)
-    tracker = tracking(motion, 10)
+    tracker = tracking(motion, 10, model=model)
     for k, tracks in run(tracker, motion, range(10, 150)):
         assert tracker.state is TrackerState.TRACKING and worst_px(motion, k, tracks) < 0.7
         missed = tracks.missed > 0
@@ -232,9 +235,10 @@ def test_false_points_and_missed_stars():
     assert tracks.usable.sum() > 12
 
 
-def test_short_dropout_is_bridged_a_long_one_is_not():
+@pytest.mark.parametrize('model', FILTERS)
+def test_short_dropout_is_bridged_a_long_one_is_not(model):
     motion = Motion(PLACES, (0.1, 0.2, 0.0))
-    tracker = tracking(motion, 30)
+    tracker = tracking(motion, 30, max_gap_s=0.5, model=model)
     for k in (30, 31, 32):
         tracks = tracker.update(START_NS + k * STEP_NS, Centroids.empty())
         assert len(tracks) > 20 and not tracks.usable.any()
@@ -242,9 +246,9 @@ def test_short_dropout_is_bridged_a_long_one_is_not():
     tracks = tracker.update(*motion.frame(33)[:2])
     assert tracks.usable.sum() > 20 and worst_px(motion, 33, tracks) < 0.6
     assert tracker.frames_since_fix == 0
-    for k in range(34, 39):
+    for k in range(34, 40):
         tracks = tracker.update(START_NS + k * STEP_NS, Centroids.empty())
-    assert tracker.state is TrackerState.LOST and 'bad frames' in tracker.reason
+    assert tracker.state is TrackerState.LOST and 'no stars for 0.6 s' in tracker.reason
     assert len(tracks) == 0 and tracker.stars_matched == 0 and np.isnan(tracker.residual_px)
 
 
@@ -265,22 +269,24 @@ def test_star_that_goes_out_is_dropped_and_found_again():
     assert history == ['1', '2', '3', '4'] + [''] * 9 + ['0'] * 7
 
 
-def test_frame_with_too_few_stars_names_none():
+@pytest.mark.parametrize('model', FILTERS)
+def test_frame_with_too_few_stars_names_none(model):
     motion = Motion(PLACES)
-    tracker = tracking(motion, 20)
+    tracker = tracking(motion, 20, model=model)
     stamp_ns, centroids, _ = motion.frame(20)
     few = Centroids(*(getattr(centroids, name)[:3] for name in (
         'uv', 'flux', 'snr', 'sigma_px')))
     tracks = tracker.update(stamp_ns, few)
-    assert np.count_nonzero(tracks.missed == 0) == 3 and not tracks.hip.any()
+    assert len(tracks) > 20 and not tracks.hip.any()
     assert np.isnan(tracks.magnitude).all() and not tracks.usable.any()
     assert tracker.update(*motion.frame(21)[:2]).usable.sum() > 20
 
 
-def test_kidnapped_camera_is_noticed_and_found_again():
+@pytest.mark.parametrize('model', FILTERS)
+def test_kidnapped_camera_is_noticed_and_found_again(model):
     motion, other = Motion(PLACES, (0.1, 0.2, 0.0)), Motion(
         PLACES, pointing_deg=ELSEWHERE_DEG, false_points=100, seed=1)
-    tracker = tracking(motion, 20)
+    tracker = tracking(motion, 20, model=model)
     for k in range(20, 25):
         assert tracker.state is TrackerState.TRACKING
         assert not tracker.update(*other.frame(k)[:2]).usable.any()
@@ -290,9 +296,10 @@ def test_kidnapped_camera_is_noticed_and_found_again():
     assert tracker.state is TrackerState.TRACKING and tracks.usable.sum() > 10
 
 
-def test_star_that_leaves_the_common_rotation_is_dropped():
+@pytest.mark.parametrize('model', FILTERS)
+def test_star_that_leaves_the_common_rotation_is_dropped(model):
     motion = Motion(PLACES)
-    tracker = tracking(motion, 20)
+    tracker = tracking(motion, 20, model=model)
     star = motion.frame(0)[2][3]
     track = None
     for k in range(20, 60):
@@ -304,7 +311,7 @@ def test_star_that_leaves_the_common_rotation_is_dropped():
         mine = tracks.hip == star
         if track is None:
             track = tracks.track_id[mine][0]
-        assert not mine.any() or offset_px < 0.8
+        assert not tracks.usable[mine].any() or offset_px < 0.8
     assert track not in tracks.track_id
     assert tracker.state is TrackerState.TRACKING and tracker.residual_px < 0.2
 
@@ -363,9 +370,10 @@ def test_two_identifications_too_fast_for_the_camera():
     assert tracker.state is TrackerState.ACQUIRING and 'deg/s' in tracker.reason
 
 
-def test_irregular_stamps():
+@pytest.mark.parametrize('model', FILTERS)
+def test_irregular_stamps(model):
     motion = Motion(PLACES, (0.2, 0.3, 0.4))
-    tracker = tracking(motion, 20)
+    tracker = tracking(motion, 20, model=model)
     for k in np.cumsum([20, 0.3, 0.5, 2.0, 1.0, 7.0, 1.0, 0.2]):
         tracks = tracker.update(*motion.frame(k)[:2])
         assert tracks.usable.sum() > 20 and worst_px(motion, k, tracks) < 0.6
@@ -382,9 +390,9 @@ def test_late_frames_are_refused_and_counted():
 
 def test_time_jumps():
     motion = Motion(PLACES)
-    tracker = tracking(motion, 40)
+    tracker = tracking(motion, 10)
     assert len(tracker.update(*motion.frame(70)[:2])) == 0
-    assert tracker.state is TrackerState.LOST and 'no frame' in tracker.reason
+    assert tracker.state is TrackerState.LOST and 'no stars' in tracker.reason
     for k, _ in run(tracker, motion, range(71, 80)):
         pass
     assert tracker.state is TrackerState.TRACKING
@@ -399,7 +407,7 @@ def test_time_jumps():
 
 def test_second_identification_that_never_comes():
     motion = Motion(PLACES)
-    tracker = StarTracker(CAMERA, PLACES)
+    tracker = StarTracker(CAMERA, PLACES, TrackerOptions(max_gap_s=2.0))
     tracker.identified(*motion.frame(0))
     for k in range(25):
         tracker.update(*motion.frame(k)[:2])

@@ -4,7 +4,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu, PointCloud2
 
-from startracker_ros.attitude.propagate import GyroErrorOptions
+from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.identify.extended_grid import (
     ExtendedGridIdentifier, ExtendedGridOptions, RecursiveIdentifier)
 from startracker_ros.identify.identification import IdentificationOptions

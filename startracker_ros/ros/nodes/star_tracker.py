@@ -11,7 +11,8 @@ from startracker_ros.ros.messages import (
     centroids_from_message, centroids_from_rows, ns_from_stamp, read_cloud, STAR_DTYPE,
     tracks_to_message)
 from startracker_ros.ros.node import CameraNode, main_of
-from startracker_ros.track.tracker import StarTracker, TrackerOptions, TrackerState
+from startracker_ros.track.options import TrackerOptions
+from startracker_ros.track.tracker import StarTracker, TrackerState
 
 
 class StarTrackerNode(CameraNode):

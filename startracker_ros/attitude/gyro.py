@@ -1,0 +1,115 @@
+"""Measured body rates, how far they can be trusted, and the attitude that they carry on."""
+
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
+
+import numpy as np
+
+from startracker_ros.attitude.attitude_state import AttitudeState
+from startracker_ros.options import option, Options
+
+_DEG_H = np.radians(1 / 3600)
+_DEG_SQRT_H = np.radians(1 / 60)
+_HOUR_S = 3600.0
+
+MAX_RATE_RAD_S = np.radians(100.0)
+"""No gyro of a spacecraft that sees stars means this: such a measurement is left out."""
+
+_MAX_MEASUREMENTS = 100_000
+
+
+@dataclass(frozen=True)
+class GyroErrorOptions(Options):
+    """What the measured rates may be off by; too small figures lose the stars after a pause."""
+
+    gyro_drift_deg_h: float = option(
+        3.0, 'constant drift of the gyro, 1 sigma of each axis; it is estimated, and may change '
+        'by as much in an hour', unit='deg/h', low=0.001, high=10000.0)
+    gyro_noise_deg_sqrt_h: float = option(
+        0.15, 'white noise of the gyro (angle random walk), each axis', unit='deg/sqrt(h)',
+        low=0.0, high=100.0)
+    gyro_rate_change_deg_s2: float = option(
+        0.1, 'how fast the body may change its rate between measurements, 1 sigma of each axis: '
+        'what a gap in imu costs', unit='deg/s^2', low=0.0, high=1000.0)
+
+
+class Gyro:
+    """The rates of the last while, to carry an attitude over them.
+
+    The errors are those of Farrenkopf's model (J. Guid. Control 1, 1978). A measured rate
+    is the mean over the time since the measurement before, so it is used back to that one;
+    where there is none, the nearest one stands in, and the uncertainty grows with the
+    distance in time.
+    """
+
+    def __init__(self, options: GyroErrorOptions = GyroErrorOptions()) -> None:
+        self.drift_sigma_rad_s = options.gyro_drift_deg_h * _DEG_H
+        self.drift_density = self.drift_sigma_rad_s ** 2 / _HOUR_S
+        self._noise_density = (options.gyro_noise_deg_sqrt_h * _DEG_SQRT_H) ** 2
+        self._rate_change_rad_s2 = np.radians(options.gyro_rate_change_deg_s2)
+        self._stamps_ns: list[int] = []
+        self._rates: list[np.ndarray] = []
+
+    def add(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
+        """Take the rate (3,) about sensor axes measured up to a time; False if it is unusable.
+
+        Measurements come in the order of their stamps.
+        """
+        rate = np.array(rate_rad_s, float)
+        if not np.isfinite(rate).all() or np.abs(rate).max() > MAX_RATE_RAD_S:
+            return False
+        if len(self._rates) >= _MAX_MEASUREMENTS:
+            half = _MAX_MEASUREMENTS // 2
+            del self._stamps_ns[:half], self._rates[:half]
+        self._stamps_ns.append(stamp_ns)
+        self._rates.append(rate)
+        return True
+
+    def __len__(self) -> int:
+        return len(self._rates)
+
+    def silent_s(self, stamp_ns: int) -> float:
+        """Return how long before a time the newest measurement was; infinity without any."""
+        return (stamp_ns - self._stamps_ns[-1]) * 1e-9 if self._stamps_ns else np.inf
+
+    def carry(self, state: AttitudeState, to_ns: int) -> AttitudeState:
+        """Return the state at a later time by the rates alone, whatever the body does."""
+        index = bisect_right(self._stamps_ns, state.stamp_ns)
+        while state.stamp_ns < to_ns:
+            last = index >= len(self._rates)
+            measured_ns = self._stamps_ns[-1 if last else index]
+            until_ns = to_ns if last else min(measured_ns, to_ns)
+            dt_s = (until_ns - state.stamp_ns) * 1e-9
+            away_s = max(abs(measured_ns - state.stamp_ns), abs(measured_ns - until_ns)) * 1e-9
+            state = state.by_rate(
+                until_ns, self._rates[-1 if last else index], self._noise_density,
+                (self._rate_change_rad_s2 * away_s * dt_s) ** 2, self.drift_density)
+            index += 1
+        return state
+
+    def support(self, state: AttitudeState, to_ns: int, acceleration_density: float
+                ) -> AttitudeState:
+        """Return the state at a later time by inertia, corrected by each rate on the way.
+
+        acceleration_density in rad^2/s^3. A mean rate is that of the middle of its time.
+        """
+        begin = bisect_right(self._stamps_ns, state.stamp_ns)
+        end = bisect_right(self._stamps_ns, to_ns)
+        for index in range(max(begin, 1), end):
+            stamp_ns, before_ns = self._stamps_ns[index], self._stamps_ns[index - 1]
+            if stamp_ns <= before_ns:
+                continue
+            middle_ns = max((stamp_ns + before_ns) // 2, state.stamp_ns)
+            state = state.by_inertia(
+                middle_ns, acceleration_density, self.drift_density).with_rate(
+                self._rates[index], self._noise_density / ((stamp_ns - before_ns) * 1e-9))
+        return state.by_inertia(to_ns, acceleration_density, self.drift_density)
+
+    def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
+        """Return the mean rate (3,) rad/s between two times and its variance without drift."""
+        first = bisect_right(self._stamps_ns, from_ns)
+        # The first measurement at or after the end was made over the end, too.
+        last = min(bisect_left(self._stamps_ns, to_ns) + 1, len(self._rates))
+        dt_s = (to_ns - from_ns) * 1e-9
+        variance = self._noise_density / dt_s + (self._rate_change_rad_s2 * dt_s) ** 2
+        return np.mean(self._rates[min(first, last - 1):last], axis=0), variance

@@ -1,0 +1,303 @@
+"""One rotation moves all stars: a single filter of attitude and rate, fed by all of them."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from startracker_ros.attitude.attitude_state import AttitudeState
+from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.attitude.gyro import Gyro
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.rotation import attitude_error, matrix_from_quaternion
+from startracker_ros.track.bank import TrackBank
+from startracker_ros.track.model import Fix, Followed, StarModel
+from startracker_ros.track.motion_models import image_jacobian, POSITION, VELOCITY
+from startracker_ros.track.options import TrackerOptions
+from startracker_ros.track.rotation_fit import OUTLIER_SIGMA, RAYLEIGH_MEDIAN, RotationFit
+
+MANOEUVRES = (10.0, 100.0, 1000.0)
+"""Accelerations tried one after the other, in units of acceleration_deg_s2, when the stars are
+not where they should be: a manoeuvre is followed, and a steady turn filtered, by one option.
+The state before is doubted as much, as a manoeuvre shows some frames after it has begun."""
+
+MANOEUVRE_FRAMES = 10
+"""Frames for which a manoeuvre is thought to go on."""
+
+SURPRISE = 16.27
+"""Squared Mahalanobis distance of a turn from its prediction that chance exceeds once in a
+thousand frames (chi-square, 3 degrees of freedom): more is a manoeuvre, or a wrong gyro."""
+
+MEMORY = 0.2
+MEAN_SURPRISE = 16.27 * MEMORY / (2 - MEMORY)
+"""The same for the mean of the turns that were not foreseen, in which the newest frame has this
+weight: what is too small to surprise in one frame, but has the same direction in many, is a
+manoeuvre as well."""
+
+GYRO_SILENCE_S = 1.0
+"""After so long without a rate the gyro counts as gone, and the rate is that of the stars."""
+
+
+class _Outcome(NamedTuple):
+    """What becomes of a frame under one prediction of the attitude."""
+
+    good: bool
+    unforeseen: np.ndarray
+    predicted: AttitudeState
+    state: AttitudeState
+    bank: TrackBank
+    fit: RotationFit | None
+    unclaimed: np.ndarray
+
+
+class AttitudeModel(StarModel):
+    """Attitude and body rate, or with a gyro attitude and its drift, predict every star.
+
+    gyro_trouble says in words why the rates of a gyro are not used, empty when all is well.
+    """
+
+    def __init__(self, camera: Camera, places: StarPlaces, options: TrackerOptions,
+                 gyro: Gyro) -> None:
+        super().__init__(camera, places, options)
+        self._gyro = gyro
+        self._acceleration_rad_s2 = np.radians(options.acceleration_deg_s2)
+        self.gyro_trouble = ''
+
+    def start(self, fix: Fix, first: Fix) -> None:
+        dt_s = (fix.stamp_ns - first.stamp_ns) * 1e-9
+        attitude = fix.attitude.covariance_sensor * fix.scale ** 2
+        covariance = np.zeros((9, 9))
+        covariance[:3, :3] = attitude
+        covariance[:3, 3:6] = covariance[3:6, :3] = attitude / dt_s
+        covariance[3:6, 3:6] = (
+            attitude + first.attitude.covariance_sensor * first.scale ** 2) / dt_s ** 2
+        rate = attitude_error(fix.attitude.quaternion, first.attitude.quaternion) / dt_s
+        self._state = AttitudeState(
+            fix.stamp_ns, fix.attitude.quaternion, rate, np.zeros(3), covariance
+        ).with_new_drift(self._gyro.drift_sigma_rad_s)
+        self._uses_gyro = False
+        self._gyro_agreed = 0
+        self._scale = _ErrorScale(fix.scale)
+        self._unforeseen = np.zeros(3)
+        self._level, self._manoeuvre_frames = 1.0, 0
+
+    def follow(self, stamp_ns: int, frame: Centroids) -> Followed:
+        nominal, dark = None, self.is_dark(frame)
+        for uses_gyro, level, predicted in self._predictions(stamp_ns, dark):
+            outcome = self._outcome(predicted, frame)
+            mean = self._unforeseen + MEMORY * (outcome.unforeseen - self._unforeseen)
+            if nominal is None and mean @ mean > MEAN_SURPRISE:
+                outcome = outcome._replace(good=False)
+            if outcome.good:
+                if nominal:
+                    self._unforeseen = np.zeros(3)
+                    self._level, self._manoeuvre_frames = level, MANOEUVRE_FRAMES
+                else:
+                    self._unforeseen = mean
+                    self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
+                self._accept(outcome, uses_gyro, level)
+                return Followed(True, outcome.fit, outcome.unclaimed)
+            nominal = nominal or (uses_gyro, outcome)
+            if dark:
+                break
+        uses_gyro, outcome = nominal
+        self._coast(uses_gyro, outcome.predicted)
+        return Followed(False, None, outcome.unclaimed)
+
+    def _predictions(self, stamp_ns: int, dark: bool
+                     ) -> Iterator[tuple[bool, float, AttitudeState]]:
+        """Yield whether a gyro is used, the acceleration, and the attitude that they predict.
+
+        The first is what is expected, the others are manoeuvres.
+        """
+        state, gyro = self._state, self._gyro
+        density = self._acceleration_rad_s2 ** 2 * (stamp_ns - state.stamp_ns) * 1e-9
+        level = self._level if self._manoeuvre_frames else 1.0
+        with_gyro = self._uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S
+        if with_gyro:
+            # In the dark, or in a manoeuvre, the body may do what it likes.
+            if dark or level > 1:
+                yield True, level, gyro.carry(state, stamp_ns)
+            else:
+                yield True, level, gyro.support(state, stamp_ns, density)
+            yield True, MANOEUVRES[0], gyro.carry(state.less_sure(MANOEUVRES[0]), stamp_ns)
+        else:
+            yield False, level, state.by_inertia(
+                stamp_ns, level ** 2 * density, gyro.drift_density)
+        for more in MANOEUVRES:
+            if with_gyro or more >= level:
+                yield False, more, state.less_sure(more).by_inertia(
+                    stamp_ns, more ** 2 * density, gyro.drift_density)
+
+    def _outcome(self, predicted: AttitudeState, frame: Centroids) -> _Outcome:
+        """Look for the stars where a prediction has them, and correct it by what is there."""
+        options = self._options
+        covariance = predicted.covariance[:3, :3]
+        bank, sensor = self._in_view(predicted)
+        uv, jacobian = self._camera.project(sensor), image_jacobian(self._camera, sensor)
+        across = np.swapaxes(jacobian, 1, 2)
+        variance = (self._scale.value * self._sigma(frame)) ** 2
+        probability, unclaimed = self._associate(
+            uv, jacobian @ covariance @ across, frame, variance)
+        bank = replace(bank, state=_on_image(uv, jacobian, self.rate_rad_s)).observed(
+            bank.state, bank.covariance, probability, frame, variance)
+        votes = bank.confirmed & (probability[:, 0] < 1)
+        mean, spread = _expected(uv, frame.uv, variance, probability)
+        weight = (1 - probability[:, 0])[:, None, None] * np.linalg.inv(spread)
+        seen = bank.missed == 0
+        best = probability[:, 1:].argmax(axis=1) if len(frame) else np.zeros(len(bank), int)
+        while True:
+            part = across[votes] @ weight[votes]
+            information = np.sum(part @ jacobian[votes], axis=0)
+            vector = np.einsum('nij,nj->i', part, mean[votes])
+            state = predicted.with_attitude(information, vector)
+            if np.count_nonzero(votes & seen) < options.min_stars:
+                return _Outcome(False, np.zeros(3), predicted, state, bank, None, unclaimed)
+            new = self._places.direction[bank.place] @ matrix_from_quaternion(state.quaternion)
+            place = self._camera.project(new)
+            distance = np.where(seen, np.hypot(*(frame.uv[best] - place).T), np.inf)
+            normalised = distance / np.sqrt(variance[best])
+            worst = np.argmax(np.where(votes & seen, normalised, 0))
+            if normalised[worst] <= OUTLIER_SIGMA:
+                break
+            votes[worst] = False
+        inlier = votes & seen
+        turn_covariance = np.linalg.inv(information)
+        unforeseen = np.linalg.solve(
+            np.linalg.cholesky(covariance + turn_covariance), turn_covariance @ vector)
+        attitude = AttitudeEstimate(
+            state.quaternion, state.covariance[:3, :3], int(inlier.sum()),
+            distance[inlier] * self._camera.pixel_rad, float(np.sum(normalised[inlier] ** 2)))
+        fit = RotationFit(attitude, normalised, self._scale.value, inlier,
+                          float(np.sqrt(np.mean(distance[inlier] ** 2))))
+        good = unforeseen @ unforeseen <= SURPRISE and fit.is_good(
+            np.count_nonzero(bank.confirmed), options.min_stars, options.max_residual_px)
+        return _Outcome(good, unforeseen, predicted, state, bank, fit, unclaimed)
+
+    def _in_view(self, state: AttitudeState) -> tuple[TrackBank, np.ndarray]:
+        """Return the tracks in the image under an attitude, and their directions (N, 3)."""
+        sensor = self._places.direction[self.bank.place] @ matrix_from_quaternion(
+            state.quaternion)
+        inside = self._camera.contains(self._camera.project(sensor))
+        return self.bank.select(inside), sensor[inside]
+
+    def _accept(self, outcome: _Outcome, uses_gyro: bool, level: float) -> None:
+        before_ns = self._state.stamp_ns
+        self._go_to(outcome.state, uses_gyro)
+        self.bank = outcome.bank
+        self._scale.add(outcome.fit)
+        if not self._uses_gyro:
+            self._consider_gyro(before_ns, level)
+        self._place_tracks()
+
+    def _coast(self, uses_gyro: bool, predicted: AttitudeState) -> None:
+        """Go on by a prediction alone: no star is taken for seen."""
+        self._go_to(predicted, uses_gyro)
+        bank, _ = self._in_view(predicted)
+        self.bank = bank.observed(bank.state, bank.covariance, np.ones((len(bank), 1)),
+                                  Centroids.empty(), np.empty(0))
+        self._place_tracks()
+
+    def _go_to(self, state: AttitudeState, uses_gyro: bool) -> None:
+        """Take a state; a gyro that the stars do not need has told nothing of its drift."""
+        if self._uses_gyro and not uses_gyro:
+            self._gyro_agreed = 0
+            state = state.with_new_drift(self._gyro.drift_sigma_rad_s)
+        self._state, self._uses_gyro = state, uses_gyro
+
+    @property
+    def rate_rad_s(self) -> np.ndarray:
+        return self._state.rate
+
+    @property
+    def rate_covariance(self) -> np.ndarray:
+        return self._state.covariance[3:6, 3:6]
+
+    def _place_tracks(self) -> None:
+        """Give each track the position and velocity that the attitude and the rate say."""
+        sensor = self._places.direction[self.bank.place] @ matrix_from_quaternion(
+            self._state.quaternion)
+        jacobian = image_jacobian(self._camera, sensor)
+        effect = np.zeros((len(sensor), 4, 6))
+        effect[:, POSITION, :3], effect[:, VELOCITY, 3:] = jacobian, jacobian
+        self.bank = replace(
+            self.bank, state=_on_image(self._camera.project(sensor), jacobian, self.rate_rad_s),
+            covariance=effect @ self._state.covariance[:6, :6] @ np.swapaxes(effect, 1, 2))
+
+    def _consider_gyro(self, before_ns: int, level: float) -> None:
+        """Use the gyro once it has agreed with the stars for some frames, and say if it does not.
+
+        A wrong unit or axis gives other rates than the stars have: such a gyro would lose them.
+        """
+        state, gyro = self._state, self._gyro
+        if gyro.silent_s(state.stamp_ns) > GYRO_SILENCE_S:
+            self._gyro_agreed, self.gyro_trouble = 0, ''
+            return
+        measured, variance = gyro.mean_rate(before_ns, state.stamp_ns)
+        manoeuvre = level * self._acceleration_rad_s2 * (state.stamp_ns - before_ns) * 1e-9
+        offset = measured - self.rate_rad_s
+        covariance = self.rate_covariance + np.eye(3) * (
+            variance + manoeuvre ** 2 + gyro.drift_sigma_rad_s ** 2)
+        if offset @ np.linalg.solve(covariance, offset) > SURPRISE:
+            self._gyro_agreed = 0
+            self.gyro_trouble = (
+                f'imu says {_deg_s(measured)} deg/s, the stars {_deg_s(self.rate_rad_s)} about '
+                'x, y, z: is it in rad/s, on the axes of the sensor, and gyro_drift_deg_h right?')
+            return
+        self._gyro_agreed += 1
+        if self._gyro_agreed < self._options.confirm_frames:
+            return
+        self._uses_gyro, self.gyro_trouble = True, ''
+
+
+class _ErrorScale:
+    """How many times larger than promised the errors of centroids are: a lens not calibrated.
+
+    Never below one, and above it only when that is no chance.
+    """
+
+    def __init__(self, scale: float) -> None:
+        self._ratio = self.value = scale
+        self._frames = 1
+
+    def add(self, fit: RotationFit) -> None:
+        """Take the distances of a good frame."""
+        ratio = self.value * np.median(fit.normalised[fit.inlier]) / RAYLEIGH_MEDIAN
+        self._frames = min(self._frames + 1, 20)
+        self._ratio += (ratio - self._ratio) / self._frames
+        self.value = float(self._ratio) if self._ratio > 1.15 else 1.0
+
+
+def _expected(uv: np.ndarray, frame_uv: np.ndarray, variance: np.ndarray,
+              probability: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean (N, 2) and spread (N, 2, 2) of a star's centroid about its prediction.
+
+    Those of the mixture of the centroids (M,) that it may have, given that it has one: what
+    the JPDA filter does to one star, as a measurement that many stars can be corrected by.
+    """
+    share = probability[:, 1:] / np.maximum(1 - probability[:, :1], 1e-12)
+    du, dv = frame_uv[:, 0] - uv[:, :1], frame_uv[:, 1] - uv[:, 1:]
+    mean = np.stack([np.sum(share * du, axis=1), np.sum(share * dv, axis=1)], -1)
+    own = share @ variance
+    du, dv = du - mean[:, :1], dv - mean[:, 1:]
+    spread = np.empty((len(uv), 2, 2))
+    spread[:, 0, 0] = own + np.sum(share * du * du, axis=1)
+    spread[:, 1, 1] = own + np.sum(share * dv * dv, axis=1)
+    spread[:, 0, 1] = spread[:, 1, 0] = np.sum(share * du * dv, axis=1)
+    # A star without any centroid has no weight either; its spread must be a number.
+    spread[own == 0] = np.eye(2)
+    return mean, spread
+
+
+def _on_image(uv: np.ndarray, jacobian: np.ndarray, rate_rad_s: np.ndarray) -> np.ndarray:
+    """Return the state (N, 4) of stars at uv (N, 2) under a body rate (3,)."""
+    state = np.empty((len(uv), 4))
+    state[:, POSITION], state[:, VELOCITY] = uv, jacobian @ rate_rad_s
+    return state
+
+
+def _deg_s(rate_rad_s: np.ndarray) -> str:
+    return ' '.join(f'{value:.4f}' for value in np.degrees(rate_rad_s))

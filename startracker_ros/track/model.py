@@ -1,0 +1,96 @@
+"""What the state machine asks of a model of the motion of stars."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.track.association import (
+    event_weights, gate_size, gated_density, joint_probabilities)
+from startracker_ros.track.bank import TrackBank
+from startracker_ros.track.motion_models import image_jacobian
+from startracker_ros.track.options import TrackerOptions
+from startracker_ros.track.rotation_fit import RotationFit
+
+
+@dataclass(frozen=True)
+class Fix:
+    """An identified frame that fits the catalogue: its known stars and their attitude."""
+
+    stamp_ns: int
+    place: np.ndarray
+    centroids: Centroids
+    attitude: AttitudeEstimate
+    scale: float
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What a frame said: whether its stars agree, on what, and which centroids (M,) are over.
+
+    fit has a row for each track of the bank; it is None where no stars agree on anything.
+    """
+
+    good: bool
+    fit: RotationFit | None
+    unclaimed: np.ndarray
+
+
+class StarModel(ABC):
+    """Predicts the followed stars, and takes a frame of centroids.
+
+    bank holds the tracks; from the start on rate_rad_s (3,) and rate_covariance (3, 3) are the
+    body rate; gyro_trouble says why the rates of a gyro are not used, if so.
+    """
+
+    gyro_trouble = ''
+    rate_rad_s: np.ndarray
+    rate_covariance: np.ndarray
+
+    def __init__(self, camera: Camera, places: StarPlaces, options: TrackerOptions) -> None:
+        self._camera = camera
+        self._places = places
+        self._options = options
+        self._gate = gate_size(options.gate_probability)
+        self.bank = TrackBank.empty()
+
+    @abstractmethod
+    def start(self, fix: Fix, first: Fix) -> None:
+        """Begin at a fix with the rate since the first one, and without tracks."""
+
+    @abstractmethod
+    def follow(self, stamp_ns: int, frame: Centroids) -> Followed:
+        """Bring the tracks to a newer frame."""
+
+    def add(self, track_id: np.ndarray, place: np.ndarray, centroids: Centroids, *,
+            confirmed: bool) -> None:
+        """Follow more stars (N,), which stand at these centroids and move with the body."""
+        jacobian = image_jacobian(self._camera, self._camera.unproject(centroids.uv))
+        self.bank = self.bank.joined(TrackBank.started(
+            track_id, place, centroids, self._sigma(centroids) ** 2, jacobian @ self.rate_rad_s,
+            jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2), confirmed))
+
+    def _sigma(self, centroids: Centroids) -> np.ndarray:
+        return np.maximum(centroids.sigma_px, self._options.sigma_floor_px)
+
+    def _associate(self, uv: np.ndarray, covariance: np.ndarray, frame: Centroids,
+                   variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the probabilities (N, M + 1) of centroids, and those (M,) in no gate.
+
+        uv (N, 2) and covariance (N, 2, 2) are predictions, variance (M,) of the centroids.
+        """
+        density = gated_density(uv, covariance, frame.uv, variance, self._gate)
+        unclaimed = ~(density > 0).any(axis=0)
+        # One more than counted: a frame without false centroids does not prove there are none.
+        clutter_px2 = (1 + unclaimed.sum()) / (self._camera.width * self._camera.height)
+        return joint_probabilities(event_weights(
+            density, self._options.detection_probability, self._options.gate_probability,
+            clutter_px2)), unclaimed
+
+    def is_dark(self, frame: Centroids) -> bool:
+        """Return whether a frame holds too little to say anything about the followed stars."""
+        return len(frame) < self._options.min_stars

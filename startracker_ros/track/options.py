@@ -1,0 +1,55 @@
+"""How stars are followed, and when they are given up."""
+
+from dataclasses import dataclass
+
+from startracker_ros.options import option, Options
+
+MODELS = ('attitude', 'constant_velocity', 'coordinated_turn', 'sna')
+
+
+@dataclass(frozen=True)
+class TrackerOptions(Options):
+    """When stars are followed, and when they are given up."""
+
+    model: str = option(
+        'attitude', 'attitude: one rotation moves all stars; constant_velocity and '
+        'coordinated_turn: a filter for each star (JPDAF); sna: no filter, each star where it '
+        'was measured (star neighbourhood approach)', choices=MODELS)
+    magnitude_limit: float = option(
+        9.0, 'faintest catalogue stars that are followed', unit='mag', low=0.0, high=9.0)
+    max_stars: int = option(
+        40, 'most stars followed at a time, brightest first', low=4, high=500)
+    min_stars: int = option(
+        4, 'fewest stars that must be seen and move as one for a frame to count as good',
+        low=3, high=100)
+    acceleration_deg_s2: float = option(
+        0.005, 'unforeseen change of the body rate, 1 sigma; more follows manoeuvres faster, '
+        'less filters better', unit='deg/s^2', low=1e-6, high=100.0)
+    sigma_floor_px: float = option(
+        0.01, 'smallest error of a centroid that is believed, 1 sigma per axis', unit='px',
+        low=1e-4, high=10.0)
+    detection_probability: float = option(
+        0.95, 'how often a followed star is among the centroids', low=0.01, high=0.999)
+    gate_probability: float = option(
+        0.9999, 'how often the centroid of a star is inside its gate', low=0.5, high=0.999999)
+    max_missed: int = option(
+        5, 'frames in a row without a centroid after which a star is dropped, unless the whole '
+        'image is dark', unit='frames', low=0, high=200)
+    confirm_frames: int = option(
+        3, 'frames in a row in which a newly found star must be seen, or a gyro agree with the '
+        'stars, before it counts', unit='frames', low=1, high=100)
+    magnitude_tolerance: float = option(
+        1.0, 'largest difference of brightness between a newly found star and the catalogue',
+        unit='mag', low=0.05, high=20.0)
+    max_residual_px: float = option(
+        1.0, 'largest root mean square distance of the stars from their catalogue places in a '
+        'good frame; raise it for a lens that is not calibrated', unit='px', low=0.01, high=100.0)
+    max_bad_frames: int = option(
+        5, 'frames in a row with stars other than those followed, after which the tracker is lost',
+        unit='frames', low=1, high=1000)
+    max_rate_deg_s: float = option(
+        3.0, 'fastest turn believed between two identifications', unit='deg/s', low=0.001,
+        high=100.0)
+    max_gap_s: float = option(
+        5.0, 'longest time without stars that is bridged, and longest between the two '
+        'identifications of a start', unit='s', low=0.01, high=600.0)
