@@ -244,7 +244,7 @@ def run_jpda_bench(*, trials: int, seed: int, scenes: Sequence[str] = scene.SCEN
                    f'{scene.SIDE_PX} px, sigma {scene.SIGMA_PX:g} px, seen '
                    f'{scene.DETECTION_PROBABILITY:.0%}, {scene.SPEED_PX_S:g} px/s and white '
                    f'acceleration of {scene.ACCELERATION_PX_S2:g} px/s^2',
-        'scenes': 'crossing: pairs pass within 1 px at half time, at 30 to 150 deg; close: '
+        'scenes': 'crossing: pairs pass within 1 px at half time, at 10 to 150 deg; close: '
                   f'pairs side by side, {scene.CLOSE_PX:g} px apart at first',
         'filters': 'constant velocity with the noise of the targets, gate '
                    f'{GATE_PROBABILITY:g}, true clutter density',

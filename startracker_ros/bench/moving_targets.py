@@ -36,7 +36,7 @@ class Targets:
 def moving_targets(kind: str, tracks: int, clutter: int, rng: np.random.Generator) -> Targets:
     """Return a run of one of the SCENES.
 
-    Pairs that cross pass within a pixel at half time, at angles of 30 to 150 deg; close pairs
+    Pairs that cross pass within a pixel at half time, at angles of 10 to 150 deg; close pairs
     begin CLOSE_PX apart side by side. All accelerate at random.
     """
     middle = _pairs(kind, (tracks + 1) // 2, rng)[:tracks]
@@ -69,7 +69,7 @@ def _pairs(kind: str, pairs: int, rng: np.random.Generator) -> np.ndarray:
         place, heading = rng.uniform(0, SIDE_PX, (pairs, 2, 2)), rng.uniform(
             0, 2 * np.pi, (pairs, 2))
     elif kind == 'crossing':
-        heading[:, 1] += np.radians(rng.uniform(30, 150, pairs))
+        heading[:, 1] += np.radians(rng.uniform(10, 150, pairs))
         place[:, 1] += rng.uniform(0, 1, (pairs, 1)) * aside
     else:
         place[:, 1] += CLOSE_PX * aside
