@@ -16,7 +16,7 @@ from startracker_ros.camera import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.identification import Identification
 from startracker_ros.rotation import conjugate, rotate
-from startracker_ros.track.tracks import Tracks
+from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 
 class MessageError(ValueError):
@@ -280,6 +280,16 @@ def attitude_to_imu(attitude: AttitudeEstimate | None, header: Header) -> Imu:
         message.orientation = _quaternion(attitude.quaternion)
         message.orientation_covariance = covariance_icrf(
             attitude.quaternion, attitude.covariance_sensor).ravel()
+    return message
+
+
+def tracked_attitude_to_imu(tracked: TrackedAttitude | None, header: Header) -> Imu:
+    """Return `tracked_attitude` or `attitude_imu` with the body rate on sensor axes."""
+    if tracked is None:
+        return attitude_to_imu(None, header)
+    message = attitude_to_imu(tracked.attitude, header)
+    message.angular_velocity = _vector(tracked.rate_rad_s)
+    message.angular_velocity_covariance = tracked.rate_covariance.ravel()
     return message
 
 

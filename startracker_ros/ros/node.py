@@ -15,7 +15,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, Imu
 from std_srvs.srv import Trigger
 
 from startracker_ros.camera import Camera, CameraError
@@ -23,7 +23,8 @@ from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.options import Options
 from startracker_ros.ros import parameters, qos
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR, WARN
-from startracker_ros.ros.messages import camera_from_message, MessageError, ns_from_stamp
+from startracker_ros.ros.messages import (
+    camera_from_message, MessageError, ns_from_stamp, rate_from_imu)
 
 
 _END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -116,6 +117,7 @@ class CameraNode(PipelineNode):
 
     A message is in order when its stamp is newer than the last one of its topic. A jump
     back of more than RESTART_NS is a restarted simulation or a looped bag: state is forgotten.
+    sensor_frame_id is that of the centroids, for subclasses to set.
     """
 
     RESTART_NS = 1_000_000_000
@@ -126,6 +128,7 @@ class CameraNode(PipelineNode):
         super().__init__(name)
         self.camera: Camera | None = None
         self.epoch_year = 0.0
+        self.sensor_frame_id = ''
         self._newest_ns: dict[str, int] = {}
         self.take(CameraInfo, 'camera_info', self._take_camera, qos.LIST)
         self.diagnostics.report(WARN, 'waiting for camera_info')
@@ -136,6 +139,21 @@ class CameraNode(PipelineNode):
             self.diagnostics.counts['dropped without camera_info'] += 1
             self.diagnostics.report(WARN, 'no valid camera_info received')
         return self.camera is not None
+
+    def take_rates(self, add: Callable[[int, np.ndarray], bool]) -> None:
+        """Hand the rates of imu on to add(stamp_ns, rate_rad_s), which is False for a useless one.
+
+        sensor_frame_id, once it is known, is the only frame that rates are taken in.
+        """
+        def take_imu(message: Imu) -> None:
+            rate = rate_from_imu(message)
+            if self.sensor_frame_id not in ('', message.header.frame_id):
+                raise MessageError(f'frame {message.header.frame_id!r} is not that of the '
+                                   f'centroids, {self.sensor_frame_id!r}')
+            if (self.in_order('imu', message.header.stamp)
+                    and not add(ns_from_stamp(message.header.stamp), rate)):
+                raise MessageError(f'angular velocity {rate.tolist()} rad/s cannot be right')
+        self.take(Imu, 'imu', take_imu, qos.IMU)
 
     def in_order(self, topic: str, stamp: Time) -> bool:
         """Return whether a stamp is newer than the last of its topic; counts it if not."""

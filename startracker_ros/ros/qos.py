@@ -8,6 +8,8 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 # qos_overrides./image_raw.subscription.reliability.
 IMAGE = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 LIST = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+# A second of a fast gyro waits here while a node works on a frame.
+IMU = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                    durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

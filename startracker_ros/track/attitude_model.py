@@ -78,7 +78,7 @@ class AttitudeModel(StarModel):
         self._state = AttitudeState(
             fix.stamp_ns, fix.attitude.quaternion, rate, np.zeros(3), covariance
         ).with_new_drift(self._gyro.drift_sigma_rad_s)
-        self._uses_gyro = False
+        self.uses_gyro = False
         self._gyro_agreed = 0
         self._scale = _ErrorScale(fix.scale)
         self._unforeseen = np.zeros(3)
@@ -116,7 +116,7 @@ class AttitudeModel(StarModel):
         state, gyro = self._state, self._gyro
         density = self._acceleration_rad_s2 ** 2 * (stamp_ns - state.stamp_ns) * 1e-9
         level = self._level if self._manoeuvre_frames else 1.0
-        with_gyro = self._uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S
+        with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S
         if with_gyro:
             # In the dark, or in a manoeuvre, the body may do what it likes.
             if dark or level > 1:
@@ -189,7 +189,7 @@ class AttitudeModel(StarModel):
         self._go_to(outcome.state, uses_gyro)
         self.bank = outcome.bank
         self._scale.add(outcome.fit)
-        if not self._uses_gyro:
+        if not self.uses_gyro:
             self._consider_gyro(before_ns, level)
         self._place_tracks()
 
@@ -203,10 +203,10 @@ class AttitudeModel(StarModel):
 
     def _go_to(self, state: AttitudeState, uses_gyro: bool) -> None:
         """Take a state; a gyro that the stars do not need has told nothing of its drift."""
-        if self._uses_gyro and not uses_gyro:
+        if self.uses_gyro and not uses_gyro:
             self._gyro_agreed = 0
             state = state.with_new_drift(self._gyro.drift_sigma_rad_s)
-        self._state, self._uses_gyro = state, uses_gyro
+        self._state, self.uses_gyro = state, uses_gyro
 
     @property
     def rate_rad_s(self) -> np.ndarray:
@@ -250,7 +250,7 @@ class AttitudeModel(StarModel):
         self._gyro_agreed += 1
         if self._gyro_agreed < self._options.confirm_frames:
             return
-        self._uses_gyro, self.gyro_trouble = True, ''
+        self.uses_gyro, self.gyro_trouble = True, ''
 
 
 class _ErrorScale:

@@ -44,10 +44,11 @@ class StarModel(ABC):
     """Predicts the followed stars, and takes a frame of centroids.
 
     bank holds the tracks; from the start on rate_rad_s (3,) and rate_covariance (3, 3) are the
-    body rate; gyro_trouble says why the rates of a gyro are not used, if so.
+    body rate; uses_gyro says whether a gyro supports it, gyro_trouble why one does not.
     """
 
     gyro_trouble = ''
+    uses_gyro = False
     rate_rad_s: np.ndarray
     rate_covariance: np.ndarray
 

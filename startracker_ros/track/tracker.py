@@ -1,7 +1,7 @@
 """From identified frames to tracks: the LOST, ACQUIRING, TRACKING machine."""
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 import math
 
@@ -19,7 +19,7 @@ from startracker_ros.track.newcomers import match_newcomers
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import fit_rotation, OUTLIER_SIGMA, RotationFit
 from startracker_ros.track.starwise import StarwiseModel
-from startracker_ros.track.tracks import Tracks
+from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 RECENT_FRAMES = 64
 """Frames kept for an identification that comes late, and own attitudes to check it by:
@@ -42,25 +42,14 @@ class TrackerState(str, Enum):
     TRACKING = 'TRACKING'
 
 
-@dataclass(frozen=True)
-class TrackedAttitude:
-    """The attitude that the stars of a frame agree on, and the body rate, as filtered.
-
-    rate_rad_s (3,) about sensor axes and its covariance (3, 3).
-    """
-
-    attitude: AttitudeEstimate
-    rate_rad_s: np.ndarray
-    rate_covariance: np.ndarray
-
-
 class StarTracker:
     """Follows identified stars through frames of centroids.
 
     state and reason say how things stand; frames_since_fix counts frames since the stars
     last agreed on an attitude, stars_matched the stars that did, residual_px is their rms
     distance from the catalogue (NaN without any); late_frames counts frames refused
-    because a newer one had come, refused_centroids those without a usable place or sigma.
+    because a newer one had come, refused_centroids those without a usable place or sigma,
+    checks_passed the identifications that agreed with the tracks.
     Feed update() with every frame and identified() with the identifications, in any
     interleaving: an identification may come some frames late or before its own update().
     add_rate() takes the rates of a gyro, where there is one.
@@ -76,6 +65,7 @@ class StarTracker:
         self._next_id = 1
         self.late_frames = 0
         self.refused_centroids = 0
+        self.checks_passed = 0
         self.reset()
 
     def reset(self) -> None:
@@ -98,6 +88,11 @@ class StarTracker:
     def gyro_trouble(self) -> str:
         """Why the rates of a gyro are not used, empty when there is nothing to say."""
         return self._model.gyro_trouble
+
+    @property
+    def gyro_condition(self) -> str:
+        """Whether a gyro carries the attitude on: none, used or unused."""
+        return 'none' if not len(self._gyro) else 'used' if self._model.uses_gyro else 'unused'
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         """Take a rate (3,) about sensor axes measured up to a time; False if it is unusable."""
@@ -232,6 +227,8 @@ class StarTracker:
         if sigmas > DISAGREEMENT_SIGMA and not distance_px <= 3 * self._options.max_residual_px:
             self._acquire(fix, f'an identification contradicts the tracks by '
                                f'{np.degrees(np.linalg.norm(error)):.3g} deg')
+        else:
+            self.checks_passed += 1
 
     # --- from frame to frame ---
 

@@ -1,8 +1,10 @@
-"""The list of followed stars of one frame."""
+"""The followed stars of one frame, and what they say together."""
 
 from dataclasses import dataclass
 
 import numpy as np
+
+from startracker_ros.attitude.estimate import AttitudeEstimate
 
 
 @dataclass(frozen=True)
@@ -55,3 +57,15 @@ class Tracks:
     def position_sigma_px(self) -> np.ndarray:
         """The 1-sigma error (N,) of uv per axis, the mean of both axes."""
         return np.sqrt((self.covariance[:, 0, 0] + self.covariance[:, 1, 1]) / 2)
+
+
+@dataclass(frozen=True)
+class TrackedAttitude:
+    """The attitude that the stars of a frame agree on, and the body rate, as filtered.
+
+    rate_rad_s (3,) about sensor axes and its covariance (3, 3).
+    """
+
+    attitude: AttitudeEstimate
+    rate_rad_s: np.ndarray
+    rate_covariance: np.ndarray

@@ -1,41 +1,50 @@
 """star_identifier: centroids, camera_info, tracker_state, imu -> stars."""
 
+from dataclasses import dataclass
+
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.qos import QoSProfile
-from sensor_msgs.msg import Imu, PointCloud2
+import numpy as np
+from sensor_msgs.msg import PointCloud2
 
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.identify.extended_grid import (
     ExtendedGridIdentifier, ExtendedGridOptions, RecursiveIdentifier)
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
+from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages import (
-    centroids_from_message, identification_to_message, MessageError, ns_from_stamp,
-    rate_from_imu)
+    centroids_from_message, identification_to_message, ns_from_stamp)
 from startracker_ros.ros.node import CameraNode, main_of
 from startracker_ros.track.tracker import TrackerState
 
-# A second of a fast gyro waits here while a frame is identified.
-_IMU_QOS = QoSProfile(depth=1000, reliability=qos.LIST.reliability)
+
+@dataclass(frozen=True)
+class CheckOptions(Options):
+    """What is done while a star tracker tracks."""
+
+    check_period_s: float = option(
+        10.0, 'time between two frames that are identified lost-in-space although the star '
+        'tracker tracks, so that it notices if it follows the wrong stars; 0 for never',
+        unit='s', low=0.0, high=3600.0)
 
 
 class StarIdentifierNode(CameraNode):
-    """Identifies stars lost-in-space, except while a star tracker says that it is tracking.
+    """Identifies stars lost-in-space; now and then while a star tracker says that it is tracking.
 
     Method extended_grid carries the attitude from frame to frame by the rates of imu. It goes
     on while the star tracker tracks: where the field becomes poor the tracker loses it,
     and then only an attitude that was kept fresh can identify the two or three stars left.
     """
 
-    option_classes = (IdentificationOptions, ExtendedGridOptions, GyroErrorOptions)
+    option_classes = (CheckOptions, IdentificationOptions, ExtendedGridOptions, GyroErrorOptions)
     task = 'identification'
 
     def __init__(self) -> None:
         super().__init__('star_identifier')
         self._tracking = False
-        self._sensor_frame_id = ''
+        self._identified_ns = 0
         self._recursive: RecursiveIdentifier | None = None
         self._hears_imu = False
         self._stars = self.give(PointCloud2, 'stars', qos.LIST)
@@ -48,7 +57,7 @@ class StarIdentifierNode(CameraNode):
         with_gyro = options.method == 'extended_grid'
         if with_gyro and not self._hears_imu:
             # Not before it is wanted: a gyro is a hundred messages a second.
-            self.take(Imu, 'imu', self._take_imu, _IMU_QOS)
+            self.take_rates(self._add_rate)
             self._hears_imu = True
         self._recursive = None
         self.diagnostics.values.pop('prediction', None)
@@ -65,29 +74,28 @@ class StarIdentifierNode(CameraNode):
     def _take_tracker_state(self, message: DiagnosticStatus) -> None:
         self._tracking = message.message == TrackerState.TRACKING.value
 
-    def _take_imu(self, message: Imu) -> None:
-        rate = rate_from_imu(message)
-        if self._sensor_frame_id not in ('', message.header.frame_id):
-            raise MessageError(f'frame {message.header.frame_id!r} is not that of the '
-                               f'centroids, {self._sensor_frame_id!r}')
-        if not self.in_order('imu', message.header.stamp) or self._recursive is None:
-            return
-        if not self._recursive.add_rate(ns_from_stamp(message.header.stamp), rate):
-            raise MessageError(f'angular velocity {rate.tolist()} rad/s cannot be right')
+    def _add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
+        return self._recursive is None or self._recursive.add_rate(stamp_ns, rate_rad_s)
+
+    def _check_is_due(self, stamp_ns: int) -> bool:
+        period_s = self.options(CheckOptions).check_period_s
+        return 0 < period_s <= abs(stamp_ns - self._identified_ns) * 1e-9
 
     def _take_centroids(self, message: PointCloud2) -> None:
         centroids = centroids_from_message(message)
         if not self.has_camera() or not self.in_order('centroids', message.header.stamp):
             return
-        self._sensor_frame_id = message.header.frame_id
+        self.sensor_frame_id = message.header.frame_id
+        stamp_ns = ns_from_stamp(message.header.stamp)
         if self._recursive is not None:
-            result = self._recursive.identify(ns_from_stamp(message.header.stamp), centroids)
+            result = self._recursive.identify(stamp_ns, centroids)
             self.diagnostics.values['prediction'] = self._recursive.condition
-        elif self._tracking:
+        elif self._tracking and not self._check_is_due(stamp_ns):
             self.diagnostics.report(OK, 'resting while the star tracker tracks')
             return
         else:
             result = self._identifier.identify(centroids)
+        self._identified_ns = stamp_ns
         self._stars.publish(identification_to_message(
             centroids, result, self.camera, message.header))
         self.diagnostics.counts[result.status] += 1

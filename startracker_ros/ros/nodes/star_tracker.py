@@ -1,15 +1,17 @@
-"""star_tracker: centroids, stars, camera_info -> tracks, tracker_state."""
+"""star_tracker: centroids, stars, imu, camera_info -> tracks, tracked_attitude, tracker_state."""
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from sensor_msgs.msg import PointCloud2
+import numpy as np
+from sensor_msgs.msg import Imu, PointCloud2
 
+from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
 from startracker_ros.ros.messages import (
     centroids_from_message, centroids_from_rows, ns_from_stamp, read_cloud, STAR_DTYPE,
-    tracks_to_message)
+    tracked_attitude_to_imu, tracks_to_message)
 from startracker_ros.ros.node import CameraNode, main_of
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.tracker import StarTracker, TrackerState
@@ -18,15 +20,17 @@ from startracker_ros.track.tracker import StarTracker, TrackerState
 class StarTrackerNode(CameraNode):
     """Follows identified stars from frame to frame and says how sure it is of them."""
 
-    option_classes = (TrackerOptions,)
+    option_classes = (TrackerOptions, GyroErrorOptions)
     task = 'tracking'
 
     def __init__(self) -> None:
         super().__init__('star_tracker')
         self._tracks = self.give(PointCloud2, 'tracks', qos.LIST)
+        self._attitude = self.give(Imu, 'tracked_attitude', qos.LIST)
         self._state = self.give(DiagnosticStatus, 'tracker_state', qos.STATE)
         self.take(PointCloud2, 'centroids', self._take_centroids, qos.LIST)
         self.take(PointCloud2, 'stars', self._take_stars, qos.LIST)
+        self.take_rates(self._add_rate)
         self.offer_reset()
 
     def configure(self) -> None:
@@ -34,16 +38,23 @@ class StarTrackerNode(CameraNode):
             options = self.options(TrackerOptions)
             places = camera_places(load_catalog(), self.camera, self.epoch_year,
                                    options.magnitude_limit)
-            self._tracker = StarTracker(self.camera, places, options)
+            self._tracker = StarTracker(self.camera, places, options,
+                                        self.options(GyroErrorOptions))
             self._publish_state()
+
+    def _add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
+        return self.camera is None or self._tracker.add_rate(stamp_ns, rate_rad_s)
 
     def _take_centroids(self, message: PointCloud2) -> None:
         centroids = centroids_from_message(message)
         if not self.has_camera() or not self.in_order('centroids', message.header.stamp):
             return
+        self.sensor_frame_id = message.header.frame_id
         tracks = self._tracker.update(ns_from_stamp(message.header.stamp), centroids)
         if tracks is None:
             return
+        # Before the tracks: who needs both has both when these come.
+        self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, message.header))
         self._tracks.publish(tracks_to_message(tracks, self.camera, message.header))
         self._publish_state()
 
@@ -61,11 +72,18 @@ class StarTrackerNode(CameraNode):
         values = {'stars_matched': tracker.stars_matched,
                   'residual_px': f'{tracker.residual_px:.3f}',
                   'frames_since_fix': tracker.frames_since_fix,
+                  'checks_passed': tracker.checks_passed,
+                  'late_frames': tracker.late_frames,
+                  'refused_centroids': tracker.refused_centroids,
+                  'gyro': tracker.gyro_condition,
                   'reason': tracker.reason}
         self._state.publish(status_message(
             'star_tracker: state', self.hardware_id, level, tracker.state.value, values))
         self.diagnostics.values.update(values)
-        self.diagnostics.report(level, f'{tracker.state.value}: {tracker.reason}')
+        if tracker.gyro_trouble:
+            self.diagnostics.report(WARN, f'{tracker.state.value}: {tracker.gyro_trouble}')
+        else:
+            self.diagnostics.report(level, f'{tracker.state.value}: {tracker.reason}')
 
 
 main = main_of(StarTrackerNode)
