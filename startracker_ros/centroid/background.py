@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startracker_ros.centroid.smoothing import filter_row, Kernel
+from startracker_ros.centroid.smoothing import filter_across, filter_down, Kernel
 from startracker_ros.compiled import compiled
 
 TILE_PX = 64
@@ -80,7 +80,9 @@ def _measure(image, kernel, rows, columns):
     level = np.empty((rows + 2, columns + 2))
     for i in range(rows):
         for k in range(SAMPLE_ROWS):
-            filter_row(image, kernel.weights, int((i + down[k]) * height / rows), work, line)
+            v = int((i + down[k]) * height / rows)
+            filter_down(image, kernel.weights, v, height, work)
+            filter_across(work, kernel.weights, 0, width, line)
             for j in range(columns):
                 for m in range(side):
                     samples[i, j, k, m] = np.int32(line[across[j * side + m]] * FINE)

@@ -5,9 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from startracker_ros.centroid.background import background_at, Mesh
-from startracker_ros.centroid.smoothing import filter_row, filtered_at, Kernel
+from startracker_ros.centroid.smoothing import filter_across, filter_down, filtered_at, Kernel
 from startracker_ros.compiled import compiled
 
+ROUNDING = np.float32(1e-6)  # relative, of a mean in float32
 PLATEAU_DN = 64  # a flat top lower than this may be rounding, not saturation
 RING_SIGMAS = 4.0  # around a peak it is dark again,
 RING_LIGHT = 0.5  # less than this share of the peak in half of the directions
@@ -34,83 +35,140 @@ class Peaks(NamedTuple):
                      self.level[chosen], self.noise[chosen])
 
 
+class Search(NamedTuple):
+    """What a search found: peaks; the number of all, listed or not, and of those left out.
+
+    tops (H,) are the brightest pixels of the rows, darkest is the darkest of the image.
+    """
+
+    peaks: Peaks
+    count: int
+    discs: int
+    tops: np.ndarray
+    darkest: int
+
+
 def find_peaks(image: np.ndarray, kernel: Kernel, mesh: Mesh, sigmas: float, least_dn: float,
-               most: int) -> tuple[Peaks, int, int]:
-    """Return the local maxima of image (H, W) after smoothing, their number, those left out.
+               most: int) -> Search:
+    """Return the local maxima of image (H, W) after smoothing.
 
     A maximum is `sigmas` of noise and least_dn above the background. No more than `most` are
     listed. Left out are those within or on the rim of something bright and large, such as the
     Moon, whose noise would otherwise make more peaks than the sky has stars.
     """
     ring = np.rint(RING_SIGMAS * kernel.sigma_px * _DIRECTIONS).astype(np.int64)
-    *columns, count, discs = _scan(image, kernel, mesh, sigmas, least_dn, ring, most)
+    columns, *others = _scan(image, kernel, mesh, sigmas, least_dn, ring, most)
     peaks = Peaks(*columns)
-    return peaks.select(np.argsort(-peaks.height, kind='stable')), count, discs
+    return Search(peaks.select(np.argsort(-peaks.height, kind='stable')), *others)
 
 
 @compiled
 def _scan(image, kernel, mesh, sigmas, least_dn, ring, most):
-    """Return the columns of Peaks in the order of the image, the number found, those left out.
+    """Return the fields of Search, with the peaks in the order of the image.
 
     A pixel must exceed the four neighbours before it and not fall below the four after
     it, so that a flat top gives one peak. The outermost pixels are no peaks.
     """
     height, width = image.shape
-    radius = len(kernel.weights) - 1
-    work, smooth = np.empty(width + 2 * radius, np.float32), np.empty((3, width), np.float32)
-    for v in range(2):
-        filter_row(image, kernel.weights, v, work, smooth[v])
+    weights, radius = kernel.weights, len(kernel.weights) - 1
+    rows = np.empty((2 * radius + 1, width), np.float32)
+    columns = np.empty((3, width + 2 * radius), np.float32)
+    smooth = np.empty((3, width), np.float32)
+    tops, darkest = np.empty(height, image.dtype), image[0, 0]
     uv, top = np.empty((most, 2), np.int64), np.empty((most, 2))
     peak_dn, level_dn, noise_dn = np.empty(most), np.empty(most), np.empty(most)
     count = discs = 0
     threshold = mesh.level + np.maximum(sigmas * mesh.noise, least_dn)
     node = np.empty(threshold.shape[1])
     middle = (np.arange(len(node)) + 0.5) / mesh.scale[1] - 0.5
-    last = np.minimum(np.ceil(middle), width - 1).astype(np.int64)
-    for v in range(1, height - 1):
-        before, line, after = smooth[(v - 1) % 3], smooth[v % 3], smooth[(v + 1) % 3]
-        filter_row(image, kernel.weights, v + 1, work, after)
-        y = (v + 0.5) * mesh.scale[0] + 0.5
+    end = np.ones(len(node), np.int64)
+    end[1:] = np.minimum(np.ceil(middle[:-1]), width - 1)
+    bright = np.empty(len(node), np.int64)
+    for v in range(min(radius, height)):
+        tops[v], darkest = _take_in(image, v, rows, darkest)
+    for v in range(height):
+        if v + radius < height:
+            tops[v + radius], darkest = _take_in(image, v + radius, rows, darkest)
+        filter_down(rows, weights, v, height, columns[v % 3])
+        if v < 2:
+            continue
+        y = (v - 0.5) * mesh.scale[0] + 0.5
         tile = min(int(y), len(threshold) - 2)
         for j in range(len(node)):
             node[j] = ((tile + 1 - y) * threshold[tile, j] + (y - tile) * threshold[tile + 1, j])
-        begin = 1
-        for j in range(len(node) - 1):
-            # Between the middles of two tiles the threshold is a straight line: where no pixel
-            # reaches its lower end, none needs a second look.
-            end, lowest = last[j], np.float32(min(node[j], node[j + 1]))
-            piece, any_above = line[begin:end], False
-            for k in range(len(piece)):
-                any_above |= piece[k] >= lowest
-            if any_above:
-                for u in range(begin, end):
-                    x = (u + 0.5) * mesh.scale[1] + 0.5 - j
-                    here = line[u]
-                    if (here > (1 - x) * node[j] + x * node[j + 1]
-                            and here > line[u - 1] and here >= line[u + 1]
-                            and _is_top(before, after, u, here)):
-                        level, noise = background_at(mesh, u, v)
-                        if not _alone(image, kernel, u, v, here - level, level, ring):
-                            discs += 1
-                            continue
-                        if count < most:
-                            uv[count] = u, v
-                            top[count, 0] = _parabola(line[u - 1], here, line[u + 1])
-                            top[count, 1] = _parabola(before[u], here, after[u])
-                            peak_dn[count], level_dn[count] = here - level, level
-                            noise_dn[count] = noise
-                        count += 1
-            begin = max(begin, end)
+        before, line, after = columns[(v - 2) % 3], columns[(v - 1) % 3], columns[v % 3]
+        for k in range(_bright_pieces(line, weights, node, end, smooth[1], bright)):
+            j = bright[k]
+            filter_across(before, weights, end[j] - 1, end[j + 1] + 1, smooth[0])
+            filter_across(after, weights, end[j] - 1, end[j + 1] + 1, smooth[2])
+            for u in range(end[j], end[j + 1]):
+                x = (u + 0.5) * mesh.scale[1] + 0.5 - j
+                here = smooth[1, u]
+                if here > (1 - x) * node[j] + x * node[j + 1] and _is_top(smooth, u):
+                    level, noise = background_at(mesh, u, v - 1)
+                    if not _alone(image, kernel, u, v - 1, here - level, level, ring):
+                        discs += 1
+                        continue
+                    if count < most:
+                        uv[count] = u, v - 1
+                        top[count, 0] = _parabola(smooth[1, u - 1], here, smooth[1, u + 1])
+                        top[count, 1] = _parabola(smooth[0, u], here, smooth[2, u])
+                        peak_dn[count], level_dn[count] = here - level, level
+                        noise_dn[count] = noise
+                    count += 1
     listed = min(count, most)
-    return (uv[:listed], top[:listed], peak_dn[:listed], level_dn[:listed], noise_dn[:listed],
-            count, discs)
+    return ((uv[:listed], top[:listed], peak_dn[:listed], level_dn[:listed], noise_dn[:listed]),
+            count, discs, tops, darkest)
 
 
 @compiled
-def _is_top(before, after, u, here):
-    """Return whether the rows before and after have nothing higher beside u."""
-    return (here > before[u - 1] and here > before[u] and here > before[u + 1]
-            and here >= after[u - 1] and here >= after[u] and here >= after[u + 1])
+def _take_in(image, v, rows, darkest):
+    """Put row v of image into rows; return its brightest pixel, and the darkest so far."""
+    line, place = image[v], v % len(rows)
+    top, least = line[0], darkest
+    for u in range(len(line)):
+        rows[place, u] = line[u]
+        top, least = max(top, line[u]), min(least, line[u])
+    return top, least
+
+
+@compiled
+def _bright_pieces(line, weights, node, end, smooth, bright):
+    """Fill bright with those pieces j of a row in which a star may be; return their number.
+
+    line is the row filtered along its columns, smooth (W,) is filled in those pieces. Piece j
+    goes from end[j] to end[j + 1], between the middles of two tiles, where the threshold is a
+    straight line from node[j] to node[j + 1]: where no pixel reaches the lower end, none needs
+    a second look. The filter along the row is a mean: where no value of line reaches it, it
+    need not be applied.
+    """
+    radius, count = len(weights) - 1, 0
+    for j in range(len(node) - 1):
+        begin, lowest = end[j], np.float32(min(node[j], node[j + 1]))
+        if _reaches(line, begin, end[j + 1] + 2 * radius, lowest - ROUNDING * abs(lowest)):
+            filter_across(line, weights, begin - 1, end[j + 1] + 1, smooth)
+            if _reaches(smooth, begin, end[j + 1], lowest):
+                bright[count] = j
+                count += 1
+    return count
+
+
+@compiled
+def _reaches(line, begin, end, lowest):
+    """Return whether one of line[begin:end] is at least lowest."""
+    reached = False
+    for k in range(np.uintp(begin), np.uintp(end)):
+        reached |= line[k] >= lowest
+    return reached
+
+
+@compiled
+def _is_top(smooth, u):
+    """Return whether the middle one of the rows (3, W) has its highest value at u."""
+    here = smooth[1, u]
+    return (here > smooth[1, u - 1] and here >= smooth[1, u + 1]
+            and here > smooth[0, u - 1] and here > smooth[0, u] and here > smooth[0, u + 1]
+            and here >= smooth[2, u - 1] and here >= smooth[2, u] and here >= smooth[2, u + 1])
 
 
 @compiled
@@ -129,18 +187,6 @@ def _alone(image, kernel, u, v, peak_dn, level, ring):
                                 min(max(u + ring[k, 0], 0), image.shape[1] - 1),
                                 min(max(v + ring[k, 1], 0), image.shape[0] - 1))
     return np.median(around) - level < RING_LIGHT * peak_dn
-
-
-@compiled
-def row_tops(image):
-    """Return the brightest pixel of each row (H,) of image (H, W), and the darkest of all."""
-    tops, darkest = np.empty(len(image), image.dtype), image[0, 0]
-    for v in range(len(image)):
-        line, top, least = image[v], image[v, 0], image[v, 0]
-        for u in range(len(line)):
-            top, least = max(top, line[u]), min(least, line[u])
-        tops[v], darkest = top, min(darkest, least)
-    return tops, darkest
 
 
 def full_scale(image: np.ndarray, tops: np.ndarray, background_dn: float) -> float:

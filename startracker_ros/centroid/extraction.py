@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.centroid.detection import Peaks, row_tops
+from startracker_ros.centroid.detection import Peaks
 from startracker_ros.centroid.frame import Frame, prepare
 from startracker_ros.centroid.gaussian_fit import Fit, fit_stars, FLUX, SIGMA, U, V
 from startracker_ros.centroid.moments import Segmentation, weighted_means, WEIGHTS
@@ -99,26 +99,24 @@ class CentroidExtractor:
                          f'at least {MIN_SIDE_PX} px a side are needed')
         # Compiled for one layout: padded rows and read-only images are copied.
         image = np.require(image, requirements='CW')
-        tops, darkest = row_tops(image)
-        if tops.max() == darkest:
-            return _none('blank', f'all pixels are {image[0, 0]} DN')
-        frame = prepare(image, self._options.psf_sigma_px or FILTER_SIGMA_PX, tops)
-        if np.isfinite(frame.full_scale_dn) and (
-                2 * np.count_nonzero(image == frame.full_scale_dn) > image.size):
-            return _none('saturated', f'most pixels are at full scale, {frame.full_scale_dn:g} DN',
-                         frame)
         most = max(FEW_PEAKS, image.size // PX_PER_PEAK)
         fixed = self._options.threshold == 'fixed'
         threshold = ((0.0, self._options.threshold_dn) if fixed
                      else (self._options.threshold_sigma, 0.0))
-        peaks, count, discs = frame.peaks(*threshold, most)
         sigma_px = self._options.psf_sigma_px
-        if not sigma_px and 0 < count <= most:
-            sigma_px = measure_width(frame, peaks)
+        frame = prepare(image, sigma_px or FILTER_SIGMA_PX, *threshold, most)
+        if frame.blank:
+            return _none('blank', f'all pixels are {image[0, 0]} DN')
+        if frame.saturated:
+            return _none('saturated', f'most pixels are at full scale, {frame.full_scale_dn:g} DN',
+                         frame)
+        if not sigma_px and 0 < frame.search.count <= most:
+            sigma_px = measure_width(frame)
             if not 1 / FILTER_RATIO < sigma_px / FILTER_SIGMA_PX < FILTER_RATIO:
-                frame = prepare(image, float(np.clip(sigma_px, *FILTER_RANGE_PX)), tops)
-                peaks, count, discs = frame.peaks(*threshold, most)
-                sigma_px = measure_width(frame, peaks)
+                filter_sigma_px = float(np.clip(sigma_px, *FILTER_RANGE_PX))
+                frame = prepare(image, filter_sigma_px, *threshold, most)
+                sigma_px = measure_width(frame)
+        peaks, count, discs = frame.search[:3]
         if not count:
             return _none('no_stars', f'nothing like a star above {_words(*threshold)}', frame,
                          {'disc': discs} if discs else {})
@@ -188,12 +186,12 @@ class CentroidExtractor:
         return centroids.select(order[keep[order]][:self._options.max_stars]), rejected
 
 
-def measure_width(frame: Frame, peaks: Peaks) -> float:
-    """Return the median width (1 sigma, px) of the brightest stars among peaks.
+def measure_width(frame: Frame) -> float:
+    """Return the median width (1 sigma, px) of the brightest stars.
 
     Where no spot tells, the width of the filter that found them is returned.
     """
-    told = np.empty(0)
+    told, peaks = np.empty(0), frame.search.peaks
     for first in range(0, min(len(peaks.uv), WIDTH_BATCHES * WIDTH_STARS), WIDTH_STARS):
         told = np.append(told, _widths(frame, peaks.select(slice(first, first + WIDTH_STARS))))
         if len(told) >= WIDTH_ENOUGH:

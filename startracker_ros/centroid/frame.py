@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from startracker_ros.centroid.background import measure_background, Mesh
-from startracker_ros.centroid.detection import find_peaks, full_scale, Peaks
+from startracker_ros.centroid.detection import find_peaks, full_scale, Peaks, Search
 from startracker_ros.centroid.gaussian_fit import FLUX, SIGMA, U, V
 from startracker_ros.centroid.smoothing import gaussian_kernel, Kernel
 from startracker_ros.centroid.windows import cut_windows, Windows
@@ -16,11 +16,12 @@ MIN_RADIUS_PX = 3
 
 @dataclass(frozen=True)
 class Frame:
-    """Image (H, W), the filter that its stars are looked for with, and what was measured."""
+    """Image (H, W), the filter that its stars are looked for with, and what was found."""
 
     image: np.ndarray
     kernel: Kernel
     mesh: Mesh
+    search: Search
     full_scale_dn: float
 
     @property
@@ -33,9 +34,16 @@ class Frame:
         """Median noise of a pixel, 1 sigma."""
         return self.mesh.median_noise / self.kernel.noise_gain
 
-    def peaks(self, sigmas: float, least_dn: float, most: int) -> tuple[Peaks, int, int]:
-        """Return what find_peaks() does."""
-        return find_peaks(self.image, self.kernel, self.mesh, sigmas, least_dn, most)
+    @property
+    def blank(self) -> bool:
+        """Whether all pixels are alike."""
+        return bool(self.search.tops.max() == self.search.darkest)
+
+    @property
+    def saturated(self) -> bool:
+        """Whether most pixels are at full scale."""
+        return bool(np.isfinite(self.full_scale_dn) and 2 * np.count_nonzero(
+            self.image == self.full_scale_dn) > self.image.size)
 
     def windows(self, peaks: Peaks, sigma_px: float) -> tuple[Windows, np.ndarray]:
         """Return windows for stars of this width at K peaks and the start (K, 5) of their fit."""
@@ -49,8 +57,10 @@ class Frame:
                            self.full_scale_dn), start
 
 
-def prepare(image: np.ndarray, filter_sigma_px: float, tops: np.ndarray) -> Frame:
-    """Return the frame of image (H, W) uint8 or uint16, whose rows have these maxima."""
+def prepare(image: np.ndarray, filter_sigma_px: float, sigmas: float, least_dn: float,
+            most: int) -> Frame:
+    """Return the frame of image (H, W) uint8 or uint16; the last three are of find_peaks()."""
     kernel = gaussian_kernel(filter_sigma_px)
     mesh = measure_background(image, kernel)
-    return Frame(image, kernel, mesh, full_scale(image, tops, mesh.median_level))
+    search = find_peaks(image, kernel, mesh, sigmas, least_dn, most)
+    return Frame(image, kernel, mesh, search, full_scale(image, search.tops, mesh.median_level))

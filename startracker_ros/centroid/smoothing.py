@@ -32,29 +32,53 @@ def gaussian_kernel(sigma_px: float) -> Kernel:
 
 
 @compiled
-def filter_row(image, weights, row, line, target):
-    """Fill target (W,) float32 with a filtered row of image (H, W), mirrored at its borders.
+def filter_down(rows, weights, v, height, line):
+    """Fill line (W + 2 r,) float32 with row v of an image filtered along its columns.
 
-    line (W + 2 r,) float32 is memory to work in.
+    rows (n, W) has row i of the image, of this height, at i modulo n; all that are within r of v
+    are there. The image is mirrored at its borders, and the line goes on for r beyond them.
     """
-    height, width = image.shape
-    radius = len(weights) - 1
+    radius, count, width = len(weights) - 1, len(rows), rows.shape[1]
     inner = line[radius:radius + width]
-    _begin(inner, weights, image[row],
-           image[_mirrored(row - 1, height)], image[_mirrored(row + 1, height)],
-           image[_mirrored(row - 2, height)], image[_mirrored(row + 2, height)])
+    w, w_1, w_2 = weights[0], weights[1], weights[2]
+    here = v % count
+    above, below = _mirrored(v - 1, height) % count, _mirrored(v + 1, height) % count
+    above_2, below_2 = _mirrored(v - 2, height) % count, _mirrored(v + 2, height) % count
+    for x in range(width):
+        inner[x] = (w * np.float32(rows[here, x])
+                    + w_1 * (np.float32(rows[above, x]) + np.float32(rows[below, x]))
+                    + w_2 * (np.float32(rows[above_2, x]) + np.float32(rows[below_2, x])))
     for k in range(3, radius, 2):
-        _add(inner, weights[k:],
-             image[_mirrored(row - k, height)], image[_mirrored(row + k, height)],
-             image[_mirrored(row - k - 1, height)], image[_mirrored(row + k + 1, height)])
+        w_1, w_2 = weights[k], weights[k + 1]
+        above, below = _mirrored(v - k, height) % count, _mirrored(v + k, height) % count
+        above_2 = _mirrored(v - k - 1, height) % count
+        below_2 = _mirrored(v + k + 1, height) % count
+        for x in range(width):
+            inner[x] += (w_1 * (np.float32(rows[above, x]) + np.float32(rows[below, x]))
+                         + w_2 * (np.float32(rows[above_2, x]) + np.float32(rows[below_2, x])))
     for k in range(1, radius + 1):
         line[radius - k] = inner[_mirrored(-k, width)]
         line[radius + width - 1 + k] = inner[_mirrored(width - 1 + k, width)]
-    _begin(target, weights, inner, line[radius - 1:], line[radius + 1:],
-           line[radius - 2:], line[radius + 2:])
-    for k in range(3, radius, 2):
-        _add(target, weights[k:], line[radius - k:], line[radius + k:],
-             line[radius - k - 1:], line[radius + k + 1:])
+
+
+@compiled
+def filter_across(line, weights, begin, end, target):
+    """Fill target[begin:end] with what filter_down() left in line, filtered along the row."""
+    # Unsigned, as an index that may count from the end takes longer.
+    first, last, middle = np.uintp(begin), np.uintp(end), np.uintp(len(weights) - 1)
+    before, after = np.uintp(middle - 1), np.uintp(middle + 1)
+    before_2, after_2 = np.uintp(middle - 2), np.uintp(middle + 2)
+    w, w_1, w_2 = weights[0], weights[1], weights[2]
+    for x in range(first, last):
+        target[x] = (w * line[x + middle] + w_1 * (line[x + before] + line[x + after])
+                     + w_2 * (line[x + before_2] + line[x + after_2]))
+    for k in range(3, len(weights) - 1, 2):
+        w_1, w_2 = weights[k], weights[k + 1]
+        before, after = np.uintp(middle - k), np.uintp(middle + k)
+        before_2, after_2 = np.uintp(middle - k - 1), np.uintp(middle + k + 1)
+        for x in range(first, last):
+            target[x] += (w_1 * (line[x + before] + line[x + after])
+                          + w_2 * (line[x + before_2] + line[x + after_2]))
 
 
 @compiled
@@ -78,22 +102,3 @@ def _mirrored(index, count):
         return index
     index = abs(index) % (2 * count - 2)
     return min(index, 2 * count - 2 - index)
-
-
-@compiled
-def _begin(target, weights, middle, before, after, before_2, after_2):
-    """Set target (W,) to the first five taps."""
-    w, w_1, w_2 = weights[0], weights[1], weights[2]
-    for x in range(len(target)):
-        target[x] = (w * np.float32(middle[x])
-                     + w_1 * (np.float32(before[x]) + np.float32(after[x]))
-                     + w_2 * (np.float32(before_2[x]) + np.float32(after_2[x])))
-
-
-@compiled
-def _add(target, weights, before, after, before_2, after_2):
-    """Add four more taps to target (W,)."""
-    w_1, w_2 = weights[0], weights[1]
-    for x in range(len(target)):
-        target[x] += (w_1 * (np.float32(before[x]) + np.float32(after[x]))
-                      + w_2 * (np.float32(before_2[x]) + np.float32(after_2[x])))
