@@ -44,4 +44,7 @@ _kept = bool(config.CACHE_DIR)
 
 # Division by zero gives infinity or NaN, as in NumPy: without checks code is smaller and faster.
 compiled = njit(cache=_kept, error_model='numpy')
+# A product and a sum may be one instruction, rounded once: faster, but the last bits may differ
+# between machines.
+fused = njit(cache=_kept, error_model='numpy', fastmath={'contract'})
 inlined = njit(cache=_kept, error_model='numpy', inline='always')

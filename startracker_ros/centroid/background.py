@@ -18,6 +18,8 @@ TAIL_SAMPLES = 16384
 MOST_SIGMAS = 100.0  # more are as far beyond the tail
 MAX_TAIL = 1.5  # beyond this it is stars after all
 FINE = 256  # steps of one DN, in which samples are ranked as int32
+_NONE = np.float32(0)
+_FROM_MIDDLE = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5).astype(np.float32)  # of a tile
 
 
 class Mesh(NamedTuple):
@@ -61,6 +63,14 @@ def interpolate(mesh, y, x):
 
 
 @compiled
+def across_mesh(mesh, y, node):
+    """Fill node (columns,) with the values at y tiles down, in the middles of the tiles."""
+    i = min(max(int(y), 0), mesh.shape[0] - 2)
+    for j in range(len(node)):
+        node[j] = (i + 1 - y) * mesh[i, j] + (y - i) * mesh[i + 1, j]
+
+
+@compiled
 def background_at(mesh, u, v):
     """Return level and noise at a pixel."""
     y, x = (v + 0.5) * mesh.scale[0] + 0.5, (u + 0.5) * mesh.scale[1] + 0.5
@@ -74,9 +84,8 @@ def _measure(image, kernel, rows, columns):
     radius, side, count = len(kernel.weights) - 1, SAMPLES, SAMPLE_ROWS * SAMPLES
     work, line = np.empty(width + 2 * radius, np.float32), np.empty(width, np.float32)
     down = (np.arange(SAMPLE_ROWS) + 0.5) / SAMPLE_ROWS
-    offset = (np.arange(side) + 0.5) / side
-    across = ((np.arange(columns * side) + 0.5) * width / (columns * side)).astype(np.int64)
-    samples = np.empty((rows, columns, SAMPLE_ROWS, side), np.int32)
+    across = ((np.arange(columns * side) + 0.5) * width / (columns * side)).astype(np.uintp)
+    samples = np.empty((rows, columns * SAMPLE_ROWS, side), np.int32)
     level = np.empty((rows + 2, columns + 2))
     for i in range(rows):
         for k in range(SAMPLE_ROWS):
@@ -84,35 +93,47 @@ def _measure(image, kernel, rows, columns):
             filter_down(image, kernel.weights, v, height, work)
             filter_across(work, kernel.weights, 0, width, line)
             for j in range(columns):
+                row = samples[i, j * SAMPLE_ROWS + k]
                 for m in range(side):
-                    samples[i, j, k, m] = np.int32(line[across[j * side + m]] * FINE)
-        for j in range(columns):
-            level[i + 1, j + 1] = ranked(samples[i, j].ravel(), count // 2) / FINE
-    _extend(level)
-    spread = np.empty((rows, columns))
+                    row[m] = np.int32(line[across[j * side + m]] * FINE)
+    tiles = samples.reshape(rows, columns, count)
     for i in range(rows):
         for j in range(columns):
-            for k in range(SAMPLE_ROWS):
-                # Along a row of samples the level is one straight line to the middle of the
-                # tile, and another one from there on.
-                y, row = i + 0.5 + down[k], samples[i, j, k]
-                middle = interpolate(level, y, j + 1.0)
-                before = 2 * (middle - interpolate(level, y, j + 0.5))
-                after = 2 * (interpolate(level, y, j + 1.5) - middle)
-                for m in range(side // 2):
-                    row[m] -= np.int32((middle + (offset[m] - 0.5) * before) * FINE)
-                for m in range(side // 2, side):
-                    row[m] -= np.int32((middle + (offset[m] - 0.5) * after) * FINE)
-            deviation = np.abs(samples[i, j].ravel())
+            level[i + 1, j + 1] = ranked(tiles[i, j], count // 2) / FINE
+    _extend(level)
+    spread, deviation = np.empty((rows, columns)), np.empty(count, np.int32)
+    node = np.empty(columns + 2)
+    for i in range(rows):
+        for k in range(SAMPLE_ROWS):
+            across_mesh(level, i + 0.5 + down[k], node)
+            for j in range(columns):
+                _subtract(node, j, samples[i, j * SAMPLE_ROWS + k])
+        for j in range(columns):
+            for k in range(count):
+                deviation[k] = abs(tiles[i, j, k])
             spread[i, j] = SIGMA_OF_MAD * ranked(deviation, count // 2) / FINE
     noise = np.empty((rows + 2, columns + 2))
     for i in range(rows):
         for j in range(columns):
             noise[i + 1, j + 1] = max(_median_around(spread, i, j),
                                       kernel.noise_gain * QUANTISATION_DN)
-    noise[1:-1, 1:-1] *= _tail(samples.reshape(rows, columns, count), noise)
+    noise[1:-1, 1:-1] *= _tail(tiles, noise)
     _extend(noise)
     return level, noise, np.median(level[1:-1, 1:-1]), np.median(noise[1:-1, 1:-1])
+
+
+@compiled
+def _subtract(node, j, row):
+    """Take the level off a row of samples (SAMPLES,) of tile j, whose middle is at node j + 1.
+
+    It is one straight line to the middle of the tile, and another one from there on.
+    """
+    level = np.float32(FINE * node[j + 1])
+    before = np.float32(FINE * (node[j + 1] - node[j]))
+    after = np.float32(FINE * (node[j + 2] - node[j + 1]))
+    for m in range(SAMPLES):
+        row[m] -= np.int32(level + min(_FROM_MIDDLE[m], _NONE) * before
+                           + max(_FROM_MIDDLE[m], _NONE) * after)
 
 
 @compiled

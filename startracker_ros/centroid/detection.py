@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startracker_ros.centroid.background import background_at, Mesh
+from startracker_ros.centroid.background import across_mesh, background_at, Mesh
 from startracker_ros.centroid.smoothing import filter_across, filter_down, filtered_at, Kernel
 from startracker_ros.compiled import compiled
 
@@ -92,18 +92,18 @@ def _scan(image, kernel, mesh, sigmas, least_dn, ring, most):
         filter_down(rows, weights, v, height, columns[v % 3])
         if v < 2:
             continue
-        y = (v - 0.5) * mesh.scale[0] + 0.5
-        tile = min(int(y), len(threshold) - 2)
-        for j in range(len(node)):
-            node[j] = ((tile + 1 - y) * threshold[tile, j] + (y - tile) * threshold[tile + 1, j])
+        across_mesh(threshold, (v - 0.5) * mesh.scale[0] + 0.5, node)
         before, line, after = columns[(v - 2) % 3], columns[(v - 1) % 3], columns[v % 3]
         for k in range(_bright_pieces(line, weights, node, end, smooth[1], bright)):
             j = bright[k]
+            lowest = np.float32(min(node[j], node[j + 1]))
             filter_across(before, weights, end[j] - 1, end[j + 1] + 1, smooth[0])
             filter_across(after, weights, end[j] - 1, end[j + 1] + 1, smooth[2])
             for u in range(end[j], end[j + 1]):
-                x = (u + 0.5) * mesh.scale[1] + 0.5 - j
                 here = smooth[1, u]
+                if here < lowest:
+                    continue
+                x = (u + 0.5) * mesh.scale[1] + 0.5 - j
                 if here > (1 - x) * node[j] + x * node[j + 1] and _is_top(smooth, u):
                     level, noise = background_at(mesh, u, v - 1)
                     if not _alone(image, kernel, u, v - 1, here - level, level, ring):

@@ -1,6 +1,8 @@
 """From a star image to centroids, with a reason for everything left out."""
 
 from dataclasses import dataclass, field, replace
+import math
+from statistics import median
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from startracker_ros.centroid.noise import first_noise_model
 from startracker_ros.centroid.noise_fit import refine_noise_model
 from startracker_ros.centroid.shape import judge_shape, lone_pixels, repeated, streaks
 from startracker_ros.centroid.windows import Windows
+from startracker_ros.compiled import compiled
 from startracker_ros.options import option, Options
 
 MIN_SIDE_PX = 8
@@ -22,8 +25,8 @@ FILTER_RANGE_PX = (0.5, 5.0)
 PX_PER_PEAK = 400  # more peaks than one in so many pixels are noise, not stars
 FEW_PEAKS = 100  # never too many
 SPARE_PEAKS = 2  # fitted per star wanted, as some will be rejected
-WIDTH_STARS = 16  # fitted at a time, brightest first
-WIDTH_BATCHES = 4
+WIDTH_STARS = 10  # fitted at a time, brightest first
+WIDTH_BATCHES = 6
 WIDTH_ENOUGH = 3  # stars that agree on a width
 WIDTH_ERROR = 0.25  # relative, of a star that may tell the width
 ROUGH_ITERATIONS = 2
@@ -191,12 +194,12 @@ def measure_width(frame: Frame) -> float:
 
     Where no spot tells, the width of the filter that found them is returned.
     """
-    told, peaks = np.empty(0), frame.search.peaks
+    told, peaks = [], frame.search.peaks
     for first in range(0, min(len(peaks.uv), WIDTH_BATCHES * WIDTH_STARS), WIDTH_STARS):
-        told = np.append(told, _widths(frame, peaks.select(slice(first, first + WIDTH_STARS))))
+        told += _widths(frame, peaks.select(slice(first, first + WIDTH_STARS))).tolist()
         if len(told) >= WIDTH_ENOUGH:
             break
-    return float(np.median(told)) if len(told) else frame.kernel.sigma_px
+    return median(told) if told else frame.kernel.sigma_px
 
 
 def _widths(frame: Frame, peaks: Peaks) -> np.ndarray:
@@ -234,13 +237,32 @@ def _none(status: str, reason: str, frame: Frame | None = None,
 
 def _core_saturated(windows: Windows) -> np.ndarray:
     """Return the number (K,) of unused pixels around the peaks."""
-    low, high = windows.radius - CORE_RADIUS_PX, windows.radius + CORE_RADIUS_PX + 1
-    return (~windows.used[:, low:high, low:high]).sum((1, 2))
+    return _unused(windows.used, CORE_RADIUS_PX)
+
+
+@compiled
+def _unused(used, radius):
+    """Return the number (K,) of pixels not used within radius of the middle of used (K, n, n)."""
+    middle, count = used.shape[1] // 2, np.zeros(len(used), np.int64)
+    for i in range(len(used)):
+        for y in range(middle - radius, middle + radius + 1):
+            for x in range(middle - radius, middle + radius + 1):
+                count[i] += not used[i, y, x]
+    return count
 
 
 def _moved(fit: Fit, windows: Windows) -> np.ndarray:
-    way = fit.parameters[:, [U, V]] - windows.corner - windows.radius
-    return ~(np.hypot(*way.T) < MOVED_PX)
+    """Return whether (K,) the fits are far from their peaks, or nowhere."""
+    return _far(fit.parameters, windows.corner, windows.radius)
+
+
+@compiled
+def _far(parameters, corner, radius):
+    far = np.empty(len(corner), np.bool_)
+    for i in range(len(corner)):
+        far[i] = not (math.hypot(parameters[i, U] - corner[i, 0] - radius,
+                                 parameters[i, V] - corner[i, 1] - radius) < MOVED_PX)
+    return far
 
 
 def _significance(fit: Fit) -> np.ndarray:

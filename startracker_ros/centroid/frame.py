@@ -42,8 +42,8 @@ class Frame:
     @property
     def saturated(self) -> bool:
         """Whether most pixels are at full scale."""
-        return bool(np.isfinite(self.full_scale_dn) and 2 * np.count_nonzero(
-            self.image == self.full_scale_dn) > self.image.size)
+        rows = self.image[self.search.tops == self.full_scale_dn]
+        return bool(2 * np.count_nonzero(rows == self.full_scale_dn) > self.image.size)
 
     def windows(self, peaks: Peaks, sigma_px: float) -> tuple[Windows, np.ndarray]:
         """Return windows for stars of this width at K peaks and the start (K, 5) of their fit."""

@@ -5,7 +5,7 @@ import numpy as np
 from startracker_ros.centroid.gaussian_fit import Fit, leverage
 from startracker_ros.centroid.noise import NoiseModel
 from startracker_ros.centroid.windows import Windows
-from startracker_ros.compiled import compiled
+from startracker_ros.compiled import fused
 
 PRIOR_PIXELS = 10.0  # weight of the first guess of the gain
 ROUNDS = 3
@@ -23,7 +23,7 @@ def refine_noise_model(noise: NoiseModel, fit: Fit, windows: Windows,
     return NoiseModel(*_refine(noise, fit, windows, chosen))
 
 
-@compiled
+@fused
 def _refine(noise, fit, windows, chosen):
     """Return the fields of NoiseModel."""
     count = windows.data.shape[1]
@@ -56,7 +56,7 @@ def _refine(noise, fit, windows, chosen):
     return gain, model_error
 
 
-@compiled
+@fused
 def _solve(a, b, c, p, q):
     """Return x and the root of y that solve [a b; b c] [x y] = [p q] best with x, y >= 0."""
     determinant = a * c - b * b

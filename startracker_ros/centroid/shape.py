@@ -7,7 +7,7 @@ import numpy as np
 
 from startracker_ros.centroid.gaussian_fit import Fit, FLUX, profile, SIGMA, U, V
 from startracker_ros.centroid.windows import Windows
-from startracker_ros.compiled import compiled
+from startracker_ros.compiled import compiled, fused
 
 WIDTH_RATIO = 2.0  # the other hypotheses: half as wide, twice as wide
 MARGIN = 9.0  # of chi2, by which another width must be better
@@ -26,12 +26,17 @@ class Shape(NamedTuple):
     elongated: np.ndarray
 
 
-def lone_pixels(data: np.ndarray) -> np.ndarray:
+@compiled
+def lone_pixels(data):
     """Return whether (K,) the middle pixel of windows (K, n, n) has hardly any light around it."""
-    middle = data.shape[1] // 2
-    centre = data[:, middle, middle]
-    around = data[:, middle - 1:middle + 2, middle - 1:middle + 2].sum((1, 2)) - centre
-    return around <= LONE_PIXEL * centre
+    middle, lone = data.shape[1] // 2, np.empty(len(data), np.bool_)
+    for i in range(len(data)):
+        around = -data[i, middle, middle]
+        for y in range(middle - 1, middle + 2):
+            for x in range(middle - 1, middle + 2):
+                around += data[i, y, x]
+        lone[i] = around <= LONE_PIXEL * data[i, middle, middle]
+    return lone
 
 
 def judge_shape(fit: Fit, windows: Windows) -> Shape:
@@ -71,7 +76,7 @@ def _judge(fit, windows):
     return narrow, wide, streak
 
 
-@compiled
+@fused
 def _chi2_of_width(fit, windows, i, ratio, share):
     """Return chi2 of a star `ratio` times as wide at the same place, flux and level free."""
     star, count = fit.parameters[i], windows.data.shape[1]

@@ -1,10 +1,11 @@
 """The matched filter of stars, row by row: the filtered image is never stored as a whole."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from startracker_ros.compiled import compiled
+from startracker_ros.compiled import compiled, fused
 
 
 class Kernel(NamedTuple):
@@ -18,6 +19,7 @@ class Kernel(NamedTuple):
     noise_gain: float
 
 
+@lru_cache(maxsize=4)
 def gaussian_kernel(sigma_px: float) -> Kernel:
     """Return the filter for stars of this width.
 
@@ -31,7 +33,7 @@ def gaussian_kernel(sigma_px: float) -> Kernel:
     return Kernel(weights, float(sigma_px), float(2 * (side ** 2).sum() - side[0] ** 2))
 
 
-@compiled
+@fused
 def filter_down(rows, weights, v, height, line):
     """Fill line (W + 2 r,) float32 with row v of an image filtered along its columns.
 
