@@ -1,16 +1,19 @@
-"""A filter for each star: the JPDA filter of Sadeghi, Sabahi and Saberali."""
+"""Each star for itself: the JPDA filter of Sadeghi, Sabahi and Saberali, and their baseline."""
 
 from dataclasses import replace
+import math
 
 import numpy as np
 
-from startracker_ros.attitude.estimate import AttitudeError
+from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.rotation import attitude_error
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.model import Fix, Followed, StarModel
 from startracker_ros.track.motion_models import (
-    body_rate, constant_velocity, image_jacobian, turn_curvature)
+    body_rate, constant_velocity, coordinated_turn, image_jacobian, POSITION, turn_curvature,
+    VELOCITY)
+from startracker_ros.track.neighbourhood import carried, star_neighbourhood
 from startracker_ros.track.rotation_fit import fit_rotation, OUTLIER_SIGMA, RotationFit
 
 
@@ -18,38 +21,53 @@ class StarwiseModel(StarModel):
     """Each star has a position and a velocity of its own on the image."""
 
     def start(self, fix: Fix, first: Fix) -> None:
-        dt_s = (fix.stamp_ns - first.stamp_ns) * 1e-9
         self._stamp_ns = fix.stamp_ns
-        self.rate_rad_s = attitude_error(
-            fix.attitude.quaternion, first.attitude.quaternion) / dt_s
-        self.rate_covariance = (first.attitude.covariance_sensor
-                                + fix.attitude.covariance_sensor) / dt_s ** 2
+        self._rate_between(first.stamp_ns, first.attitude, fix.stamp_ns, fix.attitude)
         acceleration_rad_s2 = np.radians(self._options.acceleration_deg_s2)
         self._acceleration_px_s2 = (acceleration_rad_s2 * self._camera.fx,
                                     acceleration_rad_s2 * self._camera.fy)
 
+    def _rate_between(self, before_ns: int, before: AttitudeEstimate, after_ns: int,
+                      after: AttitudeEstimate) -> None:
+        dt_s = (after_ns - before_ns) * 1e-9
+        self.rate_rad_s = attitude_error(after.quaternion, before.quaternion) / dt_s
+        self.rate_covariance = (before.covariance_sensor + after.covariance_sensor) / dt_s ** 2
+
     def follow(self, stamp_ns: int, frame: Centroids) -> Followed:
         self._predict((stamp_ns - self._stamp_ns) * 1e-9)
         self._stamp_ns = stamp_ns
-        bank, variance = self.bank, self._sigma(frame) ** 2
-        probability, unclaimed = self._associate(bank.uv, bank.uv_covariance, frame, variance)
-        state, covariance = update(bank.state, bank.covariance, frame.uv, variance, probability)
-        self.bank = bank.observed(state, covariance, probability, frame, variance)
+        unclaimed = self._update(frame)
         fit = self._fit()
         good = fit is not None and fit.is_good(
             np.count_nonzero(self.bank.confirmed), self._options.min_stars,
             self._options.max_residual_px)
         if good:
-            self._estimate_rate(fit.normalised <= OUTLIER_SIGMA)
+            self._estimate_rate(fit)
         return Followed(good, fit, unclaimed)
 
     def _predict(self, dt_s: float) -> None:
-        transition, noise = constant_velocity(dt_s, self._acceleration_px_s2)
-        noise = self._shares()[:, None, None] * noise
-        state, covariance = predict(self.bank.state, self.bank.covariance, transition, noise)
-        state += turn_curvature(self._camera, self.bank.uv, self.rate_rad_s, dt_s)
-        bank = replace(self.bank, state=state, covariance=covariance)
+        bank, turns = self.bank, self._options.model == 'coordinated_turn'
+        if turns:
+            # The image turns against the body; the same change of velocity in a step.
+            u, v = self._acceleration_px_s2
+            transition, noise = coordinated_turn(
+                dt_s, -self.rate_rad_s[2], (u * math.sqrt(dt_s), v * math.sqrt(dt_s)))
+        else:
+            transition, noise = constant_velocity(dt_s, self._acceleration_px_s2)
+        state, covariance = predict(bank.state, bank.covariance, transition,
+                                    self._shares()[:, None, None] * noise)
+        if not turns:
+            state += turn_curvature(self._camera, bank.uv, self.rate_rad_s, dt_s)
+        bank = replace(bank, state=state, covariance=covariance)
         self.bank = bank.select(self._camera.contains(bank.uv))
+
+    def _update(self, frame: Centroids) -> np.ndarray:
+        """Correct the tracks by a frame, and return its centroids (M,) in no gate."""
+        bank, variance = self.bank, self._sigma(frame) ** 2
+        probability, unclaimed = self._associate(bank.uv, bank.uv_covariance, frame, variance)
+        state, covariance = update(bank.state, bank.covariance, frame.uv, variance, probability)
+        self.bank = bank.observed(state, covariance, probability, frame, variance)
+        return unclaimed
 
     def _shares(self) -> np.ndarray:
         """Return how many times (N,) the camera's process noise each track is given.
@@ -71,8 +89,46 @@ class StarwiseModel(StarModel):
         except AttitudeError:
             return None
 
-    def _estimate_rate(self, agrees: np.ndarray) -> None:
-        bank = self.bank.select(self.bank.seen & agrees)
+    def _estimate_rate(self, fit: RotationFit) -> None:
+        bank = self.bank.select(self.bank.seen & (fit.normalised <= OUTLIER_SIGMA))
         self.rate_rad_s, self.rate_covariance = body_rate(
             image_jacobian(self._camera, self._camera.unproject(bank.uv)),
             bank.state[:, 1::2], bank.covariance[:, 1::2, 1::2])
+
+
+class NeighbourhoodModel(StarwiseModel):
+    """No filter: stars are where they are measured, and go on with the rate of two frames."""
+
+    def start(self, fix: Fix, first: Fix) -> None:
+        super().start(fix, first)
+        self._fitted = fix.stamp_ns, fix.attitude
+
+    def _predict(self, dt_s: float) -> None:
+        bank = self.bank
+        state, covariance = bank.state.copy(), bank.covariance.copy()
+        state[:, POSITION] = carried(self._camera, bank.uv, self.rate_rad_s, dt_s)
+        covariance[:, ::2, ::2] += dt_s ** 2 * covariance[:, 1::2, 1::2]
+        bank = replace(bank, state=state, covariance=covariance)
+        self.bank = bank.select(self._camera.contains(bank.uv))
+
+    def _update(self, frame: Centroids) -> np.ndarray:
+        bank, sigma_px = self.bank, self._sigma(frame)
+        centroid = star_neighbourhood(self._camera, bank.uv, self._places.direction[bank.place],
+                                      frame.uv, sigma_px)
+        found = np.flatnonzero(centroid >= 0)
+        state, covariance = bank.state.copy(), bank.covariance.copy()
+        state[found[:, None], POSITION] = frame.uv[centroid[found]]
+        covariance[found, ::2, ::2] = (sigma_px[centroid[found]] ** 2)[:, None, None] * np.eye(2)
+        probability = np.zeros((len(bank), len(frame) + 1))
+        probability[np.arange(len(bank)), centroid + 1] = 1
+        self.bank = bank.observed(state, covariance, probability, frame, sigma_px ** 2)
+        return ~np.isin(np.arange(len(frame)), centroid)
+
+    def _estimate_rate(self, fit: RotationFit) -> None:
+        before_ns, before = self._fitted
+        self._fitted = self._stamp_ns, fit.attitude
+        self._rate_between(before_ns, before, self._stamp_ns, fit.attitude)
+        jacobian = image_jacobian(self._camera, self._camera.unproject(self.bank.uv))
+        self.bank.state[:, VELOCITY] = jacobian @ self.rate_rad_s
+        self.bank.covariance[:, 1::2, 1::2] = (
+            jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2))

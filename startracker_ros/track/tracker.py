@@ -18,7 +18,7 @@ from startracker_ros.track.model import Fix, StarModel
 from startracker_ros.track.newcomers import match_newcomers
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import fit_rotation, OUTLIER_SIGMA, RotationFit
-from startracker_ros.track.starwise import StarwiseModel
+from startracker_ros.track.starwise import NeighbourhoodModel, StarwiseModel
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 RECENT_FRAMES = 64
@@ -311,4 +311,5 @@ def make_model(camera: Camera, places: StarPlaces, options: TrackerOptions, gyro
     """Return the model that the options name."""
     if options.model == 'attitude':
         return AttitudeModel(camera, places, options, gyro)
-    return StarwiseModel(camera, places, options)
+    starwise = NeighbourhoodModel if options.model == 'sna' else StarwiseModel
+    return starwise(camera, places, options)

@@ -11,12 +11,12 @@ from startracker_ros.camera import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.rotation import (
     attitude_error, multiply, quaternion_from_rotation_vector)
-from startracker_ros.track.options import TrackerOptions
+from startracker_ros.track.options import MODELS, TrackerOptions
 from startracker_ros.track.tracker import StarTracker, TrackerState
 
 PLACES = sky()
 ELSEWHERE_DEG = (200.0, -40.0, 10.0)
-FILTERS = ['attitude', 'constant_velocity']
+FILTERS = ['attitude', 'constant_velocity', 'coordinated_turn']
 
 
 @dataclass
@@ -177,7 +177,7 @@ def test_distorted_lens():
     assert tracker.residual_px < 0.2
 
 
-@pytest.mark.parametrize('model', FILTERS)
+@pytest.mark.parametrize('model', MODELS)
 def test_stars_enter_and_leave(model):
     motion = Motion(PLACES, (0.0, 1.0, 0.0), false_points=5)
     tracker = tracking(motion, 3, model=model)
@@ -223,7 +223,7 @@ def test_the_number_of_stars_is_limited():
     assert tracks.usable.sum() > 8
 
 
-@pytest.mark.parametrize('model', FILTERS)
+@pytest.mark.parametrize('model', MODELS)
 def test_false_points_and_missed_stars(model):
     motion = Motion(PLACES, (0.1, 0.1, 0.1), false_points=20, missed=0.2)
     tracker = tracking(motion, 10, model=model)
@@ -235,7 +235,7 @@ def test_false_points_and_missed_stars(model):
     assert tracks.usable.sum() > 12
 
 
-@pytest.mark.parametrize('model', FILTERS)
+@pytest.mark.parametrize('model', MODELS)
 def test_short_dropout_is_bridged_a_long_one_is_not(model):
     motion = Motion(PLACES, (0.1, 0.2, 0.0))
     tracker = tracking(motion, 30, max_gap_s=0.5, model=model)
@@ -269,7 +269,7 @@ def test_star_that_goes_out_is_dropped_and_found_again():
     assert history == ['1', '2', '3', '4'] + [''] * 9 + ['0'] * 7
 
 
-@pytest.mark.parametrize('model', FILTERS)
+@pytest.mark.parametrize('model', MODELS)
 def test_frame_with_too_few_stars_names_none(model):
     motion = Motion(PLACES)
     tracker = tracking(motion, 20, model=model)
@@ -282,7 +282,7 @@ def test_frame_with_too_few_stars_names_none(model):
     assert tracker.update(*motion.frame(21)[:2]).usable.sum() > 20
 
 
-@pytest.mark.parametrize('model', FILTERS)
+@pytest.mark.parametrize('model', MODELS)
 def test_kidnapped_camera_is_noticed_and_found_again(model):
     motion, other = Motion(PLACES, (0.1, 0.2, 0.0)), Motion(
         PLACES, pointing_deg=ELSEWHERE_DEG, false_points=100, seed=1)
@@ -296,7 +296,7 @@ def test_kidnapped_camera_is_noticed_and_found_again(model):
     assert tracker.state is TrackerState.TRACKING and tracks.usable.sum() > 10
 
 
-@pytest.mark.parametrize('model', FILTERS)
+@pytest.mark.parametrize('model', MODELS)
 def test_star_that_leaves_the_common_rotation_is_dropped(model):
     motion = Motion(PLACES)
     tracker = tracking(motion, 20, model=model)
@@ -370,7 +370,7 @@ def test_two_identifications_too_fast_for_the_camera():
     assert tracker.state is TrackerState.ACQUIRING and 'deg/s' in tracker.reason
 
 
-@pytest.mark.parametrize('model', FILTERS)
+@pytest.mark.parametrize('model', MODELS)
 def test_irregular_stamps(model):
     motion = Motion(PLACES, (0.2, 0.3, 0.4))
     tracker = tracking(motion, 20, model=model)
