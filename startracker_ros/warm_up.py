@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
@@ -17,7 +18,7 @@ from startracker_ros.track.tracker import StarTracker
 def warm_up() -> None:
     """Let every method see something: extraction an image, identification a simulated field.
 
-    The field is tracked, and one image is rendered, too.
+    The field is tracked, one attitude estimated and one image rendered, too.
     """
     for method in ('gaussian', 'thresholded'):
         CentroidExtractor(ExtractionOptions(method=method, threshold='iterative')).warm_up()
@@ -36,6 +37,7 @@ def warm_up() -> None:
             tracker.add_rate(stamp_ns, np.zeros(3))
             tracker.update(stamp_ns, centroids)
             tracker.identified(stamp_ns, centroids, hip)
+    estimate_attitude(np.eye(3), np.eye(3), np.ones(3))
     detector = Detector(camera)
     detector.render(centroids.uv, np.full(len(centroids.uv), 5.0), rng)
     detector.render(np.zeros((0, 2)), np.zeros(0), rng)

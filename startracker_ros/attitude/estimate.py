@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from startracker_ros.attitude.davenport import davenport
+from startracker_ros.attitude import solution
+from startracker_ros.attitude.refinement import inverse_information
 from startracker_ros.rotation import matrix_from_quaternion
 
-MIN_EIGENVALUE_GAP = 1e-12
-"""Below this gap double precision no longer holds the third axis: rounding alone (2e-16)
-would turn it by 2e-4 rad. Two stars of equal weight reach it 0.2 arcsec apart."""
+SOLVERS = {'quest': solution.QUEST, 'davenport': solution.DAVENPORT, 'svd': solution.SVD,
+           'triad': solution.TRIAD}
+"""The solvers by name: three of the same best fit, and the two best stars alone."""
 
 
 class AttitudeError(ValueError):
@@ -23,7 +24,7 @@ class AttitudeEstimate:
     quaternion (4,) is q_icrf_from_sensor with w >= 0; covariance_sensor (3, 3) rad^2 is that
     of rotation.attitude_error, a rotation vector about sensor axes; residual_rad (N,) is the
     angle between each star and its catalogue place; chi2 sums the squares of residual over
-    sigma, with 2 N - 3 degrees of freedom.
+    sigma: of the best fit with 2 N - 3 degrees of freedom, else with mean_chi2() as its mean.
     """
 
     quaternion: np.ndarray
@@ -33,41 +34,42 @@ class AttitudeEstimate:
     chi2: float
 
 
-def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarray
-                      ) -> AttitudeEstimate:
-    """Return the maximum likelihood attitude of directions to the same stars.
+def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarray,
+                      solver: str = 'quest') -> AttitudeEstimate:
+    """Return the attitude of directions to the same stars.
 
     sensor and icrf (N, 3) need not be of unit length; sigma_rad (N,) is the 1-sigma error of
     each sensor direction about either axis across it, the catalogue is taken as exact.
-    The covariance is what sigma_rad promises, whatever the residuals: a wrong
-    identification or a mirrored image shows in chi2. AttitudeError says why there is none.
+    quest, davenport and svd find the maximum likelihood attitude (Wahba's problem), triad
+    the one of the two stars that determine it best. The covariance is that of the solver
+    and what sigma_rad promises, whatever the residuals: a wrong identification or a
+    mirrored image shows in chi2. AttitudeError says why there is none.
     """
-    sigma_rad = np.asarray(sigma_rad, float)
-    count = len(sigma_rad)
-    if np.shape(sensor) != (count, 3) or np.shape(icrf) != (count, 3):
-        raise AttitudeError(f'shapes {np.shape(sensor)}, {np.shape(icrf)} and {sigma_rad.shape} '
+    # Copies: they are normalised in place, and compiled for arrays of one kind.
+    sensor = np.array(sensor, float, order='C')
+    icrf = np.array(icrf, float, order='C')
+    sigma_rad = np.array(sigma_rad, float, order='C')
+    count = len(sigma_rad) if sigma_rad.ndim == 1 else -1
+    if sensor.shape != (count, 3) or icrf.shape != (count, 3):
+        raise AttitudeError(f'shapes {sensor.shape}, {icrf.shape} and {sigma_rad.shape} '
                             'do not belong to one list of stars')
     if count < 2:
         raise AttitudeError(f'{count} stars: an attitude takes at least 2')
-    both = np.array([sensor, icrf], float)
-    if not (np.isfinite(both).all() and np.isfinite(sigma_rad).all()):
-        raise AttitudeError('NaN or infinity among the directions or their sigma')
-    if sigma_rad.min() <= 0:
-        raise AttitudeError(f'sigma of {sigma_rad.min():g} rad must be positive')
-    length = np.sqrt(np.einsum('kij,kij->ki', both, both))
-    if not length.min() > 0:
-        raise AttitudeError('a direction of length zero')
-    sensor, icrf = both / length[..., None]
-    weight = (sigma_rad.min() / sigma_rad) ** 2
-    quaternion, gap = davenport(sensor, icrf, weight / weight.sum())
-    if gap < MIN_EIGENVALUE_GAP:
-        raise AttitudeError('the directions are parallel, or weighted so unevenly that one star '
-                            'decides alone: the rotation about them is not observable')
-    chord = icrf - sensor @ matrix_from_quaternion(quaternion).T
-    half = np.sqrt(np.einsum('ij,ij->i', chord, chord)) / 2
-    residual_rad = 2 * np.arcsin(np.minimum(half, 1.0))
-    return AttitudeEstimate(quaternion, cramer_rao(sensor, sigma_rad), count, residual_rad,
-                            float(np.sum((residual_rad / sigma_rad) ** 2)))
+    if solver not in SOLVERS:
+        raise ValueError(f'no solver {solver!r}; there are {", ".join(SOLVERS)}')
+    ended, star, twin, *solved = solution.solve(SOLVERS[solver], sensor, icrf, sigma_rad)
+    if ended != solution.SOLVED:
+        raise AttitudeError({
+            solution.NOT_FINITE: 'NaN or infinity among the directions or their sigma',
+            solution.SIGMA: f'sigma of {sigma_rad.min():g} rad must be positive',
+            solution.ZERO_LENGTH: 'a direction of length zero',
+            solution.SAME_STAR: f'directions {star} and {twin} are identical: one star counted '
+                                'twice',
+            solution.PARALLEL: 'the directions are parallel, or weighted so unevenly that one '
+                               'star decides alone: the rotation about them is not observable',
+        }[ended])
+    quaternion, covariance, residual_rad, chi2 = solved
+    return AttitudeEstimate(quaternion, covariance, count, residual_rad, chi2)
 
 
 def cramer_rao(sensor: np.ndarray, sigma_rad: np.ndarray) -> np.ndarray:
@@ -77,17 +79,27 @@ def cramer_rao(sensor: np.ndarray, sigma_rad: np.ndarray) -> np.ndarray:
     sight are Gaussian of sigma_rad (N,) (Shuster and Oh, J. Guid. Control 4, 1981, eq. 98).
     AttitudeError when it is singular.
     """
-    weight = 1 / np.square(sigma_rad)
-    information = np.eye(3) * weight.sum() - (sensor * weight[:, None]).T @ sensor
-    try:
-        covariance = np.linalg.inv(information)
-    except np.linalg.LinAlgError as error:
+    least = np.min(sigma_rad)
+    covariance, determinant = inverse_information(
+        np.array(sensor, float, order='C'), np.square(least / np.array(sigma_rad, float)))
+    if determinant <= 0:
         raise AttitudeError('the directions are parallel: they have no information about '
-                            'the rotation about them') from error
-    return (covariance + covariance.T) / 2
+                            'the rotation about them')
+    return covariance * least ** 2
 
 
 def covariance_icrf(q_icrf_from_sensor: np.ndarray, covariance_sensor: np.ndarray) -> np.ndarray:
     """Return the covariance (3, 3) of a rotation vector about sensor axes on ICRF axes."""
     matrix = matrix_from_quaternion(q_icrf_from_sensor)
     return matrix @ covariance_sensor @ matrix.T
+
+
+def mean_chi2(estimate: AttitudeEstimate, icrf: np.ndarray, sigma_rad: np.ndarray) -> float:
+    """Return the chi2 that such an estimate of unit vectors icrf (N, 3) has on average.
+
+    2 N - 3 for the best fit; an attitude off it moves all stars: 2 N - 6 + tr(F P) with F the
+    Fisher information of sigma_rad (N,), P the covariance.
+    """
+    covariance = covariance_icrf(estimate.quaternion, estimate.covariance_sensor)
+    moved = np.trace(covariance) - np.sum(icrf @ covariance * icrf, 1)
+    return float(2 * estimate.stars - 6 + np.sum(moved / np.square(sigma_rad)))

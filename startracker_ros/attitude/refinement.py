@@ -1,4 +1,4 @@
-"""A rotation from two directions, and its least-squares refinement by all: compiled."""
+"""The best fit from a nearly right rotation, its covariance and its residuals: compiled."""
 
 import numpy as np
 
@@ -8,36 +8,10 @@ from startracker_ros.compiled import compiled
 # Each step doubles the digits; a few arcseconds become rounding in two.
 _MOST_STEPS = 5
 
-
-@compiled
-def triad(sensor, icrf, first, second):
-    """Return the matrix (3, 3) to ICRF that fits two of the directions (N, 3), the first exactly.
-
-    Black, AIAA Journal 2 (1964). The two must not be parallel.
-    """
-    frame, other = _frame(sensor, first, second), _frame(icrf, first, second)
-    matrix = np.zeros((3, 3))
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                matrix[i, j] += other[k, i] * frame[k, j]
-    return matrix
-
-
-@compiled
-def _frame(vectors, first, second):
-    """Return three axes (3, 3): a vector, the normal of the plane of two, and across."""
-    axes = np.empty((3, 3))
-    for k in range(3):
-        axes[0, k] = vectors[first, k]
-        axes[2, k] = vectors[second, k]
-    for row, a, b in ((1, 0, 2), (2, 0, 1)):
-        x = axes[a, 1] * axes[b, 2] - axes[a, 2] * axes[b, 1]
-        y = axes[a, 2] * axes[b, 0] - axes[a, 0] * axes[b, 2]
-        z = axes[a, 0] * axes[b, 1] - axes[a, 1] * axes[b, 0]
-        length = np.sqrt(x * x + y * y + z * z)
-        axes[row, 0], axes[row, 1], axes[row, 2] = x / length, y / length, z / length
-    return axes
+MIN_GAP = 1e-12
+"""Least gap of the eigenvalues, as of davenport(), that is observable. Below it double precision
+no longer holds the third axis: rounding alone (2e-16) would turn it by 2e-4 rad. Two
+stars of equal weight reach it 0.3 arcsec apart."""
 
 
 @compiled
@@ -45,53 +19,94 @@ def refine(matrix, sensor, icrf, weight):
     """Turn a nearly right matrix (3, 3) to the best fit; return the covariance at unit weight.
 
     Gauss-Newton on sum w |sensor - matrix^T icrf|^2 (Wahba's problem) over unit vectors
-    (N, 3) and weights (N,). The covariance (3, 3) about sensor axes is the inverse Fisher
-    information (Shuster and Oh, J. Guid. Control 4, 1981, eq. 98) for weights 1 / sigma^2.
-    A determinant of zero says that the rotation is not observable; it is returned too.
+    (N, 3) and weights (N,). Covariance and determinant are those of inverse_information().
     """
     covariance = np.empty((3, 3))
     determinant = 0.0
     for _ in range(_MOST_STEPS):
-        xx = xy = xz = yy = yz = zz = 0.0
-        gx = gy = gz = 0.0
-        for i in range(len(weight)):
-            v, c, w = sensor[i], icrf[i], weight[i]
-            sx = matrix[0, 0] * c[0] + matrix[1, 0] * c[1] + matrix[2, 0] * c[2]
-            sy = matrix[0, 1] * c[0] + matrix[1, 1] * c[1] + matrix[2, 1] * c[2]
-            sz = matrix[0, 2] * c[0] + matrix[1, 2] * c[1] + matrix[2, 2] * c[2]
-            xx += w * (sy * sy + sz * sz)
-            yy += w * (sx * sx + sz * sz)
-            zz += w * (sx * sx + sy * sy)
-            xy -= w * sx * sy
-            xz -= w * sx * sz
-            yz -= w * sy * sz
-            gx += w * (v[1] * sz - v[2] * sy)
-            gy += w * (v[2] * sx - v[0] * sz)
-            gz += w * (v[0] * sy - v[1] * sx)
-        covariance[0, 0] = yy * zz - yz * yz
-        covariance[0, 1] = covariance[1, 0] = xz * yz - xy * zz
-        covariance[0, 2] = covariance[2, 0] = xy * yz - xz * yy
-        covariance[1, 1] = xx * zz - xz * xz
-        covariance[1, 2] = covariance[2, 1] = xy * xz - xx * yz
-        covariance[2, 2] = xx * yy - xy * xy
-        determinant = (xx * covariance[0, 0] + xy * covariance[0, 1] + xz * covariance[0, 2])
+        place = sensor_directions(matrix, icrf)
+        covariance, determinant = inverse_information(place, weight)
         if determinant <= 0:
             return covariance, 0.0
-        covariance /= determinant
+        gx = gy = gz = 0.0
+        for i in range(len(weight)):
+            v, s, w = sensor[i], place[i], weight[i]
+            gx += w * (v[1] * s[2] - v[2] * s[1])
+            gy += w * (v[2] * s[0] - v[0] * s[2])
+            gz += w * (v[0] * s[1] - v[1] * s[0])
         dx = covariance[0, 0] * gx + covariance[0, 1] * gy + covariance[0, 2] * gz
         dy = covariance[1, 0] * gx + covariance[1, 1] * gy + covariance[1, 2] * gz
         dz = covariance[2, 0] * gx + covariance[2, 1] * gy + covariance[2, 2] * gz
-        _turn(matrix, dx, dy, dz)
+        turn(matrix, dx / 2, dy / 2, dz / 2)
         if dx * dx + dy * dy + dz * dz < 1e-20:
             break
     return covariance, determinant
 
 
 @compiled
-def _turn(matrix, dx, dy, dz):
-    """Turn a matrix (3, 3) in place by a small rotation vector about its sensor axes."""
-    # The half-angle tangent (Rodrigues) vector keeps the matrix a rotation, whatever the size.
-    hx, hy, hz = dx / 2, dy / 2, dz / 2
+def sensor_directions(matrix, icrf):
+    """Return where a matrix (3, 3) to ICRF has the stars icrf (N, 3) in the sensor frame."""
+    place = np.empty((len(icrf), 3))
+    for i in range(len(icrf)):
+        x, y, z = icrf[i]
+        for k in range(3):
+            place[i, k] = matrix[0, k] * x + matrix[1, k] * y + matrix[2, k] * z
+    return place
+
+
+@compiled
+def inverse_information(directions, weight):
+    """Return the inverse Fisher information (3, 3) of unit vectors (N, 3), its determinant.
+
+    The covariance about their axes for weights (N,) 1 / sigma^2 (Shuster and Oh, J. Guid.
+    Control 4, 1981, eq. 98). A determinant of zero says that the rotation is not
+    observable, by MIN_GAP; there is no inverse then.
+    """
+    xx = xy = xz = yy = yz = zz = 0.0
+    for i in range(len(weight)):
+        x, y, z = directions[i]
+        w = weight[i]
+        xx += w * (y * y + z * z)
+        yy += w * (x * x + z * z)
+        zz += w * (x * x + y * y)
+        xy -= w * x * y
+        xz -= w * x * z
+        yz -= w * y * z
+    inverse = np.empty((3, 3))
+    inverse[0, 0] = yy * zz - yz * yz
+    inverse[0, 1] = inverse[1, 0] = xz * yz - xy * zz
+    inverse[0, 2] = inverse[2, 0] = xy * yz - xz * yy
+    inverse[1, 1] = xx * zz - xz * xz
+    inverse[1, 2] = inverse[2, 1] = xy * xz - xx * yz
+    inverse[2, 2] = xx * yy - xy * xy
+    determinant = xx * inverse[0, 0] + xy * inverse[0, 1] + xz * inverse[0, 2]
+    # The least eigenvalue is half the gap, for weights whose sum is half the trace.
+    minors = inverse[0, 0] + inverse[1, 1] + inverse[2, 2]
+    if not determinant > MIN_GAP / 4 * (xx + yy + zz) * minors:
+        return inverse, 0.0
+    inverse /= determinant
+    return inverse, determinant
+
+
+@compiled
+def residuals(sensor, place):
+    """Return the angles (N,) in rad between unit vectors (N, 3) and their places (N, 3)."""
+    angle = np.empty(len(sensor))
+    for i in range(len(sensor)):
+        square = 0.0
+        for k in range(3):
+            square += (sensor[i, k] - place[i, k]) ** 2
+        # Of the chord: the cosine of a small angle has no digits left.
+        angle[i] = 2 * np.arcsin(min(np.sqrt(square) / 2, 1.0))
+    return angle
+
+
+@compiled
+def turn(matrix, hx, hy, hz):
+    """Turn a matrix (3, 3) in place about its sensor axes by a Rodrigues (Gibbs) vector.
+
+    Its length is the tangent of half the angle: the matrix stays a rotation at any size.
+    """
     scale = 2 / (1 + hx * hx + hy * hy + hz * hz)
     for i in range(3):
         a, b, c = matrix[i, 0], matrix[i, 1], matrix[i, 2]
@@ -101,6 +116,16 @@ def _turn(matrix, dx, dy, dz):
         matrix[i, 0] = a + scale * (px + qx)
         matrix[i, 1] = b + scale * (py + qy)
         matrix[i, 2] = c + scale * (pz + qz)
+
+
+@compiled
+def matrix_from_quaternion(q):
+    """Return the rotation matrix (3, 3) of a unit quaternion (4,)."""
+    x, y, z, w = q
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
 
 
 @compiled

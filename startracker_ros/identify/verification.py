@@ -30,7 +30,9 @@ from typing import NamedTuple
 import numpy as np
 
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.attitude.refinement import quaternion_from_matrix, refine, triad
+from startracker_ros.attitude.refinement import (
+    quaternion_from_matrix, refine, residuals, sensor_directions)
+from startracker_ros.attitude.triad import triad
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.catalog.sky_grid import count_in_image, nearest, sky_grid, SkyGrid
@@ -593,13 +595,6 @@ def fit(sky, seen, sigma, ratio, star):
         return np.zeros(4), np.full((3, 3), np.inf), np.zeros(len(weight)), np.inf
     matrix = triad(sensor, icrf, 0, _farthest(sensor))
     covariance, _ = refine(matrix, sensor, icrf, weight)
-    residual = np.empty(len(weight))
-    chi2 = 0.0
-    for i in range(len(weight)):
-        square = 0.0
-        for k in range(3):
-            square += (icrf[i, k] - matrix[k, 0] * sensor[i, 0] - matrix[k, 1] * sensor[i, 1]
-                       - matrix[k, 2] * sensor[i, 2]) ** 2
-        residual[i] = 2 * np.arcsin(np.sqrt(square) / 2)
-        chi2 += residual[i] ** 2 * weight[i]
+    residual = residuals(sensor, sensor_directions(matrix, icrf))
+    chi2 = np.sum(residual ** 2 * weight)
     return quaternion_from_matrix(matrix), covariance, residual, chi2

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from startracker_ros.attitude.estimate import (
-    AttitudeError, covariance_icrf, cramer_rao, estimate_attitude)
+    AttitudeError, covariance_icrf, cramer_rao, estimate_attitude, SOLVERS)
 from startracker_ros.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, quaternion_from_pointing, rotate)
 
@@ -124,14 +124,39 @@ def test_one_wrong_star_shows_in_its_residual():
     (lambda s, i, e: (s, i, e * 0), 'sigma'),
     (lambda s, i, e: (s, i, -e), 'sigma'),
     (lambda s, i, e: (s * 0, i, e), 'length zero'),
-    (lambda s, i, e: (s[[0, 0, 0]], i[[0, 0, 0]], e[:3]), 'parallel'),
+    (lambda s, i, e: (s[[0, 0, 0]], i[[0, 0, 0]], e[:3]), 'directions 0 and 1 are identical'),
+    (lambda s, i, e: (s[[3, 3]], i[[3, 3]], e[:2]), 'directions 0 and 1 are identical'),
+    (lambda s, i, e: (s[[0, 1, 2, 3, 1]], i[[0, 1, 2, 3, 1]], e), 'directions 1 and 4'),
+    (lambda s, i, e: (s[[0, 0, 0]] * [[1], [2], [3]], i[[0, 0, 0]], e[:3]), 'parallel'),
     (lambda s, i, e: (s[[0, 0]] * [[1], [-1]], i[[0, 0]] * [[1], [-1]], e[:2]), 'parallel'),
     (lambda s, i, e: (s[[0, 1]], i[[0, 0]], e[:2]), 'parallel'),
+    (lambda s, i, e: (s, i, e[:, None]), 'shapes'),
+    (lambda s, i, e: (s, i, 1e-4), 'shapes'),
 ])
-def test_refuses_what_has_no_attitude(change, text):
+@pytest.mark.parametrize('solver', SOLVERS)
+def test_refuses_what_has_no_attitude(change, text, solver):
     sensor = field(np.random.default_rng(4), 5)
     with pytest.raises(AttitudeError, match=text):
-        estimate_attitude(*change(sensor, rotate(POINTING, sensor), np.full(5, 1e-4)))
+        estimate_attitude(*change(sensor, rotate(POINTING, sensor), np.full(5, 1e-4)), solver)
+
+
+def test_refuses_an_unknown_solver():
+    sensor = field(np.random.default_rng(4), 5)
+    with pytest.raises(ValueError, match="no solver 'esoq'; there are quest, davenport"):
+        estimate_attitude(sensor, sensor, np.full(5, 1e-4), 'esoq')
+
+
+def test_takes_any_array_and_leaves_it_as_it_is():
+    sensor = field(np.random.default_rng(5), 5)
+    icrf, sigma_rad = rotate(POINTING, sensor), np.full(5, 1e-4)
+    expected = estimate_attitude(sensor, icrf, sigma_rad)
+    turned = np.asfortranarray(2e200 * sensor)
+    turned.flags.writeable = False
+    before = turned.copy()
+    for directions in (turned, np.repeat(sensor, 2, 0)[::2], sensor.tolist(), 1e-200 * sensor):
+        found = estimate_attitude(directions, icrf, sigma_rad)
+        np.testing.assert_allclose(found.quaternion, expected.quaternion, atol=1e-14)
+    np.testing.assert_array_equal(turned, before)
 
 
 def test_bound_of_parallel_directions_is_refused():

@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from startracker_ros.attitude.estimate import cramer_rao, estimate_attitude
-from startracker_ros.attitude.refinement import quaternion_from_matrix, refine, triad
+from startracker_ros.attitude.refinement import quaternion_from_matrix, refine
+from startracker_ros.attitude.triad import triad
 from startracker_ros.rotation import attitude_error
 
 

@@ -1,0 +1,100 @@
+"""One call from directions to attitude, covariance and residuals, so that it costs little."""
+
+import numpy as np
+
+from startracker_ros.attitude.davenport import davenport
+from startracker_ros.attitude.quest import quest
+from startracker_ros.attitude.refinement import (
+    inverse_information, matrix_from_quaternion, MIN_GAP, quaternion_from_matrix, residuals,
+    sensor_directions)
+from startracker_ros.attitude.svd import svd
+from startracker_ros.attitude.triad import best_pair, triad, triad_covariance
+from startracker_ros.compiled import compiled
+
+QUEST, DAVENPORT, SVD, TRIAD = range(4)
+
+SOLVED, NOT_FINITE, SIGMA, ZERO_LENGTH, SAME_STAR, PARALLEL = range(6)
+"""How solve() ended."""
+
+
+@compiled
+def solve(solver, sensor, icrf, sigma):
+    """Return how it ended, the star (or -1) and its twin of SAME_STAR, and the solution.
+
+    sensor and icrf (N, 3), N at least 2, are made unit vectors in place; sigma (N,) in rad. The
+    solution is a quaternion (4,), a covariance (3, 3), residuals (N,) in rad and chi2.
+    """
+    count = len(sigma)
+    quaternion, covariance, residual = np.empty(4), np.empty((3, 3)), np.empty(count)
+    star, twin = _twins(sensor, icrf)
+    ended = _check(sensor, icrf, sigma)
+    if ended == SOLVED and twin >= 0:
+        ended = SAME_STAR
+    if ended != SOLVED:
+        return ended, star, twin, quaternion, covariance, residual, 0.0
+    least = sigma.min()
+    weight = (least / sigma) ** 2
+    total = weight.sum()
+    weight /= total
+    if solver == TRIAD:
+        first, second, sine2 = best_pair(sensor, icrf, sigma)
+        # What the gap of the two alone would be.
+        gap = sine2 / 2
+        if gap < MIN_GAP:
+            return PARALLEL, -1, -1, quaternion, covariance, residual, 0.0
+        matrix = triad(sensor, icrf, first, second)
+        place = sensor_directions(matrix, icrf)
+        covariance = triad_covariance(place, sigma, first, second)
+    else:
+        if solver == QUEST:
+            matrix, gap = quest(sensor, icrf, sigma, weight)
+        elif solver == DAVENPORT:
+            quaternion, gap = davenport(sensor, icrf, weight)
+            matrix = matrix_from_quaternion(quaternion)
+        else:
+            matrix, gap = svd(sensor, icrf, weight)
+        place = sensor_directions(matrix, icrf)
+        # The catalogue is exact: its angles, not the measured ones, tell what can be observed.
+        covariance, determinant = inverse_information(place, weight)
+        if gap < MIN_GAP or determinant <= 0:
+            return PARALLEL, -1, -1, quaternion, covariance, residual, 0.0
+        covariance *= least ** 2 / total
+    residual = residuals(sensor, place)
+    return (SOLVED, -1, -1, quaternion_from_matrix(matrix), covariance, residual,
+            np.sum((residual / sigma) ** 2))
+
+
+@compiled
+def _check(sensor, icrf, sigma):
+    """Make the directions unit vectors; return SOLVED or what is wrong with them."""
+    ended = SOLVED
+    for i in range(len(sigma)):
+        if not np.isfinite(sigma[i]):
+            return NOT_FINITE
+        if sigma[i] <= 0:
+            ended = SIGMA
+        for vectors in (sensor, icrf):
+            x, y, z = vectors[i]
+            if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
+                return NOT_FINITE
+            # Divided by the largest first: the squares of huge or tiny ones are no numbers.
+            largest = max(abs(x), abs(y), abs(z))
+            if largest > 0:
+                x, y, z = x / largest, y / largest, z / largest
+                length = np.sqrt(x * x + y * y + z * z)
+                vectors[i, 0], vectors[i, 1], vectors[i, 2] = x / length, y / length, z / length
+            elif ended == SOLVED:
+                ended = ZERO_LENGTH
+    return ended
+
+
+@compiled
+def _twins(sensor, icrf):
+    """Return two stars that are one: the same in the image and in the catalogue; -1 for none."""
+    for i in range(len(sensor)):
+        for j in range(i):
+            if (sensor[i, 0] == sensor[j, 0] and sensor[i, 1] == sensor[j, 1]
+                    and sensor[i, 2] == sensor[j, 2] and icrf[i, 0] == icrf[j, 0]
+                    and icrf[i, 1] == icrf[j, 1] and icrf[i, 2] == icrf[j, 2]):
+                return j, i
+    return -1, -1
