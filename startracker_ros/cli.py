@@ -283,3 +283,16 @@ def bench_jpda(trials: int, scenes: tuple[str, ...], tracks: tuple[int, ...], se
     from startracker_ros.bench.moving_targets import SCENES
     _finish(run_jpda_bench(trials=trials, seed=seed, scenes=scenes or SCENES,
                            tracks=tracks or TRACKS), as_json)
+
+
+@bench.command('attitude')
+@click.option('--trials', type=click.IntRange(1), default=2000, show_default=True,
+              help='Draws of each number of vectors.')
+@click.option('--vectors', multiple=True, type=click.IntRange(2, 1000),
+              help='Numbers of vectors.  [default: 4, 20, 40]')
+@_seed
+@_json
+def bench_attitude(trials: int, vectors: tuple[int, ...], seed: int, as_json: bool) -> None:
+    """Time, error and covariance of the attitude solvers beside SciPy's align_vectors."""
+    from startracker_ros.bench.attitude import run_attitude_bench, VECTORS
+    _finish(run_attitude_bench(trials=trials, seed=seed, vectors=vectors or VECTORS), as_json)
