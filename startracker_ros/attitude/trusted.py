@@ -8,7 +8,7 @@ from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate, e
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.options import option, Options
-from startracker_ros.rotation import sign_continuous
+from startracker_ros.rotation import conjugate, rotate, sign_continuous
 
 
 @dataclass(frozen=True)
@@ -69,3 +69,28 @@ class AttitudeTrust:
         return TrustedAttitude(replace(
             attitude, quaternion=self._previous,
             covariance_sensor=attitude.covariance_sensor * excess), 'trusted')
+
+    def take(self, tracked: AttitudeEstimate, uv: np.ndarray, hip: np.ndarray
+             ) -> TrustedAttitude:
+        """Return an attitude that a star tracker has filtered, if its stars (N,) fit it.
+
+        uv (N, 2) px is where the tracker has the stars.
+        """
+        index = self._places.index_of(hip)
+        known = index >= 0
+        count = int(known.sum())
+        if count < self._options.min_stars:
+            return TrustedAttitude(
+                None, f'{count} tracked stars, min_stars is {self._options.min_stars}')
+        place = self._camera.project(
+            rotate(conjugate(tracked.quaternion), self._places.direction[index[known]]))
+        distance_px = np.hypot(*(uv[known] - place).T)
+        residual_px = np.sqrt(np.mean(distance_px ** 2))
+        if not residual_px <= self._options.max_residual_px:
+            return TrustedAttitude(
+                None, f'the tracks are {residual_px:.2f} px from where tracked_attitude has them, '
+                f'max_residual_px is {self._options.max_residual_px:g}')
+        self._previous = sign_continuous(tracked.quaternion, self._previous)
+        return TrustedAttitude(replace(
+            tracked, quaternion=self._previous, stars=count,
+            residual_rad=distance_px * self._camera.pixel_rad), 'trusted')

@@ -15,7 +15,7 @@ from startracker_ros.attitude.estimate import AttitudeEstimate, covariance_icrf
 from startracker_ros.camera import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.identification import Identification
-from startracker_ros.rotation import conjugate, rotate
+from startracker_ros.rotation import conjugate, matrix_from_quaternion, rotate
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 
@@ -291,6 +291,25 @@ def tracked_attitude_to_imu(tracked: TrackedAttitude | None, header: Header) -> 
     message.angular_velocity = _vector(tracked.rate_rad_s)
     message.angular_velocity_covariance = tracked.rate_covariance.ravel()
     return message
+
+
+def tracked_attitude_from_imu(message: Imu) -> TrackedAttitude | None:
+    """Return what `tracked_attitude` says, None where it has no attitude; without its stars."""
+    if message.orientation_covariance[0] == -1:
+        return None
+    q, rate = message.orientation, message.angular_velocity
+    quaternion = np.array([q.x, q.y, q.z, q.w])
+    covariance_about_icrf = np.reshape(message.orientation_covariance, (3, 3))
+    if not (np.isfinite(covariance_about_icrf).all()
+            and abs(np.linalg.norm(quaternion) - 1) < 1e-6):
+        raise MessageError(f'orientation {quaternion.tolist()} with covariance '
+                           f'{covariance_about_icrf.tolist()} is no attitude')
+    matrix = matrix_from_quaternion(quaternion)
+    return TrackedAttitude(
+        AttitudeEstimate(quaternion, matrix.T @ covariance_about_icrf @ matrix, 0, np.empty(0),
+                         np.nan),
+        np.array([rate.x, rate.y, rate.z]),
+        np.reshape(message.angular_velocity_covariance, (3, 3)))
 
 
 def attitude_to_transform(attitude: AttitudeEstimate, header: Header,

@@ -1,13 +1,13 @@
-"""attitude_estimator: tracks or stars, camera_info -> attitude in four message types."""
+"""attitude_estimator: tracks and tracked_attitude, or stars -> attitude in four message types."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, TransformStamped
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
 
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
+from startracker_ros.attitude.trusted import AttitudeTrust, TrustedAttitude, TrustOptions
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.options import option, Options
@@ -16,6 +16,10 @@ from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.node import CameraNode, main_of
 from startracker_ros.rotation import ARCSEC
+from startracker_ros.track.tracks import TrackedAttitude
+
+_TRACKED = 'tracked_attitude'
+_KEPT_FRAMES = 64
 
 
 @dataclass(frozen=True)
@@ -23,7 +27,8 @@ class SourceOptions(Options):
     """Where the stars come from."""
 
     source: str = option(
-        'tracks', 'tracks of the star tracker, or stars of single frames identified lost-in-space',
+        'tracks', 'tracks of the star tracker, whose own attitude is taken where it tells one, or '
+        'stars of single frames identified lost-in-space',
         choices=('tracks', 'stars'), read_only=True)
 
 
@@ -40,30 +45,76 @@ class AttitudeEstimatorNode(CameraNode):
         self._attitude_imu = self.give(Imu, 'attitude_imu', qos.LIST)
         self._attitude_transform = self.give(TransformStamped, 'attitude_transform', qos.LIST)
         self._source = self.options(SourceOptions).source
-        self.take(PointCloud2, self._source, self._take_frame, qos.LIST)
+        self._tracked: dict[int, TrackedAttitude | None] = {}
+        self._waiting: PointCloud2 | None = None
+        if self._source == 'tracks':
+            self.take(Imu, _TRACKED, self._take_tracked, qos.LIST)
+            self.take(PointCloud2, 'tracks', self._take_tracks, qos.LIST)
+        else:
+            self.take(PointCloud2, 'stars', self._take_stars, qos.LIST)
         self.offer_reset()
 
     def configure(self) -> None:
         if self.camera is not None:
             places = camera_places(load_catalog(), self.camera, self.epoch_year)
+            self._tracked.clear()
+            self._waiting = None
             self._trust = AttitudeTrust(self.camera, places, self.options(TrustOptions))
 
-    def _take_frame(self, message: PointCloud2) -> None:
-        if self._source == 'tracks':
-            tracks = messages.tracks_from_message(message)
-            used = tracks.usable
-            uv, hip, sigma_px = tracks.uv[used], tracks.hip[used], tracks.position_sigma_px[used]
-        else:
-            rows = messages.read_cloud(message, messages.STAR_DTYPE)
-            centroids = messages.centroids_from_rows(rows)
-            uv, hip, sigma_px = centroids.uv, rows['hip'].astype(np.int32), centroids.sigma_px
-        if not self.has_camera() or not self.in_order(self._source, message.header.stamp):
-            return
-        result = self._trust.solve(uv, hip, sigma_px)
-        frames = self.options(FrameOptions)
+    def _take_tracked(self, message: Imu) -> None:
+        """Keep the attitude of a frame until its tracks come, or use it if they are here."""
         stamp_ns = messages.ns_from_stamp(message.header.stamp)
-        self._attitude_imu.publish(messages.attitude_to_imu(
-            result.attitude, messages.make_header(stamp_ns, frames.sensor_frame_id)))
+        self._tracked[stamp_ns] = messages.tracked_attitude_from_imu(message)
+        while len(self._tracked) > _KEPT_FRAMES:
+            del self._tracked[next(iter(self._tracked))]
+        waiting = self._waiting
+        if waiting is not None and messages.ns_from_stamp(waiting.header.stamp) == stamp_ns:
+            self._waiting = None
+            self._solve_tracks(waiting)
+
+    def _take_tracks(self, message: PointCloud2) -> None:
+        if not self.has_camera() or not self.in_order('tracks', message.header.stamp):
+            return
+        if self._waiting is not None:
+            self.diagnostics.counts['tracks without tracked_attitude'] += 1
+            self._waiting = None
+        stamp_ns = messages.ns_from_stamp(message.header.stamp)
+        if stamp_ns not in self._tracked and self.count_publishers(_TRACKED):
+            # Two topics may overtake each other.
+            self._waiting = message
+        else:
+            self._solve_tracks(message)
+
+    def _solve_tracks(self, message: PointCloud2) -> None:
+        tracks = messages.tracks_from_message(message)
+        stamp_ns = messages.ns_from_stamp(message.header.stamp)
+        used = tracks.usable
+        uv, hip = tracks.uv[used], tracks.hip[used]
+        tracked = self._tracked.get(stamp_ns)
+        if tracked is not None:
+            self._publish(stamp_ns, self._trust.take(tracked.attitude, uv, hip), tracked)
+        elif stamp_ns in self._tracked:
+            self._publish(stamp_ns, TrustedAttitude(None, 'the star tracker has none'))
+        else:
+            self._publish(stamp_ns, self._trust.solve(uv, hip, tracks.position_sigma_px[used]))
+
+    def _take_stars(self, message: PointCloud2) -> None:
+        rows = messages.read_cloud(message, messages.STAR_DTYPE)
+        centroids = messages.centroids_from_rows(rows)
+        if self.has_camera() and self.in_order('stars', message.header.stamp):
+            self._publish(messages.ns_from_stamp(message.header.stamp), self._trust.solve(
+                centroids.uv, rows['hip'].astype(np.int32), centroids.sigma_px))
+
+    def _publish(self, stamp_ns: int, result: TrustedAttitude,
+                 tracked: TrackedAttitude | None = None) -> None:
+        """Publish the attitude of a frame, with the body rate where a tracker knows it."""
+        frames = self.options(FrameOptions)
+        sensor_header = messages.make_header(stamp_ns, frames.sensor_frame_id)
+        self._attitude_imu.publish(
+            messages.attitude_to_imu(result.attitude, sensor_header)
+            if tracked is None or result.attitude is None
+            else messages.tracked_attitude_to_imu(
+                replace(tracked, attitude=result.attitude), sensor_header))
         if result.attitude is None:
             self.diagnostics.counts['frames without attitude'] += 1
             self.diagnostics.report(WARN, f'no attitude: {result.reason}')
