@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate, estimate_attitude
+from startracker_ros.attitude.estimate import (
+    AttitudeError, AttitudeEstimate, estimate_attitude, mean_chi2, SOLVERS)
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.options import option, Options
@@ -13,8 +14,12 @@ from startracker_ros.rotation import conjugate, rotate, sign_continuous
 
 @dataclass(frozen=True)
 class TrustOptions(Options):
-    """When an attitude is good enough to be published."""
+    """How attitudes are found, and when one is good enough to be published."""
 
+    solver: str = option(
+        'quest', 'quest, davenport and svd find the same best fit of all stars, triad takes the '
+        'two that determine the attitude best',
+        choices=tuple(SOLVERS))
     min_stars: int = option(
         4, 'fewest stars of a trusted attitude; three or fewer leave no room to notice a wrong '
         'one',
@@ -53,10 +58,11 @@ class AttitudeTrust:
         if count < self._options.min_stars:
             return TrustedAttitude(
                 None, f'{count} identified stars, min_stars is {self._options.min_stars}')
+        icrf = self._places.direction[index[known]]
+        sigma_rad = sigma_px[known] * self._camera.pixel_rad
         try:
-            attitude = estimate_attitude(
-                self._camera.unproject(uv[known]), self._places.direction[index[known]],
-                sigma_px[known] * self._camera.pixel_rad)
+            attitude = estimate_attitude(self._camera.unproject(uv[known]), icrf, sigma_rad,
+                                         self._options.solver)
         except AttitudeError as error:
             return TrustedAttitude(None, str(error))
         residual_px = np.sqrt(np.mean(attitude.residual_rad ** 2)) / self._camera.pixel_rad
@@ -64,7 +70,7 @@ class AttitudeTrust:
             return TrustedAttitude(
                 None, f'residual of {residual_px:.2f} px is above max_residual_px = '
                 f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
-        excess = max(1.0, attitude.chi2 / max(1, 2 * count - 3))
+        excess = max(1.0, attitude.chi2 / mean_chi2(attitude, icrf, sigma_rad))
         self._previous = sign_continuous(attitude.quaternion, self._previous)
         return TrustedAttitude(replace(
             attitude, quaternion=self._previous,
