@@ -153,15 +153,17 @@ class CentroidExtractor:
             """Count each spot under the first of its reasons; return those without any."""
             bad = np.zeros(len(next(iter(reasons.values()))), bool)
             for reason, spots in reasons.items():
-                count = np.count_nonzero(spots & ~bad)
-                if count:
-                    rejected[reason] = rejected.get(reason, 0) + count
-                bad |= spots
+                if np.count_nonzero(spots):
+                    count = np.count_nonzero(spots & ~bad)
+                    if count:
+                        rejected[reason] = rejected.get(reason, 0) + count
+                    bad |= spots
             return ~bad
 
         peaks = peaks.select(slice(SPARE_PEAKS * self._options.max_stars))
         windows, start = frame.windows(peaks, sigma_px)
-        border = np.minimum(peaks.uv, np.array(frame.image.shape[::-1]) - 1 - peaks.uv).min(1)
+        (height, width), (u, v) = frame.image.shape, peaks.uv.T
+        border = np.minimum(np.minimum(u, width - 1 - u), np.minimum(v, height - 1 - v))
         keep = reject(edge=border < np.ceil(EDGE_SIGMAS * sigma_px),
                       saturated=_core_saturated(windows) > CORE_SATURATED_PX)
         windows, start = windows.select(keep), start[keep]
