@@ -183,6 +183,22 @@ def campaign_extended_grid(trials: int, output: Path | None, scheduler: str, see
                                        output=output), as_json)
 
 
+@campaign.command('jpdaf')
+@click.option('--trials', type=click.IntRange(1), default=100, show_default=True,
+              help='Runs of 400 frames in each cell.')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              help='Folder for a picture of the errors over the frames.')
+@_scheduler
+@_seed
+@_json
+def campaign_jpdaf(trials: int, output: Path | None, scheduler: str, seed: int,
+                   as_json: bool) -> None:
+    """Four stars tracked by JPDAF through turns, straight lines and jitter."""
+    from startracker_ros.campaign.jpdaf import run_jpdaf_campaign
+    _finish(run_jpdaf_campaign(trials=trials, seed=seed, scheduler=scheduler, output=output),
+            as_json)
+
+
 @campaign.command('centroid')
 @click.option('--images', 'folder', metavar='FOLDER',
               type=click.Path(path_type=Path, exists=True, file_okay=False),
