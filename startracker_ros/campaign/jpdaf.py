@@ -279,11 +279,14 @@ def _neighbourhood(run: Run) -> np.ndarray:
 
 
 def _measured(run: Run) -> np.ndarray:
-    """Return the attitudes (F, 4) of SNA: TRIAD, or the body rate with fewer than two stars."""
+    """Return the attitudes (F, 4) of SNA: TRIAD, or the true body rate where it names too few.
+
+    Two that are left may be next to each other: one such attitude would outweigh a run.
+    """
     quaternions = []
     for k, (index, uv) in enumerate(zip(_neighbourhood(run), run.centroids)):
         named = index >= 0
-        if named.sum() >= 2:
+        if named.sum() >= 3:
             quaternion = _attitude(uv[index[named]], run.icrf[named], np.ones(named.sum()),
                                    'triad')
         else:
@@ -478,7 +481,7 @@ def run_jpdaf_campaign(*, trials: int, seed: int, scheduler: str = '',
                   f'uniform ({_CLUTTER_PX2:.2g} px^-2); a star is missing in '
                   f'{100 * (1 - DETECTION_PROBABILITY):.2g} %',
         'jitter': 'roll rate uniform either way, constant over ten frames',
-        'SNA': 'given the true body rate; TRIAD of the measured places',
+        'SNA': 'given the true body rate; TRIAD of the measured places, of three stars or more',
         'JPDAF': f'knows the rate at the start to {np.degrees(RATE_SIGMA_RAD_S):g} deg/s and the '
                  'jitter; constant velocity for linear, coordinated turn at the rate of the orbit '
                  'for turning; process noise by one rule: the velocity change that the motion '

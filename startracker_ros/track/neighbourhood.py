@@ -13,10 +13,10 @@ GATE_SIGMA = 3 * np.sqrt(2)
 times the error of the difference of two centroids."""
 
 NEIGHBOURS_IN_GATE = 2
-"""Identified neighbours that tell the centroids of one gate apart."""
+"""Identified neighbours that must agree to tell the centroids of one gate apart."""
 
 NEIGHBOURS_ANYWHERE = 3
-"""Identified neighbours that find a star outside its gate: two distances alone fit the
+"""Identified neighbours that must agree on a star outside its gate: two distances alone fit the
 mirror image of its place as well."""
 
 
@@ -60,16 +60,16 @@ def star_neighbourhood(camera: Camera, predicted: np.ndarray, icrf: np.ndarray, 
         in_gate = inside[index].any()
         candidate = np.flatnonzero(free & inside[index] if in_gate else free)
         neighbour = np.flatnonzero(assigned >= 0)
-        if not len(candidate) or len(neighbour) < (
-                NEIGHBOURS_IN_GATE if in_gate else NEIGHBOURS_ANYWHERE):
+        needed = NEIGHBOURS_IN_GATE if in_gate else NEIGHBOURS_ANYWHERE
+        if not len(candidate) or len(neighbour) < needed:
             continue
         beside = assigned[neighbour]
         seen = np.linalg.norm(sensor[candidate, None] - sensor[beside], axis=2)
         known = np.linalg.norm(icrf[index] - icrf[neighbour], axis=1)
         misfit = np.abs(seen - known) / np.hypot(tolerance_rad[candidate, None],
                                                  tolerance_rad[beside])
-        # What most neighbours agree on: one of them may be a false star itself.
-        most = len(neighbour) // 2
+        # What most neighbours agree on, and enough: one of them may be a false star itself.
+        most = max(len(neighbour) // 2, needed - 1)
         misfit = np.partition(misfit, most, axis=1)[:, most]
         fitting = np.count_nonzero(misfit <= 1)
         if fitting == 1 or (fitting and in_gate):

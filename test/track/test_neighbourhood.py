@@ -69,6 +69,9 @@ def test_two_neighbours_do_not_name_the_mirror_image_of_a_star(field):
     mirrored = a + 2 * along * ((c - a) @ along) - (c - a)
     uv = np.array([a, b, mirrored])
     np.testing.assert_array_equal(field.assigned(PLACES, uv), [0, 1, -1, -1, -1])
+    # A third neighbour that does not agree is no help.
+    uv = np.array([a, b, mirrored, PLACES[3]])
+    np.testing.assert_array_equal(field.assigned(PLACES, uv), [0, 1, -1, 3, -1])
 
 
 def test_a_false_star_in_a_gate_does_not_outvote_the_neighbours_of_another(field):
