@@ -138,6 +138,63 @@ def demo(output: Path, seconds: float, seed: int, as_json: bool) -> None:
     _finish(result, as_json)
 
 
+@main.command()
+@click.argument('topics', nargs=-1, metavar='[TOPIC]...')
+@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
+              help='Folder of the bag, made anew.  [default: startracker_<date>_<time>]')
+@click.option('--exclude', multiple=True, metavar='PATTERN',
+              help='Topics left out.  [default: */image_annotated]')
+@click.option('--compression', type=click.Choice(['none', 'lz4', 'zstd']), default='zstd',
+              show_default=True)
+@click.option('--max-file-size-mb', type=click.FloatRange(0), default=0.0,
+              help='Begin a new file of the bag when one is larger.')
+@click.option('--max-file-duration-s', type=click.FloatRange(0), default=0.0,
+              help='Begin a new file of the bag when one spans more.')
+def record(topics: tuple[str, ...], output: Path | None, exclude: tuple[str, ...],
+           compression: str, max_file_size_mb: float, max_file_duration_s: float) -> None:
+    """Record TOPICs (patterns with *, all by default) into an MCAP bag, until Ctrl-C."""
+    from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
+    parameters = {'compression': compression, 'max_file_size_mb': max_file_size_mb,
+                  'max_file_duration_s': max_file_duration_s}
+    if output is not None:
+        parameters['folder'] = str(output)
+    if topics:
+        parameters['topics'] = _full_names(topics)
+    if exclude:
+        parameters['exclude'] = _full_names(exclude)
+    command = node_command('bag_recorder', parameter_arguments(parameters))
+    os.execve(command[0], command, node_environment())
+
+
+def _full_names(patterns: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(pattern if pattern[:1] in ('/', '*') else f'/{pattern}' for pattern in patterns)
+
+
+@main.command()
+@click.argument('bag', type=click.Path(path_type=Path))
+@click.option('--recover', 'output', metavar='OUT', type=click.Path(path_type=Path),
+              help='Write all that is whole of an unfinished or damaged bag into a new one.')
+@_json
+def info(bag: Path, output: Path | None, as_json: bool) -> None:
+    """List what a BAG (folder or .mcap file) holds; status 1 when it is not whole."""
+    from startracker_ros.bag.errors import BagError
+    from startracker_ros.bag.info import describe
+    from startracker_ros.bag.recovery import recover
+    from startracker_ros.table import show
+    try:
+        if output is not None:
+            recover(bag, output, report=lambda problem: click.echo(problem, err=True))
+            bag = output
+        result, problems = describe(bag)
+    except BagError as error:
+        _fail(str(error))
+    show(result, as_json)
+    for problem in problems:
+        click.echo(f'startracker: {problem}', err=True)
+    if problems:
+        sys.exit(1)
+
+
 @main.group()
 def campaign() -> None:
     """Repeat the published tables, the paper's figure beside ours."""

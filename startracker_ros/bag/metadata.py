@@ -20,25 +20,40 @@ class TopicRecord:
     type_name: str
     type_hash: str
     qos: tuple[QosProfile, ...]
+    encoding: str = 'cdr'
     message_count: int = 0
 
 
-def bag_information(file_name: str, topics: Sequence[TopicRecord],
-                    span_ns: tuple[int, int] | None) -> dict[str, Any]:
-    """Return the metadata of a bag of one file; span_ns is its first and last log time."""
-    start_ns, end_ns = span_ns or (_NEVER_NS, _NEVER_NS)
-    message_count = sum(topic.message_count for topic in topics)
+@dataclass
+class FileRecord:
+    """One file of a bag: how many messages it has so far, and their first and last log time."""
+
+    name: str
+    message_count: int = 0
+    span_ns: tuple[int, int] | None = None
+
+    def count(self, log_time_ns: int) -> None:
+        """Take a message into account."""
+        start_ns, end_ns = self.span_ns or (log_time_ns, log_time_ns)
+        self.span_ns = min(start_ns, log_time_ns), max(end_ns, log_time_ns)
+        self.message_count += 1
+
+
+def bag_information(files: Sequence[FileRecord], topics: Sequence[TopicRecord]) -> dict[str, Any]:
+    """Return the metadata of a bag of these files."""
+    spans = [file.span_ns for file in files if file.span_ns]
+    span_ns = (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
     return {
         'version': 9,
         'storage_identifier': 'mcap',
-        'duration': {'nanoseconds': end_ns - start_ns},
-        'starting_time': {'nanoseconds_since_epoch': start_ns},
-        'message_count': message_count,
+        **_duration(span_ns),
+        **_start(span_ns),
+        'message_count': sum(file.message_count for file in files),
         'topics_with_message_count': [{
             'topic_metadata': {
                 'name': topic.name,
                 'type': topic.type_name,
-                'serialization_format': 'cdr',
+                'serialization_format': topic.encoding,
                 'offered_qos_profiles': [profile.as_dict() for profile in topic.qos],
                 'type_description_hash': topic.type_hash,
             },
@@ -47,16 +62,26 @@ def bag_information(file_name: str, topics: Sequence[TopicRecord],
         # Of whole files or messages; MCAP compresses its chunks by itself.
         'compression_format': '',
         'compression_mode': '',
-        'relative_file_paths': [file_name],
+        'relative_file_paths': [file.name for file in files],
         'files': [{
-            'path': file_name,
-            'starting_time': {'nanoseconds_since_epoch': start_ns},
-            'duration': {'nanoseconds': end_ns - start_ns},
-            'message_count': message_count,
-        }],
+            'path': file.name,
+            **_start(file.span_ns),
+            **_duration(file.span_ns),
+            'message_count': file.message_count,
+        } for file in files],
         'custom_data': None,
         'ros_distro': 'jazzy',
     }
+
+
+def _start(span_ns: tuple[int, int] | None) -> dict[str, Any]:
+    start_ns = span_ns[0] if span_ns else _NEVER_NS
+    return {'starting_time': {'nanoseconds_since_epoch': start_ns}}
+
+
+def _duration(span_ns: tuple[int, int] | None) -> dict[str, Any]:
+    duration_ns = span_ns[1] - span_ns[0] if span_ns else 0
+    return {'duration': {'nanoseconds': duration_ns}}
 
 
 def to_yaml(value: Any) -> str:

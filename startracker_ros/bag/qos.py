@@ -1,7 +1,10 @@
 """Quality of service as rosbag2 notes it, free of ROS."""
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 from typing import Any
+
+import yaml
 
 INFINITE_NS = 2 ** 63 - 1
 
@@ -11,6 +14,15 @@ _POLICIES = {
     'reliability': ('system_default', 'reliable', 'best_effort', 'best_available', 'unknown'),
     'durability': ('system_default', 'transient_local', 'volatile', 'best_available', 'unknown'),
     'liveliness': ('system_default', 'automatic', 'manual_by_topic', 'best_available', 'unknown'),
+}
+
+# Before version 9 of the metadata they were the numbers of rmw/types.h.
+_NUMBERED = {
+    'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
+    'reliability': ('system_default', 'reliable', 'best_effort', 'unknown', 'best_available'),
+    'durability': ('system_default', 'transient_local', 'volatile', 'unknown', 'best_available'),
+    'liveliness': ('system_default', 'automatic', 'unknown', 'manual_by_topic', 'unknown',
+                   'best_available'),
 }
 
 
@@ -40,6 +52,39 @@ class QosProfile:
     def as_dict(self) -> dict[str, Any]:
         """Return the mapping of a bag's metadata, version 9, in its order."""
         return dict(_entry(name, value) for name, value in asdict(self).items())
+
+    @classmethod
+    def from_dict(cls, entries: Mapping[str, Any]) -> 'QosProfile':
+        """Return the profile of a mapping of any version; ValueError if it is none.
+
+        What is missing stays at its default.
+        """
+        values: dict[str, Any] = {}
+        for field in fields(cls):
+            value = entries.get(field.name.removesuffix('_ns'))
+            if field.name.endswith('_ns') and isinstance(value, Mapping):
+                total_ns = int(value.get('sec', 0)) * 10 ** 9 + int(value.get('nsec', 0))
+                values[field.name] = min(max(total_ns, 0), INFINITE_NS)
+            elif field.name in _NUMBERED and type(value) is int:
+                names = _NUMBERED[field.name]
+                values[field.name] = names[value] if 0 <= value < len(names) else 'unknown'
+            elif type(value) is type(field.default):
+                values[field.name] = value
+            elif value is not None:
+                raise ValueError(f'{field.name} = {value!r} is not of a quality of service')
+        return cls(**values)
+
+
+def qos_from_yaml(text: str) -> tuple[QosProfile, ...]:
+    """Return the profiles of a channel's offered_qos_profiles; ValueError if they are none."""
+    try:
+        entries = yaml.load(text, Loader=yaml.CSafeLoader)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise ValueError(f'no YAML: {error}') from error
+    if not isinstance(entries or [], list) or not all(
+            isinstance(entry, Mapping) for entry in entries or []):
+        raise ValueError(f'{text[:60]!r} is no list of profiles')
+    return tuple(QosProfile.from_dict(entry) for entry in entries or [])
 
 
 def _entry(name: str, value: Any) -> tuple[str, Any]:

@@ -1,32 +1,26 @@
 """Reads bags, finished or not, and decodes messages, without rclpy."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from io import BytesIO
 from pathlib import Path
 import struct
-from typing import Any, BinaryIO
+from typing import Any
 
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
-from mcap.opcode import Opcode
-from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.records import Channel, Schema
 from mcap_ros2.decoder import DecoderFactory
 from zstandard import ZstdError
 
-from startracker_ros.bag.errors import BagError, UnfinishedBagError
-from startracker_ros.bag.schemas import message_schema
+from startracker_ros.bag.errors import BagError
+from startracker_ros.bag.folder import find_files
+from startracker_ros.bag.mcap_file import McapFile, unpack
+from startracker_ros.bag.qos import qos_from_yaml, QosProfile
+from startracker_ros.bag.schemas import message_schema, MessageSchema
 
-_MAGIC = b'\x89MCAP0\r\n'
-# Opcode and length of the content stand before each record.
-_FRAME = struct.Struct('<BQ')
-# What the libraries raise on bytes that are not what they should be; CRC errors are
-# ValueErrors, lz4 raises RuntimeErrors, absurd lengths end in MemoryErrors.
+# What the decoder raises on bytes that are not what they should be.
 _DAMAGE = (McapError, ZstdError, ValueError, KeyError, RuntimeError, MemoryError, OverflowError,
-           OSError, struct.error)
+           struct.error)
 
 
 @dataclass(frozen=True)
@@ -42,35 +36,67 @@ class BagMessage:
 
 @dataclass(frozen=True)
 class BagTopic:
-    """A topic of a bag and the number of its messages."""
+    """A topic of a bag and the number of its messages.
+
+    encoding is that of the messages, cdr for ROS 2; schema is the definition in the bag, and
+    qos what its publishers offered.
+    """
 
     name: str
     type_name: str
     message_count: int
+    encoding: str = field(default='cdr', compare=False)
+    schema: MessageSchema = field(default=MessageSchema('', '', ''), compare=False)
+    qos: tuple[QosProfile, ...] = field(default=(), compare=False)
+
+
+def _ignore(problem: str) -> None:
+    pass
 
 
 def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
-                  tolerant: bool = False) -> Iterator[BagMessage]:
+                  tolerant: bool = False, report: Callable[[str], None] = _ignore
+                  ) -> Iterator[BagMessage]:
     """Yield the messages of a bag folder or an MCAP file in the order of their log times.
 
     topics: those wanted, all if empty; start_ns: the first log time wanted.
-    tolerant: read what is whole of an unfinished or damaged file, in the order of writing;
-    otherwise UnfinishedBagError before the first message, or BagError where the damage is.
+    tolerant: read what is whole of an unfinished or damaged file, in the order of writing, and
+    tell report() what is not whole, with its place; otherwise UnfinishedBagError before the
+    first message, or BagError where the damage is.
     """
-    for path in _mcap_files(Path(bag)):
-        for schema, channel, message in _scan(path, tolerant, topics, start_ns):
-            yield BagMessage(channel.topic, _name(schema), message.data, message.log_time,
-                             message.publish_time)
+    files = find_files(Path(bag), report if tolerant else None)
+    for path in files.paths:
+        with McapFile(path) as file:
+            records = (file.whole_messages(report) if tolerant
+                       else file.messages(topics, start_ns))
+            for record in records:
+                if record.log_time_ns < start_ns or (
+                        topics and record.channel.topic not in topics):
+                    continue
+                data = record.data
+                if files.message_compression:
+                    try:
+                        data = unpack(data, files.message_compression)
+                    except _DAMAGE as error:
+                        problem = f'{path}: a message of {record.channel.topic}: {error}'
+                        if not tolerant:
+                            raise BagError(problem) from error
+                        report(problem)
+                        continue
+                yield BagMessage(record.channel.topic, _name(record.schema), data,
+                                 record.log_time_ns, record.publish_time_ns)
 
 
-def read_topics(bag: Path, *, tolerant: bool = False) -> dict[str, BagTopic]:
-    """Return the topics of a bag by name; tolerant and errors as in read_messages()."""
+def read_topics(bag: Path, *, tolerant: bool = False, report: Callable[[str], None] = _ignore
+                ) -> dict[str, BagTopic]:
+    """Return the topics of a bag by name; tolerant, report and errors as in read_messages()."""
     topics: dict[str, BagTopic] = {}
-    for path in _mcap_files(Path(bag)):
-        for topic in (_counted_topics(path) if tolerant else _indexed_topics(path)):
-            before = topics.get(topic.name)
-            count = topic.message_count + (before.message_count if before else 0)
-            topics[topic.name] = replace(topic, message_count=count)
+    for path in find_files(Path(bag), report if tolerant else None).paths:
+        with McapFile(path) as file:
+            for topic in _topics_of(file, tolerant, report):
+                before = topics.get(topic.name)
+                count = topic.message_count + (before.message_count if before else 0)
+                topics[topic.name] = replace(topic, message_count=count)
     return topics
 
 
@@ -100,132 +126,30 @@ def _name(schema: Schema | None) -> str:
     return schema.name if schema else ''
 
 
-def _mcap_files(bag: Path) -> list[Path]:
-    if not bag.is_dir():
-        return [bag]
-    files = sorted(bag.glob('*.mcap'), key=lambda path: (len(path.name), path.name))
-    if not files:
-        raise BagError(f'{bag} holds no .mcap file')
-    return files
+def _topics_of(file: McapFile, tolerant: bool, report: Callable[[str], None]
+               ) -> Iterator[BagTopic]:
+    counts: dict[int, int] = {}
+    if tolerant:
+        for message in file.whole_messages(report):
+            counts[message.channel.id] = counts.get(message.channel.id, 0) + 1
+    else:
+        file.check()
+        if file.statistics is None:
+            for message in file.messages():
+                counts[message.channel.id] = counts.get(message.channel.id, 0) + 1
+        else:
+            counts = file.statistics.channel_message_counts
+    for channel in file.channels.values():
+        yield _topic(channel, file.schemas.get(channel.schema_id), counts.get(channel.id, 0))
 
 
-def _scan(path: Path, tolerant: bool, topics: Sequence[str],
-          start_ns: int) -> Iterator[tuple[Schema | None, Channel, Message]]:
-    if not tolerant:
-        yield from _indexed_messages(path, topics, start_ns)
-        return
-    for schema, channel, message in _whole_messages(path):
-        if message.log_time >= start_ns and (not topics or channel.topic in topics):
-            yield schema, channel, message
-
-
-def _open(path: Path) -> BinaryIO:
+def _topic(channel: Channel, schema: Schema | None, count: int) -> BagTopic:
     try:
-        file = open(path, 'rb')
-        magic = file.read(len(_MAGIC))
-    except OSError as error:
-        raise BagError(f'cannot read {path}: {error.strerror}') from error
-    if magic != _MAGIC:
-        file.close()
-        raise BagError(f'{path} is no MCAP file: it starts with {magic!r}')
-    return file
-
-
-def _open_finished(path: Path) -> BinaryIO:
-    file = _open(path)
-    size = file.seek(-len(_MAGIC), 2) + len(_MAGIC)
-    if size < 2 * len(_MAGIC) or file.read() != _MAGIC:
-        whole = max((start + length for _, start, length in _whole_records(file)),
-                    default=len(_MAGIC))
-        file.close()
-        raise UnfinishedBagError(
-            f'{path} was not finished: its index is missing, whole records end at byte {whole} '
-            f'of {size}')
-    file.seek(0)
-    return file
-
-
-def _indexed_messages(path: Path, topics: Sequence[str],
-                      start_ns: int) -> Iterator[tuple[Schema | None, Channel, Message]]:
-    with _open_finished(path) as file:
-        try:
-            yield from make_reader(file, validate_crcs=True).iter_messages(
-                topics or None, starting_at=start_ns)
-        except _DAMAGE as error:
-            raise _damaged(path, file, error) from error
-
-
-def _indexed_topics(path: Path) -> list[BagTopic]:
-    with _open_finished(path) as file:
-        try:
-            summary = make_reader(file).get_summary()
-        except _DAMAGE as error:
-            raise _damaged(path, file, error) from error
-    if summary is None or summary.statistics is None:
-        return _counted_topics(path)
-    counts = summary.statistics.channel_message_counts
-    return [BagTopic(channel.topic, _name(summary.schemas.get(channel.schema_id)),
-                     counts.get(channel.id, 0)) for channel in summary.channels.values()]
-
-
-def _damaged(path: Path, file: BinaryIO, error: Exception) -> BagError:
-    reason = str(error) or type(error).__name__
-    return BagError(f'{path} is damaged before byte {file.tell()}: {reason}')
-
-
-def _counted_topics(path: Path) -> list[BagTopic]:
-    topics: dict[str, BagTopic] = {}
-    for schema, channel, _ in _whole_messages(path):
-        topic = topics.get(channel.topic) or BagTopic(channel.topic, _name(schema), 0)
-        topics[channel.topic] = replace(topic, message_count=topic.message_count + 1)
-    return list(topics.values())
-
-
-def _whole_messages(path: Path) -> Iterator[tuple[Schema | None, Channel, Message]]:
-    """Yield every message that is whole, in the order of the file, without its index."""
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    with _open(path) as file:
-        for opcode, start, length in _whole_records(file):
-            file.seek(start)
-            try:
-                records = _contents(opcode, file.read(length))
-            except _DAMAGE:
-                # A damaged chunk costs its own messages only.
-                continue
-            for record in records:
-                if isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    channels[record.id] = record
-                elif isinstance(record, Message) and record.channel_id in channels:
-                    channel = channels[record.channel_id]
-                    yield schemas.get(channel.schema_id), channel, record
-
-
-def _whole_records(file: BinaryIO) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, offset and length of each record of the data that is there in full."""
-    size = file.seek(0, 2)
-    end = len(_MAGIC)
-    while end + _FRAME.size <= size:
-        file.seek(end)
-        opcode, length = _FRAME.unpack(file.read(_FRAME.size))
-        start, end = end + _FRAME.size, end + _FRAME.size + length
-        if end > size or opcode == Opcode.DATA_END:
-            return
-        yield opcode, start, length
-
-
-def _contents(opcode: int, data: bytes) -> list[McapRecord]:
-    """Return what a record of the data section says of schemas, channels and messages."""
-    stream = ReadDataStream(BytesIO(data))
-    match opcode:
-        case Opcode.CHUNK:
-            return breakup_chunk(Chunk.read(stream), validate_crc=True)
-        case Opcode.SCHEMA:
-            return [Schema.read(stream)]
-        case Opcode.CHANNEL:
-            return [Channel.read(stream)]
-        case Opcode.MESSAGE:
-            return [Message.read(stream, len(data))]
-    return []
+        qos = qos_from_yaml(channel.metadata.get('offered_qos_profiles', ''))
+    except ValueError:
+        # A recording of other software, maybe; its messages are as good.
+        qos = ()
+    definition = MessageSchema('', '', '') if schema is None else MessageSchema(
+        schema.encoding, schema.data.decode(errors='replace'),
+        channel.metadata.get('topic_type_hash', ''))
+    return BagTopic(channel.topic, _name(schema), count, channel.message_encoding, definition, qos)

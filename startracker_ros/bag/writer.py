@@ -9,9 +9,9 @@ from types import TracebackType
 from mcap.writer import CompressionType, LIBRARY_IDENTIFIER, Writer
 
 from startracker_ros.bag.errors import BagError
-from startracker_ros.bag.metadata import bag_information, to_yaml, TopicRecord
+from startracker_ros.bag.metadata import bag_information, FileRecord, to_yaml, TopicRecord
 from startracker_ros.bag.qos import QosProfile
-from startracker_ros.bag.schemas import message_schema
+from startracker_ros.bag.schemas import message_schema, MessageSchema
 from startracker_ros.options import option, Options
 
 # So much log time is lost at most when the process is killed.
@@ -23,21 +23,21 @@ class BagOptions(Options):
     """How a bag is laid out on disk."""
 
     compression: str = option(
-        'lz4', 'of the chunks: zstd halves what lz4 leaves of noisy images in nearly twice the '
+        'zstd', 'of the chunks: zstd halves what lz4 leaves of noisy images in nearly twice the '
         'time', choices=('none', 'lz4', 'zstd'), read_only=True)
     chunk_size_bytes: int = option(
         2 ** 20, 'a chunk is closed when it is larger', unit='byte', low=2 ** 12, high=2 ** 30,
         read_only=True)
-
-
-@dataclass
-class _Channel:
-    id: int
-    record: TopicRecord
+    max_file_size_mb: float = option(
+        0.0, 'a new file of the bag begins when one is larger; 0 for one file', unit='MB', low=0.0,
+        high=1e6, read_only=True)
+    max_file_duration_s: float = option(
+        0.0, 'a new file of the bag begins when one spans more; 0 for one file', unit='s', low=0.0,
+        high=1e6, read_only=True)
 
 
 class BagWriter:
-    """A bag being written: a folder with one MCAP file, and metadata.yaml once it is closed.
+    """A bag being written: a folder of MCAP files, and metadata.yaml once it is closed.
 
     What was written reaches the operating system within 1 s of log time: it outlives the
     process, not a power cut. After a BagError from write() or flush() the bag is closed and
@@ -47,41 +47,38 @@ class BagWriter:
     def __init__(self, folder: Path, *, options: BagOptions = BagOptions()) -> None:
         """Make the folder; BagError if it holds something or cannot be written."""
         self._folder = Path(folder)
-        self._file_name = f'{self._folder.resolve().name}_0.mcap'
-        self._channels: dict[str, _Channel] = {}
-        self._schema_ids: dict[str, int] = {}
-        self._span_ns: tuple[int, int] | None = None
+        self._options = options
+        self._topics: dict[str, TopicRecord] = {}
+        self._schemas: dict[str, MessageSchema] = {}
+        self._files: list[FileRecord] = []
         self._flushed_ns = 0
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             if any(self._folder.iterdir()):
                 raise BagError(f'cannot record to {folder}: the folder is not empty')
-            self._file = open(self._folder / self._file_name, 'xb')
+            self._open_file()
         except BagError:
             raise
         except OSError as error:
             raise BagError(f'cannot record to {folder}: {error.strerror}') from error
-        self._writer = Writer(self._file, chunk_size=options.chunk_size_bytes,
-                              compression=CompressionType[options.compression.upper()])
         with self._writing():
-            self._writer.start('ros2', f'startracker_ros {LIBRARY_IDENTIFIER}')
-            self._write_information()
-            self._writer.flush()
+            self._start_file()
 
-    def add_topic(self, topic: str, type_name: str, qos: Sequence[QosProfile] = ()) -> None:
-        """Take up a topic with what its publishers offer; BagError if it is there already."""
-        if topic in self._channels:
+    def add_topic(self, topic: str, type_name: str, qos: Sequence[QosProfile] = (), *,
+                  schema: MessageSchema | None = None, encoding: str = 'cdr') -> None:
+        """Take up a topic with what its publishers offer; BagError if it is there already.
+
+        schema: the definition of its type where it is not the installed one.
+        """
+        if topic in self._topics:
             raise BagError(f'{self._path}: topic {topic} was added before')
-        schema = message_schema(type_name)
-        record = TopicRecord(topic, type_name, schema.type_hash, tuple(qos))
+        if type_name not in self._schemas:
+            self._schemas[type_name] = schema or message_schema(type_name)
+        type_hash = self._schemas[type_name].type_hash
+        record = TopicRecord(topic, type_name, type_hash, tuple(qos), encoding)
         with self._writing():
-            if type_name not in self._schema_ids:
-                self._schema_ids[type_name] = self._writer.register_schema(
-                    type_name, schema.encoding, schema.text.encode())
-            channel_id = self._writer.register_channel(topic, 'cdr', self._schema_ids[type_name], {
-                'offered_qos_profiles': to_yaml([profile.as_dict() for profile in qos]),
-                'topic_type_hash': schema.type_hash})
-            self._channels[topic] = _Channel(channel_id, record)
+            self._register(record)
+            self._topics[topic] = record
 
     def write(self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Append a serialized message.
@@ -89,22 +86,25 @@ class BagWriter:
         log_time_ns is when it was received, publish_time_ns when it was sent, 0 if unknown;
         both UNIX time, in any order. BagError for an unknown topic and when the disk is full.
         """
-        channel = self._channels.get(topic)
-        if channel is None:
+        record = self._topics.get(topic)
+        if record is None:
             raise BagError(f'{self._path}: topic {topic} was not added')
-        if not (0 <= log_time_ns < 2 ** 64 and 0 <= publish_time_ns < 2 ** 64):
-            raise ValueError(f'{topic}: times {log_time_ns}, {publish_time_ns} ns are not '
-                             'UNIX times')
+        check_times(topic, log_time_ns, publish_time_ns)
         with self._writing():
-            self._writer.add_message(
-                channel.id, log_time_ns, cdr, publish_time_ns or log_time_ns,
-                sequence=channel.record.message_count % 2 ** 32)
-            channel.record.message_count += 1
-            if self._span_ns is None:
-                self._span_ns = log_time_ns, log_time_ns
+            if self._is_full(log_time_ns):
+                self._finish_file()
+                self._open_file()
+                self._start_file()
+            if len(cdr) >= self._options.chunk_size_bytes:
+                # Large messages have chunks of their own: who wants others need not unpack them.
+                self._writer.flush()
+            if not self._files[-1].message_count:
                 self._flushed_ns = log_time_ns
-            start_ns, end_ns = self._span_ns
-            self._span_ns = min(start_ns, log_time_ns), max(end_ns, log_time_ns)
+            self._writer.add_message(
+                self._channel_ids[topic], log_time_ns, cdr, publish_time_ns or log_time_ns,
+                sequence=record.message_count % 2 ** 32)
+            record.message_count += 1
+            self._files[-1].count(log_time_ns)
             if abs(log_time_ns - self._flushed_ns) >= _FLUSH_NS:
                 self._writer.flush()
                 self._flushed_ns = log_time_ns
@@ -119,9 +119,7 @@ class BagWriter:
         if self._file.closed:
             return
         with self._writing():
-            information = self._write_information()
-            self._writer.finish()
-            self._file.close()
+            information = self._finish_file()
             text = to_yaml({'rosbag2_bagfile_information': information})
             (self._folder / 'metadata.yaml').write_text(text)
 
@@ -134,7 +132,7 @@ class BagWriter:
 
     @property
     def _path(self) -> Path:
-        return self._folder / self._file_name
+        return self._folder / self._files[-1].name
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -149,9 +147,57 @@ class BagWriter:
             raise BagError(f'{self._path}: {error.strerror}: the recording ends here, what was '
                            'written before can be read') from error
 
+    def _is_full(self, log_time_ns: int) -> bool:
+        """Return whether a message belongs into a new file."""
+        span_ns = self._files[-1].span_ns
+        if span_ns is None:
+            return False
+        options = self._options
+        return (0 < options.max_file_size_mb * 1e6 <= self._file.tell()
+                or 0 < options.max_file_duration_s * 1e9 <= log_time_ns - span_ns[0])
+
+    def _open_file(self) -> None:
+        name = f'{self._folder.resolve().name}_{len(self._files)}.mcap'
+        self._files.append(FileRecord(name))
+        self._file = open(self._folder / name, 'xb')
+        self._writer = Writer(self._file, chunk_size=self._options.chunk_size_bytes,
+                              compression=CompressionType[self._options.compression.upper()])
+        self._channel_ids: dict[str, int] = {}
+        self._schema_ids: dict[str, int] = {}
+
+    def _start_file(self) -> None:
+        self._writer.start('ros2', f'startracker_ros {LIBRARY_IDENTIFIER}')
+        self._write_information()
+        for record in self._topics.values():
+            self._register(record)
+        self._writer.flush()
+
+    def _register(self, record: TopicRecord) -> None:
+        """Put schema and channel of a topic into the present file."""
+        schema = self._schemas[record.type_name]
+        if record.type_name not in self._schema_ids:
+            self._schema_ids[record.type_name] = self._writer.register_schema(
+                record.type_name, schema.encoding, schema.text.encode())
+        self._channel_ids[record.name] = self._writer.register_channel(
+            record.name, record.encoding, self._schema_ids[record.type_name], {
+                'offered_qos_profiles': to_yaml([profile.as_dict() for profile in record.qos]),
+                'topic_type_hash': record.type_hash})
+
+    def _finish_file(self) -> dict:
+        information = self._write_information()
+        self._writer.finish()
+        self._file.close()
+        return information
+
     def _write_information(self) -> dict:
         """Put the metadata into the MCAP file too; rosbag2 does so at both ends of it."""
-        topics = [channel.record for channel in self._channels.values()]
-        information = bag_information(self._file_name, topics, self._span_ns)
+        information = bag_information(self._files, list(self._topics.values()))
         self._writer.add_metadata('rosbag2', {'serialized_metadata': to_yaml(information)})
         return information
+
+
+def check_times(topic: str, log_time_ns: int, publish_time_ns: int) -> None:
+    """Raise ValueError for times that a bag cannot hold."""
+    if not (0 <= log_time_ns < 2 ** 64 and 0 <= publish_time_ns < 2 ** 64):
+        raise ValueError(
+            f'{topic}: times {log_time_ns}, {publish_time_ns} ns are not UNIX times')

@@ -22,7 +22,7 @@ COUNT = 60
 def bag(tmp_path_factory: pytest.TempPathFactory, samples: dict[str, bytes]) -> Path:
     """Return a bag of two topics in several chunks, 10 Hz from time 0 on."""
     folder = tmp_path_factory.mktemp('reader') / 'run'
-    with BagWriter(folder, options=BagOptions(chunk_size_bytes=4096)) as writer:
+    with BagWriter(folder, options=BagOptions(compression='lz4', chunk_size_bytes=4096)) as writer:
         writer.add_topic('/attitude', TYPE)
         writer.add_topic('/silent', 'std_msgs/msg/Header')
         writer.add_topic('/count', 'std_msgs/msg/Header')
@@ -52,8 +52,8 @@ def test_topics_are_counted(bag: Path) -> None:
     heard = {'/attitude': BagTopic('/attitude', TYPE, COUNT),
              '/count': BagTopic('/count', 'std_msgs/msg/Header', COUNT)}
     silent = {'/silent': BagTopic('/silent', 'std_msgs/msg/Header', 0)}
-    assert read_topics(bag) == heard | silent
-    assert read_topics(bag, tolerant=True) == heard
+    for tolerant in (False, True):
+        assert read_topics(bag, tolerant=tolerant) == heard | silent
 
 
 def test_a_bag_of_several_files(bag: Path, tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_a_damaged_chunk_costs_its_own_messages(bag: Path, tmp_path: Path) -> No
     data = bytearray((bag / 'run_0.mcap').read_bytes())
     data[len(data) // 4] ^= 0xff
     (tmp_path / 'bad.mcap').write_bytes(data)
-    with pytest.raises(BagError, match=r'bad.mcap is damaged before byte \d+: '):
+    with pytest.raises(BagError, match=r'bad.mcap is damaged at byte \d+: '):
         list(read_messages(tmp_path / 'bad.mcap'))
     read = counts(tmp_path / 'bad.mcap', tolerant=True)
     assert read == sorted(read) and read[-1] == COUNT - 1 and COUNT / 2 < len(read) < COUNT

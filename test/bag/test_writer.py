@@ -338,3 +338,54 @@ def test_a_full_disk_keeps_what_came_before(tmp_path: Path) -> None:
     assert [message.log_time_ns for message in messages] == [
         number * 10 ** 8 for number in range(len(messages))]
     assert {len(message.data) for message in messages} == {40_000}
+
+
+@pytest.mark.parametrize('options, files', [
+    (BagOptions(max_file_size_mb=0.2, compression='none', chunk_size_bytes=4096), 5),
+    (BagOptions(max_file_duration_s=2.0), 5)], ids=['size', 'duration'])
+def test_a_bag_is_split(tmp_path: Path, options: BagOptions, files: int) -> None:
+    with BagWriter(tmp_path / 'run', options=options) as writer:
+        writer.add_topic('/a', 'std_msgs/msg/Header', [STATE_QOS])
+        for frame in range(100):
+            if frame == 50:
+                writer.add_topic('/late', 'std_msgs/msg/Header')
+            for topic in ('/a', '/late') if frame >= 50 else ('/a',):
+                time_ns = START_NS + frame * 10 ** 8
+                writer.write(topic, frame.to_bytes(4) + bytes(6000), time_ns, time_ns)
+    paths = sorted((tmp_path / 'run').glob('*.mcap'))
+    assert [path.name for path in paths] == [f'run_{number}.mcap' for number in range(files)]
+    with Reader(tmp_path / 'run') as reader:
+        assert reader.message_count == 150
+        assert (reader.start_time, reader.end_time) == (START_NS, START_NS + 99 * 10 ** 8 + 1)
+        frames = [int.from_bytes(data[:4]) for connection, _, data in reader.messages()
+                  if connection.topic == '/a']
+        assert {c.topic: c.msgcount for c in reader.connections} == {'/a': 100, '/late': 50}
+    assert frames == list(range(100))
+    information = yaml.safe_load(
+        (tmp_path / 'run' / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    for path, entry in zip(paths, information['files'], strict=True):
+        # Each file can be opened by itself.
+        with open(path, 'rb') as file:
+            reader = make_reader(file, validate_crcs=True)
+            times_ns = [message.log_time for _, _, message in reader.iter_messages()]
+        assert entry == {
+            'path': path.name, 'message_count': len(times_ns),
+            'starting_time': {'nanoseconds_since_epoch': min(times_ns)},
+            'duration': {'nanoseconds': max(times_ns) - min(times_ns)}}
+        if options.max_file_size_mb:
+            assert path.stat().st_size < 0.22e6
+        else:
+            assert max(times_ns) - min(times_ns) < 2 * 10 ** 9
+
+
+def test_large_messages_have_chunks_of_their_own(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'run', options=BagOptions(chunk_size_bytes=4096)) as writer:
+        for topic in ('/image_raw', '/attitude'):
+            writer.add_topic(topic, 'std_msgs/msg/Header')
+        for frame in range(5):
+            writer.write('/attitude', b'small', START_NS + 2 * frame, 0)
+            writer.write('/image_raw', bytes(10_000), START_NS + 2 * frame + 1, 0)
+    with open(tmp_path / 'run' / 'run_0.mcap', 'rb') as file:
+        indexes = make_reader(file).get_summary().chunk_indexes
+    assert len(indexes) == 10
+    assert all(len(index.message_index_offsets) == 1 for index in indexes)

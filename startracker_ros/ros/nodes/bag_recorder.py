@@ -3,17 +3,21 @@
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
+import sys
 import time
 
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from startracker_ros.bag.background import BackgroundWriter
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.qos import QosProfile
 from startracker_ros.bag.writer import BagOptions, BagWriter
 from startracker_ros.options import option, Options
-from startracker_ros.ros.diagnostics import ERROR, OK
+from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages import message_class
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
 
@@ -29,8 +33,11 @@ class RecordOptions(Options):
     exclude: tuple[str, ...] = option(
         ('*/image_annotated',), 'patterns of topics left out; image_annotated is drawn only for '
         'those who listen and can be drawn again', read_only=True)
-    queue_depth: int = option(100, 'messages of a topic kept while the disk is busy', low=1,
+    queue_depth: int = option(100, 'messages of a topic that wait for the recorder', low=1,
                               high=10000, read_only=True)
+    queue_size_mb: float = option(
+        256.0, 'messages of all topics that wait for compression and disk; what does not fit is '
+        'dropped and counted', unit='MB', low=1.0, high=65536.0, read_only=True)
     discovery_period_s: float = option(0.1, 'how often new topics are looked for', unit='s',
                                        low=0.01, high=60.0, read_only=True)
 
@@ -46,30 +53,36 @@ class BagRecorderNode(PipelineNode):
         options = self.options(RecordOptions)
         folder = options.folder or time.strftime('startracker_%Y_%m_%d-%H_%M_%S')
         try:
-            self._writer = BagWriter(Path(folder), options=self.options(BagOptions))
+            self._writer = BackgroundWriter(
+                BagWriter(Path(folder), options=self.options(BagOptions)),
+                queue_bytes=round(options.queue_size_mb * 1e6))
         except BagError as error:
             raise StartError(str(error)) from error
+        self._folder = folder
         self._unknown_types: set[str] = set()
-        self._recorded: set[str] = set()
-        self._failed = False
+        self._recorded: dict[str, Subscription] = {}
+        self._outdated: set[str] = set()
         self.get_logger().info(f'recording to {folder}')
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(options.discovery_period_s, self._discover, clock=steady)
-        self.create_timer(1.0, self._flush, clock=steady)
+        self.create_timer(0.5, self._report, clock=steady)
 
     def destroy_node(self) -> None:
         """Close the bag, then the node."""
         try:
             self._writer.close()
         except BagError as error:
-            self.get_logger().error(str(error))
+            print(f'[bag_recorder] {error}', file=sys.stderr)
+        # The logger is gone with its context by now.
+        print(f'[bag_recorder] {self._folder}: {self.diagnostics.counts["messages"]} messages of '
+              f'{len(self._recorded)} topics, {self._lost()} lost', file=sys.stderr, flush=True)
         super().destroy_node()
 
     def _discover(self) -> None:
         options = self.options(RecordOptions)
         for topic, types in self.get_topic_names_and_types():
             wanted = _matches(topic, options.topics) and not _matches(topic, options.exclude)
-            if wanted and topic not in self._recorded:
+            if wanted and (topic not in self._recorded or topic in self._outdated):
                 offers = self.get_publishers_info_by_topic(topic)
                 if offers:
                     self._record(topic, types[0], offers)
@@ -82,17 +95,36 @@ class BagRecorderNode(PipelineNode):
                 self._unknown_types.add(type_name)
                 self.get_logger().warning(f'{topic} is not recorded: {type_name} is not installed')
             return
-        try:
-            self._writer.add_topic(topic, type_name, [_bag_qos(o.qos_profile) for o in offers])
-        except BagError as error:
-            self._fail(error)
-            return
-        self._recorded.add(topic)
+        if topic in self._recorded:
+            self.destroy_subscription(self._recorded[topic])
+            self._outdated.discard(topic)
+        elif self._writer.error is None:
+            try:
+                self._writer.add_topic(
+                    topic, type_name, [_bag_qos(offer.qos_profile) for offer in offers])
+            except BagError as error:
+                self.diagnostics.report(ERROR, str(error))
+                return
+        self._recorded[topic] = self._subscribe(topic, message_type, offers)
         self.diagnostics.values['topics'] = len(self._recorded)
 
+    def _subscribe(self, topic: str, message_type: type,
+                   offers: list[TopicEndpointInfo]) -> Subscription:
         def write(message: bytes, info: dict) -> None:
-            self._write(topic, message, info)
-        self.create_subscription(message_type, topic, write, self._matching_qos(offers), raw=True)
+            if self._writer.write(topic, message, info['received_timestamp'],
+                                  info['source_timestamp']):
+                self.diagnostics.counts['messages'] += 1
+
+        def lose(event: object) -> None:
+            self.diagnostics.counts['messages lost before the recorder'] += (
+                event.total_count_change)
+
+        # A publisher that offers less came later: the next look adapts to all there are.
+        events = SubscriptionEventCallbacks(
+            message_lost=lose, incompatible_qos=lambda event: self._outdated.add(topic))
+        return self.create_subscription(
+            message_type, topic, write, self._matching_qos(offers), raw=True,
+            event_callbacks=events)
 
     def _matching_qos(self, offers: list[TopicEndpointInfo]) -> QoSProfile:
         """Return the strictest profile that hears every publisher there is."""
@@ -105,30 +137,19 @@ class BagRecorderNode(PipelineNode):
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if local else DurabilityPolicy.VOLATILE)
 
-    def _write(self, topic: str, message: bytes, info: dict) -> None:
-        if self._failed:
-            self.diagnostics.counts['messages lost'] += 1
-            return
-        try:
-            self._writer.write(topic, message, info['received_timestamp'],
-                               info['source_timestamp'])
-        except BagError as error:
-            self._fail(error)
-            return
-        self.diagnostics.counts['messages'] += 1
-        self.diagnostics.report(OK, 'recording')
+    def _lost(self) -> int:
+        return self.diagnostics.counts['messages lost before the recorder'] + self._writer.dropped
 
-    def _flush(self) -> None:
-        """Bring the last messages to the disk when no others follow them."""
-        if not self._failed:
-            try:
-                self._writer.flush()
-            except BagError as error:
-                self._fail(error)
-
-    def _fail(self, error: BagError) -> None:
-        self._failed = True
-        self.diagnostics.report(ERROR, str(error))
+    def _report(self) -> None:
+        """Say how the recording goes; writing fails in another thread."""
+        if self._writer.dropped:
+            self.diagnostics.counts['messages dropped'] = self._writer.dropped
+        if self._writer.error is not None:
+            self.diagnostics.report(ERROR, str(self._writer.error))
+        elif self._lost():
+            self.diagnostics.report(WARN, f'recording; {self._lost()} messages are lost')
+        elif self.diagnostics.counts['messages']:
+            self.diagnostics.report(OK, 'recording')
 
 
 def _matches(topic: str, patterns: tuple[str, ...]) -> bool:

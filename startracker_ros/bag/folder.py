@@ -1,0 +1,88 @@
+"""The files of a bag folder, as its metadata.yaml names them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from startracker_ros.bag.errors import BagError
+
+_MAX_METADATA_BYTES = 2 ** 24
+
+
+@dataclass(frozen=True)
+class BagFiles:
+    """MCAP files in the order of recording, and what each message is compressed with, if any."""
+
+    paths: tuple[Path, ...]
+    message_compression: str = ''
+
+
+def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
+    """Return the files of a bag folder, or the file itself; BagError if they cannot be read.
+
+    Without a metadata.yaml, as a recorder that was killed leaves it, all .mcap files are taken.
+    With report, a metadata.yaml that is damaged is told of and passed over.
+    """
+    if not bag.is_dir():
+        return BagFiles((bag,))
+    found = tuple(sorted(bag.glob('*.mcap'), key=lambda path: (len(path.name), path.name)))
+    metadata = bag / 'metadata.yaml'
+    if metadata.is_file():
+        try:
+            return _named_files(bag, _information(metadata))
+        except _MetadataError as error:
+            if report is None or not found:
+                raise BagError(f'{metadata}: {error}') from error
+            report(f'{metadata}: {error}')
+    if not found:
+        raise BagError(f'{bag} holds no .mcap file')
+    return BagFiles(found)
+
+
+class _MetadataError(ValueError):
+    """A metadata.yaml that says nothing usable."""
+
+
+def _information(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > _MAX_METADATA_BYTES:
+            raise _MetadataError(f'{path.stat().st_size} bytes are no metadata')
+        document = yaml.load(path.read_bytes(), Loader=yaml.CSafeLoader)
+    except OSError as error:
+        raise _MetadataError(str(error.strerror)) from error
+    # Dates and numbers out of range are ValueErrors of their own.
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise _MetadataError(f'no YAML: {error}') from error
+    information = document.get('rosbag2_bagfile_information') if isinstance(
+        document, dict) else None
+    if not isinstance(information, dict):
+        raise _MetadataError('no rosbag2_bagfile_information')
+    return information
+
+
+def _named_files(bag: Path, information: dict[str, Any]) -> BagFiles:
+    storage = information.get('storage_identifier')
+    if storage != 'mcap':
+        raise BagError(f'{bag} is stored as {storage}, only mcap can be read')
+    names = information.get('relative_file_paths')
+    if not isinstance(names, list) or not names or not all(
+            isinstance(name, str) and name for name in names):
+        raise _MetadataError(f'relative_file_paths = {names!r} names no files')
+    mode, compression = (str(information.get(key) or '').lower()
+                         for key in ('compression_mode', 'compression_format'))
+    paths = []
+    for name in names:
+        # Before version 4 the name of the folder stood before that of the file.
+        path = bag / name if (bag / name).exists() else bag / Path(name).name
+        if not path.resolve().is_relative_to(bag.resolve()):
+            raise BagError(f'{bag}: metadata.yaml names {name!r}, outside of the folder')
+        if not path.is_file():
+            raise _MetadataError(f'{name!r} is not there')
+        paths.append(path)
+    if mode == 'file':
+        raise BagError(f'{bag} was compressed by rosbag2 as whole files: unpack them first '
+                       f'(unzstd {paths[0].name}) and play the .mcap file')
+    return BagFiles(tuple(paths), compression if mode == 'message' else '')

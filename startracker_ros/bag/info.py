@@ -1,0 +1,78 @@
+"""What a bag holds, as rows."""
+
+from datetime import datetime, timezone
+from pathlib import Path
+
+from startracker_ros.bag.errors import BagError
+from startracker_ros.bag.folder import find_files
+from startracker_ros.bag.mcap_file import McapFile
+from startracker_ros.bag.reader import BagTopic, read_messages, read_topics
+from startracker_ros.table import Result
+
+
+def describe(bag: Path) -> tuple[Result, list[str]]:
+    """Return a row for each topic, and what is wrong with the bag; BagError if it is none.
+
+    A bag that is whole is told from its index alone, of another one every message is looked at.
+    """
+    problems: list[str] = []
+    try:
+        topics = read_topics(bag)
+        span_ns = _span_ns(bag)
+    except BagError:
+        topics = read_topics(bag, tolerant=True, report=problems.append)
+        times_ns = [message.log_time_ns for message in read_messages(bag, tolerant=True)]
+        span_ns = (min(times_ns), max(times_ns)) if times_ns else None
+        if not problems:
+            # The index alone is wrong.
+            problems = [f'{bag} is damaged, all its messages can be read']
+    files = find_files(bag, problems.append if problems else None).paths
+    duration_s = (span_ns[1] - span_ns[0]) * 1e-9 if span_ns else 0.0
+    rows = [_row(topic, duration_s) for topic in sorted(
+        topics.values(), key=lambda topic: topic.name)]
+    return Result('info', rows, {
+        'files': ', '.join(file.name for file in files),
+        'size_mb': sum(file.stat().st_size for file in files) / 1e6,
+        'compression': _compression(files),
+        'messages': sum(topic.message_count for topic in topics.values()),
+        'start': _utc(span_ns[0]) if span_ns else '-',
+        'duration_s': duration_s,
+        'whole': not problems}), problems
+
+
+def _row(topic: BagTopic, duration_s: float) -> dict[str, object]:
+    return {'topic': topic.name, 'type': topic.type_name or topic.encoding,
+            'messages': topic.message_count,
+            'rate_hz': (topic.message_count - 1) / duration_s
+            if topic.message_count > 1 and duration_s else None,
+            'qos': '; '.join(dict.fromkeys(
+                f'{profile.reliability}, {profile.durability}' for profile in topic.qos))}
+
+
+def _span_ns(bag: Path) -> tuple[int, int] | None:
+    """Return the first and last log time of a bag that is whole."""
+    spans = []
+    for path in find_files(bag, None).paths:
+        with McapFile(path) as file:
+            span_ns = file.span_ns
+            if span_ns is not None:
+                spans.append(span_ns)
+    return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
+
+
+def _compression(files: tuple[Path, ...]) -> str:
+    names: set[str] = set()
+    for path in files:
+        with McapFile(path) as file:
+            names |= file.compressions
+    return ', '.join(sorted(name or 'none' for name in names)) or 'none'
+
+
+def _utc(stamp_ns: int) -> str:
+    # Integers all the way: a float of the full time is good to a quarter of a microsecond.
+    seconds, nanoseconds = divmod(stamp_ns, 10 ** 9)
+    try:
+        moment = datetime.fromtimestamp(seconds, timezone.utc)
+    except (ValueError, OverflowError, OSError):
+        return f'{stamp_ns} ns'
+    return f'{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d} UTC'

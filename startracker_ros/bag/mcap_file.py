@@ -1,0 +1,375 @@
+"""One MCAP file, whole or damaged, read in bounded memory (format: mcap.dev/spec)."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+import heapq
+from io import BytesIO
+from pathlib import Path
+import struct
+from types import TracebackType
+import zlib
+
+import lz4.frame
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
+import zstandard
+
+from startracker_ros.bag.errors import BagError, UnfinishedBagError
+
+MAX_RECORD_BYTES = 2 ** 28
+"""Larger records, and chunks that unpack to more, are taken for damage: memory is not for them."""
+
+_MAX_PENDING_BYTES = 2 ** 30
+_MAGIC = b'\x89MCAP0\r\n'
+# Opcode and length of the content stand before each record.
+_FRAME = struct.Struct('<BQ')
+# Times of the first and last message, size and CRC unpacked, length of the compression's name.
+_CHUNK = struct.Struct('<QQQLL')
+# Channel, sequence number, log time, publish time.
+_MESSAGE = struct.Struct('<HLQQ')
+# What the libraries raise on bytes that are not what they should be; lz4 raises RuntimeErrors.
+_DAMAGE = (McapError, zstandard.ZstdError, ValueError, KeyError, RuntimeError, MemoryError,
+           OverflowError, OSError, struct.error)
+
+
+@dataclass(frozen=True)
+class RawMessage:
+    """A message as it stands in the file."""
+
+    channel: Channel
+    schema: Schema | None
+    log_time_ns: int
+    publish_time_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """A chunk, or a message outside of chunks: its place in the file and its log times."""
+
+    offset: int
+    length: int
+    start_ns: int
+    end_ns: int
+    is_chunk: bool
+
+
+@dataclass
+class _Damage(Exception):
+    """Bytes that cannot be right."""
+
+    offset: int
+    reason: str
+
+    def __str__(self) -> str:
+        return f'byte {self.offset}: {self.reason}'
+
+
+class McapFile:
+    """An open MCAP file; what it holds is found by walking over its records once.
+
+    schemas and channels by id; statistics is the file's own count, None where it has none;
+    compressions are those of its chunks.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open the file; BagError if it cannot be read or is no MCAP file."""
+        self.path = Path(path)
+        try:
+            self._file = open(self.path, 'rb')
+            magic = self._file.read(len(_MAGIC))
+            self.size = self._file.seek(0, 2)
+        except OSError as error:
+            raise BagError(f'cannot read {path}: {error.strerror}') from error
+        if magic != _MAGIC:
+            self._file.close()
+            raise BagError(f'{path} is no MCAP file: it starts with {magic!r}')
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.statistics: Statistics | None = None
+        self.compressions: set[str] = set()
+        self._pieces: list[_Piece] = []
+        self._channels_of_chunk: dict[int, frozenset[int]] = {}
+        self._problems: list[_Damage] = []
+        self._has_summary = False
+        self._unfinished: UnfinishedBagError | None = None
+        try:
+            self._walk()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> 'McapFile':
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self._file.close()
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last log time, as the chunks say; None without messages."""
+        held = [piece for piece in self._pieces if piece.end_ns or not piece.is_chunk]
+        if not held:
+            return None
+        return min(piece.start_ns for piece in held), max(piece.end_ns for piece in held)
+
+    def check(self) -> None:
+        """Raise UnfinishedBagError or BagError unless the file is complete and its index sound."""
+        if self._unfinished is not None:
+            raise self._unfinished
+        if self._problems:
+            raise self._error(self._problems[0])
+        if self.statistics is not None:
+            chunks = sum(piece.is_chunk for piece in self._pieces)
+            if self.statistics.chunk_count != chunks:
+                raise BagError(f'{self.path} is damaged: its index counts '
+                               f'{self.statistics.chunk_count} chunks, {chunks} are there')
+
+    def messages(self, topics: Sequence[str] = (), start_ns: int = 0) -> Iterator[RawMessage]:
+        """Yield messages in the order of their log times; errors as check(), or at the damage."""
+        self.check()
+        try:
+            if not self._has_summary:
+                self._find_channels()
+            wanted = {number for number, channel in self.channels.items()
+                      if not topics or channel.topic in topics}
+            yield from self._in_order(wanted, start_ns, bool(topics))
+        except _Damage as damage:
+            raise self._error(damage) from damage
+
+    def whole_messages(self, report: Callable[[str], None]) -> Iterator[RawMessage]:
+        """Yield what is whole in the order of the file; report() is told of what is not."""
+        for piece in self._pieces:
+            try:
+                for _, content in self._contents(piece):
+                    yield self._message(content, piece.offset)
+            except _Damage as damage:
+                # A damaged chunk costs its own messages only.
+                report(f'{self.path}: {damage}')
+        for problem in self._problems:
+            report(f'{self.path}: {problem}')
+        if self._unfinished is not None:
+            report(str(self._unfinished))
+
+    def _error(self, damage: _Damage) -> BagError:
+        return BagError(f'{self.path} is damaged at {damage}')
+
+    # --- the records of the file ---
+
+    def _walk(self) -> None:
+        """Note where chunks, messages, schemas and channels are, and how the file ends."""
+        at = len(_MAGIC)
+        in_summary = False
+        while True:
+            frame = self._bytes(at, _FRAME.size)
+            opcode, length = _FRAME.unpack(frame) if len(frame) == _FRAME.size else (0, 0)
+            end = at + _FRAME.size + length
+            if end > self.size or not opcode:
+                self._note_end(at, length)
+                return
+            try:
+                if opcode == Opcode.DATA_END:
+                    in_summary = True
+                elif opcode == Opcode.FOOTER:
+                    self._take_footer(at, length)
+                    return
+                else:
+                    self._take(opcode, at + _FRAME.size, length, in_summary)
+            except _DAMAGE as error:
+                self._problems.append(_Damage(at, _text(error)))
+            except _Damage as damage:
+                self._problems.append(damage)
+            at = end
+
+    def _note_end(self, at: int, length: int) -> None:
+        """Tell a file that was cut from one whose records are wrong."""
+        if self._bytes(self.size - len(_MAGIC), len(_MAGIC)) == _MAGIC and self.size > at + len(
+                _MAGIC):
+            self._problems.append(_Damage(at, f'no record is {length} bytes long there'))
+        else:
+            self._unfinished = UnfinishedBagError(
+                f'{self.path} was not finished: its index is missing, whole records end at byte '
+                f'{at} of {self.size}')
+
+    def _take(self, opcode: int, offset: int, length: int, in_summary: bool) -> None:
+        if opcode == Opcode.CHUNK and not in_summary:
+            start_ns, end_ns, _, _, name_length = _CHUNK.unpack(self._bytes(offset, _CHUNK.size))
+            self._pieces.append(_Piece(offset, length, start_ns, end_ns, True))
+            if name_length < 100:
+                name = self._bytes(offset + _CHUNK.size, name_length)
+                self.compressions.add(name.decode())
+        elif opcode == Opcode.MESSAGE and not in_summary:
+            log_time_ns = _MESSAGE.unpack(self._bytes(offset, _MESSAGE.size))[2]
+            self._pieces.append(_Piece(offset, length, log_time_ns, log_time_ns, False))
+        elif opcode == Opcode.STATISTICS:
+            self.statistics = Statistics.read(self._stream(offset, length))
+        elif opcode == Opcode.CHUNK_INDEX:
+            index = ChunkIndex.read(self._stream(offset, length))
+            self._channels_of_chunk[index.chunk_start_offset + _FRAME.size] = frozenset(
+                index.message_index_offsets)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self._has_summary |= in_summary and opcode == Opcode.CHANNEL
+            self._define(opcode, self._read(offset, length))
+
+    def _take_footer(self, at: int, length: int) -> None:
+        footer = Footer.read(self._stream(at + _FRAME.size, length))
+        end = at + _FRAME.size + length
+        if self._bytes(end, len(_MAGIC) + 1) != _MAGIC:
+            self._note_end(at, length)
+        elif footer.summary_crc and footer.summary_start:
+            # Of everything from the summary's start to the CRC itself.
+            summary = self._read(footer.summary_start, end - 4 - footer.summary_start)
+            if zlib.crc32(summary) != footer.summary_crc:
+                self._problems.append(
+                    _Damage(footer.summary_start, 'the CRC of the index differs'))
+
+    def _define(self, opcode: int, content: bytes) -> None:
+        stream = ReadDataStream(BytesIO(content))
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            self.schemas[schema.id] = schema
+        else:
+            channel = Channel.read(stream)
+            self.channels[channel.id] = channel
+
+    def _bytes(self, offset: int, length: int) -> bytes:
+        self._file.seek(max(offset, 0))
+        return self._file.read(length)
+
+    def _read(self, offset: int, length: int) -> bytes:
+        """Return bytes that must be there, never so many that memory is in danger."""
+        if not 0 <= length <= MAX_RECORD_BYTES:
+            raise _Damage(offset, f'a record of {length} bytes')
+        try:
+            data = self._bytes(offset, length)
+        except (OSError, OverflowError) as error:
+            raise _Damage(offset, _text(error)) from error
+        if len(data) != length:
+            raise _Damage(offset, f'{length} bytes are not there')
+        return data
+
+    def _stream(self, offset: int, length: int) -> ReadDataStream:
+        return ReadDataStream(BytesIO(self._read(offset, length)))
+
+    # --- messages ---
+
+    def _find_channels(self) -> None:
+        """Take schemas and channels out of the chunks, for a file without a summary."""
+        for piece in self._pieces:
+            if piece.is_chunk:
+                for _ in self._records(piece):
+                    pass
+
+    def _in_order(self, wanted: set[int], start_ns: int, chosen: bool) -> Iterator[RawMessage]:
+        # Messages are kept as places in their chunks, which a tie in time puts in order, too.
+        heap: list[tuple[int, int, int, bytes]] = []
+        pending_bytes = 0
+        for piece in sorted(self._pieces, key=lambda piece: (piece.start_ns, piece.offset)):
+            while heap and heap[0][0] < piece.start_ns:
+                message = self._pop(heap)
+                pending_bytes -= len(message.data)
+                yield message
+            held = self._channels_of_chunk.get(piece.offset, wanted)
+            if piece.end_ns < start_ns or (chosen and wanted.isdisjoint(held)):
+                continue
+            for order, content in self._contents(piece):
+                channel, _, log_time_ns, _ = _MESSAGE.unpack_from(content)
+                if not piece.start_ns <= log_time_ns <= piece.end_ns:
+                    raise _Damage(piece.offset, f'a message of {log_time_ns} ns in a chunk from '
+                                                f'{piece.start_ns} to {piece.end_ns} ns')
+                if channel not in self.channels:
+                    raise _Damage(piece.offset, f'a message of an unknown channel, {channel}')
+                if channel in wanted and log_time_ns >= start_ns:
+                    pending_bytes += len(content) - _MESSAGE.size
+                    heapq.heappush(heap, (log_time_ns, piece.offset, order, content))
+            if pending_bytes > _MAX_PENDING_BYTES:
+                raise _Damage(piece.offset, f'{pending_bytes} bytes of chunks overlap in time')
+        while heap:
+            yield self._pop(heap)
+
+    def _pop(self, heap: list[tuple[int, int, int, bytes]]) -> RawMessage:
+        _, offset, _, content = heapq.heappop(heap)
+        return self._message(content, offset)
+
+    def _contents(self, piece: _Piece) -> Iterator[tuple[int, bytes]]:
+        """Yield the messages of a piece with their place in it."""
+        if piece.is_chunk:
+            yield from self._records(piece)
+        else:
+            yield 0, self._read(piece.offset, piece.length)
+
+    def _message(self, content: bytes, offset: int) -> RawMessage:
+        number, _, log_time_ns, publish_time_ns = _MESSAGE.unpack_from(content)
+        channel = self.channels.get(number)
+        if channel is None:
+            raise _Damage(offset, f'a message of an unknown channel, {number}')
+        return RawMessage(channel, self.schemas.get(channel.schema_id), log_time_ns,
+                          publish_time_ns, content[_MESSAGE.size:])
+
+    def _records(self, piece: _Piece) -> Iterator[tuple[int, bytes]]:
+        """Yield the message records of a chunk; its schemas and channels are noted."""
+        data = memoryview(self._unpacked(piece))
+        at = 0
+        while at < len(data):
+            try:
+                opcode, length = _FRAME.unpack_from(data, at)
+                start, end = at + _FRAME.size, at + _FRAME.size + length
+                if end > len(data):
+                    raise ValueError(f'a record of {length} bytes')
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._define(opcode, bytes(data[start:end]))
+                elif opcode == Opcode.MESSAGE:
+                    if length < _MESSAGE.size:
+                        raise ValueError(f'a message of {length} bytes')
+                    yield at, bytes(data[start:end])
+            except _DAMAGE as error:
+                raise _Damage(piece.offset, f'{_text(error)} at {at} in the chunk') from error
+            at = end
+
+    def _unpacked(self, piece: _Piece) -> bytes:
+        content = self._read(piece.offset, piece.length)
+        try:
+            _, _, size, crc, name_length = _CHUNK.unpack_from(content)
+            name_end = _CHUNK.size + name_length
+            compression = content[_CHUNK.size:name_end].decode()
+            length, = struct.unpack_from('<Q', content, name_end)
+            packed = memoryview(content)[name_end + 8:]
+            if len(packed) != length:
+                raise ValueError(f'a chunk of {length} bytes in {len(packed)}')
+            data = unpack(packed, compression, size)
+            if crc and zlib.crc32(data) != crc:
+                raise ValueError('the CRC of the chunk differs')
+            return data
+        except _DAMAGE as error:
+            raise _Damage(piece.offset, _text(error)) from error
+
+
+def unpack(data: bytes | memoryview, compression: str, size: int | None = None) -> bytes:
+    """Return data unpacked, size bytes where that is known; an exception of _DAMAGE otherwise.
+
+    No more than MAX_RECORD_BYTES are ever made of it, whatever it says of itself.
+    """
+    limit = MAX_RECORD_BYTES if size is None else size
+    if limit > MAX_RECORD_BYTES:
+        raise ValueError(f'{size} bytes unpacked')
+    if compression == 'zstd':
+        told = zstandard.get_frame_parameters(data).content_size
+        if told != zstandard.CONTENTSIZE_UNKNOWN and told > limit:
+            raise ValueError(f'{told} bytes unpacked instead of {limit}')
+        unpacked = zstandard.ZstdDecompressor().decompress(data, max_output_size=max(limit, 1))
+    elif compression == 'lz4':
+        unpacked = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit + 1)
+    elif compression == '':
+        unpacked = bytes(data)
+    else:
+        raise ValueError(f'compression {compression!r} is not known')
+    if size is not None and len(unpacked) != size:
+        raise ValueError(f'{len(unpacked)} bytes unpacked instead of {size}')
+    return unpacked
+
+
+def _text(error: Exception) -> str:
+    return str(error) or type(error).__name__

@@ -1,0 +1,26 @@
+"""A whole bag out of what is left of one."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from startracker_ros.bag.reader import read_messages, read_topics
+from startracker_ros.bag.writer import BagWriter
+
+
+def recover(bag: Path, folder: Path, *, report: Callable[[str], None]) -> int:
+    """Write every message of a bag that is whole into a new bag; return their number.
+
+    Definitions, hashes and quality of service are those of the old bag. What is not whole is
+    told to report(). BagError if nothing can be read of the old bag or the new one not written.
+    """
+    topics = read_topics(bag, tolerant=True)
+    count = 0
+    with BagWriter(folder) as writer:
+        for topic in topics.values():
+            writer.add_topic(topic.name, topic.type_name, topic.qos, schema=topic.schema,
+                             encoding=topic.encoding)
+        for message in read_messages(bag, tolerant=True, report=report):
+            writer.write(message.topic, message.data, message.log_time_ns,
+                         message.publish_time_ns)
+            count += 1
+    return count

@@ -1,0 +1,172 @@
+"""bag_recorder as a process: what it hears is in the bag, whatever happens to it."""
+
+from collections import defaultdict
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from mcap.reader import make_reader
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import QosDurability, QosReliability
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_typestore, Stores
+from std_msgs.msg import Header, String
+
+from startracker_ros.bag.reader import read_messages
+
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def wait_recorded(probe, topic):
+    """Wait until the recorder listens to a topic of ours."""
+    probe.wait(lambda: probe.count_subscribers(topic), f'the recorder at {topic}')
+    probe.spin_for(0.3)
+
+
+def recorded(bag):
+    """Return by topic the messages of a bag as rosbags reads them, and what was offered."""
+    found = defaultdict(list)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Reader(bag) as reader:
+        offers = {c.topic: c.ext.offered_qos_profiles for c in reader.connections}
+        for connection, _, data in reader.messages():
+            message = store.deserialize_cdr(data, connection.msgtype)
+            found[connection.topic].append(
+                message.data if connection.msgtype == 'std_msgs/msg/String' else message)
+    return found, offers
+
+
+def send(probe, publisher, texts):
+    for text in texts:
+        publisher.publish(String(data=text))
+        time.sleep(0.01)
+
+
+def test_topics_are_found_as_they_appear_with_the_quality_they_offer(nodes, probe, tmp_path):
+    state = probe.create_publisher(String, '/a/state', LATCHED)
+    send(probe, state, ['before the recorder'])
+    nodes.start('bag_recorder', {
+        'folder': str(tmp_path / 'bag'), 'topics': ['/a/*', '/late'], 'exclude': ['*/secret'],
+        'compression': 'zstd'})
+    secret = probe.create_publisher(String, '/a/secret', 10)
+    fast = probe.create_publisher(String, '/a/fast', BEST_EFFORT)
+    for topic in ('/a/state', '/a/fast'):
+        wait_recorded(probe, topic)
+    texts = [f'message {number}' for number in range(30)]
+    send(probe, fast, texts)
+    send(probe, secret, ['not to be recorded'])
+    late = probe.create_publisher(Header, '/late', 10)
+    wait_recorded(probe, '/late')
+    late.publish(Header(frame_id='late'))
+    # A second publisher that offers less: the recorder hears both.
+    poor = probe.create_publisher(String, '/a/state', BEST_EFFORT)
+    probe.wait(lambda: poor.get_subscription_count(), 'the recorder at the second publisher')
+    probe.spin_for(0.3)
+    send(probe, poor, ['of the second'])
+    probe.spin_for(0.5)
+    assert nodes.stop() == {'bag_recorder': 0}
+    found, offers = recorded(tmp_path / 'bag')
+    assert found['/a/fast'] == texts
+    assert [header.frame_id for header in found['/late']] == ['late']
+    assert found['/a/state'][0] == 'before the recorder'
+    assert found['/a/state'][-1] == 'of the second'
+    assert set(offers) == {'/a/state', '/a/fast', '/late'}
+    assert offers['/a/fast'][0].reliability == QosReliability.BEST_EFFORT
+    assert offers['/a/state'][0].durability == QosDurability.TRANSIENT_LOCAL
+    assert offers['/late'][0].reliability == QosReliability.RELIABLE
+    log = (tmp_path / 'bag_recorder.log').read_text()
+    assert f'{sum(map(len, found.values()))} messages of 3 topics, 0 lost' in log
+
+
+def test_a_killed_recorder_loses_a_second_and_the_bag_is_recovered(probe, tmp_path):
+    bag = tmp_path / 'bag'
+    recorder = subprocess.Popen(
+        [sys.executable, '-m', 'startracker_ros', 'record', 'numbers', '-o', str(bag)],
+        stderr=subprocess.DEVNULL)
+    try:
+        publisher = probe.create_publisher(String, '/numbers', 100)
+        wait_recorded(probe, '/numbers')
+        sent_s = []
+        while len(sent_s) < 300:
+            publisher.publish(String(data=f'{len(sent_s)}'))
+            sent_s.append(time.monotonic())
+            time.sleep(0.01)
+        killed_s = time.monotonic()
+    finally:
+        recorder.send_signal(signal.SIGKILL)
+        recorder.wait()
+    assert not (bag / 'metadata.yaml').exists()
+    done = subprocess.run([sys.executable, '-m', 'startracker_ros', 'info', str(bag),
+                           '--recover', str(tmp_path / 'whole')], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Reader(tmp_path / 'whole') as reader:
+        texts = [store.deserialize_cdr(data, connection.msgtype).data
+                 for connection, _, data in reader.messages()]
+        assert reader.message_count == len(texts)
+    assert texts == [str(number) for number in range(len(texts))]
+    assert len(texts) >= sum(sent < killed_s - 1 for sent in sent_s) > 0
+    with open(tmp_path / 'whole' / 'whole_0.mcap', 'rb') as file:
+        assert make_reader(file).get_summary().statistics.message_count == len(texts)
+
+
+FULL = """\
+import resource
+from startracker_ros.ros.node import main_of
+from startracker_ros.ros.nodes.bag_recorder import BagRecorderNode
+
+class FullDisk(BagRecorderNode):
+    def configure(self):
+        # Not earlier: the shared memory of DDS counts as files, too.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+
+main_of(FullDisk)()
+"""
+
+
+def test_a_full_disk_is_told_and_the_recorder_lives_on(probe, tmp_path):
+    bag = tmp_path / 'bag'
+    recorder = subprocess.Popen(
+        [sys.executable, '-c', FULL, '--ros-args', '-p', f'folder:={bag}', '-p',
+         'topics:=[/noise]', '-p', 'compression:=none'], env=dict(os.environ),
+        stderr=subprocess.PIPE, text=True)
+    try:
+        publisher = probe.create_publisher(String, '/noise', 10)
+        wait_recorded(probe, '/noise')
+        sent = 0
+        while not any('File too large' in status.message for status in probe.statuses()):
+            assert sent < 1000 and recorder.poll() is None
+            publisher.publish(String(data=f'{sent:05d}' + 10_000 * 'x'))
+            sent += 1
+            probe.spin_for(0.05)
+        status = probe.wait_condition('the recording ends here')
+        assert status.level == b'\x02'
+    finally:
+        recorder.send_signal(signal.SIGTERM)
+        _, errors = recorder.communicate()
+    assert recorder.returncode == 0 and 'Traceback' not in errors, errors
+    kept = [message.data[8:13].decode() for message in read_messages(bag, tolerant=True)]
+    assert len(kept) >= 10 and kept == [f'{number:05d}' for number in range(len(kept))]
+
+
+def test_the_command_makes_a_bag_of_files(probe, tmp_path):
+    recorder = subprocess.Popen(
+        [sys.executable, '-m', 'startracker_ros', 'record', '/split', '-o', str(tmp_path / 'bag'),
+         '--max-file-duration-s', '0.5', '--compression', 'lz4'],
+        stderr=subprocess.PIPE, text=True)
+    publisher = probe.create_publisher(String, '/split', 100)
+    wait_recorded(probe, '/split')
+    for number in range(30):
+        publisher.publish(String(data=str(number)))
+        time.sleep(0.05)
+    probe.spin_for(0.3)
+    recorder.send_signal(signal.SIGINT)
+    _, errors = recorder.communicate(timeout=30)
+    assert recorder.returncode == 0 and '30 messages of 1 topics, 0 lost' in errors
+    found, _ = recorded(tmp_path / 'bag')
+    assert found['/split'] == [str(number) for number in range(30)]
+    assert len(list(Path(tmp_path / 'bag').glob('*.mcap'))) >= 3
