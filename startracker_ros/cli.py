@@ -172,6 +172,38 @@ def _full_names(patterns: tuple[str, ...]) -> tuple[str, ...]:
 
 @main.command()
 @click.argument('bag', type=click.Path(path_type=Path))
+@click.option('--topic', 'topics', multiple=True, metavar='PATTERN',
+              help='Topics to play, * for any characters.  [default: all]')
+@click.option('--exclude', multiple=True, metavar='PATTERN',
+              help='Topics left out.  [default: /parameter_events, /rosout]')
+@click.option('--remap', 'remaps', multiple=True, metavar='FROM:=TO', help='Rename a topic.')
+@click.option('--rate', type=click.FloatRange(0.01, 1000), default=1.0, show_default=True,
+              help='Times as fast as recorded.')
+@click.option('--start-offset-s', type=click.FloatRange(0), default=0.0,
+              help='Recorded time left out at the beginning.')
+@click.option('--duration-s', type=click.FloatRange(0), default=0.0,
+              help='Recorded time that is played.')
+@click.option('--loop', is_flag=True, help='Begin again after the end.')
+@click.option('--start-paused', is_flag=True,
+              help='Wait for the service /bag_player/resume or /bag_player/step.')
+@click.option('--clock-rate-hz', type=click.FloatRange(0, 1000), default=100.0,
+              show_default=True, help='/clock messages a second, 0 for none.')
+def play(bag: Path, topics: tuple[str, ...], exclude: tuple[str, ...], remaps: tuple[str, ...],
+         **options: float | bool) -> None:
+    """Publish the messages of a BAG (folder or .mcap file) at the pace of the recording."""
+    from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
+    parameters = {'path': str(bag), **options}
+    if topics:
+        parameters['topics'] = _full_names(topics)
+    if exclude:
+        parameters['exclude'] = _full_names(exclude)
+    renamed = [word for remap in remaps for word in ('-r', remap)]
+    command = node_command('bag_player', [*parameter_arguments(parameters), *renamed])
+    os.execve(command[0], command, node_environment())
+
+
+@main.command()
+@click.argument('bag', type=click.Path(path_type=Path))
 @click.option('--recover', 'output', metavar='OUT', type=click.Path(path_type=Path),
               help='Write all that is whole of an unfinished or damaged bag into a new one.')
 @_json

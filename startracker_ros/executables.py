@@ -9,4 +9,5 @@ NODES = {name: f'startracker_ros.ros.nodes.{name}' for name in (
     'attitude_estimator',
     'camera_calibrator',
     'bag_recorder',
+    'bag_player',
 )}

@@ -6,7 +6,7 @@ from pathlib import Path
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.folder import find_files
 from startracker_ros.bag.mcap_file import McapFile
-from startracker_ros.bag.reader import BagTopic, read_messages, read_topics
+from startracker_ros.bag.reader import BagTopic, read_span_ns, read_topics
 from startracker_ros.table import Result
 
 
@@ -18,14 +18,12 @@ def describe(bag: Path) -> tuple[Result, list[str]]:
     problems: list[str] = []
     try:
         topics = read_topics(bag)
-        span_ns = _span_ns(bag)
     except BagError:
         topics = read_topics(bag, tolerant=True, report=problems.append)
-        times_ns = [message.log_time_ns for message in read_messages(bag, tolerant=True)]
-        span_ns = (min(times_ns), max(times_ns)) if times_ns else None
         if not problems:
             # The index alone is wrong.
             problems = [f'{bag} is damaged, all its messages can be read']
+    span_ns = read_span_ns(bag)
     files = find_files(bag, problems.append if problems else None).paths
     duration_s = (span_ns[1] - span_ns[0]) * 1e-9 if span_ns else 0.0
     rows = [_row(topic, duration_s) for topic in sorted(
@@ -47,17 +45,6 @@ def _row(topic: BagTopic, duration_s: float) -> dict[str, object]:
             if topic.message_count > 1 and duration_s else None,
             'qos': '; '.join(dict.fromkeys(
                 f'{profile.reliability}, {profile.durability}' for profile in topic.qos))}
-
-
-def _span_ns(bag: Path) -> tuple[int, int] | None:
-    """Return the first and last log time of a bag that is whole."""
-    spans = []
-    for path in find_files(bag, None).paths:
-        with McapFile(path) as file:
-            span_ns = file.span_ns
-            if span_ns is not None:
-                spans.append(span_ns)
-    return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
 
 
 def _compression(files: tuple[Path, ...]) -> str:

@@ -128,17 +128,23 @@ class McapFile:
                 raise BagError(f'{self.path} is damaged: its index counts '
                                f'{self.statistics.chunk_count} chunks, {chunks} are there')
 
-    def messages(self, topics: Sequence[str] = (), start_ns: int = 0) -> Iterator[RawMessage]:
-        """Yield messages in the order of their log times; errors as check(), or at the damage."""
+    def messages(self, topics: Sequence[str] = (), start_ns: int = 0, *,
+                 report: Callable[[str], None] | None = None) -> Iterator[RawMessage]:
+        """Yield messages in the order of their log times; errors as check(), or at the damage.
+
+        With report, damaged chunks of a file with a sound index are told of and left out.
+        """
         self.check()
-        try:
-            if not self._has_summary:
-                self._find_channels()
-            wanted = {number for number, channel in self.channels.items()
-                      if not topics or channel.topic in topics}
-            yield from self._in_order(wanted, start_ns, bool(topics))
-        except _Damage as damage:
-            raise self._error(damage) from damage
+
+        def fail(damage: _Damage) -> None:
+            if report is None:
+                raise self._error(damage) from damage
+            report(f'{self.path}: {damage}')
+        if not self._has_summary:
+            self._find_channels(fail)
+        wanted = {number for number, channel in self.channels.items()
+                  if not topics or channel.topic in topics}
+        yield from self._in_order(wanted, start_ns, bool(topics), fail)
 
     def whole_messages(self, report: Callable[[str], None]) -> Iterator[RawMessage]:
         """Yield what is whole in the order of the file; report() is told of what is not."""
@@ -256,15 +262,19 @@ class McapFile:
 
     # --- messages ---
 
-    def _find_channels(self) -> None:
+    def _find_channels(self, fail: Callable[[_Damage], None]) -> None:
         """Take schemas and channels out of the chunks, for a file without a summary."""
         for piece in self._pieces:
             if piece.is_chunk:
-                for _ in self._records(piece):
-                    pass
+                try:
+                    for _ in self._records(piece):
+                        pass
+                except _Damage as damage:
+                    fail(damage)
 
-    def _in_order(self, wanted: set[int], start_ns: int, chosen: bool) -> Iterator[RawMessage]:
-        # Messages are kept as places in their chunks, which a tie in time puts in order, too.
+    def _in_order(self, wanted: set[int], start_ns: int, chosen: bool,
+                  fail: Callable[[_Damage], None]) -> Iterator[RawMessage]:
+        # Messages are kept with their places in the file, which put equal times in order.
         heap: list[tuple[int, int, int, bytes]] = []
         pending_bytes = 0
         for piece in sorted(self._pieces, key=lambda piece: (piece.start_ns, piece.offset)):
@@ -275,20 +285,32 @@ class McapFile:
             held = self._channels_of_chunk.get(piece.offset, wanted)
             if piece.end_ns < start_ns or (chosen and wanted.isdisjoint(held)):
                 continue
-            for order, content in self._contents(piece):
-                channel, _, log_time_ns, _ = _MESSAGE.unpack_from(content)
-                if not piece.start_ns <= log_time_ns <= piece.end_ns:
-                    raise _Damage(piece.offset, f'a message of {log_time_ns} ns in a chunk from '
-                                                f'{piece.start_ns} to {piece.end_ns} ns')
-                if channel not in self.channels:
-                    raise _Damage(piece.offset, f'a message of an unknown channel, {channel}')
-                if channel in wanted and log_time_ns >= start_ns:
-                    pending_bytes += len(content) - _MESSAGE.size
-                    heapq.heappush(heap, (log_time_ns, piece.offset, order, content))
+            try:
+                for entry in self._entries(piece):
+                    log_time_ns, _, _, content = entry
+                    if _MESSAGE.unpack_from(content)[0] in wanted and log_time_ns >= start_ns:
+                        pending_bytes += len(content) - _MESSAGE.size
+                        heapq.heappush(heap, entry)
+            except _Damage as damage:
+                fail(damage)
             if pending_bytes > _MAX_PENDING_BYTES:
-                raise _Damage(piece.offset, f'{pending_bytes} bytes of chunks overlap in time')
+                fail(_Damage(piece.offset, f'{pending_bytes} bytes of chunks overlap in time'))
+                while heap:
+                    yield self._pop(heap)
+                pending_bytes = 0
         while heap:
             yield self._pop(heap)
+
+    def _entries(self, piece: _Piece) -> Iterator[tuple[int, int, int, bytes]]:
+        """Yield log time, place of the piece, place in the piece and content of its messages."""
+        for order, content in self._contents(piece):
+            channel, _, log_time_ns, _ = _MESSAGE.unpack_from(content)
+            if not piece.start_ns <= log_time_ns <= piece.end_ns:
+                raise _Damage(piece.offset, f'a message of {log_time_ns} ns in a chunk from '
+                                            f'{piece.start_ns} to {piece.end_ns} ns')
+            if channel not in self.channels:
+                raise _Damage(piece.offset, f'a message of an unknown channel, {channel}')
+            yield log_time_ns, piece.offset, order, content
 
     def _pop(self, heap: list[tuple[int, int, int, bytes]]) -> RawMessage:
         _, offset, _, content = heapq.heappop(heap)

@@ -14,7 +14,7 @@ from zstandard import ZstdError
 
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.folder import find_files
-from startracker_ros.bag.mcap_file import McapFile, unpack
+from startracker_ros.bag.mcap_file import McapFile, RawMessage, unpack
 from startracker_ros.bag.qos import qos_from_yaml, QosProfile
 from startracker_ros.bag.schemas import message_schema, MessageSchema
 
@@ -60,16 +60,14 @@ def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
     """Yield the messages of a bag folder or an MCAP file in the order of their log times.
 
     topics: those wanted, all if empty; start_ns: the first log time wanted.
-    tolerant: read what is whole of an unfinished or damaged file, in the order of writing, and
-    tell report() what is not whole, with its place; otherwise UnfinishedBagError before the
-    first message, or BagError where the damage is.
+    tolerant: read what is whole of an unfinished or damaged file, in the order of writing where
+    the index is lost, and tell report() what is not whole, with its place; otherwise
+    UnfinishedBagError before the first message, or BagError where the damage is.
     """
     files = find_files(Path(bag), report if tolerant else None)
     for path in files.paths:
         with McapFile(path) as file:
-            records = (file.whole_messages(report) if tolerant
-                       else file.messages(topics, start_ns))
-            for record in records:
+            for record in _records(file, topics, start_ns, tolerant, report):
                 if record.log_time_ns < start_ns or (
                         topics and record.channel.topic not in topics):
                     continue
@@ -122,6 +120,27 @@ def _decoder(type_name: str) -> Callable[[bytes], Any]:
     return decoder
 
 
+def read_span_ns(bag: Path) -> tuple[int, int] | None:
+    """Return the first and last log time of a bag, as far as it goes; None without messages."""
+    spans = []
+    for path in find_files(Path(bag), _ignore).paths:
+        with McapFile(path) as file:
+            if file.span_ns is not None:
+                spans.append(file.span_ns)
+    return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
+
+
+def _records(file: McapFile, topics: Sequence[str], start_ns: int, tolerant: bool,
+             report: Callable[[str], None]) -> Iterator[RawMessage]:
+    if not tolerant:
+        return file.messages(topics, start_ns)
+    try:
+        file.check()
+    except BagError:
+        return file.whole_messages(report)
+    return file.messages(topics, start_ns, report=report)
+
+
 def _name(schema: Schema | None) -> str:
     return schema.name if schema else ''
 
@@ -130,7 +149,7 @@ def _topics_of(file: McapFile, tolerant: bool, report: Callable[[str], None]
                ) -> Iterator[BagTopic]:
     counts: dict[int, int] = {}
     if tolerant:
-        for message in file.whole_messages(report):
+        for message in _records(file, (), 0, tolerant, report):
             counts[message.channel.id] = counts.get(message.channel.id, 0) + 1
     else:
         file.check()

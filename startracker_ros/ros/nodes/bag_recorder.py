@@ -1,7 +1,6 @@
 """bag_recorder: any topics, serialized -> an MCAP bag as rosbag2 writes it."""
 
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
 import sys
 import time
@@ -14,6 +13,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from startracker_ros.bag.background import BackgroundWriter
 from startracker_ros.bag.errors import BagError
+from startracker_ros.bag.patterns import matches
 from startracker_ros.bag.qos import QosProfile
 from startracker_ros.bag.writer import BagOptions, BagWriter
 from startracker_ros.options import option, Options
@@ -81,7 +81,7 @@ class BagRecorderNode(PipelineNode):
     def _discover(self) -> None:
         options = self.options(RecordOptions)
         for topic, types in self.get_topic_names_and_types():
-            wanted = _matches(topic, options.topics) and not _matches(topic, options.exclude)
+            wanted = matches(topic, options.topics) and not matches(topic, options.exclude)
             if wanted and (topic not in self._recorded or topic in self._outdated):
                 offers = self.get_publishers_info_by_topic(topic)
                 if offers:
@@ -150,10 +150,6 @@ class BagRecorderNode(PipelineNode):
             self.diagnostics.report(WARN, f'recording; {self._lost()} messages are lost')
         elif self.diagnostics.counts['messages']:
             self.diagnostics.report(OK, 'recording')
-
-
-def _matches(topic: str, patterns: tuple[str, ...]) -> bool:
-    return any(fnmatchcase(topic, pattern) for pattern in patterns)
 
 
 def _bag_qos(profile: QoSProfile) -> QosProfile:

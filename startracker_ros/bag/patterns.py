@@ -1,0 +1,9 @@
+"""Patterns of topic names."""
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+
+
+def matches(topic: str, patterns: Sequence[str]) -> bool:
+    """Return whether a full topic name fits one of the patterns, * for any characters."""
+    return any(fnmatchcase(topic, pattern) for pattern in patterns)

@@ -1,0 +1,158 @@
+"""bag_player as a process: bags of others and of ours, whole and cut, with their quality of service."""
+
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import (
+    Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from startracker_ros.ros.messages import ns_from_stamp
+
+START_NS = 1_700_000_000_000_000_000
+COUNT = 40
+INFINITE = QosTime(9223372036, 854775807)
+STATE_QOS = Qos(QosHistory.KEEP_LAST, 7, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
+                INFINITE, INFINITE, QosLiveliness.AUTOMATIC, INFINITE, False)
+FAST_QOS = Qos(QosHistory.UNKNOWN, 0, QosReliability.BEST_EFFORT, QosDurability.VOLATILE,
+               INFINITE, INFINITE, QosLiveliness.AUTOMATIC, INFINITE, False)
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def write_bag(folder: Path, *, version: int = 9, mode: CompressionMode | None = None) -> None:
+    """Write a bag with rosbags: two topics at 50 Hz each, one of a type that is not installed."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    text = store.types['std_msgs/msg/String']
+    writer = Writer(folder, version=version, storage_plugin=StoragePlugin.MCAP)
+    if mode is not None:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer as bag:
+        state, fast = (bag.add_connection(topic, 'std_msgs/msg/String', typestore=store,
+                                          offered_qos_profiles=[qos])
+                       for topic, qos in (('/state', STATE_QOS), ('/fast', FAST_QOS)))
+        odd = bag.add_connection('/odd', 'no_msgs/msg/Such', msgdef='int32 x\n', rihs01=f'RIHS01_{64 * "0"}')
+        for number in range(COUNT):
+            for connection, prefix in ((state, 's'), (fast, 'f')):
+                time_ns = START_NS + number * 20_000_000 + (connection is fast)
+                bag.write(connection, time_ns, store.serialize_cdr(
+                    text(f'{prefix}{number}'), 'std_msgs/msg/String'))
+            bag.write(odd, START_NS + number * 20_000_000, b'\0\1\0\0\1\0\0\0')
+
+
+def texts(probe, topic):
+    return [message.data for message in probe.received[topic]]
+
+
+def ask(probe, name):
+    return probe.ask(Trigger, f'/bag_player/{name}', Trigger.Request())
+
+
+@pytest.mark.parametrize('version, mode', [
+    (9, CompressionMode.STORAGE), (8, CompressionMode.MESSAGE), (9, None)],
+    ids=['chunks compressed', 'messages compressed', 'plain'])
+def test_a_bag_of_rosbags_is_played_with_the_quality_it_was_recorded_at(
+        nodes, probe, tmp_path, version, mode):
+    write_bag(tmp_path / 'bag', version=version, mode=mode)
+    probe.listen(Clock, '/clock', BEST_EFFORT)
+    probe.listen(String, '/state', LATCHED)
+    probe.listen(String, '/fast', BEST_EFFORT)
+    player = nodes.start('bag_player', {'path': str(tmp_path / 'bag'), 'start_paused': True})
+    probe.wait(lambda: probe.count_publishers('/fast') and probe.count_publishers('/state'),
+               'the player')
+    state, = probe.get_publishers_info_by_topic('/state')
+    fast, = probe.get_publishers_info_by_topic('/fast')
+    assert state.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert state.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    assert fast.qos_profile.durability == DurabilityPolicy.VOLATILE
+    assert fast.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert not probe.count_publishers('/odd')
+    probe.spin_for(0.5)
+    assert ask(probe, 'resume').success
+    probe.wait(lambda: player.poll() is not None, 'the end of the bag')
+    assert player.returncode == 0
+    assert texts(probe, '/state') == [f's{number}' for number in range(COUNT)]
+    assert texts(probe, '/fast') == [f'f{number}' for number in range(COUNT)]
+    clock_ns = [ns_from_stamp(message.clock) for message in probe.received['/clock']]
+    assert clock_ns == sorted(clock_ns) and len(clock_ns) > 20
+    assert START_NS <= clock_ns[0] <= clock_ns[-1] <= START_NS + COUNT * 20_000_000
+    log = (tmp_path / 'bag_player.log').read_text()
+    assert '/odd is not played: no_msgs/msg/Such is not installed' in log
+    assert re.search(rf'{2 * COUNT} messages of 2 topics; late by \S+ ms median, \S+ ms p95', log)
+
+
+def test_pause_step_resume_and_a_node_on_the_time_of_the_bag(nodes, probe, tmp_path):
+    write_bag(tmp_path / 'bag')
+    probe.listen(String, '/renamed', LATCHED)
+    nodes.start('attitude_estimator', {'use_sim_time': True})
+    probe.wait(lambda: probe.count_publishers('attitude'), 'a node with use_sim_time')
+    nodes.start('bag_player', {
+        'path': str(next((tmp_path / 'bag').glob('*.mcap'))), 'start_paused': True, 'rate': 0.4,
+        'topics': ['/state'], 'loop': True}, ['-r', '/state:=/renamed'])
+    probe.wait(lambda: probe.count_publishers('/renamed'), 'the player')
+    probe.spin_for(1.5)
+    assert texts(probe, '/renamed') == []
+    for steps in (1, 2):
+        assert ask(probe, 'step').success
+        probe.wait(lambda: len(texts(probe, '/renamed')) >= steps, 'the next message')
+    seen = len(texts(probe, '/renamed'))
+    probe.spin_for(0.5)
+    assert texts(probe, '/renamed') == [f's{number}' for number in range(seen)]
+    ask(probe, 'resume')
+    assert not ask(probe, 'step').success
+    # The whole bag takes two seconds; then it begins anew.
+    probe.wait(lambda: texts(probe, '/renamed').count('s0') >= 2, 'the second time round')
+    first_round = texts(probe, '/renamed')[:COUNT]
+    assert first_round == [f's{number}' for number in range(COUNT)]
+    ask(probe, 'pause')
+    probe.spin_for(0.3)
+    seen = len(texts(probe, '/renamed'))
+    probe.spin_for(0.5)
+    assert len(texts(probe, '/renamed')) == seen
+    stamps_ns = [ns_from_stamp(array.header.stamp) for array in probe.received['/diagnostics']
+                 if array.status[0].name.startswith('attitude_estimator')]
+    on_time = [stamp_ns for stamp_ns in stamps_ns
+               if START_NS <= stamp_ns <= START_NS + COUNT * 20_000_000]
+    assert len(on_time) >= 1
+
+
+def play(*arguments, timeout_s=60):
+    return subprocess.run([sys.executable, '-m', 'startracker_ros', 'play',
+                           *map(str, arguments)], capture_output=True, text=True,
+                          timeout=timeout_s, env=dict(os.environ))
+
+
+def test_what_is_whole_of_a_cut_bag_is_played(probe, tmp_path):
+    write_bag(tmp_path / 'bag', mode=CompressionMode.STORAGE)
+    whole = next((tmp_path / 'bag').glob('*.mcap')).read_bytes()
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(whole[:-200])
+    probe.listen(String, '/state', LATCHED)
+    done = play(cut, '--rate', 10)
+    probe.spin_for(0.5)
+    assert done.returncode == 0 and 'Traceback' not in done.stderr
+    assert re.search(r'cut.mcap was not finished: .* whole records end at byte \d+ of '
+                     f'{len(whole) - 200}', done.stdout + done.stderr)
+    assert texts(probe, '/state') == [f's{number}' for number in range(COUNT)]
+
+
+@pytest.mark.parametrize('content, words', [
+    (b'SQLite format 3\0', "is no MCAP file: it starts with b'SQLite f'"),
+    (b'\x89MCAP0\r\n', 'nothing to play among no topics')])
+def test_what_is_no_bag_is_refused(tmp_path, content, words):
+    (tmp_path / 'file.mcap').write_bytes(content)
+    done = play(tmp_path / 'file.mcap')
+    assert done.returncode == 2
+    assert words in done.stdout + done.stderr
+    assert 'Traceback' not in done.stderr
+
+
