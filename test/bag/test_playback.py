@@ -1,4 +1,4 @@
-"""The pace of a playback, without ROS and without a stopwatch: nothing comes early or out of turn."""
+"""The pace of a playback without ROS: nothing comes early or out of turn."""
 
 from collections.abc import Iterator
 import threading

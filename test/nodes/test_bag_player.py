@@ -1,4 +1,4 @@
-"""bag_player as a process: bags of others and of ours, whole and cut, with their quality of service."""
+"""bag_player as a process: bags of others, whole and cut, with their quality of service."""
 
 import os
 from pathlib import Path
@@ -40,7 +40,8 @@ def write_bag(folder: Path, *, version: int = 9, mode: CompressionMode | None = 
         state, fast = (bag.add_connection(topic, 'std_msgs/msg/String', typestore=store,
                                           offered_qos_profiles=[qos])
                        for topic, qos in (('/state', STATE_QOS), ('/fast', FAST_QOS)))
-        odd = bag.add_connection('/odd', 'no_msgs/msg/Such', msgdef='int32 x\n', rihs01=f'RIHS01_{64 * "0"}')
+        odd = bag.add_connection('/odd', 'no_msgs/msg/Such', msgdef='int32 x\n',
+                                 rihs01=f'RIHS01_{64 * "0"}')
         for number in range(COUNT):
             for connection, prefix in ((state, 's'), (fast, 'f')):
                 time_ns = START_NS + number * 20_000_000 + (connection is fast)
@@ -154,5 +155,3 @@ def test_what_is_no_bag_is_refused(tmp_path, content, words):
     assert done.returncode == 2
     assert words in done.stdout + done.stderr
     assert 'Traceback' not in done.stderr
-
-

@@ -96,8 +96,8 @@ class BagPlayerNode(PipelineNode):
             self._playback.stop()
             median, p95, worst = self._playback.pacing_ms()
             print(f'[bag_player] {self._bag}: {self._playback.published} messages of '
-                  f'{len(self._players)} topics; late by {median:.2f} ms median, {p95:.2f} ms p95, '
-                  f'{worst:.2f} ms at most', file=sys.stderr, flush=True)
+                  f'{len(self._players)} topics; late by {median:.2f} ms median, '
+                  f'{p95:.2f} ms p95, {worst:.2f} ms at most', file=sys.stderr, flush=True)
         super().destroy_node()
 
     def _read_topics(self) -> dict[str, BagTopic]:
