@@ -9,6 +9,10 @@ from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.identify.identification import IdentificationOptions, METHODS
 from startracker_ros.identify.methods import make_identifier
+from startracker_ros.locate.location import locate
+from startracker_ros.locate.orbit import propagate
+from startracker_ros.locate.sight import sight
+from startracker_ros.rotation import quaternion_from_pointing
 from startracker_ros.sky.detector import Detector
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.track.options import MODELS, TrackerOptions
@@ -18,7 +22,7 @@ from startracker_ros.track.tracker import StarTracker
 def warm_up() -> None:
     """Let every method see something: extraction an image, identification a simulated field.
 
-    The field is tracked, one attitude estimated and one image rendered, too.
+    The field is tracked, one attitude estimated, one image rendered, one target located, too.
     """
     for method in ('gaussian', 'thresholded'):
         CentroidExtractor(ExtractionOptions(method=method, threshold='iterative')).warm_up()
@@ -41,6 +45,10 @@ def warm_up() -> None:
     detector = Detector(camera)
     detector.render(centroids.uv, np.full(len(centroids.uv), 5.0), rng)
     detector.render(np.zeros((0, 2)), np.zeros(0), rng)
+    locate(*(sight(camera, np.zeros(2), 0.1,
+                   quaternion_from_pointing(*np.radians([aside, 0.0, 0.0])), np.eye(3),
+                   [0.0, -1e4 * aside, 0.0], np.eye(3)) for aside in (-10.0, 10.0)))
+    propagate([7e6, 0.0, 0.0], [0.0, 7.5e3, 0.0], 1.0)
 
 
 if __name__ == '__main__':

@@ -1,0 +1,1 @@
+"""Where a target is that two observers see among the stars."""
