@@ -288,6 +288,19 @@ def campaign_jpdaf(trials: int, output: Path | None, scheduler: str, seed: int,
             as_json)
 
 
+@campaign.command('two-satellite')
+@click.option('--trials', type=click.IntRange(1000), default=100000, show_default=True,
+              help='Draws of the figures beyond the 500 of the paper.')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              help='Folder for a picture of the error over the baseline.')
+@_seed
+@_json
+def campaign_two_satellite(trials: int, output: Path | None, seed: int, as_json: bool) -> None:
+    """A target located by the cameras of two satellites under four sources of error."""
+    from startracker_ros.campaign.two_satellite import run_two_satellite_campaign
+    _finish(run_two_satellite_campaign(trials=trials, seed=seed, output=output), as_json)
+
+
 @campaign.command('centroid')
 @click.option('--images', 'folder', metavar='FOLDER',
               type=click.Path(path_type=Path, exists=True, file_okay=False),
