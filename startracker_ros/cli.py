@@ -301,6 +301,25 @@ def campaign_two_satellite(trials: int, output: Path | None, seed: int, as_json:
     _finish(run_two_satellite_campaign(trials=trials, seed=seed, output=output), as_json)
 
 
+@campaign.command('integrity')
+@click.option('--trials', type=click.IntRange(1), default=15, show_default=True,
+              help='Runs of 400 frames in each condition: 15 make 100,000 frames in all.')
+@click.option('--only', multiple=True, help='Conditions to run, by name.')
+@_scheduler
+@_seed
+@_json
+def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed: int,
+                       as_json: bool) -> None:
+    """Wrong attitudes counted in slews, darkness, false stars, lying gyros, wrong cameras."""
+    from startracker_ros.campaign.integrity import CONDITIONS, run_integrity_campaign
+    unknown = set(only) - set(CONDITIONS)
+    if unknown:
+        raise click.UsageError(f'no condition {", ".join(sorted(unknown))}; there are '
+                               f'{", ".join(CONDITIONS)}')
+    _finish(run_integrity_campaign(trials=trials, seed=seed, only=only, scheduler=scheduler),
+            as_json)
+
+
 @campaign.command('centroid')
 @click.option('--images', 'folder', metavar='FOLDER',
               type=click.Path(path_type=Path, exists=True, file_okay=False),

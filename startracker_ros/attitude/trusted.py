@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from startracker_ros.attitude.estimate import (
     AttitudeError, AttitudeEstimate, estimate_attitude, mean_chi2, SOLVERS)
@@ -10,6 +11,10 @@ from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.options import option, Options
 from startracker_ros.rotation import conjugate, rotate, sign_continuous
+
+CHANCE = 1e-3
+"""Probability of residuals that are no longer taken for chance. Scaling by those that are
+would make the covariance of few stars too large on average, by a quarter for four."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,7 @@ class AttitudeTrust:
         """Return the attitude of stars at pixels uv (N, 2) with errors sigma_px (N,).
 
         Stars that the catalogue does not hold (hip 0) are left out. The covariance is
-        scaled up when the residuals are larger than sigma_px promised, never down.
+        scaled up when the residuals are larger than chance makes those of sigma_px.
         """
         index = self._places.index_of(hip)
         known = index >= 0
@@ -70,7 +75,8 @@ class AttitudeTrust:
             return TrustedAttitude(
                 None, f'residual of {residual_px:.2f} px is above max_residual_px = '
                 f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
-        excess = max(1.0, attitude.chi2 / mean_chi2(attitude, icrf, sigma_rad))
+        mean = mean_chi2(attitude, icrf, sigma_rad)
+        excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, CHANCE) else 1.0
         self._previous = sign_continuous(attitude.quaternion, self._previous)
         return TrustedAttitude(replace(
             attitude, quaternion=self._previous,

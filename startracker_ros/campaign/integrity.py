@@ -1,0 +1,263 @@
+"""Is a published attitude ever wrong? Long runs of the stages in conditions that mislead them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from startracker_ros.attitude.attitude_state import turned
+from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
+from startracker_ros.camera import Camera
+from startracker_ros.campaign.spread import split, spread
+from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.identify.identification import IdentificationOptions, Identifier
+from startracker_ros.identify.methods import make_identifier
+from startracker_ros.rotation import ARCSEC, attitude_error, conjugate, rotate
+from startracker_ros.sky.star_lists import random_attitude, star_list
+from startracker_ros.table import Result
+from startracker_ros.track.options import TrackerOptions
+from startracker_ros.track.tracker import StarTracker, TrackerState
+
+CAMERA = Camera.from_fov(1024, 1024, 12.0)
+EPOCH_YEAR = 2026.5
+MAGNITUDE_LIMIT = 6.5
+SIGMA_PX = 0.1
+FRAMES = 400
+STEP_NS = 100_000_000
+# The gyro, and the motion between two frames, run at 100 Hz.
+_SUBSTEPS = 10
+_SUBSTEP_S = STEP_NS * 1e-9 / _SUBSTEPS
+_START_NS = 1_790_000_000_000_000_000
+_CHECK_FRAMES = 100
+_PIECE = 4
+
+WRONG_SIGMA = 5.0
+WRONG_ARCSEC = 60.0
+"""An attitude is wrong when it is off by more than this many of its own sigma and so many
+arcseconds on top, on any axis."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What happens during a run.
+
+    rate_deg_s is the size of a steady turn about a random axis; slew_deg_s the peak of slews
+    with ramps of slew_deg_s2, jitter_deg_s of a roll that changes every second; false centroids
+    come and go, missing is a share of the stars; dark_s one gap, jump a sudden other
+    attitude; planet a bright point that moves among the stars, covered one half of the image for
+    a while; gyro what becomes of the true rate, empty without a gyro. focal_ratio is that of
+    the camera to the one that is believed. While lost every identify_every-th frame is
+    identified, which takes long where nothing can be found. needed_percent of the frames must have an attitude.
+    """
+
+    rate_deg_s: float = 0.1
+    slew_deg_s: float = 0.0
+    slew_deg_s2: float = 0.5
+    jitter_deg_s: float = 0.0
+    false: int = 3
+    missing: float = 0.05
+    dark_s: float = 0.0
+    jump: bool = False
+    planet: bool = False
+    covered: bool = False
+    gyro: str = ''
+    focal_ratio: float = 1.0
+    mirrored: bool = False
+    identify_every: int = 1
+    needed_percent: float = 95.0
+
+
+CONDITIONS = {
+    'steady turn': Condition(needed_percent=99.0),
+    'steady turn, gyro': Condition(gyro='true', needed_percent=99.0),
+    'jitter 0.5 deg/s': Condition(jitter_deg_s=0.5),
+    'slews to 1 deg/s': Condition(slew_deg_s=1.0),
+    'slews to 3 deg/s, gyro': Condition(slew_deg_s=3.0, gyro='true'),
+    'slews, gyro in deg/s': Condition(slew_deg_s=0.5, gyro='degrees'),
+    'slews, gyro with axes swapped': Condition(slew_deg_s=0.5, gyro='swapped'),
+    '30 false, 20 % missing': Condition(false=30, missing=0.2),
+    'dark for 2 s': Condition(dark_s=2.0, rate_deg_s=0.05, needed_percent=90.0),
+    'dark for 2 s at 0.3 deg/s, gyro': Condition(
+        dark_s=2.0, rate_deg_s=0.3, gyro='true', needed_percent=90.0),
+    'dark for 10 s': Condition(dark_s=10.0, needed_percent=60.0),
+    'turned away at once': Condition(jump=True, needed_percent=90.0),
+    'planet passing': Condition(planet=True),
+    'half of the image covered': Condition(covered=True, needed_percent=80.0),
+    'focal length off by 1 %': Condition(
+        focal_ratio=1.01, identify_every=20, needed_percent=0.0),
+    'mirrored image': Condition(mirrored=True, identify_every=20, needed_percent=0.0),
+    'false centroids only': Condition(
+        false=40, missing=1.0, identify_every=20, needed_percent=0.0),
+}
+"""With the last three there is nothing to publish, or nothing that can be right."""
+
+
+@dataclass(frozen=True)
+class Tally:
+    """Counts of one run or of many; worst is the largest error over its bound."""
+
+    frames: int = 0
+    published: int = 0
+    wrong: int = 0
+    worst: float = 0.0
+    nees: float = 0.0
+    losses: int = 0
+
+    def __add__(self, other: 'Tally') -> 'Tally':
+        return Tally(self.frames + other.frames, self.published + other.published,
+                     self.wrong + other.wrong, max(self.worst, other.worst),
+                     self.nees + other.nees, self.losses + other.losses)
+
+
+@cache
+def _identifier() -> Identifier:
+    return make_identifier(CAMERA, EPOCH_YEAR,
+                           IdentificationOptions(magnitude_limit=MAGNITUDE_LIMIT))
+
+
+def integrity_runs(name: str, runs: int, seed: int) -> Tally:
+    """Return the tally of so many runs of one condition."""
+    rng = np.random.default_rng(seed)
+    return sum((_run(CONDITIONS[name], rng) for _ in range(runs)), Tally())
+
+
+def _rates(condition: Condition, rng: np.random.Generator) -> np.ndarray:
+    """Return the body rate (FRAMES * _SUBSTEPS, 3) in rad/s."""
+    count = FRAMES * _SUBSTEPS
+    axis = rng.standard_normal((2, 3))
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    rates = np.tile(axis[0] * condition.rate_deg_s, (count, 1))
+    # Up, on, down and rest, each as long as chance will have it.
+    time_s, begin_s = np.arange(count) * _SUBSTEP_S, rng.uniform(3, 6)
+    while condition.slew_deg_s and begin_s < time_s[-1]:
+        length_s = 2 * condition.slew_deg_s / condition.slew_deg_s2 + rng.uniform(1, 8)
+        ramp = condition.slew_deg_s2 * np.minimum(time_s - begin_s, begin_s + length_s - time_s)
+        rates += np.clip(ramp, 0, condition.slew_deg_s)[:, None] * axis[1]
+        begin_s += length_s + rng.uniform(2, 6)
+    blocks = rng.uniform(-1, 1, FRAMES // 10) * condition.jitter_deg_s
+    rates[:, 2] += np.repeat(blocks, 10 * _SUBSTEPS)
+    return np.radians(rates)
+
+
+_GYROS = {'true': lambda rate: rate, 'degrees': np.degrees,
+          'swapped': lambda rate: rate[:, [1, 2, 0]]}
+
+
+def _gyro(condition: Condition, rates: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return what a gyro of 3 deg/h and 0.15 deg/sqrt(h) measures (N, 3) in rad/s."""
+    drift = rng.normal(0, np.radians(3 / 3600), 3)
+    noise = rng.normal(0, np.radians(0.15 / 60) / np.sqrt(_SUBSTEP_S), rates.shape)
+    return _GYROS[condition.gyro](rates) + drift + noise
+
+
+def _frames(condition: Condition, rates: np.ndarray, places: StarPlaces,
+            rng: np.random.Generator) -> Iterator[tuple[np.ndarray, Centroids]]:
+    """Yield the true attitude (4,) and the centroids of each frame."""
+    taken_by = CAMERA.with_focal_ratio(condition.focal_ratio)
+    q = random_attitude(rng)
+    dark = _interval(condition.dark_s, rng)
+    covered = _interval(5.0 if condition.covered else 0.0, rng)
+    jump = rng.integers(50, FRAMES - 100) if condition.jump else -1
+    # A planet starts in the middle of the image and leaves it slowly.
+    planet = rotate(q, [0.0, 0.0, 1.0])
+    drift = rng.normal(0, 3 * ARCSEC, 3)
+    for frame in range(FRAMES):
+        if frame:
+            for rate in rates[(frame - 1) * _SUBSTEPS:frame * _SUBSTEPS]:
+                q = turned(q, rate * _SUBSTEP_S)
+        if frame == jump:
+            q = random_attitude(rng)
+        seen, _ = star_list(places, taken_by, q, SIGMA_PX, rng, missing=condition.missing,
+                            false=condition.false, brightest_false=2.0)
+        if condition.planet:
+            planet = planet + drift
+            seen = _with_point(seen, CAMERA.project(rotate(conjugate(q), planet)))
+        if condition.mirrored:
+            seen.uv[:, 0] = CAMERA.width - 1 - seen.uv[:, 0]
+        if frame in covered:
+            seen = seen.select(seen.uv[:, 0] > CAMERA.width / 2)
+        yield q, seen.select(np.full(len(seen), frame not in dark))
+
+
+def _interval(seconds: float, rng: np.random.Generator) -> range:
+    """Return the frames of an interval that begins after the tracker has."""
+    count = round(seconds / (STEP_NS * 1e-9))
+    begin = rng.integers(50, FRAMES - count - 50)
+    return range(begin, begin + count)
+
+
+def _with_point(seen: Centroids, uv: np.ndarray) -> Centroids:
+    """Return the centroids with a bright one at uv (2,), if it is in the image."""
+    if not CAMERA.contains(uv):
+        return seen
+    return Centroids(np.vstack([uv, seen.uv]),
+                     np.append(2 * seen.flux.max(initial=1e4), seen.flux),
+                     np.append(100.0, seen.snr), np.append(SIGMA_PX, seen.sigma_px))
+
+
+def _run(condition: Condition, rng: np.random.Generator) -> Tally:
+    """Follow one run through identification, tracking and trust, and judge what comes out."""
+    identifier = _identifier()
+    places = identifier.places
+    tracker = StarTracker(CAMERA, places, TrackerOptions(magnitude_limit=MAGNITUDE_LIMIT))
+    trust = AttitudeTrust(CAMERA, places, TrustOptions())
+    rates = _rates(condition, rng)
+    measured = _gyro(condition, rates, rng) if condition.gyro else None
+    tally, before = Tally(), TrackerState.LOST
+    for frame, (truth, centroids) in enumerate(_frames(condition, rates, places, rng)):
+        stamp_ns = _START_NS + frame * STEP_NS
+        if measured is not None and frame:
+            for k in range((frame - 1) * _SUBSTEPS, frame * _SUBSTEPS):
+                tracker.add_rate(_START_NS + (k + 1) * STEP_NS // _SUBSTEPS, measured[k])
+        tracks = tracker.update(stamp_ns, centroids)
+        lost = before is TrackerState.TRACKING and tracker.state is not before
+        before = tracker.state
+        tally += Tally(frames=1, losses=int(lost))
+        if tracker.attitude is not None:
+            used = tracks.usable
+            result = trust.take(tracker.attitude.attitude, tracks.uv[used], tracks.hip[used])
+            if result.attitude is not None:
+                tally += _judged(result.attitude.quaternion, result.attitude.covariance_sensor,
+                                 truth)
+        period = _CHECK_FRAMES if tracker.state is TrackerState.TRACKING else (
+            condition.identify_every)
+        if frame % period == 0:
+            answer = identifier.identify(centroids)
+            tracker.identified(stamp_ns, centroids, answer.hip)
+    return tally
+
+
+def _judged(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
+    error = attitude_error(quaternion, truth)
+    bound = WRONG_SIGMA * np.sqrt(np.diag(covariance)) + WRONG_ARCSEC * ARCSEC
+    worst = float(np.max(np.abs(error) / bound))
+    return Tally(published=1, wrong=int(worst > 1), worst=worst,
+                 nees=float(error @ np.linalg.solve(covariance, error)))
+
+
+def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
+                           scheduler: str = '') -> Result:
+    """Follow trials runs of FRAMES frames in each condition."""
+    rows = []
+    for number, name in enumerate(only or CONDITIONS):
+        pieces = [(name, *piece) for piece in split(trials, _PIECE, seed + 7919 * number)]
+        tally = sum(spread(integrity_runs, pieces, title=name, scheduler=scheduler), Tally())
+        share = 100 * tally.published / tally.frames
+        needed = CONDITIONS[name].needed_percent
+        rows.append({
+            'condition': name, 'frames': tally.frames, 'published_percent': share,
+            'bound': '0 wrong' + (f', >= {needed:g} % published' if needed else ''),
+            'wrong': tally.wrong, 'worst_over_bound': tally.worst,
+            'mean_nees': tally.nees / tally.published if tally.published else None,
+            'losses': tally.losses, 'holds': tally.wrong == 0 and share >= needed})
+    return Result('campaign integrity', rows, {
+        'camera': '1024 x 1024 px, 12 deg, 10 Hz, centroids of 0.1 px, stars to V 6.5',
+        'chain': 'lost-in-space identification, tracker (model attitude), trust; each run of '
+                 f'{FRAMES} frames begins lost at a random attitude',
+        'wrong': f'off by more than {WRONG_SIGMA:g} sigma of its own covariance and '
+                 f'{WRONG_ARCSEC:g} arcsec on any axis',
+        'mean_nees': 'normalised squared error, 3 when the covariance is true',
+        'losses': 'times that the tracker went from TRACKING to another state',
+        'trials': trials, 'seed': seed})
