@@ -24,11 +24,12 @@ class AttitudeState(NamedTuple):
     drift: np.ndarray
     covariance: np.ndarray
 
-    def by_inertia(self, to_ns: int, acceleration_density: float, drift_density: float
-                   ) -> 'AttitudeState':
+    def by_inertia(self, to_ns: int, acceleration_density: np.ndarray,
+                   drift_density: float) -> 'AttitudeState':
         """Return the state at a later time if the rate goes on.
 
-        But for white accelerations and changes of the drift of these densities, rad^2/s^3.
+        But for white accelerations and changes of the drift of these densities, rad^2/s^3:
+        acceleration_density (3,) about each axis, drift_density about all.
         """
         return AttitudeState(to_ns, *_by_inertia(
             *self[1:], (to_ns - self.stamp_ns) * 1e-9, acceleration_density, drift_density))
@@ -107,10 +108,10 @@ def _by_inertia(quaternion, rate, drift, covariance, dt_s, acceleration_density,
         transition[axis, 3 + axis] = dt_s
     after = transition @ covariance @ transition.T
     for axis in range(3):
-        after[axis, axis] += acceleration_density * dt_s ** 3 / 3
-        after[axis, 3 + axis] += acceleration_density * dt_s ** 2 / 2
-        after[3 + axis, axis] += acceleration_density * dt_s ** 2 / 2
-        after[3 + axis, 3 + axis] += acceleration_density * dt_s
+        after[axis, axis] += acceleration_density[axis] * dt_s ** 3 / 3
+        after[axis, 3 + axis] += acceleration_density[axis] * dt_s ** 2 / 2
+        after[3 + axis, axis] += acceleration_density[axis] * dt_s ** 2 / 2
+        after[3 + axis, 3 + axis] += acceleration_density[axis] * dt_s
         after[6 + axis, 6 + axis] += drift_density * dt_s
     return turned(quaternion, turn), rate, drift, after
 

@@ -87,11 +87,11 @@ class Gyro:
             index += 1
         return state
 
-    def support(self, state: AttitudeState, to_ns: int, acceleration_density: float
+    def support(self, state: AttitudeState, to_ns: int, acceleration_density: np.ndarray
                 ) -> AttitudeState:
         """Return the state at a later time by inertia, corrected by each rate on the way.
 
-        acceleration_density in rad^2/s^3. A mean rate is that of the middle of its time.
+        acceleration_density (3,) in rad^2/s^3. A mean rate is that of the middle of its time.
         """
         begin = bisect_right(self._stamps_ns, state.stamp_ns)
         end = bisect_right(self._stamps_ns, to_ns)

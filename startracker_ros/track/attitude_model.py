@@ -63,7 +63,8 @@ class AttitudeModel(StarModel):
                  gyro: Gyro) -> None:
         super().__init__(camera, places, options)
         self._gyro = gyro
-        self._acceleration_rad_s2 = np.radians(options.acceleration_deg_s2)
+        across, roll = options.acceleration_deg_s2, options.roll_acceleration_deg_s2
+        self._acceleration_rad_s2 = np.radians([across, across, roll])
         self.gyro_trouble = ''
 
     def start(self, fix: Fix, first: Fix) -> None:

@@ -25,6 +25,9 @@ class TrackerOptions(Options):
     acceleration_deg_s2: float = option(
         0.005, 'unforeseen change of the body rate, 1 sigma; more follows manoeuvres faster, '
         'less filters better', unit='deg/s^2', low=1e-6, high=100.0)
+    roll_acceleration_deg_s2: float = option(
+        0.005, 'the same about the boresight, for the model attitude: a camera that shakes in '
+        'roll keeps its boresight filtered', unit='deg/s^2', low=1e-6, high=100.0)
     sigma_floor_px: float = option(
         0.01, 'smallest error of a centroid that is believed, 1 sigma per axis', unit='px',
         low=1e-4, high=10.0)
