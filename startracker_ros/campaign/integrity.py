@@ -219,7 +219,7 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
             used = tracks.usable
             result = trust.take(tracker.attitude.attitude, tracks.uv[used], tracks.hip[used])
             if result.attitude is not None:
-                tally += _judged(result.attitude.quaternion, result.attitude.covariance_sensor,
+                tally += judged(result.attitude.quaternion, result.attitude.covariance_sensor,
                                  truth)
         period = _CHECK_FRAMES if tracker.state is TrackerState.TRACKING else (
             condition.identify_every)
@@ -229,7 +229,8 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
     return tally
 
 
-def _judged(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
+def judged(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
+    """Return the tally of one published attitude (4,), covariance (3, 3) about sensor axes."""
     error = attitude_error(quaternion, truth)
     bound = WRONG_SIGMA * np.sqrt(np.diag(covariance)) + WRONG_ARCSEC * ARCSEC
     worst = float(np.max(np.abs(error) / bound))

@@ -27,12 +27,13 @@ The state before is doubted as much, as a manoeuvre shows some frames after it h
 MANOEUVRE_FRAMES = 10
 """Frames for which a manoeuvre is thought to go on."""
 
-SURPRISE = 16.27
+SURPRISE = 25.9
 """Squared Mahalanobis distance of a turn from its prediction that chance exceeds once in a
-thousand frames (chi-square, 3 degrees of freedom): more is a manoeuvre, or a wrong gyro."""
+hundred thousand frames (chi-square, 3 degrees of freedom): more is a manoeuvre, or a wrong
+gyro. An alarm without reason costs what a long steady turn has taught the filter."""
 
 MEMORY = 0.2
-MEAN_SURPRISE = 16.27 * MEMORY / (2 - MEMORY)
+MEAN_SURPRISE = 25.9 * MEMORY / (2 - MEMORY)
 """The same for the mean of the turns that were not foreseen, in which the newest frame has this
 weight: what is too small to surprise in one frame, but has the same direction in many, is a
 manoeuvre as well."""
