@@ -49,7 +49,8 @@ class Condition:
     attitude; planet a bright point that moves among the stars, covered one half of the image for
     a while; gyro what becomes of the true rate, empty without a gyro. focal_ratio is that of
     the camera to the one that is believed. While lost every identify_every-th frame is
-    identified, which takes long where nothing can be found. needed_percent of the frames must have an attitude.
+    identified, which takes long where nothing can be found. needed_percent of the frames must
+    have an attitude.
     """
 
     rate_deg_s: float = 0.1
@@ -219,8 +220,8 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
             used = tracks.usable
             result = trust.take(tracker.attitude.attitude, tracks.uv[used], tracks.hip[used])
             if result.attitude is not None:
-                tally += judged(result.attitude.quaternion, result.attitude.covariance_sensor,
-                                 truth)
+                tally += judged(result.attitude.quaternion,
+                                result.attitude.covariance_sensor, truth)
         period = _CHECK_FRAMES if tracker.state is TrackerState.TRACKING else (
             condition.identify_every)
         if frame % period == 0:
