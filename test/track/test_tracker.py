@@ -331,6 +331,25 @@ def test_contradicting_identification_throws_everything_out():
     assert worst_px(motion, 22, tracker.update(*motion.frame(22)[:2])) < 0.6
 
 
+@pytest.mark.parametrize('model', MODELS)
+def test_wrong_start_is_thrown_out(model):
+    """Two identifications agree with each other, but not with what the camera sees next."""
+    motion, other = Motion(PLACES), Motion(PLACES, pointing_deg=ELSEWHERE_DEG)
+    tracker = StarTracker(CAMERA, PLACES, TrackerOptions(model=model))
+    for k in (0, 1):
+        tracker.update(*motion.frame(k)[:2])
+        tracker.identified(*other.frame(k))
+    assert tracker.state is TrackerState.TRACKING
+    for k in range(2, 7):
+        assert tracker.state is TrackerState.TRACKING
+        assert not tracker.update(*motion.frame(k)[:2]).usable.any()
+        assert tracker.attitude is None
+    assert tracker.state is TrackerState.LOST
+    for k, tracks in run(tracker, motion, range(7, 12)):
+        assert worst_px(motion, k, tracks) < 0.6
+    assert tracker.state is TrackerState.TRACKING
+
+
 def test_identification_that_does_not_fit_the_catalogue_is_passed_over():
     motion = Motion(PLACES)
     tracker = StarTracker(CAMERA, PLACES)

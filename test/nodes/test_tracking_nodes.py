@@ -1,0 +1,146 @@
+"""Identifier, tracker and estimator over DDS, with a gyro that helps and one that misleads."""
+
+from diagnostic_msgs.msg import DiagnosticStatus
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
+
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import camera_places
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.ros import messages, qos
+from startracker_ros.ros.messages import ns_from_stamp
+from startracker_ros.rotation import (
+    attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
+from startracker_ros.sky.star_lists import random_attitude, star_list
+from startracker_ros.track.tracks import Tracks
+
+CAMERA = Camera.from_fov(1024, 1024, 12.0)
+PLACES = camera_places(load_catalog(), CAMERA, 2026.7, 6.5)
+START_NS = 1_790_000_000_000_000_000
+STEP_NS = 100_000_000
+FRAME = 'star_tracker_optical_frame'
+RATE = np.radians([0.05, 0.3, 0.1])
+
+
+class Flight:
+    """A camera that turns at a steady rate, with a gyro of 100 Hz."""
+
+    def __init__(self, nodes, probe):
+        nodes.start('star_identifier', {'check_period_s': 1.0})
+        nodes.start('star_tracker')
+        nodes.start('attitude_estimator')
+        self.probe = probe
+        probe.listen(Imu, 'attitude_imu', qos.LIST)
+        probe.listen(DiagnosticStatus, 'tracker_state', qos.STATE)
+        info = probe.speak(CameraInfo, 'camera_info', qos.LIST, to=3)
+        info.publish(messages.camera_to_message(CAMERA, messages.make_header(START_NS, FRAME)))
+        self.imu = probe.speak(Imu, 'imu', qos.IMU)
+        self.centroids = probe.speak(PointCloud2, 'centroids', qos.LIST, to=2)
+        probe.wait(lambda: all(probe.count_publishers(topic) and probe.count_subscribers(topic)
+                               for topic in ('stars', 'tracks', 'tracked_attitude'))
+                   and probe.count_subscribers('tracker_state') == 2, 'all nodes')
+        probe.spin_for(0.5)
+        self.rng = np.random.default_rng(1)
+        self.q = quaternion_from_pointing(*np.radians([84.0, 0.0, 20.0]))
+        self.index = 0
+        self.truth = {}
+
+    def header(self, offset_ns=0, frame_id=FRAME):
+        return messages.make_header(START_NS + self.index * STEP_NS + offset_ns, frame_id)
+
+    def frames(self, count, measured=RATE, frame_id=FRAME):
+        """Fly on, frame by frame, and return the answers of the estimator."""
+        before = len(self.probe.received['attitude_imu'])
+        for _ in range(count):
+            for k in range(9, -1, -1):
+                if measured is not None:
+                    self.imu.publish(messages.gyro_to_imu(
+                        np.asarray(measured), 1e-5, self.header(-k * STEP_NS // 10, frame_id)))
+            seen, _ = star_list(PLACES, CAMERA, self.q, 0.1, self.rng, false=3)
+            self.truth[START_NS + self.index * STEP_NS] = self.q
+            answers = len(self.probe.received['attitude_imu'])
+            # The rates of a frame are there before its stars, as a camera's are.
+            self.probe.spin_for(0.02)
+            self.centroids.publish(
+                messages.centroids_to_message(seen, CAMERA, self.header()))
+            self.probe.wait(
+                lambda: len(self.probe.received['attitude_imu']) > answers, 'an answer')
+            self.index += 1
+            self.q = multiply(self.q, quaternion_from_rotation_vector(RATE * STEP_NS * 1e-9))
+        return self.probe.received['attitude_imu'][before:]
+
+    def errors(self, answers):
+        """Return the errors (N, 3) of the attitudes among the answers, in sigma of each axis."""
+        found = []
+        for message in answers:
+            tracked = messages.tracked_attitude_from_imu(message)
+            if tracked is not None:
+                error = attitude_error(tracked.attitude.quaternion,
+                                       self.truth[ns_from_stamp(message.header.stamp)])
+                found.append(error / np.sqrt(np.diag(tracked.attitude.covariance_sensor)))
+        return np.array(found)
+
+    def state(self, key):
+        values = {v.key: v.value for v in self.probe.received['tracker_state'][-1].values}
+        return values[key]
+
+
+def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
+    flight = Flight(nodes, probe)
+    answers = flight.frames(40)
+    errors = flight.errors(answers)
+    assert len(errors) >= 35 and np.abs(errors).max() < 5
+    assert flight.state('gyro') == 'used'
+    tracked = messages.tracked_attitude_from_imu(answers[-1])
+    off = (tracked.rate_rad_s - RATE) / np.sqrt(np.diag(tracked.rate_covariance))
+    assert np.abs(off).max() < 5 and np.degrees(np.sqrt(tracked.rate_covariance.max())) < 0.02
+    # One identification a second is looked at while tracking, none of the others.
+    assert 2 <= int(flight.state('checks_passed')) <= 10
+    flight.frames(2, frame_id='base_link')
+    probe.wait_condition("imu: frame 'base_link' is not that of the centroids")
+
+
+def test_a_gyro_in_degrees_is_named_and_not_used(nodes, probe):
+    flight = Flight(nodes, probe)
+    errors = flight.errors(flight.frames(30, measured=np.degrees(RATE)))
+    assert len(errors) >= 25 and np.abs(errors).max() < 5
+    assert flight.state('gyro') == 'unused'
+    probe.wait_condition('is it in rad/s')
+
+
+def test_a_camera_turned_away_is_lost_and_found(nodes, probe):
+    flight = Flight(nodes, probe)
+    assert len(flight.errors(flight.frames(12))) >= 8
+    flight.q = random_attitude(np.random.default_rng(7))
+    answers = flight.frames(25, measured=None)
+    assert np.abs(flight.errors(answers)).max() < 5
+    assert messages.tracked_attitude_from_imu(answers[0]) is None
+    assert messages.tracked_attitude_from_imu(answers[-1]) is not None
+    states = [m.message for m in probe.received['tracker_state']]
+    assert 'LOST' in states[states.index('TRACKING'):]
+
+
+@pytest.mark.parametrize('solver', ['quest', 'triad'])
+def test_tracks_alone_are_solved(nodes, probe, solver):
+    nodes.start('attitude_estimator', {'solver': solver})
+    probe.listen(Imu, 'attitude_imu', qos.LIST)
+    header = messages.make_header(START_NS, FRAME)
+    probe.speak(CameraInfo, 'camera_info', qos.LIST).publish(
+        messages.camera_to_message(CAMERA, header))
+    tracks = probe.speak(PointCloud2, 'tracks', qos.LIST)
+    q = quaternion_from_pointing(*np.radians([84.0, 0.0, 20.0]))
+    seen, hip = star_list(PLACES, CAMERA, q, 0.1, np.random.default_rng(3))
+    count, zero = len(hip), np.zeros(len(hip))
+    tracks.publish(messages.tracks_to_message(Tracks(
+        hip=hip, magnitude=zero, uv=seen.uv, flux=seen.flux, snr=seen.snr,
+        sigma_px=seen.sigma_px, residual_px=zero, track_id=np.arange(count, dtype=np.uint32),
+        age=zero.astype(np.uint16), missed=zero.astype(np.uint8), association_probability=zero,
+        velocity=np.zeros((count, 2)), covariance=np.tile(np.eye(2) * 0.01, (count, 1, 1))),
+        CAMERA, header))
+    answer = probe.wait(lambda: probe.received['attitude_imu'], 'an attitude')[0]
+    found = messages.tracked_attitude_from_imu(answer)
+    error = attitude_error(found.attitude.quaternion, q)
+    assert error @ np.linalg.solve(found.attitude.covariance_sensor, error) < 25
+    # Solved from a single frame: no rate is known.
+    assert answer.angular_velocity_covariance[0] == -1
