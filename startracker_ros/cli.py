@@ -391,6 +391,19 @@ def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python:
     _finish(result, as_json)
 
 
+@bench.command('bag')
+@click.option('--inputs', type=click.IntRange(1), default=100_000, show_default=True,
+              help='Damaged bags to read.')
+@click.option('--only', multiple=True, type=click.Choice(['damage', 'pace', 'record']),
+              help='Parts to run.')
+@_seed
+@_json
+def bench_bag(inputs: int, only: tuple[str, ...], seed: int, as_json: bool) -> None:
+    """Damaged bags, the pace of a playback, the cost of recording images."""
+    from startracker_ros.bench.bag import CASES, run_bag_bench
+    _finish(run_bag_bench(inputs=inputs, seed=seed, only=only or CASES), as_json)
+
+
 @bench.command('centroid')
 @click.option('--trials', type=click.IntRange(1), default=100, show_default=True,
               help='Images of each signal to noise ratio.')

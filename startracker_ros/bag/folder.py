@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from startracker_ros.bag.errors import BagError
+from startracker_ros.bag.yaml_text import load_yaml
 
 _MAX_METADATA_BYTES = 2 ** 24
 
@@ -50,12 +49,11 @@ def _information(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > _MAX_METADATA_BYTES:
             raise _MetadataError(f'{path.stat().st_size} bytes are no metadata')
-        document = yaml.load(path.read_bytes(), Loader=yaml.CSafeLoader)
+        document = load_yaml(path.read_bytes())
     except OSError as error:
         raise _MetadataError(str(error.strerror)) from error
-    # Dates and numbers out of range are ValueErrors of their own.
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise _MetadataError(f'no YAML: {error}') from error
+    except ValueError as error:
+        raise _MetadataError(str(error)) from error
     information = document.get('rosbag2_bagfile_information') if isinstance(
         document, dict) else None
     if not isinstance(information, dict):

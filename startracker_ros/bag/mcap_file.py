@@ -122,11 +122,6 @@ class McapFile:
             raise self._unfinished
         if self._problems:
             raise self._error(self._problems[0])
-        if self.statistics is not None:
-            chunks = sum(piece.is_chunk for piece in self._pieces)
-            if self.statistics.chunk_count != chunks:
-                raise BagError(f'{self.path} is damaged: its index counts '
-                               f'{self.statistics.chunk_count} chunks, {chunks} are there')
 
     def messages(self, topics: Sequence[str] = (), start_ns: int = 0, *,
                  report: Callable[[str], None] | None = None) -> Iterator[RawMessage]:
@@ -208,6 +203,8 @@ class McapFile:
                 name = self._bytes(offset + _CHUNK.size, name_length)
                 self.compressions.add(name.decode())
         elif opcode == Opcode.MESSAGE and not in_summary:
+            if length < _MESSAGE.size:
+                raise ValueError(f'a message of {length} bytes')
             log_time_ns = _MESSAGE.unpack(self._bytes(offset, _MESSAGE.size))[2]
             self._pieces.append(_Piece(offset, length, log_time_ns, log_time_ns, False))
         elif opcode == Opcode.STATISTICS:
@@ -223,6 +220,10 @@ class McapFile:
     def _take_footer(self, at: int, length: int) -> None:
         footer = Footer.read(self._stream(at + _FRAME.size, length))
         end = at + _FRAME.size + length
+        chunks = sum(piece.is_chunk for piece in self._pieces)
+        if self.statistics is not None and self.statistics.chunk_count != chunks:
+            self._problems.append(_Damage(
+                at, f'the index counts {self.statistics.chunk_count} chunks, {chunks} are there'))
         if self._bytes(end, len(_MAGIC) + 1) != _MAGIC:
             self._note_end(at, length)
         elif footer.summary_crc and footer.summary_start:

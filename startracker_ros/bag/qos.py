@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-import yaml
+from startracker_ros.bag.yaml_text import load_yaml
 
 INFINITE_NS = 2 ** 63 - 1
 
@@ -77,10 +77,7 @@ class QosProfile:
 
 def qos_from_yaml(text: str) -> tuple[QosProfile, ...]:
     """Return the profiles of a channel's offered_qos_profiles; ValueError if they are none."""
-    try:
-        entries = yaml.load(text, Loader=yaml.CSafeLoader)
-    except (yaml.YAMLError, RecursionError) as error:
-        raise ValueError(f'no YAML: {error}') from error
+    entries = load_yaml(text)
     if not isinstance(entries or [], list) or not all(
             isinstance(entry, Mapping) for entry in entries or []):
         raise ValueError(f'{text[:60]!r} is no list of profiles')

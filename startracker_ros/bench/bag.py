@@ -1,0 +1,126 @@
+"""Bags under test: damaged by the thousand, played at a pace, recorded beside a pipeline."""
+
+from collections.abc import Sequence
+import os
+from pathlib import Path
+import platform
+import tempfile
+import time
+
+import numpy as np
+
+from startracker_ros.bag.writer import BagOptions, BagWriter
+from startracker_ros.bench.bag_fuzz import fuzz_in_processes
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.ros.processes import node_environment, NodeProcesses
+from startracker_ros.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sky.simulator import SkySimulator
+from startracker_ros.table import Result
+
+CASES = ('damage', 'pace', 'record')
+
+_RATE_HZ = 100
+_SECONDS = 20
+_IMAGES = 50
+
+Row = dict[str, object]
+
+
+def run_bag_bench(*, inputs: int, seed: int, only: Sequence[str] = CASES) -> Result:
+    """Return the rows of the chosen cases."""
+    rows: list[Row] = []
+    if 'damage' in only:
+        rows += _damage_rows(inputs, seed)
+    if 'pace' in only:
+        rows += _pace_rows()
+    if 'record' in only:
+        rows += _record_rows()
+    return Result('bench bag', rows, {
+        'machine': f'{platform.machine()}, {os.cpu_count()} cores, load '
+                   f'{os.getloadavg()[0]:.1f}, Python {platform.python_version()}',
+        'damage': 'strict and tolerant reading of each; times are process CPU time',
+        'pace': f'{_RATE_HZ} messages a second of 20 bytes for {_SECONDS} s, stamped by DDS when '
+                'bag_player sent them, beside the times of the recording',
+        'record': '1024 x 1024 px, mono16 (12 bit), 12 deg field; process CPU time',
+        'seed': seed})
+
+
+def _row(case: str, ours: float, unit: str, bound: str = '', holds: bool = True) -> Row:
+    return {'case': case, 'ours': ours, 'unit': unit, 'bound': bound, 'holds': holds}
+
+
+def _damage_rows(inputs: int, seed: int) -> list[Row]:
+    result = fuzz_in_processes(seed, inputs)
+    for text in result.wrong[:20]:
+        print(text)
+    return [
+        _row('damaged bags read', result.inputs, 'files'),
+        _row('refused with a clear error', result.refused, 'files'),
+        _row('anything else went wrong', len(result.wrong), 'files', '= 0', not result.wrong),
+        _row('slowest file', 1e3 * result.slowest_s, 'ms', '<= 1000', result.slowest_s <= 1.0),
+        _row('growth of memory', result.memory_mb, 'MB', '<= 300', result.memory_mb <= 300)]
+
+
+def _pace_rows() -> list[Row]:
+    late_ms = _lateness_ms()
+    p50, p95 = np.percentile(late_ms, (50, 95))
+    count = _RATE_HZ * _SECONDS
+    return [
+        _row('played messages received', len(late_ms), 'messages', f'= {count}',
+             len(late_ms) == count),
+        _row('pacing error, p50', p50, 'ms'),
+        _row('pacing error, p95', p95, 'ms', '<= 2', p95 <= 2.0)]
+
+
+def _lateness_ms() -> np.ndarray:
+    """Return how far each message was sent from its time, against the promptest one (N,)."""
+    # Before rclpy is imported: this machine only.
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.update(node_environment())
+    import rclpy
+    from std_msgs.msg import String
+    cdr = bytes([0, 1, 0, 0, 12, 0, 0, 0]) + b'a message..\0'
+    sent_ns: list[int] = []
+    with tempfile.TemporaryDirectory() as folder:
+        with BagWriter(Path(folder, 'bag')) as writer:
+            writer.add_topic('/pace', 'std_msgs/msg/String')
+            for number in range(_RATE_HZ * _SECONDS):
+                writer.write('/pace', cdr, 10 ** 18 + number * 10 ** 9 // _RATE_HZ, 0)
+        rclpy.init()
+        node = rclpy.create_node('pace_listener')
+
+        def note(message: String, info: dict) -> None:
+            sent_ns.append(info['source_timestamp'])
+        node.create_subscription(String, '/pace', note, 1000)
+        with NodeProcesses(Path(folder)) as nodes:
+            player = nodes.start('bag_player', {'path': str(Path(folder, 'bag'))})
+            while player.poll() is None:
+                rclpy.spin_once(node, timeout_sec=0.1)
+        for _ in range(100):
+            rclpy.spin_once(node, timeout_sec=0.01)
+        node.destroy_node()
+        rclpy.try_shutdown()
+    due_ns = np.arange(len(sent_ns)) * (10 ** 9 // _RATE_HZ)
+    late_ms = (np.array(sent_ns) - due_ns) * 1e-6
+    return late_ms - late_ms.min()
+
+
+def _record_rows() -> list[Row]:
+    simulator = SkySimulator(Camera.from_fov(1024, 1024, 12.0),
+                             motion_from_options(MotionOptions()), load_catalog(), 2026.7)
+    images = [simulator.frame(0.1 * number).image.tobytes() for number in range(5)]
+    rows = []
+    for compression in ('none', 'lz4', 'zstd'):
+        with tempfile.TemporaryDirectory() as folder:
+            bag = Path(folder, 'bag')
+            with BagWriter(bag, options=BagOptions(compression=compression)) as writer:
+                writer.add_topic('/image_raw', 'sensor_msgs/msg/Image')
+                begin_s = time.process_time()
+                for number in range(_IMAGES):
+                    writer.write('/image_raw', images[number % len(images)], number * 10 ** 8, 0)
+                spent_s = time.process_time() - begin_s
+            size = sum(path.stat().st_size for path in bag.glob('*.mcap'))
+        rows += [_row(f'{compression}: an image written', 1e3 * spent_s / _IMAGES, 'ms'),
+                 _row(f'{compression}: size of an image', size / _IMAGES / 1e6, 'MB')]
+    return rows
