@@ -15,12 +15,13 @@ def matrix_from_quaternion(q: np.ndarray) -> np.ndarray:
     """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     q = np.asarray(q, float)
     # Python's floats are several times faster than NumPy's for a single quaternion.
-    x, y, z, w = q.tolist() if q.ndim == 1 else np.moveaxis(q, -1, 0)
+    single = q.ndim == 1
+    x, y, z, w = q.tolist() if single else np.moveaxis(q, -1, 0)
     matrix = np.array([
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
-    return np.moveaxis(matrix, (0, 1), (-2, -1))
+    return matrix if single else np.moveaxis(matrix, (0, 1), (-2, -1))
 
 
 def quaternion_from_matrix(matrix: np.ndarray) -> np.ndarray:

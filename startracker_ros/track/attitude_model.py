@@ -18,6 +18,7 @@ from startracker_ros.track.model import Fix, Followed, StarModel
 from startracker_ros.track.motion_models import image_jacobian, POSITION, VELOCITY
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import OUTLIER_SIGMA, RAYLEIGH_MEDIAN, RotationFit
+from startracker_ros.track.star_votes import expected, turn_asked_for
 
 MANOEUVRES = (10.0, 100.0, 1000.0)
 """Accelerations tried one after the other, in units of acceleration_deg_s2, when the stars are
@@ -140,21 +141,18 @@ class AttitudeModel(StarModel):
         covariance = predicted.covariance[:3, :3]
         bank, sensor = self._in_view(predicted)
         uv, jacobian = self._camera.project(sensor), image_jacobian(self._camera, sensor)
-        across = np.swapaxes(jacobian, 1, 2)
         variance = (self._scale.value * self._sigma(frame)) ** 2
         probability, unclaimed = self._associate(
-            uv, jacobian @ covariance @ across, frame, variance)
+            uv, jacobian @ covariance @ np.swapaxes(jacobian, 1, 2), frame, variance)
         bank = replace(bank, state=_on_image(uv, jacobian, self.rate_rad_s)).observed(
             bank.state, bank.covariance, probability, frame, variance)
         votes = bank.confirmed & (probability[:, 0] < 1)
-        mean, spread = _expected(uv, frame.uv, variance, probability)
-        weight = (1 - probability[:, 0])[:, None, None] * np.linalg.inv(spread)
+        mean, spread = expected(uv, frame.uv, variance, probability)
+        weight = 1 - probability[:, 0]
         seen = bank.missed == 0
         best = probability[:, 1:].argmax(axis=1) if len(frame) else np.zeros(len(bank), int)
         while True:
-            part = across[votes] @ weight[votes]
-            information = np.sum(part @ jacobian[votes], axis=0)
-            vector = np.einsum('nij,nj->i', part, mean[votes])
+            information, vector = turn_asked_for(jacobian, mean, spread, weight, votes)
             state = predicted.with_attitude(information, vector)
             if np.count_nonzero(votes & seen) < options.min_stars:
                 return _Outcome(False, np.zeros(3), predicted, state, bank, None, unclaimed)
@@ -271,27 +269,6 @@ class _ErrorScale:
         self._frames = min(self._frames + 1, 20)
         self._ratio += (ratio - self._ratio) / self._frames
         self.value = float(self._ratio) if self._ratio > 1.15 else 1.0
-
-
-def _expected(uv: np.ndarray, frame_uv: np.ndarray, variance: np.ndarray,
-              probability: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean (N, 2) and spread (N, 2, 2) of a star's centroid about its prediction.
-
-    Those of the mixture of the centroids (M,) that it may have, given that it has one: what
-    the JPDA filter does to one star, as a measurement that many stars can be corrected by.
-    """
-    share = probability[:, 1:] / np.maximum(1 - probability[:, :1], 1e-12)
-    du, dv = frame_uv[:, 0] - uv[:, :1], frame_uv[:, 1] - uv[:, 1:]
-    mean = np.stack([np.sum(share * du, axis=1), np.sum(share * dv, axis=1)], -1)
-    own = share @ variance
-    du, dv = du - mean[:, :1], dv - mean[:, 1:]
-    spread = np.empty((len(uv), 2, 2))
-    spread[:, 0, 0] = own + np.sum(share * du * du, axis=1)
-    spread[:, 1, 1] = own + np.sum(share * dv * dv, axis=1)
-    spread[:, 0, 1] = spread[:, 1, 0] = np.sum(share * du * dv, axis=1)
-    # A star without any centroid has no weight either; its spread must be a number.
-    spread[own == 0] = np.eye(2)
-    return mean, spread
 
 
 def _on_image(uv: np.ndarray, jacobian: np.ndarray, rate_rad_s: np.ndarray) -> np.ndarray:
