@@ -55,7 +55,8 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={f'{PACKAGE}.catalog': ['*.npz']},
+    package_data={f'{PACKAGE}.catalog': ['*.npz'],
+                  f'{PACKAGE}.report': ['*.css', '*.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

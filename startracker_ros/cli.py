@@ -17,6 +17,8 @@ _json = click.option('--json', 'as_json', is_flag=True, help='Print one JSON doc
 
 _scheduler = click.option('--scheduler', default='', metavar='ADDRESS',
                           help='Dask cluster to use instead of the cores of this machine.')
+_namespace = click.option('--namespace', metavar='NAME',
+                          help='Of the star tracker.  [default: the only one in the bag]')
 _seed = click.option('--seed', type=click.IntRange(0), default=1, show_default=True)
 
 
@@ -225,6 +227,26 @@ def info(bag: Path, output: Path | None, as_json: bool) -> None:
         click.echo(f'startracker: {problem}', err=True)
     if problems:
         sys.exit(1)
+
+
+@main.command()
+@click.argument('bag', type=click.Path(path_type=Path))
+@click.option('-o', '--output', type=click.Path(path_type=Path, dir_okay=False),
+              default='report.html', show_default=True, help='Page to write.')
+@_namespace
+@_json
+def report(bag: Path, output: Path, namespace: str | None, as_json: bool) -> None:
+    """Write one HTML page of a BAG: attitude, errors, stars, states, times, frames."""
+    from startracker_ros.bag.errors import BagError
+    from startracker_ros.report.page import write_report
+    from startracker_ros.table import show
+    try:
+        result = write_report(bag, output, namespace)
+    except BagError as error:
+        _fail(str(error))
+    except OSError as error:
+        _fail(f'{output}: {error.strerror}')
+    show(result, as_json)
 
 
 @main.group()

@@ -1,0 +1,183 @@
+"""Headless Chromium over its DevTools pipe: enough to load a page, point, click and look."""
+
+import base64
+from collections.abc import Iterator
+from contextlib import contextmanager
+import fcntl
+import json
+import os
+from pathlib import Path
+import select
+import shutil
+import subprocess
+import tempfile
+import time
+from typing import Any
+
+_NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
+# Without the flags on networking, Chromium calls its maker at each start.
+_FLAGS = ('--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
+          '--disable-background-networking', '--disable-component-update', '--disable-sync',
+          '--disable-dev-shm-usage', '--hide-scrollbars', '--remote-debugging-pipe',
+          'about:blank')
+TIMEOUT_S = 60
+
+
+class BrowserError(RuntimeError):
+    """Chromium is not there, or did not do as told."""
+
+
+class Page:
+    """One tab; problems collects console errors, exceptions and requests for anything else."""
+
+    def __init__(self, commands: int, answers: int) -> None:
+        self._commands, self._answers = commands, answers
+        self._buffer = b''
+        self._number = 0
+        self._session: str | None = None
+        self._events: list[str] = []
+        self.problems: list[str] = []
+        target = self.call('Target.createTarget', url='about:blank')['targetId']
+        self._session = self.call('Target.attachToTarget', targetId=target,
+                                  flatten=True)['sessionId']
+        for domain in ('Page', 'Runtime', 'Log', 'Network'):
+            self.call(f'{domain}.enable')
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Send a command of the DevTools protocol and return its result."""
+        self._number += 1
+        command = {'id': self._number, 'method': method, 'params': parameters}
+        if self._session:
+            command['sessionId'] = self._session
+        data = json.dumps(command).encode() + b'\0'
+        while data:
+            data = data[os.write(self._commands, data):]
+        while True:
+            message = self._next()
+            if message.get('id') == self._number:
+                if 'error' in message:
+                    raise BrowserError(f'{method}: {message["error"]}')
+                return message['result']
+
+    def open(self, path: Path) -> None:
+        """Load a file and wait until it has loaded and drawn."""
+        self._events.clear()
+        self.call('Page.navigate', url=path.as_uri())
+        while 'Page.loadEventFired' not in self._events:
+            self._next()
+        self.evaluate('new Promise((done) => requestAnimationFrame(() => '
+                      'requestAnimationFrame(done)))')
+
+    def evaluate(self, expression: str) -> Any:
+        """Return the value of a JavaScript expression, awaited."""
+        result = self.call('Runtime.evaluate', expression=expression, awaitPromise=True,
+                           returnByValue=True)
+        if 'exceptionDetails' in result:
+            raise BrowserError(f'{expression}: {result["exceptionDetails"]}')
+        return result['result'].get('value')
+
+    def resize(self, width: int, height: int, *, phone: bool = False, dark: bool = False) -> None:
+        """Set the size of the window in CSS pixels, its kind and the wanted colours."""
+        self.call('Emulation.setDeviceMetricsOverride', width=width, height=height,
+                  deviceScaleFactor=2 if phone else 1, mobile=phone)
+        self.call('Emulation.setTouchEmulationEnabled', enabled=phone)
+        self.call('Emulation.setEmulatedMedia', features=[
+            {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}])
+
+    def mouse(self, kind: str, selector: str, x: float = 0.5, y: float = 0.5) -> None:
+        """Let the mouse mouseMoved, mousePressed or mouseReleased at a place of an element.
+
+        x and y go from 0 to 1 over the element, which is brought into view first.
+        """
+        place = self.evaluate(f"""(() => {{
+            const element = document.querySelector({json.dumps(selector)});
+            element.scrollIntoView({{block: 'center', behavior: 'instant'}});
+            const box = element.getBoundingClientRect();
+            return [box.left + {x} * box.width, box.top + {y} * box.height];
+        }})()""")
+        down = kind == 'mousePressed'
+        self.call('Input.dispatchMouseEvent', type=kind, x=place[0], y=place[1],
+                  button='none' if kind == 'mouseMoved' else 'left', buttons=int(down),
+                  clickCount=0 if kind == 'mouseMoved' else 1)
+
+    def click(self, selector: str) -> None:
+        """Move to the middle of an element, press and release."""
+        for kind in ('mouseMoved', 'mousePressed', 'mouseReleased'):
+            self.mouse(kind, selector)
+
+    def text(self, selector: str) -> str:
+        """Return the text of the first element."""
+        return self.evaluate(f'document.querySelector({json.dumps(selector)}).textContent')
+
+    def count(self, selector: str) -> int:
+        """Return how many elements there are."""
+        return self.evaluate(f'document.querySelectorAll({json.dumps(selector)}).length')
+
+    def screenshot(self, path: Path, *, whole: bool = False) -> None:
+        """Write a PNG of what is in the window, or of the whole page."""
+        parameters: dict[str, Any] = {'format': 'png'}
+        if whole:
+            size = self.call('Page.getLayoutMetrics')['cssContentSize']
+            parameters |= {'captureBeyondViewport': True, 'clip': {**size, 'scale': 1}}
+        path.write_bytes(base64.b64decode(self.call(
+            'Page.captureScreenshot', **parameters)['data']))
+
+    def _next(self) -> dict[str, Any]:
+        end_s = time.monotonic() + TIMEOUT_S
+        while b'\0' not in self._buffer:
+            ready, _, _ = select.select([self._answers], [], [], end_s - time.monotonic())
+            data = os.read(self._answers, 1 << 20) if ready else b''
+            if not data:
+                raise BrowserError('Chromium does not answer')
+            self._buffer += data
+        raw, _, self._buffer = self._buffer.partition(b'\0')
+        message = json.loads(raw)
+        self._note(message)
+        return message
+
+    def _note(self, message: dict[str, Any]) -> None:
+        method, parameters = message.get('method', ''), message.get('params', {})
+        self._events.append(method)
+        if method == 'Runtime.exceptionThrown':
+            self.problems.append(f'exception: {parameters["exceptionDetails"]}')
+        elif method == 'Runtime.consoleAPICalled' and parameters['type'] in ('error', 'warning'):
+            self.problems.append(f'console: {parameters["args"]}')
+        elif method == 'Log.entryAdded' and parameters['entry']['level'] in ('error', 'warning'):
+            self.problems.append(f'log: {parameters["entry"]["text"]}')
+        elif method == 'Network.requestWillBeSent':
+            url = parameters['request']['url']
+            if not url.startswith(('file:', 'data:', 'about:')):
+                self.problems.append(f'request: {url}')
+
+
+@contextmanager
+def browser_page() -> Iterator[Page]:
+    """Start Chromium and give a tab of it; BrowserError says how to get it where it lacks."""
+    program = next(filter(None, map(shutil.which, _NAMES)), None)
+    if program is None:
+        raise BrowserError('the report is tested in Chromium, which is not installed: '
+                           'apt-get install chromium')
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        # Chromium reads commands from descriptor 3 and answers on 4.
+        theirs_in, ours_out = os.pipe()
+        ours_in, theirs_out = os.pipe()
+        above = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, 10)
+                 for descriptor in (theirs_in, theirs_out)]
+
+        def place_pipes() -> None:
+            os.dup2(above[0], 3)
+            os.dup2(above[1], 4)
+
+        process = subprocess.Popen(
+            [program, f'--user-data-dir={profile}', *_FLAGS], preexec_fn=place_pipes,
+            pass_fds=(3, 4), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL)
+        for descriptor in (theirs_in, theirs_out, *above):
+            os.close(descriptor)
+        try:
+            yield Page(ours_out, ours_in)
+        finally:
+            os.close(ours_out)
+            process.terminate()
+            process.wait(timeout=TIMEOUT_S)
+            os.close(ours_in)
