@@ -39,7 +39,8 @@ class Diagnostics:
             return
         recovered = level == OK and self._condition[0] != OK
         self._condition = level, message
-        self._worst = max(self._worst, self._condition, key=lambda condition: condition[0])
+        # Of two as bad the newer one.
+        self._worst = max(self._condition, self._worst, key=lambda condition: condition[0])
         logger = self._node.get_logger()
         if level == ERROR:
             logger.error(message, throttle_duration_sec=1.0)

@@ -15,6 +15,8 @@ from startracker_ros.attitude.estimate import AttitudeEstimate, covariance_icrf
 from startracker_ros.camera import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.identification import Identification
+from startracker_ros.locate.location import Location
+from startracker_ros.locate.observer import State
 from startracker_ros.rotation import conjugate, matrix_from_quaternion, rotate
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
@@ -351,4 +353,58 @@ def motion_to_odometry(position_m: np.ndarray, velocity_m_s: np.ndarray, quatern
     message.pose.pose.orientation = _quaternion(quaternion)
     message.twist.twist.linear = _vector(rotate(conjugate(quaternion), velocity_m_s))
     message.twist.twist.angular = _vector(rate_rad_s)
+    return message
+
+
+def state_from_odometry(message: Odometry, inertial_frame_id: str) -> State:
+    """Return position and velocity on inertial axes; MessageError names what is wrong.
+
+    The twist is in child_frame_id: turned by the orientation, unless that is the inertial
+    frame itself.
+    """
+    if message.header.frame_id != inertial_frame_id:
+        raise MessageError(f'frame {message.header.frame_id!r} is not {inertial_frame_id!r}')
+    position, twist = message.pose.pose.position, message.twist.twist.linear
+    velocity_m_s = np.array([twist.x, twist.y, twist.z])
+    if not np.any(velocity_m_s):
+        raise MessageError('twist without a velocity')
+    if message.child_frame_id != inertial_frame_id:
+        velocity_m_s = rotate(_unit_quaternion(message.pose.pose.orientation), velocity_m_s)
+    state = State(np.array([position.x, position.y, position.z]), velocity_m_s,
+                  np.reshape(message.pose.covariance, (6, 6))[:3, :3])
+    if not all(np.isfinite(part).all() for part in state):
+        raise MessageError('position, velocity or their covariance is not finite')
+    return state
+
+
+def attitude_from_pose(message: PoseWithCovarianceStamped, inertial_frame_id: str
+                       ) -> tuple[np.ndarray, np.ndarray]:
+    """Return q_icrf_from_sensor (4,) and its covariance (3, 3) about ICRF axes.
+
+    MessageError where that is no attitude.
+    """
+    if message.header.frame_id != inertial_frame_id:
+        raise MessageError(f'frame {message.header.frame_id!r} is not {inertial_frame_id!r}')
+    covariance = np.reshape(message.pose.covariance, (6, 6))[3:, 3:]
+    if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0).all()):
+        raise MessageError(f'rotation covariance of diagonal {np.diag(covariance).tolist()} '
+                           'is not positive')
+    return _unit_quaternion(message.pose.pose.orientation), covariance
+
+
+def _unit_quaternion(q: Quaternion) -> np.ndarray:
+    quaternion = np.array([q.x, q.y, q.z, q.w])
+    if not abs(np.linalg.norm(quaternion) - 1) < 1e-6:
+        raise MessageError(f'orientation {quaternion.tolist()} is no attitude')
+    return quaternion
+
+
+def location_to_pose(location: Location, header: Header) -> PoseWithCovarianceStamped:
+    """Return `target/position`: position filled, no rotation and no rotation block."""
+    message = PoseWithCovarianceStamped(header=header)
+    position = message.pose.pose.position
+    position.x, position.y, position.z = map(float, location.position_m)
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = location.covariance_m2
+    message.pose.covariance = covariance.ravel()
     return message

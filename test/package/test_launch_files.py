@@ -109,3 +109,15 @@ def test_demo_is_the_pipeline_under_a_simulated_sky(launched):
     pipeline, = launch.included
     assert [node['executable'] for node in pipeline.nodes] == PIPELINE
     assert pipeline.arguments.keys() == launch.arguments.keys()
+
+
+def test_two_satellites(launched):
+    launch = launched('two_satellites.launch.py')
+    assert [[node['executable'] for node in each.nodes] for each in launch.included] == [
+        PIPELINE, PIPELINE]
+    locator, = launch.nodes
+    file, names = locator['parameters']
+    assert Path(launch.text(file)) == SOURCE / 'config' / 'target_locator.yaml'
+    assert {name: launch.text(value) for name, value in names.items()} == {
+        'observer_1': 'tracker_1', 'observer_2': 'tracker_2'}
+    assert locator['executable'] in NODES

@@ -1,0 +1,145 @@
+"""A real target_locator between two observers that a test plays."""
+
+import subprocess
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo, PointCloud2
+from visualization_msgs.msg import MarkerArray
+
+from startracker_ros.camera import Camera
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.ros import messages, qos
+from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
+from startracker_ros.rotation import ARCSEC, quaternion_from_matrix
+
+CAMERA = Camera.from_fov(1024, 1024, 12.0)
+START_NS = 1_790_000_000_000_000_000
+TARGET = np.array([7.45e6, 2.1e5, 3e4])
+PLACES = np.array([[7.07e6, 0.0, 0.0], [7.05e6, 4.9e5, 1e3]])
+VELOCITY = np.array([0.0, 7.5e3, 0.0])
+
+
+def towards(place, target=TARGET):
+    """Return the attitude of a camera that looks straight at the target."""
+    z = (target - place) / np.linalg.norm(target - place)
+    x = np.cross([0.0, 0.0, 1.0], z)
+    x /= np.linalg.norm(x)
+    return quaternion_from_matrix(np.stack([x, np.cross(z, x), z], -1))
+
+
+class Observers:
+    """Publishers of both, and what each says unless a test says otherwise."""
+
+    def __init__(self, probe):
+        self.probe = probe
+        self.index = 0
+        self.topics = [{
+            topic: probe.speak(kind, f'tracker_{number}/{topic}', qos.LIST)
+            for topic, kind in (('camera_info', CameraInfo), ('odometry', Odometry),
+                                ('attitude_cov', PoseWithCovarianceStamped),
+                                ('target_centroid', PointCloud2))} for number in (1, 2)]
+
+    def frame(self, which, place=None, quaternion=None, *, later_s=0.0, covariance=ARCSEC ** 2,
+              frame_id='icrf', uv=(511.5, 511.5), sigma_px=0.1):
+        """Publish all that one observer says about the present frame; return its stamp."""
+        place = PLACES[which] if place is None else place
+        quaternion = towards(PLACES[which]) if quaternion is None else quaternion
+        stamp_ns = START_NS + self.index * 500_000_000 + round(later_s * 1e9)
+        sensor = messages.make_header(stamp_ns, 'star_tracker_optical_frame')
+        inertial = messages.make_header(stamp_ns, frame_id)
+        attitude = PoseWithCovarianceStamped(header=inertial)
+        q = attitude.pose.pose.orientation
+        q.x, q.y, q.z, q.w = map(float, quaternion)
+        attitude.pose.covariance = np.diag([0.0] * 3 + [covariance] * 3).ravel()
+        topics = self.topics[which]
+        topics['camera_info'].publish(messages.camera_to_message(CAMERA, sensor))
+        topics['odometry'].publish(messages.motion_to_odometry(
+            place, VELOCITY, towards(PLACES[which]), np.zeros(3), inertial, sensor.frame_id))
+        topics['attitude_cov'].publish(attitude)
+        topics['target_centroid'].publish(messages.centroids_to_message(Centroids(
+            np.array([uv]), np.array([1e4]), np.array([50.0]), np.array([sigma_px])),
+            CAMERA, sensor))
+        return stamp_ns
+
+    def answer_to(self, stamp_ns):
+        """Return the position published for a stamp, None without one."""
+        return next((m for m in self.probe.received['target/position']
+                     if messages.ns_from_stamp(m.header.stamp) == stamp_ns), None)
+
+    def refused(self, words, **other):
+        """Both speak, the second as told: the reason is named and nothing is published."""
+        self.index += 1
+        stamp_ns = self.frame(0)
+        self.frame(1, **other)
+        self.probe.wait_condition(words)
+        assert self.answer_to(stamp_ns) is None
+
+
+@pytest.fixture
+def observers(nodes, probe):
+    nodes.start('target_locator', {'aberration': 'none'})
+    probe.listen(PoseWithCovarianceStamped, 'target/position')
+    probe.listen(MarkerArray, 'target/line_of_sight')
+    observers = Observers(probe)
+    probe.wait(lambda: probe.count_publishers('target/line_of_sight'), 'target offered')
+    return observers
+
+
+def test_target_is_located_and_bad_input_is_named(observers):
+    probe = observers.probe
+    probe.wait_condition('tracker_1: no camera_info; tracker_2: no camera_info')
+    stamp_ns = observers.frame(0)
+    observers.frame(1)
+    message = probe.wait(lambda: observers.answer_to(stamp_ns), 'a position')
+    assert message.header.frame_id == 'icrf'
+    place = message.pose.pose.position
+    assert np.linalg.norm([place.x, place.y, place.z] - TARGET) < 1e-2
+    covariance = np.reshape(message.pose.covariance, (6, 6))
+    assert 5 < np.sqrt(np.trace(covariance)) < 50 and not covariance[3:].any()
+    markers = probe.wait(lambda: probe.received['target/line_of_sight'], 'lines of sight')
+    first, second, ellipsoid = markers[0].markers
+    for line, start in ((first, PLACES[0]), (second, PLACES[1])):
+        ends = np.array([[point.x, point.y, point.z] for point in line.points])
+        np.testing.assert_allclose(ends, [start, TARGET], atol=1e-2)
+    assert {first.header.frame_id, second.header.frame_id, ellipsoid.header.frame_id} == {'icrf'}
+    assert ellipsoid.scale.x <= ellipsoid.scale.y <= ellipsoid.scale.z
+
+    nan = float('nan')
+    observers.refused('parallel', quaternion=towards(PLACES[0]))
+    observers.refused('behind the second observer',
+                      quaternion=towards(PLACES[1], 2 * PLACES[1] - TARGET))
+    observers.refused('observers 0 m apart', place=PLACES[0])
+    observers.refused('do not point to one target', uv=(711.5, 511.5))
+    observers.refused('orientation [0.0, 0.0, 0.0, 0.0] is no attitude', quaternion=np.zeros(4))
+    observers.refused('orientation [nan', quaternion=np.full(4, nan))
+    observers.refused('is not positive', covariance=0.0)
+    observers.refused("frame 'map' is not 'icrf'", frame_id='map')
+    observers.refused('position, velocity or their covariance is not finite',
+                      place=np.array([nan, 0, 0]))
+    observers.refused('cloud field', uv=(nan, 511.5))
+    observers.refused('sigma_px nan is not positive', sigma_px=nan)
+    observers.refused('its clock apart, for 100.0 s', later_s=100.0)
+
+    # One falls silent: what may still come is waited for, then it is named.
+    for _ in range(4):
+        observers.index += 250
+        observers.frame(0)
+    probe.wait_condition('tracker_2: odometry silent, or its clock apart, for')
+    # And all is well again.
+    observers.index += 1
+    stamp_ns = observers.frame(0)
+    observers.frame(1)
+    probe.wait(lambda: observers.answer_to(stamp_ns), 'a position after all that')
+    assert not any(status.level == b'\x02' for status in probe.statuses()[-1:])
+
+
+def test_two_names_for_one_observer_stop_the_node():
+    """At the start, with the name in the message."""
+    done = subprocess.run(
+        node_command('target_locator', parameter_arguments({'observer_2': 'tracker_1'})),
+        env=node_environment(), capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert "observer_1 and observer_2 are both 'tracker_1'" in done.stderr
