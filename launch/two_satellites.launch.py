@@ -28,10 +28,12 @@ def generate_launch_description() -> LaunchDescription:
             'config', default_value=os.path.join(share, 'config'),
             description='folder with one parameter file <node>.yaml for each node'),
     ]
-    pipelines = [IncludeLaunchDescription(
-        PythonLaunchDescriptionSource(os.path.join(share, 'launch', 'pipeline.launch.py')),
-        launch_arguments=[('namespace', LaunchConfiguration(name)),
-                          ('config', LaunchConfiguration('config'))])
+    pipeline = os.path.join(share, 'launch', 'pipeline.launch.py')
+    pipelines = [
+        IncludeLaunchDescription(
+            PythonLaunchDescriptionSource(pipeline),
+            launch_arguments=[('namespace', LaunchConfiguration(name)),
+                              ('config', LaunchConfiguration('config'))])
         for name in ('observer_1', 'observer_2')]
     locator = Node(
         package='startracker_ros', executable='target_locator', name='target_locator',

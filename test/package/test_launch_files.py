@@ -117,7 +117,7 @@ def test_two_satellites(launched):
         PIPELINE, PIPELINE]
     locator, = launch.nodes
     file, names = locator['parameters']
-    assert Path(launch.text(file)) == SOURCE / 'config' / 'target_locator.yaml'
+    assert Path(launch.text(file)).resolve() == SOURCE / 'config' / 'target_locator.yaml'
     assert {name: launch.text(value) for name, value in names.items()} == {
         'observer_1': 'tracker_1', 'observer_2': 'tracker_2'}
     assert locator['executable'] in NODES
