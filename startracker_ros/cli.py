@@ -249,6 +249,18 @@ def report(bag: Path, output: Path, namespace: str | None, as_json: bool) -> Non
     show(result, as_json)
 
 
+@main.command()
+@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+              help='Camera YAML to look at, too.')
+@click.option('--listen', 'listen_s', type=click.FloatRange(0.5, 600), metavar='SECONDS',
+              help='Listen to image_raw and camera_info for so long.')
+@_json
+def doctor(camera_file: Path | None, listen_s: float | None, as_json: bool) -> None:
+    """Look at install, DDS, caches, disk and camera; say what to mend."""
+    from startracker_ros.doctor.examination import examine
+    _finish(examine(camera_file=camera_file, listen_s=listen_s or 0.0), as_json)
+
+
 @main.group()
 def campaign() -> None:
     """Repeat the published tables, the paper's figure beside ours."""

@@ -54,7 +54,8 @@ def show(result: Result, as_json: bool) -> None:
         table.add_column(key, justify='right' if numeric else 'left', overflow='fold')
     for row in result.rows:
         table.add_row(*(_text(name, value) for name, value in row.items()))
-    console = Console()
+    # Texts are data: brackets and colons in them are no markup.
+    console = Console(markup=False, emoji=False)
     console.print(table)
     for key, value in conditions.items():
         console.print(f'  {key}: {_text(key, value)}', highlight=False)

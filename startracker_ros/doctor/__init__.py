@@ -1,0 +1,1 @@
+"""What `startracker doctor` looks at; each module returns checks and changes nothing."""

@@ -1,0 +1,16 @@
+"""One row of the examination."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Check:
+    """What was looked at, what was found, whether that will do, and what to mend.
+
+    A check that holds may still carry advice in `mend`.
+    """
+
+    check: str
+    result: str
+    holds: bool = True
+    mend: str = ''

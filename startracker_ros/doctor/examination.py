@@ -1,0 +1,22 @@
+"""The whole examination as one result."""
+
+from dataclasses import asdict
+from pathlib import Path
+import platform
+
+from startracker_ros import __version__
+from startracker_ros.doctor.camera import check_camera
+from startracker_ros.doctor.dds import check_dds
+from startracker_ros.doctor.install import check_install
+from startracker_ros.doctor.storage import check_storage
+from startracker_ros.table import Result
+
+
+def examine(*, camera_file: Path | None = None, listen_s: float = 0.0) -> Result:
+    """Return one row for each check; a camera is looked at when a file or a time is given."""
+    checks = [*check_install(), *check_dds(), *check_storage(),
+              *check_camera(camera_file, listen_s)]
+    return Result('doctor', [asdict(check) for check in checks], {
+        'package': f'startracker_ros {__version__} in {Path(__file__).parents[1]}',
+        'machine': f'{platform.system()} {platform.machine()}',
+        'result': f'{sum(not check.holds for check in checks)} of {len(checks)} to mend'})

@@ -1,0 +1,70 @@
+"""Compiled code, the cache of pattern databases, room for bags."""
+
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import shutil
+import tempfile
+
+from startracker_ros.doctor.check import Check
+
+# The demo, 1024 x 1024 px at 10 Hz, writes 10 MB a second.
+_BAG_BYTES_S = 10e6
+_LEAST_FREE_BYTES = 2e9
+_LARGE_CACHE_BYTES = 1e9
+
+
+def check_storage() -> Iterator[Check]:
+    """Yield the checks of what is kept on disk."""
+    from startracker_ros.compiled import config
+    from startracker_ros.identify.cache import cache_folder
+    yield check_compiled(config.CACHE_DIR)
+    yield check_databases(cache_folder())
+    yield check_room(Path.cwd())
+
+
+def check_compiled(folder: str) -> Check:
+    """Return whether machine code is there; an empty name means that none can be kept."""
+    if not folder:
+        return Check('compiled code', 'nowhere to keep it: each process compiles anew', False,
+                     'make ~/.cache writable, or set NUMBA_CACHE_DIR to a folder that is')
+    count = sum(1 for _ in Path(folder).rglob('*.nbi'))
+    if count == 0:
+        return Check('compiled code', f'none in {folder}: the first frames wait half a minute',
+                     False, 'python -m startracker_ros.warm_up')
+    return Check('compiled code', f'{count} functions in {folder}')
+
+
+def check_databases(folder: Path) -> Check:
+    """Return whether pattern databases can be kept in the folder."""
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    if not _can_write(existing):
+        return Check('database cache', f'{folder} cannot be written', False,
+                     'make it writable, or set XDG_CACHE_HOME')
+    sizes = [file.stat().st_size for file in folder.glob('pairs-*.bin')]
+    return Check('database cache', f'{len(sizes)} databases, {sum(sizes) / 1e6:.1f} MB, '
+                                   f'in {folder}', True,
+                 'delete pairs-*.bin at will: what is used is built anew'
+                 if sum(sizes) > _LARGE_CACHE_BYTES else '')
+
+
+def check_room(folder: Path) -> Check:
+    """Return whether a bag can be written into the folder."""
+    if not _can_write(folder):
+        return Check('room for bags', f'{folder} cannot be written', False,
+                     'record into another folder: startracker record -o FOLDER')
+    free = shutil.disk_usage(folder).free
+    holds = free >= _LEAST_FREE_BYTES
+    return Check('room for bags', f'{free / 1e9:.1f} GB free in {folder}: '
+                                  f'{free / _BAG_BYTES_S / 60:.0f} min of 1 Mpx at 10 Hz',
+                 holds, '' if holds else 'make room, or record without image_raw')
+
+
+def _can_write(folder: Path) -> bool:
+    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        return False
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True

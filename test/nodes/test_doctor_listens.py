@@ -1,0 +1,25 @@
+"""startracker doctor --listen beside a running camera."""
+
+import json
+import os
+import subprocess
+import sys
+
+from startracker_ros.camera import Camera, save_camera
+
+
+def test_doctor_finds_a_live_camera_sound_and_another_file_different(nodes, probe, tmp_path):
+    nodes.start('sky_simulator', {'width': 256, 'height': 256, 'fov_deg': 20.0})
+    probe.wait(lambda: probe.count_publishers('image_raw'), 'the simulator')
+    save_camera(Camera.from_fov(256, 256, 21.0), tmp_path / 'camera.yaml')
+    done = subprocess.run(
+        [sys.executable, '-m', 'startracker_ros', 'doctor', '--json', '--listen', '3',
+         '--camera', str(tmp_path / 'camera.yaml')],
+        capture_output=True, text=True, timeout=120, env=os.environ)
+    rows = {row['check']: row for row in json.loads(done.stdout)['rows']}
+    assert done.returncode == 1
+    for sound in ('loopback', 'camera_info: field', 'image_raw: encoding', 'image_raw: size',
+                  'image_raw: rate', 'image_raw: stamp', 'image_raw: light'):
+        assert rows[sound]['holds'], rows
+    assert '20.00 x 20.00 deg' in rows['camera_info: field']['result']
+    assert not rows['camera file and camera_info']['holds']
