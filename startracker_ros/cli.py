@@ -250,6 +250,39 @@ def report(bag: Path, output: Path, namespace: str | None, as_json: bool) -> Non
 
 
 @main.command()
+@click.argument('bag', type=click.Path(path_type=Path))
+@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
+              default='export', show_default=True, help='Folder for the files.')
+@click.option('--format', 'formats', multiple=True, default=('aem', 'csv'), show_default=True,
+              type=click.Choice(['aem', 'csv', 'parquet']), help='One or more of them.')
+@click.option('--originator', default='UNKNOWN', show_default=True, help='Of the AEM.')
+@click.option('--object-name', default='UNKNOWN', show_default=True, help='In the AEM.')
+@click.option('--object-id', default='UNKNOWN', show_default=True,
+              help='In the AEM: the international designator.')
+@_namespace
+@_json
+def export(bag: Path, output: Path, formats: tuple[str, ...], originator: str, object_name: str,
+           object_id: str, namespace: str | None, as_json: bool) -> None:
+    """Write attitude, tracks and diagnostics of a BAG as CCSDS AEM, CSV or Parquet."""
+    from startracker_ros.bag.errors import BagError
+    from startracker_ros.export.aem import AemError, AemLabels
+    from startracker_ros.export.files import export_bag
+    from startracker_ros.export.tables import MissingLibraryError
+    from startracker_ros.table import show
+    try:
+        labels = AemLabels(originator, object_name, object_id)
+    except AemError as error:
+        raise click.UsageError(str(error)) from error
+    try:
+        result = export_bag(bag, output, formats, labels, namespace)
+    except (BagError, AemError, MissingLibraryError) as error:
+        _fail(str(error))
+    except OSError as error:
+        _fail(f'{output}: {error.strerror}')
+    show(result, as_json)
+
+
+@main.command()
 @click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
               help='Camera YAML to look at, too.')
 @click.option('--listen', 'listen_s', type=click.FloatRange(0.5, 600), metavar='SECONDS',

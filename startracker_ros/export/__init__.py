@@ -1,0 +1,1 @@
+"""Recorded attitudes, tracks and diagnostics in the formats of others."""
