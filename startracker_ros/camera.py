@@ -11,6 +11,8 @@ import yaml
 if TYPE_CHECKING:
     from startracker_ros.lens import Lens
 
+_LARGEST_FILE_BYTES = 1_000_000
+
 
 class CameraError(ValueError):
     """A camera description that cannot be a real camera."""
@@ -170,7 +172,11 @@ class Camera:
 def load_camera(path: str | Path) -> Camera:
     """Read a camera from a YAML file as ROS camera_calibration writes it; CameraError if bad."""
     try:
-        document = yaml.safe_load(Path(path).read_text())
+        with open(path, 'rb') as file:
+            text = file.read(_LARGEST_FILE_BYTES + 1)
+        if len(text) > _LARGEST_FILE_BYTES:
+            raise CameraError(f'more than {_LARGEST_FILE_BYTES} bytes')
+        document = yaml.safe_load(text)
         if document['distortion_model'] != 'plumb_bob':
             model = document['distortion_model']
             raise CameraError(f'distortion_model {model!r} is not plumb_bob')
@@ -183,7 +189,8 @@ def load_camera(path: str | Path) -> Camera:
         raise CameraError(f'camera file {path}: {error.strerror}') from error
     except CameraError as error:
         raise CameraError(f'camera file {path}: {error}') from error
-    except (yaml.YAMLError, KeyError, IndexError, TypeError, ValueError) as error:
+    except (yaml.YAMLError, KeyError, IndexError, TypeError, ValueError, OverflowError,
+            RecursionError) as error:
         raise CameraError(
             f'camera file {path}: not a ROS camera calibration ({error!r})') from error
 

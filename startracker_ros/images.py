@@ -7,6 +7,9 @@ import numpy as np
 
 from startracker_ros.camera import Camera, load_camera
 
+# Far more than any image of a star camera, in every format.
+_LARGEST_FILE_BYTES = 500_000_000
+
 
 class ImageError(ValueError):
     """A file that holds no star image; the text names it."""
@@ -16,9 +19,12 @@ def read_image(path: str | Path) -> np.ndarray:
     """Return an image file as (H, W) uint8 or uint16; colours are averaged to grey."""
     path = Path(path)
     try:
-        content = np.frombuffer(path.read_bytes(), np.uint8)
+        with path.open('rb') as file:
+            content = np.frombuffer(file.read(_LARGEST_FILE_BYTES + 1), np.uint8)
     except OSError as error:
         raise ImageError(f'{path}: {error.strerror}') from error
+    if len(content) > _LARGEST_FILE_BYTES:
+        raise ImageError(f'{path}: more than {_LARGEST_FILE_BYTES // 1_000_000} MB')
     image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if len(content) else None
     if image is None:
         raise ImageError(f'{path}: not an image that OpenCV can read')

@@ -1,6 +1,9 @@
 """NumPy and stage results to ROS messages and back: every layout stands here once."""
 
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+import re
 import sys
 
 from builtin_interfaces.msg import Time
@@ -41,14 +44,27 @@ _POINT_FIELD_TYPES = {
     'i1': PointField.INT8, 'u1': PointField.UINT8, 'i2': PointField.INT16,
     'u2': PointField.UINT16, 'i4': PointField.INT32, 'u4': PointField.UINT32,
     'f4': PointField.FLOAT32, 'f8': PointField.FLOAT64}
+_TYPE_NAME = re.compile('([a-z][a-z0-9_]*)/(msg|srv|action)/([A-Z][A-Za-z0-9_]*)')
 _NUMPY_TYPES = {number: name for name, number in _POINT_FIELD_TYPES.items()}
 # Fields that may be NaN by their meaning: not identified, not observed in this frame.
 _MAY_BE_NAN = {'magnitude', 'residual_px', 'flux', 'snr', 'sigma_px'}
 
 
 def message_class(type_name: str) -> type:
-    """Return the class of a name like sensor_msgs/msg/Image; ImportError if not installed."""
-    package, kind, name = type_name.split('/')
+    """Return the class of a name like sensor_msgs/msg/Image; ImportError if not installed.
+
+    Names come out of bags and from other processes, and importing runs code: only packages
+    that were generated from message definitions are imported.
+    """
+    match = _TYPE_NAME.fullmatch(type_name)
+    if match is None:
+        raise ImportError(f'{type_name!r} is not the name of a message type')
+    package, kind, name = match.groups()
+    spec = find_spec(package)
+    folders = spec.submodule_search_locations if spec is not None else None
+    if not any(any(Path(folder).glob(f'{package}_s__rosidl_typesupport_c*'))
+               for folder in folders or ()):
+        raise ImportError(f'{package} is not an installed message package')
     try:
         return getattr(import_module(f'{package}.{kind}'), name)
     except AttributeError as error:
