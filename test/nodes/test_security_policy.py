@@ -1,0 +1,148 @@
+"""The SROS 2 policies allow each node what it opens, and nothing else."""
+
+from importlib import import_module
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import rclpy
+
+from startracker_ros.camera import Camera
+from startracker_ros.executables import NODES
+from startracker_ros.ros.messages import camera_to_message, make_header
+from startracker_ros.ros.node import CameraNode, PipelineNode
+from startracker_ros.ros.processes import parameter_arguments
+
+CONFIG = Path(__file__).parents[2] / 'config'
+FLIGHT, GROUND = 'security_policy.xml', 'security_policy_ground.xml'
+# No nodes of this package, but part of the system.
+OTHERS = {'camera', 'gyro', 'gnc', 'operator'}
+SELF_MADE = {'sky_simulator', 'image_publisher', 'bag_player'}
+# Their topics are not known beforehand.
+ANY = {'bag_recorder', 'bag_player'}
+# Every way of starting a node that opens other topics.
+VARIANTS = {
+    'star_identifier': ({}, {'method': 'extended_grid'}),
+    'attitude_estimator': ({'source': 'tracks'}, {'source': 'stars'})}
+
+
+def profiles(file: str) -> dict[str, dict[tuple[str, str], set[str]]]:
+    """Return {node: {(kind, verb): full names}} of a policy."""
+    found = {}
+    root = ElementTree.parse(CONFIG / file).getroot()
+    assert root.tag == 'policy' and root.get('version') == '0.2.0'
+    for enclave in root.iterfind('enclaves/enclave'):
+        profile, = enclave.iterfind('profiles/profile')
+        node = profile.get('node')
+        assert profile.get('ns') == '/' and enclave.get('path') == f'/startracker_ros/{node}'
+        rules = {}
+        for group in profile:
+            (verb, permission), = group.attrib.items()
+            assert permission == 'ALLOW'
+            assert (group.tag, verb) in {('topics', 'publish'), ('topics', 'subscribe'),
+                                         ('services', 'reply'), ('services', 'request')}
+            names = [name.text.replace('~', f'/{node}') for name in group]
+            assert len(names) == len(set(names))
+            assert all(name.tag == group.tag.removesuffix('s') for name in group)
+            rules[group.tag, verb] = {f'/{name.lstrip("/")}' for name in names}
+        assert node not in found
+        found[node] = rules
+    return found
+
+
+def opened(node: PipelineNode) -> dict[tuple[str, str], set[str]]:
+    """Return what a node has opened, by full name; rcl itself opens the log, /rosout."""
+    return {
+        ('topics', 'publish'): {'/rosout', *(one.topic_name for one in node.publishers)},
+        ('topics', 'subscribe'): {one.topic_name for one in node.subscriptions},
+        ('services', 'reply'): {service.service_name for service in node.services},
+        ('services', 'request'): {client.service_name for client in node.clients}}
+
+
+@pytest.fixture
+def image_folder(tmp_path):
+    """Return a folder that image_publisher takes."""
+    import cv2
+    import numpy as np
+    cv2.imwrite(str(tmp_path / 'stars.png'), np.zeros((64, 64), np.uint8))
+    return tmp_path
+
+
+def start(name: str, parameters: dict[str, object]) -> dict[tuple[str, str], set[str]]:
+    """Return what a node opens once it knows its camera."""
+    rclpy.init(args=parameter_arguments(parameters) if parameters else None)
+    try:
+        module = import_module(NODES[name])
+        node_class, = (value for value in vars(module).values()
+                       if isinstance(value, type) and issubclass(value, PipelineNode)
+                       and value.__module__ == module.__name__)
+        node = node_class()
+        node.begin()
+        if isinstance(node, CameraNode):
+            node._take_camera(camera_to_message(
+                Camera.from_fov(512, 512, 20.0), make_header(1_767_225_600 * 10 ** 9, 'lens')))
+        found = opened(node)
+        node.destroy_node()
+        return found
+    finally:
+        rclpy.try_shutdown()
+
+
+def test_every_node_has_one_policy_and_flight_has_none_that_makes_data_up():
+    flight, ground = profiles(FLIGHT), profiles(GROUND)
+    assert set(flight) == set(NODES) - SELF_MADE | OTHERS
+    assert set(ground) == SELF_MADE
+
+
+@pytest.mark.parametrize('name', sorted(set(NODES) - ANY))
+def test_a_node_is_allowed_what_it_opens_and_no_more(name, image_folder):
+    expected = {**profiles(FLIGHT), **profiles(GROUND)}[name]
+    variants = VARIANTS.get(name, ({},))
+    if name == 'image_publisher':
+        variants = ({'path': str(image_folder)},)
+    found: dict[tuple[str, str], set[str]] = {}
+    for parameters in variants:
+        for rule, names in start(name, parameters).items():
+            found.setdefault(rule, set()).update(names)
+    assert {rule: names for rule, names in found.items() if names} == expected
+
+
+def test_the_recorder_says_only_how_it_is(tmp_path):
+    allowed = profiles(FLIGHT)['bag_recorder']
+    found = start('bag_recorder', {'folder': str(tmp_path / 'bag')})
+    assert found['topics', 'publish'] == allowed['topics', 'publish']
+    assert found['services', 'reply'] == allowed['services', 'reply']
+    assert not found['services', 'request'] and ('services', 'request') not in allowed
+    assert '/*' in allowed['topics', 'subscribe']
+
+
+def test_nobody_in_flight_is_allowed_everything_or_the_clock():
+    for node, rules in profiles(FLIGHT).items():
+        said = rules['topics', 'publish'] | rules['services', 'reply']
+        said |= rules.get(('services', 'request'), set())
+        assert not any('*' in name for name in said), node
+        heard = rules.get(('topics', 'subscribe'), set())
+        assert '/clock' not in said | heard, node
+        assert '/*' not in heard or node == 'bag_recorder'
+
+
+def test_each_topic_of_the_pipeline_has_one_source():
+    flight = profiles(FLIGHT)
+    common = {'/diagnostics', '/parameter_events', '/rosout'}
+    sources: dict[str, list[str]] = {}
+    for node, rules in flight.items():
+        for topic in rules['topics', 'publish'] - common:
+            sources.setdefault(topic, []).append(node)
+    assert all(len(nodes) == 1 for nodes in sources.values()), sources
+    heard = set().union(*(flight[node].get(('topics', 'subscribe'), set()) for node in flight))
+    elsewhere = {topic for topic in heard - set(sources) - common if '*' not in topic}
+    assert all(topic.startswith(('/tracker_1/', '/tracker_2/')) for topic in elsewhere)
+
+
+def test_only_the_operator_changes_anything():
+    flight = profiles(FLIGHT)
+    asking = {node for node, rules in flight.items() if ('services', 'request') in rules}
+    assert asking == {'operator'}
+    offered = set().union(*(flight[node]['services', 'reply']
+                            for node in set(flight) - OTHERS))
+    assert flight['operator']['services', 'request'] == offered
