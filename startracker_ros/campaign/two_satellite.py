@@ -341,8 +341,8 @@ def run_two_satellite_campaign(*, trials: int, seed: int, output: Path | None = 
         'figures': 'root mean square distance from the target, least squares as in the paper '
                    'where nothing else is said',
         'chosen by us': 'orbit, target, camera: the paper prints none of them',
-        'share': 'independent errors add in squares: by the paper\'s own bounds the attitude makes '
-                 f'{_paper_share():.3f} of the variance; over all four it is '
+        'share': 'independent errors add in squares: by the paper\'s own bounds the attitude '
+                 f'makes {_paper_share():.3f} of the variance; over all four it is '
                  f'{np.sqrt(_paper_share()):.3f}. The paper does not say which it means',
         'times': 'process CPU time of one thread after warm-up',
         'trials': trials, 'seed': seed}

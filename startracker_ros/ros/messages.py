@@ -393,6 +393,18 @@ def state_from_odometry(message: Odometry, inertial_frame_id: str) -> State:
     return state
 
 
+def state_to_odometry(state: State, velocity_variance: float, header: Header) -> Odometry:
+    """Return `odometry` or `truth/target`: all on inertial axes, no orientation."""
+    message = Odometry(header=header, child_frame_id=header.frame_id)
+    position = message.pose.pose.position
+    position.x, position.y, position.z = map(float, state.position_m)
+    message.twist.twist.linear = _vector(state.velocity_m_s)
+    pose, twist = np.zeros((6, 6)), np.zeros((6, 6))
+    pose[:3, :3], twist[:3, :3] = state.covariance_m2, velocity_variance * np.eye(3)
+    message.pose.covariance, message.twist.covariance = pose.ravel(), twist.ravel()
+    return message
+
+
 def attitude_from_pose(message: PoseWithCovarianceStamped, inertial_frame_id: str
                        ) -> tuple[np.ndarray, np.ndarray]:
     """Return q_icrf_from_sensor (4,) and its covariance (3, 3) about ICRF axes.

@@ -10,10 +10,12 @@ from startracker_ros.sky.detector import Detector, DetectorOptions
 from startracker_ros.sky.exposure import image_paths
 from startracker_ros.sky.gyro import Gyro, GyroOptions
 from startracker_ros.sky.motion import Motion, MotionState
+from startracker_ros.sky.navigation import NavigationOptions
 from startracker_ros.sky.scene import SceneStars
 from startracker_ros.sky.sources import Sky, SkyOptions
+from startracker_ros.sky.target import Target, TargetOptions
 
-_FRAMES, _GYRO = 0, 1
+_FRAMES, _GYRO, _NAVIGATION = 0, 1, 2
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Frame:
 
 
 class SkySimulator:
-    """Images and gyro rates along a motion.
+    """Images, gyro rates and navigation along a motion; target is None where there is none.
 
     A frame depends on seed and time alone, not on the frames made before it. Stars stand at
     their barycentric ICRS places of epoch_year, without parallax; aberration is an option.
@@ -40,14 +42,19 @@ class SkySimulator:
     def __init__(self, camera: Camera, motion: Motion, catalog: StarCatalog, epoch_year: float,
                  *, sky_options: SkyOptions = SkyOptions(),
                  detector_options: DetectorOptions = DetectorOptions(),
-                 gyro_options: GyroOptions = GyroOptions(), seed: int = 0) -> None:
+                 gyro_options: GyroOptions = GyroOptions(),
+                 target_options: TargetOptions = TargetOptions(),
+                 navigation_options: NavigationOptions = NavigationOptions(),
+                 seed: int = 0) -> None:
         """Stars fainter than those of the catalogue are not drawn; limit it to hide more."""
         self._camera = camera
         self._motion = motion
+        self.target = Target(target_options, epoch_year) if target_options.target else None
         self._sky = Sky(catalog, epoch_year, motion, camera.corner_angle_rad, sky_options,
-                        seed=seed)
+                        target=self.target, seed=seed)
         self._detector = Detector(camera, detector_options, seed=seed)
         self._gyro_options = gyro_options
+        self._navigation_options = navigation_options
         self._seed = seed
         self._gyro_time_s = np.inf
 
@@ -91,6 +98,12 @@ class SkySimulator:
             dt_s = 1 / self._gyro_options.gyro_rate_hz
         self._gyro_time_s = time_s
         return self._gyro.measure(self._motion.at(time_s).rate_rad_s, dt_s)
+
+    def navigation(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return measured position (3,) in m and velocity (3,) in m/s."""
+        state = self._motion.at(time_s)
+        return self._navigation_options.measured(
+            state.position_m, state.velocity_m_s, self._rng(_NAVIGATION, round(time_s * 1e9)))
 
     def _rng(self, *key: int) -> np.random.Generator:
         return np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))

@@ -11,6 +11,7 @@ from startracker_ros.sky.aberration import aberrate
 from startracker_ros.sky.motion import Motion, MotionState
 from startracker_ros.sky.planets import DAYS_PER_YEAR, earth_velocity_m_s, planets_seen
 from startracker_ros.sky.satellites import SatelliteTraffic
+from startracker_ros.sky.target import Target
 
 _YEAR_S = DAYS_PER_YEAR * 86400
 
@@ -47,8 +48,10 @@ class Sky:
     """Finds the light sources around the boresight of a moving observer."""
 
     def __init__(self, catalog: StarCatalog, epoch_year: float, motion: Motion,
-                 field_rad: float, options: SkyOptions = SkyOptions(), *, seed: int = 0) -> None:
+                 field_rad: float, options: SkyOptions = SkyOptions(), *,
+                 target: Target | None = None, seed: int = 0) -> None:
         """Time counts from epoch_year; field_rad is the angle from boresight to corner."""
+        self._target = target
         self._catalog = catalog
         self._directions = catalog.directions(epoch_year)
         self._epoch_year = epoch_year
@@ -76,8 +79,19 @@ class Sky:
         if options.aberration:
             direction = aberrate(direction, state.velocity_m_s + earth_velocity_m_s(year))
         still = LightSources(hip, direction, np.zeros_like(direction), magnitude)
-        if not options.satellites:
-            return still,
-        return still, LightSources(
-            np.zeros(options.satellites, hip.dtype), *self._satellites.at(time_s),
-            np.full(options.satellites, options.satellite_magnitude))
+        moving = self._moving(state, time_s)
+        return (still, moving) if len(moving.hip) else (still,)
+
+    def _moving(self, state: MotionState, time_s: float) -> LightSources:
+        """Return satellites that pass, and the target where it is seen."""
+        options = self._options
+        direction, drift_rad_s = self._satellites.at(time_s)
+        magnitude = np.full(options.satellites, options.satellite_magnitude)
+        view = None if self._target is None else self._target.seen_from(
+            state, time_s, aberration=options.aberration)
+        if view is not None:
+            direction = np.vstack([direction, view.direction])
+            drift_rad_s = np.vstack([drift_rad_s, view.drift_rad_s])
+            magnitude = np.append(magnitude, view.magnitude)
+        return LightSources(np.zeros(len(magnitude), self._catalog.hip.dtype), direction,
+                            drift_rad_s, magnitude)

@@ -1,4 +1,4 @@
-"""sky_simulator: nothing -> image_raw, camera_info, imu, truth/attitude, truth/stars, odometry."""
+"""sky_simulator: nothing -> image_raw, camera_info, imu, odometry, and the truth of all."""
 
 from dataclasses import dataclass
 
@@ -9,6 +9,7 @@ from sensor_msgs.msg import Imu, PointCloud2
 
 from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.locate.observer import State
 from startracker_ros.options import option, Options
 from startracker_ros.ros import messages, qos
 from startracker_ros.ros.diagnostics import OK
@@ -18,8 +19,10 @@ from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.gyro import GyroOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sky.navigation import NavigationOptions
 from startracker_ros.sky.simulator import Frame, SkySimulator
 from startracker_ros.sky.sources import SkyOptions
+from startracker_ros.sky.target import TargetOptions
 
 
 @dataclass(frozen=True)
@@ -39,8 +42,8 @@ class SceneOptions(Options):
 class SkySimulatorNode(SourceNode):
     """Publishes images of the catalogue sky along a motion, with the truth beside them."""
 
-    option_classes = (SourceOptions, CameraOptions, MotionOptions, SkyOptions, DetectorOptions,
-                      GyroOptions, SceneOptions, FrameOptions)
+    option_classes = (SourceOptions, CameraOptions, MotionOptions, SkyOptions, TargetOptions,
+                      DetectorOptions, GyroOptions, NavigationOptions, SceneOptions, FrameOptions)
     task = 'simulation'
 
     def __init__(self) -> None:
@@ -49,6 +52,8 @@ class SkySimulatorNode(SourceNode):
         self._truth_attitude = self.give(QuaternionStamped, 'truth/attitude', qos.LIST)
         self._truth_stars = self.give(PointCloud2, 'truth/stars', qos.LIST)
         self._truth_odometry = self.give(Odometry, 'truth/odometry', qos.LIST)
+        self._odometry = self.give(Odometry, 'odometry', qos.LIST)
+        self._truth_target = self.give(Odometry, 'truth/target', qos.LIST)
         self._gyro_index = 0
 
     def configure(self) -> None:
@@ -59,7 +64,8 @@ class SkySimulatorNode(SourceNode):
             load_catalog().brighter_than(scene.faint_limit),
             epoch_year_from_stamp(self.start_ns()),
             sky_options=self.options(SkyOptions), detector_options=self.options(DetectorOptions),
-            gyro_options=self.options(GyroOptions), seed=scene.seed)
+            gyro_options=self.options(GyroOptions), target_options=self.options(TargetOptions),
+            navigation_options=self.options(NavigationOptions), seed=scene.seed)
         self.start(self._camera, self._publish_frame)
         gyro = self.options(GyroOptions)
         self._gyro_sigma_rad_s = (
@@ -77,9 +83,21 @@ class SkySimulatorNode(SourceNode):
         self._truth_odometry.publish(messages.motion_to_odometry(
             state.position_m, state.velocity_m_s, state.q_icrf_from_sensor, state.rate_rad_s,
             inertial, sensor.frame_id))
+        self._publish_orbits(time_s, inertial)
         self._publish_gyro(stamp_ns, time_s, sensor.frame_id)
         self.diagnostics.values['stars'] = np.count_nonzero(frame.stars.hip)
         self.diagnostics.report(OK, 'simulating the sky')
+
+    def _publish_orbits(self, time_s: float, header: messages.Header) -> None:
+        """Publish what the navigation knows, and where the target is when there is one."""
+        options = self.options(NavigationOptions)
+        self._odometry.publish(messages.state_to_odometry(
+            State(*self._simulator.navigation(time_s),
+                  np.eye(3) * options.position_sigma_m ** 2),
+            options.velocity_sigma_m_s ** 2, header))
+        if self._simulator.target is not None:
+            self._truth_target.publish(messages.state_to_odometry(
+                State(*self._simulator.target.at(time_s), np.zeros((3, 3))), 0.0, header))
 
     def _publish_gyro(self, stamp_ns: int, time_s: float, frame_id: str) -> None:
         """Publish the gyro measurements that are due up to the time of a frame."""

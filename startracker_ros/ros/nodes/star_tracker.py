@@ -1,32 +1,36 @@
-"""star_tracker: centroids, stars, imu, camera_info -> tracks, tracked_attitude, tracker_state."""
+"""star_tracker: centroids, stars, imu, camera_info -> tracks, attitude, state, target_centroid."""
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
+from std_msgs.msg import Header
 
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
 from startracker_ros.ros.messages import (
-    centroids_from_message, centroids_from_rows, ns_from_stamp, read_cloud, STAR_DTYPE,
-    tracked_attitude_to_imu, tracks_to_message)
+    centroids_from_message, centroids_from_rows, centroids_to_message, ns_from_stamp, read_cloud,
+    STAR_DTYPE, tracked_attitude_to_imu, tracks_to_message)
 from startracker_ros.ros.node import CameraNode, main_of
 from startracker_ros.track.options import TrackerOptions
+from startracker_ros.track.target import TargetTracker, TargetTrackOptions
 from startracker_ros.track.tracker import StarTracker, TrackerState
 
 
 class StarTrackerNode(CameraNode):
     """Follows identified stars from frame to frame and says how sure it is of them."""
 
-    option_classes = (TrackerOptions, GyroErrorOptions)
+    option_classes = (TrackerOptions, GyroErrorOptions, TargetTrackOptions)
     task = 'tracking'
 
     def __init__(self) -> None:
         super().__init__('star_tracker')
         self._tracks = self.give(PointCloud2, 'tracks', qos.LIST)
         self._attitude = self.give(Imu, 'tracked_attitude', qos.LIST)
+        self._target = self.give(PointCloud2, 'target_centroid', qos.LIST)
         self._state = self.give(DiagnosticStatus, 'tracker_state', qos.STATE)
         self.take(PointCloud2, 'centroids', self._take_centroids, qos.LIST)
         self.take(PointCloud2, 'stars', self._take_stars, qos.LIST)
@@ -40,6 +44,7 @@ class StarTrackerNode(CameraNode):
                                    options.magnitude_limit)
             self._tracker = StarTracker(self.camera, places, options,
                                         self.options(GyroErrorOptions))
+            self._targets = TargetTracker(self.camera, places, self.options(TargetTrackOptions))
             self._publish_state()
 
     def _add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
@@ -57,6 +62,19 @@ class StarTrackerNode(CameraNode):
         self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, message.header))
         self._tracks.publish(tracks_to_message(tracks, self.camera, message.header))
         self._publish_state()
+        self._look_for_target(message.header, centroids)
+
+    def _look_for_target(self, header: Header, centroids: Centroids) -> None:
+        """Publish the target of a frame, an empty cloud where stars are all there is."""
+        if self._tracker.attitude is None:
+            return
+        target = self._targets.update(
+            ns_from_stamp(header.stamp), self._tracker.attitude.attitude, centroids)
+        self._target.publish(centroids_to_message(
+            Centroids.empty() if target is None else target.centroid, self.camera, header))
+        self.diagnostics.values.update(
+            spots_without_star=self._targets.spots,
+            target='none' if target is None else f'{target.rate_deg_s:.4f} deg/s')
 
     def _take_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)

@@ -1,0 +1,104 @@
+"""A target satellite on an orbit of its own: where it is, and how an observer sees it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from startracker_ros.locate.orbit import Elements, propagate, state_from_elements
+from startracker_ros.options import option, Options
+from startracker_ros.sky.aberration import aberrate
+from startracker_ros.sky.motion import MotionState
+from startracker_ros.sky.orbit import EARTH_RADIUS_M
+from startracker_ros.sky.planets import heliocentric_au
+
+_LIGHT_M_S = 299_792_458.0
+_STANDARD_RANGE_M = 1e6
+
+
+@dataclass(frozen=True)
+class TargetOptions(Options):
+    """Whether there is a target, its orbit at time 0 and its brightness."""
+
+    target: bool = option(False, 'a target satellite on an orbit of its own, with J2')
+    target_altitude_km: float = option(
+        1100.0, 'height of its perigee above the equatorial radius', unit='km', low=160.0,
+        high=100000.0)
+    target_eccentricity: float = option(0.0, 'eccentricity of its orbit', low=0.0, high=0.95)
+    target_inclination_deg: float = option(30.0, 'inclination of its orbit to the ICRF equator',
+                                           unit='deg', low=0.0, high=180.0)
+    target_node_deg: float = option(0.0, 'right ascension of its ascending node', unit='deg',
+                                    low=-360.0, high=360.0)
+    target_perigee_deg: float = option(0.0, 'argument of its perigee', unit='deg', low=-360.0,
+                                       high=360.0)
+    target_anomaly_deg: float = option(0.0, 'its true anomaly at time 0', unit='deg',
+                                       low=-360.0, high=360.0)
+    target_magnitude: float = option(
+        5.0, 'its brightness from 1000 km when half of it is lit, V; a sphere that scatters '
+        'evenly, dark in the shadow of the Earth', unit='mag', low=-10.0, high=15.0)
+
+
+@dataclass(frozen=True)
+class TargetView:
+    """What an observer sees: unit vector (3,) on ICRF axes, its change (3,) in rad/s, V."""
+
+    direction: np.ndarray
+    drift_rad_s: np.ndarray
+    magnitude: float
+
+
+class Target:
+    """The target of the options; time counts from epoch_year."""
+
+    def __init__(self, options: TargetOptions, epoch_year: float) -> None:
+        perigee_m = EARTH_RADIUS_M + 1e3 * options.target_altitude_km
+        angles = np.radians([options.target_inclination_deg, options.target_node_deg,
+                             options.target_perigee_deg, options.target_anomaly_deg])
+        self._start = state_from_elements(Elements(
+            perigee_m / (1 - options.target_eccentricity), options.target_eccentricity, *angles))
+        self._magnitude = options.target_magnitude
+        sun = -heliocentric_au(epoch_year)[-1]
+        self._sun = sun / np.linalg.norm(sun)
+
+    def at(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return position (3,) in m and velocity (3,) in m/s."""
+        return propagate(*self._start, time_s)
+
+    def seen_from(self, observer: MotionState, time_s: float, *,
+                  aberration: bool) -> TargetView | None:
+        """Return what an observer sees; None in the shadow of the Earth or behind it.
+
+        With aberration the light takes its time as well.
+        """
+        position_m, velocity_m_s = self.at(time_s)
+        line = position_m - observer.position_m
+        if aberration:
+            # The target goes straight on while its light comes: to a micrometre.
+            delay_s = np.linalg.norm(line) / _LIGHT_M_S
+            line = position_m - velocity_m_s * delay_s - observer.position_m
+        range_m = np.linalg.norm(line)
+        direction = line / range_m
+        if self._in_shadow(position_m) or _behind_earth(observer.position_m, line):
+            return None
+        motion_m_s = velocity_m_s - observer.velocity_m_s
+        drift_rad_s = (motion_m_s - direction * (direction @ motion_m_s)) / range_m
+        phase_rad = np.arccos(np.clip(-direction @ self._sun, -1, 1))
+        if aberration:
+            direction = aberrate(direction[None], observer.velocity_m_s)[0]
+        return TargetView(direction, drift_rad_s, self._magnitude
+                          + 5 * np.log10(range_m / _STANDARD_RANGE_M)
+                          - 2.5 * np.log10(_lit(phase_rad)))
+
+    def _in_shadow(self, position_m: np.ndarray) -> bool:
+        """Return whether the Earth, as a cylinder of shadow, hides the Sun."""
+        along = position_m @ self._sun
+        return along < 0 and position_m @ position_m - along ** 2 < EARTH_RADIUS_M ** 2
+
+
+def _behind_earth(observer_m: np.ndarray, line: np.ndarray) -> bool:
+    share = np.clip(-observer_m @ line / (line @ line), 0, 1)
+    return np.linalg.norm(observer_m + share * line) < EARTH_RADIUS_M
+
+
+def _lit(phase_rad: float) -> float:
+    """Return the light of a Lambert sphere at a phase angle, 1 when half of it is lit."""
+    return max(np.sin(phase_rad) + (np.pi - phase_rad) * np.cos(phase_rad), 1e-6)

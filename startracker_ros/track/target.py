@@ -1,0 +1,238 @@
+"""The one spot that no star explains and that moves against the stars."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.options import option, Options
+from startracker_ros.rotation import conjugate, rotate
+from startracker_ros.track.motion_models import constant_velocity, POSITION, VELOCITY
+
+EXPLAINED_PX = 2.0
+"""A centroid so near to a catalogue star, or within EXPLAINED_SIGMA, is that star."""
+
+EXPLAINED_SIGMA = 5.0
+GATE = 16.0
+"""Squared distance from the prediction, in units of sigma, within which a spot is the same."""
+
+MOVES_SIGMA = 5.0
+"""A way among the stars counts when it is so many sigma."""
+
+MAX_GAP_S = 5.0
+"""After so long without an attitude a target is looked for anew."""
+
+MOST_SPOTS = 50
+"""Brightest unexplained spots looked at; a frame with more is full of noise."""
+
+
+@dataclass(frozen=True)
+class TargetTrackOptions(Options):
+    """When a spot that is no star is taken for a target."""
+
+    target_min_rate_deg_s: float = option(
+        0.001, 'slowest motion of a target against the stars', unit='deg/s', low=1e-6, high=10.0)
+    target_max_rate_deg_s: float = option(
+        1.0, 'fastest motion of a target against the stars', unit='deg/s', low=1e-4, high=10.0)
+    target_acceleration_deg_s2: float = option(
+        0.01, 'unforeseen change of that motion, 1 sigma', unit='deg/s^2', low=1e-6, high=10.0)
+    target_confirm_frames: int = option(
+        5, 'frames in a row in which a target must be seen before it counts', unit='frames',
+        low=3, high=100)
+    target_max_missed: int = option(
+        5, 'frames in a row without it after which a target is given up', unit='frames', low=0,
+        high=100)
+    target_min_shift_px: float = option(
+        1.0, 'how far it must have moved in the image: a spot that stays on its pixels while the '
+        'stars move is a defect of the sensor', unit='px', low=0.0, high=100.0)
+
+
+@dataclass
+class _Spot:
+    """A track: direction (3,) on ICRF axes, its rate (3,) in rad/s, across it.
+
+    basis (2, 3) spans the plane across the direction, covariance (4, 4) is that of place
+    and rate along either, in the order of constant_velocity(). It was first seen age_s ago at
+    first_direction (3,) with first_variance, and at first_uv (2,), from which it has moved in
+    the image by shift_px at most.
+    """
+
+    direction: np.ndarray
+    rate: np.ndarray
+    basis: np.ndarray
+    covariance: np.ndarray
+    first_direction: np.ndarray
+    first_variance: float
+    first_uv: np.ndarray
+    age_s: float
+    shift_px: float
+    hits: int = 2
+    missed: int = 0
+
+    def predict(self, dt_s: float, acceleration_rad_s2: float) -> None:
+        self.age_s += dt_s
+        self.direction = _unit(self.direction + self.rate * dt_s)
+        first = _unit(self.basis[0] - self.direction * (self.direction @ self.basis[0]))
+        self.basis = np.stack([first, np.cross(self.direction, first)])
+        self.rate = self.rate - self.direction * (self.direction @ self.rate)
+        transition, noise = constant_velocity(dt_s, (acceleration_rad_s2, acceleration_rad_s2))
+        self.covariance = transition @ self.covariance @ transition.T + noise
+
+    def distance2(self, directions: np.ndarray, variance: np.ndarray) -> np.ndarray:
+        """Return squared distances (M,) in sigma of directions (M, 3) of variance (M,)."""
+        offset = directions @ self.basis.T
+        spread = self.covariance[np.ix_(POSITION, POSITION)] + variance[:, None, None] * np.eye(2)
+        ahead = directions @ self.direction > 0
+        solved = np.linalg.solve(spread, offset[..., None])[..., 0]
+        return np.where(ahead, np.sum(offset * solved, axis=1), np.inf)
+
+    def take(self, direction: np.ndarray, variance: float, uv: np.ndarray) -> None:
+        spread = self.covariance[np.ix_(POSITION, POSITION)] + variance * np.eye(2)
+        gain = np.linalg.solve(spread, self.covariance[POSITION]).T
+        change = gain @ (self.basis @ direction)
+        self.covariance = self.covariance - gain @ self.covariance[POSITION]
+        self.direction = _unit(self.direction + change[POSITION] @ self.basis)
+        self.rate = self.rate + change[VELOCITY] @ self.basis
+        self.hits += 1
+        self.missed = 0
+        self.shift_px = max(self.shift_px, float(np.linalg.norm(uv - self.first_uv)))
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)
+
+
+@dataclass(frozen=True)
+class TargetSpot:
+    """The target in a frame: its centroid as measured, a list of one, and how it moves.
+
+    rate_deg_s against the stars, frames since it was first seen.
+    """
+
+    centroid: Centroids
+    rate_deg_s: float
+    frames: int
+
+
+class TargetTracker:
+    """Follows what no star explains from frame to frame; feed update() with every frame.
+
+    spots counts the unexplained centroids of the last frame.
+    """
+
+    def __init__(self, camera: Camera, places: StarPlaces,
+                 options: TargetTrackOptions = TargetTrackOptions()) -> None:
+        """Places are all catalogue stars that the camera may see."""
+        self._camera = camera
+        self._places = places
+        self._options = options
+        self._acceleration_rad_s2 = np.radians(options.target_acceleration_deg_s2)
+        self._rates_rad_s = np.radians([options.target_min_rate_deg_s,
+                                        options.target_max_rate_deg_s])
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._stamp_ns = 0
+        self._tracks: list[_Spot] = []
+        self._target: _Spot | None = None
+        self._before = Centroids.empty(), np.empty((0, 3)), np.empty(0)
+        self.spots = 0
+
+    def update(self, stamp_ns: int, attitude: AttitudeEstimate,
+               centroids: Centroids) -> TargetSpot | None:
+        """Take a frame with its attitude; return the target if it is seen in it.
+
+        Stamps ascend. Frames without an attitude are left out.
+        """
+        dt_s = (stamp_ns - self._stamp_ns) * 1e-9
+        if dt_s > MAX_GAP_S:
+            self.reset()
+        self._stamp_ns = stamp_ns
+        left = self.unexplained(attitude, centroids)
+        self.spots = len(left)
+        left = left.select(slice(MOST_SPOTS))
+        directions = rotate(attitude.quaternion, self._camera.unproject(left.uv))
+        jitter = np.trace(attitude.covariance_sensor[:2, :2]) / 2
+        variance = (left.sigma_px * self._camera.pixel_rad) ** 2 + jitter
+        free = np.ones(len(left), bool)
+        seen: dict[int, int] = {}
+        # The longest known come first: their claims are the best founded.
+        self._tracks.sort(key=lambda track: -track.hits)
+        for number, track in enumerate(self._tracks):
+            track.predict(dt_s, self._acceleration_rad_s2)
+            track.missed += 1
+            distance2 = np.where(free, track.distance2(directions, variance), np.inf)
+            if len(left) and distance2.min() <= GATE:
+                nearest = int(distance2.argmin())
+                free[nearest] = False
+                seen[number] = nearest
+                track.take(directions[nearest], variance[nearest], left.uv[nearest])
+        target = self._choose(seen)
+        kept = [track for track in self._tracks if track.missed <= (
+            self._options.target_max_missed if self._confirmed(track) else 0)]
+        self._tracks = kept + self._started(left.uv[free], directions[free], variance[free], dt_s)
+        if self._target is not None and all(track is not self._target for track in kept):
+            self._target = None
+        self._before = left.select(free), directions[free], variance[free]
+        if target is None:
+            return None
+        return TargetSpot(left.select([seen[target]]),
+                          float(np.degrees(np.linalg.norm(self._target.rate))),
+                          self._target.hits)
+
+    def unexplained(self, attitude: AttitudeEstimate, centroids: Centroids) -> Centroids:
+        """Return the centroids that are no catalogue star."""
+        boresight = rotate(attitude.quaternion, np.array([0.0, 0.0, 1.0]))
+        near = self._places.within(boresight, self._camera.corner_angle_rad)
+        stars = self._camera.project(
+            rotate(conjugate(attitude.quaternion), self._places.direction[near]))
+        usable = np.isfinite(centroids.uv).all(axis=1) & (centroids.sigma_px > 0)
+        centroids = centroids.select(usable)
+        if not len(near):
+            return centroids
+        # Axis by axis: NumPy is slow where the last axis is short.
+        distance2 = ((centroids.uv[:, :1] - stars[:, 0]) ** 2
+                     + (centroids.uv[:, 1:] - stars[:, 1]) ** 2).min(axis=1)
+        return centroids.select(
+            distance2 > np.maximum(EXPLAINED_PX, EXPLAINED_SIGMA * centroids.sigma_px) ** 2)
+
+    def _confirmed(self, track: _Spot) -> bool:
+        # Not the filtered rate: its sigma is that of any manoeuvre, whatever the way says.
+        way_rad = np.linalg.norm(track.direction - track.first_direction)
+        sigma_rad = np.sqrt(track.first_variance + np.trace(
+            track.covariance[np.ix_(POSITION, POSITION)]) / 2)
+        return (track.hits >= self._options.target_confirm_frames
+                and track.shift_px >= self._options.target_min_shift_px
+                and way_rad >= max(self._rates_rad_s[0] * track.age_s, MOVES_SIGMA * sigma_rad))
+
+    def _choose(self, seen: dict[int, int]) -> int | None:
+        """Return the number of the track that is the target, None if it is not seen."""
+        if self._target is None:
+            # The longest known comes first.
+            self._target = next((track for track in self._tracks if self._confirmed(track)), None)
+        return next((number for number in seen if self._tracks[number] is self._target), None)
+
+    def _started(self, uv: np.ndarray, directions: np.ndarray, variance: np.ndarray,
+                 dt_s: float) -> list[_Spot]:
+        """Return a track for each pair of spots (N) with one of the frame before."""
+        before, old_directions, old_variance = self._before
+        moved = directions[:, None] - old_directions
+        rate = np.linalg.norm(moved, axis=-1) / dt_s
+        slowest, fastest = self._rates_rad_s
+        started = []
+        for new, old in zip(*np.nonzero((rate >= slowest) & (rate <= fastest))):
+            direction = directions[new]
+            first = _unit(np.cross(direction, np.eye(3)[np.abs(direction).argmin()]))
+            own, both = variance[new], variance[new] + old_variance[old]
+            block = np.array([[own, own / dt_s], [own / dt_s, both / dt_s ** 2]])
+            change = moved[new, old] / dt_s
+            started.append(_Spot(
+                direction, change - direction * (direction @ change),
+                np.stack([first, np.cross(direction, first)]), np.kron(np.eye(2), block),
+                old_directions[old], old_variance[old], before.uv[old], dt_s,
+                float(np.linalg.norm(uv[new] - before.uv[old]))))
+        return started

@@ -1,0 +1,119 @@
+"""A target is what no star explains and what moves against the stars."""
+
+import numpy as np
+import pytest
+
+from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.places import camera_places
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.rotation import (
+    ARCSEC, conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
+from startracker_ros.track.target import TargetTracker, TargetTrackOptions
+
+CAMERA = Camera.from_fov(1024, 1024, 12.0)
+PLACES = camera_places(load_catalog(), CAMERA, 2026.5, 9.0)
+SIGMA_PX = 0.05
+STEP_NS = 500_000_000
+START = quaternion_from_pointing(*np.radians([80.0, 5.0, 20.0]))
+
+
+class Sky:
+    """Frames of a turning camera: stars to V 6.5, and spots on great circles or on pixels."""
+
+    def __init__(self, *, turn_deg_s=(0.02, 0.05, 0.01), seed=1):
+        self.rng = np.random.default_rng(seed)
+        self.turn = np.radians(turn_deg_s)
+        self.frame = 0
+
+    def attitude(self):
+        time_s = self.frame * STEP_NS * 1e-9
+        q = multiply(START, quaternion_from_rotation_vector(self.turn * time_s))
+        error = quaternion_from_rotation_vector(self.rng.normal(0, 1 * ARCSEC, 3))
+        return q, AttitudeEstimate(multiply(q, error), np.eye(3) * ARCSEC ** 2, 20, np.empty(0),
+                                   1.0)
+
+    def take(self, tracker, spots, *, noise=0):
+        """Show the next frame with spots on ICRF (K, 3); return what the tracker says."""
+        q, attitude = self.attitude()
+        stars = PLACES.direction[PLACES.magnitude < 6.5]
+        uv = CAMERA.project(rotate(conjugate(q), np.concatenate([stars, spots])))
+        uv = uv[CAMERA.contains(uv)]
+        uv = np.concatenate([uv, self.rng.uniform(0, 1023, (noise, 2))])
+        uv = uv + self.rng.normal(0, SIGMA_PX, uv.shape)
+        count = len(uv)
+        stamp_ns = 10 ** 18 + self.frame * STEP_NS
+        self.frame += 1
+        return tracker.update(stamp_ns, attitude, Centroids(
+            uv, np.full(count, 1e4), np.full(count, 50.0), np.full(count, SIGMA_PX)))
+
+
+def moving(rate_deg_s, frame, *, aside_deg=0.0):
+    """Return a direction near the boresight that moves along declination."""
+    angle = np.radians(rate_deg_s) * frame * STEP_NS * 1e-9
+    return rotate(quaternion_from_pointing(*np.radians([80.5 + aside_deg, 5.2, 0.0])),
+                  [[0.0, -np.sin(angle), np.cos(angle)]])
+
+
+@pytest.mark.parametrize('rate_deg_s', [0.004, 0.024, 0.3])
+def test_target_is_found_and_measured(rate_deg_s):
+    sky, tracker = Sky(), TargetTracker(CAMERA, PLACES)
+    said = []
+    for frame in range(24):
+        spot = moving(rate_deg_s, frame)
+        q, _ = sky.attitude()
+        place = CAMERA.project(rotate(conjugate(q), spot))[0]
+        answer = sky.take(tracker, spot, noise=5)
+        said.append(answer is not None)
+        if answer is not None:
+            assert np.linalg.norm(answer.centroid.uv[0] - place) < 6 * SIGMA_PX
+            assert answer.centroid.sigma_px[0] == SIGMA_PX
+    assert not any(said[:4]) and said.count(True) >= 16
+    # 3 sigma of a filter that is ready for manoeuvres.
+    assert answer.rate_deg_s == pytest.approx(rate_deg_s, abs=0.004)
+
+
+def test_nothing_moves_nothing_is_said():
+    """False spots everywhere, a star that no catalogue has, and a hot pixel."""
+    sky, tracker = Sky(), TargetTracker(CAMERA, PLACES)
+    for frame in range(60):
+        q, _ = sky.attitude()
+        hot = rotate(q, CAMERA.unproject(np.array([[300.0, 200.0]])))
+        unknown = moving(0.0, 0)
+        assert sky.take(tracker, np.concatenate([hot, unknown]), noise=20) is None
+        assert tracker.spots >= 20
+
+
+def test_a_target_that_hides_for_a_while_stays_the_same():
+    sky, tracker = Sky(), TargetTracker(CAMERA, PLACES)
+    frames = []
+    for frame in range(30):
+        hidden = 12 <= frame < 15
+        answer = sky.take(tracker, np.empty((0, 3)) if hidden else moving(0.05, frame))
+        assert not (hidden and answer)
+        frames.append(0 if answer is None else answer.frames)
+    assert frames[15] == frames[11] + 1
+
+
+def test_the_first_of_two_is_the_target_until_it_leaves():
+    sky, tracker = Sky(), TargetTracker(CAMERA, PLACES)
+    answers = []
+    for frame in range(40):
+        spots = [moving(0.05, frame)] if frame < 25 else []
+        if frame >= 8:
+            spots.append(moving(-0.08, frame, aside_deg=1.0))
+        answers.append(sky.take(tracker, np.concatenate(spots)))
+    assert all(a is not None and a.rate_deg_s == pytest.approx(0.05, rel=0.1)
+               for a in answers[10:25])
+    assert answers[-1] is not None and answers[-1].rate_deg_s == pytest.approx(0.08, rel=0.1)
+
+
+def test_a_slow_frame_or_none_at_all():
+    tracker = TargetTracker(CAMERA, PLACES, TargetTrackOptions())
+    assert tracker.update(1, AttitudeEstimate(START, np.eye(3) * 1e-12, 5, np.empty(0), 1.0),
+                          Centroids.empty()) is None
+    nan = np.full(1, np.nan)
+    assert tracker.update(2, AttitudeEstimate(START, np.eye(3) * 1e-12, 5, np.empty(0), 1.0),
+                          Centroids(np.full((1, 2), np.nan), nan, nan, nan)) is None
+    assert tracker.spots == 0
