@@ -43,8 +43,7 @@ def frame_pictures(bag: Path, recording: Recording) -> tuple[list[FramePicture],
     pictures = []
     for index in chosen:
         try:
-            image = _read_image(bag, topic, int(images.stamp_ns[index]),
-                                int(images.received_ns[index]), tolerant=not recording.complete)
+            image = read_frame(bag, recording, index)
         except (BagError, MessageError) as error:
             return pictures, f'The images of the bag ({topic}) cannot be drawn: {error}.'
         if image is not None:
@@ -52,9 +51,15 @@ def frame_pictures(bag: Path, recording: Recording) -> tuple[list[FramePicture],
     return pictures, ''
 
 
-def _read_image(bag: Path, topic: str, stamp_ns: int, received_ns: int, *, tolerant: bool
-                ) -> np.ndarray | None:
-    for record in read_messages(bag, topics=(topic,), start_ns=received_ns, tolerant=tolerant):
+def read_frame(bag: Path, recording: Recording, index: int) -> np.ndarray | None:
+    """Return an image (H, W) by its place in the times of image_raw, None if it is not found.
+
+    BagError where the bag is damaged, MessageError where the image is none of grey pixels.
+    """
+    images = recording.times['image_raw']
+    stamp_ns, received_ns = int(images.stamp_ns[index]), int(images.received_ns[index])
+    for record in read_messages(bag, topics=(recording.full_name('image_raw'),),
+                                start_ns=received_ns, tolerant=not recording.complete):
         message = decode(TOPIC_TYPES['image_raw'], record.data)
         if message.header.stamp.sec * 10 ** 9 + message.header.stamp.nanosec == stamp_ns:
             return image_from_message(message)

@@ -6,6 +6,7 @@ from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
 from sensor_msgs.msg import Image, PointCloud2
+from visualization_msgs.msg import ImageMarker
 
 from startracker_ros.camera import Camera, save_camera
 from startracker_ros.ros import qos
@@ -33,6 +34,7 @@ def test_night_sky_of_11_degrees(nodes, probe, sky_data, tmp_path):
     folder = sky_data / 'night-sky-11deg'
     rows = sorted(csv.DictReader(open(folder / 'solutions.csv')), key=lambda row: row['file'])
     probe.listen(Image, 'image_annotated', qos.IMAGE)
+    probe.listen(ImageMarker, 'image_markers', qos.LIST)
     camera_file = tmp_path / 'camera.yaml'
     save_camera(Camera.from_fov(1024, 768, 11.427), camera_file)
     start_nodes(nodes, probe, {'path': str(folder), 'camera_file': str(camera_file)})
@@ -45,6 +47,8 @@ def test_night_sky_of_11_degrees(nodes, probe, sky_data, tmp_path):
     picture = probe.received['image_annotated'][0]
     pixels = np.frombuffer(picture.data, np.uint8).reshape(768, 1024, 3).astype(int)
     assert picture.encoding == 'rgb8'
+    marker = probe.received['image_markers'][0]
+    assert marker.header == picture.header and len(marker.points) >= 4 * 9
     # Orange marks around what was found, on a grey sky.
     assert np.count_nonzero(pixels[..., 0] - pixels[..., 2] > 60) > 500
     for index, row in enumerate(rows):

@@ -1,11 +1,13 @@
-"""centroid_extractor: image_raw, camera_info -> centroids, image_annotated."""
+"""centroid_extractor: image_raw, camera_info -> centroids, image_annotated, image_markers."""
 
 from sensor_msgs.msg import Image, PointCloud2
+from visualization_msgs.msg import ImageMarker
 
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.report.annotate import annotate
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
+from startracker_ros.ros.image_marker import centroids_to_image_marker
 from startracker_ros.ros.messages import (
     centroids_to_message, image_from_message, image_to_message, MessageError)
 from startracker_ros.ros.node import CameraNode, main_of
@@ -21,6 +23,7 @@ class CentroidExtractorNode(CameraNode):
         super().__init__('centroid_extractor')
         self._centroids = self.give(PointCloud2, 'centroids', qos.LIST)
         self._annotated = self.give(Image, 'image_annotated', qos.IMAGE)
+        self._markers = self.give(ImageMarker, 'image_markers', qos.LIST)
         self._listens = False
 
     def configure(self) -> None:
@@ -47,6 +50,9 @@ class CentroidExtractorNode(CameraNode):
         if self._annotated.get_subscription_count():
             self._annotated.publish(image_to_message(
                 annotate(image, extraction.centroids.uv), message.header))
+        if self._markers.get_subscription_count():
+            self._markers.publish(centroids_to_image_marker(
+                extraction.centroids.uv, message.header))
         found = len(extraction.centroids)
         self.diagnostics.values.update({
             'centroids': found,
