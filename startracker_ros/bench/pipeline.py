@@ -191,8 +191,9 @@ def core_work(trials: int, seed: int) -> Iterator[Row]:
         marks.append(time.process_time())
         tracks = tracker.update(stamp_ns, centroids)
         marks.append(time.process_time())
-        used = tracks.usable
-        trust.solve(tracks.uv[used], tracks.hip[used], tracks.position_sigma_px[used])
+        if tracker.attitude is not None:
+            used = tracks.usable
+            trust.take(tracker.attitude.attitude, tracks.uv[used], tracks.hip[used])
         marks.append(time.process_time())
         if index < 2:
             tracker.identified(stamp_ns, centroids, identifier.identify(centroids).hip)
