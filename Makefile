@@ -21,8 +21,10 @@ SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
 demo: .venv/package
 	$(RUN) -m startracker_ros demo
 
+# Tests of running nodes have both cores to themselves, all others share them.
 test: .venv/package
-	$(RUN) -m pytest -q test
+	@$(RUN) -m pytest -q -n 2 --dist loadfile test --ignore test/nodes; core=$$?; \
+		$(RUN) -m pytest -q test/nodes && exit $$core
 
 .venv/requirements: requirements.txt
 	@"$(PYTHON)" -c '$(SUPPORTED)' 2>/dev/null || { \

