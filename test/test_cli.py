@@ -1,36 +1,19 @@
-"""The command line: what README shows, wrong use, bench rows."""
+"""The command line: wrong use, bench rows, what is promised of README."""
 
 import json
 from pathlib import Path
 import re
-import shlex
 import subprocess
 import sys
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-README_COMMANDS = sorted(set(re.findall(
-    r'^\$? ?(?:\.venv/bin/)?startracker (.+)$', (ROOT / 'README.md').read_text(), re.MULTILINE)))
 
 
 def startracker(*arguments, timeout_s=120):
     return subprocess.run([sys.executable, '-m', 'startracker_ros', *arguments],
                           capture_output=True, text=True, timeout=timeout_s)
-
-
-@pytest.mark.parametrize('command', README_COMMANDS)
-def test_commands_of_the_readme_exist(command):
-    """Each with its options; the work itself is tested elsewhere."""
-    words = shlex.split(command, comments=True)
-    shown = startracker(*words[:1 if words[0] != 'bench' else 2], '--help')
-    if words[0] == 'run':
-        assert words[1] in startracker('run', '--').stderr + (
-            ROOT / 'startracker_ros' / 'executables.py').read_text()
-        return
-    assert shown.returncode == 0
-    for option in (word.split('=')[0] for word in words if word.startswith('--')):
-        assert option in shown.stdout, command
 
 
 def test_the_two_commands_stand_in_the_first_screen():

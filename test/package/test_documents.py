@@ -1,0 +1,215 @@
+"""Documents say what is so: commands run, texts and parameters exist, links lead somewhere."""
+
+import ast
+import configparser
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+import re
+import shlex
+import shutil
+import subprocess
+
+from click.testing import CliRunner
+from docutils.core import publish_doctree
+from docutils.utils import Reporter
+import pytest
+
+from startracker_ros.cli import main
+from startracker_ros.executables import NODES
+from startracker_ros.ros.node import PipelineNode
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = {path.relative_to(ROOT).as_posix(): path.read_text()
+             for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))}
+# In a block or inline, behind a prompt or not, by the path of the venv or not.
+COMMAND = re.compile(r'(?:^\$? ?|`)(?:\.venv/bin/)?startracker ((?:[a-z-]+|--help)\b[^`\n]*)',
+                     re.MULTILINE)
+COMMANDS = sorted({(name, found.strip()) for name, text in DOCUMENTS.items()
+                   for found in COMMAND.findall(text)})
+# Run to their end here. The others are not, because they need or take
+#   demo, record, play                 half a minute or no end; test/nodes runs them
+#   run                                no end; every node is run in test/nodes
+#   info, report, export               bags that the reader has; test/bag, test/report make some
+#   solve and calibrate of files       that the reader has: run where they are those of the tests
+#   doctor                             a network; test/doctor runs it
+#   campaign, bench                    minutes; test/campaign and test/bench run them smaller
+# ros2, colcon, pip, make, systemctl   tools that a ROS 2 install or the tests of the install have
+CHEAP = ('--help', '--version')
+
+
+def sub_command(words: list[str]):
+    """Return the command of click that words name, and how many words that takes."""
+    command, depth = main, 0
+    while depth < len(words) and hasattr(command, 'commands'):
+        assert words[depth] in command.commands, words
+        command, depth = command.commands[words[depth]], depth + 1
+    return command, depth
+
+
+def test_there_are_commands():
+    assert len(COMMANDS) > 30
+
+
+@pytest.mark.parametrize('document, text', COMMANDS)
+def test_every_command_and_option_in_a_document_exists(document, text):
+    # `startracker campaign quad` `hausdorff`: only the first is complete.
+    words = shlex.split(text, comments=True)
+    if words[0] in CHEAP:
+        return
+    command, depth = sub_command(words)
+    shown = CliRunner().invoke(main, [*words[:depth], '--help'])
+    if words[0] == 'run':
+        assert len(words) == 1 or words[1] in NODES, text
+        return
+    assert shown.exit_code == 0, (document, text)
+    known = {name for parameter in command.params for name in (
+        *parameter.opts, *parameter.secondary_opts)}
+    named = [word.partition('=')[0] for word in words[depth:] if re.match('--?[a-z]', word)]
+    assert set(named) <= known | {'--help', '-h'}, (document, text)
+
+
+@pytest.mark.parametrize('option', CHEAP)
+def test_cheap_commands_run(option):
+    assert CliRunner().invoke(main, [option]).exit_code == 0
+
+
+@pytest.mark.parametrize('text', sorted(
+    {text for _, text in COMMANDS if text.endswith('night-sky-11deg/*.tiff')}))
+def test_commands_on_the_photographs_run(text, sky_data, tmp_path, monkeypatch):
+    (tmp_path / 'night-sky-11deg').symlink_to(sky_data / 'night-sky-11deg')
+    monkeypatch.chdir(tmp_path)
+    *words, pattern = shlex.split(text)
+    files = sorted(path.as_posix() for path in Path().glob(pattern))
+    done = CliRunner().invoke(main, [*words, *files])
+    assert files and done.exit_code == 0, done.output
+    assert ('camera.yaml' in words) == (tmp_path / 'camera.yaml').exists()
+
+
+def test_modules_nodes_and_targets_named_in_documents_exist():
+    everything = '\n'.join(DOCUMENTS.values())
+    for module in set(re.findall(r'python -m (startracker_ros[a-z_.]*[a-z_])', everything)):
+        assert find_spec(module), module
+    for node in re.findall(r'^ros2 run startracker_ros ([a-z_]+)', everything, re.MULTILINE):
+        assert node in NODES
+    for file in re.findall(r'^ros2 launch startracker_ros (\S+)', everything, re.MULTILINE):
+        assert (ROOT / 'launch' / file).is_file()
+    for node, name in re.findall(r'^ros2 param set /([a-z_]+) ([a-z_]+)', everything,
+                                 re.MULTILINE):
+        assert name in parameters()[node]
+    targets = (ROOT / 'Makefile').read_text()
+    for target in re.findall(r'^make ([a-z]+)', everything, re.MULTILINE):
+        assert f'\n{target}:' in targets
+
+
+def test_python_listings_are_python():
+    count = 0
+    for name, text in DOCUMENTS.items():
+        for listing in re.findall(r'```python\n(.*?)```', text, re.DOTALL):
+            compile(listing, name, 'exec')
+            count += 1
+    assert count >= 3
+
+
+def test_the_listing_in_cpp_is_the_example():
+    example = (ROOT / 'docs' / 'examples' / 'attitude_listener.cpp').read_text()
+    assert f'```cpp\n{example}```' in DOCUMENTS['docs/integration.md']
+    assert example.count('{') == example.count('}') and example.count('(') == example.count(')')
+
+
+def anchors(text: str) -> set[str]:
+    """Return the anchors that GitHub makes of headings."""
+    return {re.sub(r'[^\w\- ]', '', heading.lower()).strip().replace(' ', '-')
+            for heading in re.findall(r'^#+ (.*)$', text, re.MULTILINE)}
+
+
+@pytest.mark.parametrize('document', DOCUMENTS)
+def test_links_lead_somewhere(document):
+    for link in re.findall(r'\]\(([^)\s]+)\)', DOCUMENTS[document]):
+        if '://' in link:
+            continue
+        path, _, anchor = link.partition('#')
+        target = (ROOT / document).parent / path if path else ROOT / document
+        assert target.exists(), link
+        if anchor:
+            assert anchor in anchors(target.read_text()), link
+
+
+@cache
+def texts_of_the_source() -> str:
+    """Return every text in the source, a line each, with … where values are put in."""
+    texts = []
+    for path in ROOT.glob('startracker_ros/**/*.py'):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.JoinedStr):
+                texts.append(''.join(part.value if isinstance(part, ast.Constant) else '…'
+                                     for part in node.values))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+    return '\n'.join(texts)
+
+
+def test_texts_of_the_troubleshooting_are_those_of_the_nodes():
+    sections = DOCUMENTS['docs/troubleshooting.md'].split('## Without any text')
+    texts = re.findall(r'^\| `([^`]+)` \|', sections[0], re.MULTILINE)
+    assert len(texts) > 30
+    for text in texts:
+        assert len(re.sub('[^a-z]', '', text)) >= 8, text
+        assert text in texts_of_the_source(), text
+
+
+@cache
+def parameters() -> dict[str, set[str]]:
+    """Return the names of the parameters of every node."""
+    found = {}
+    for node, module in NODES.items():
+        classes = [value for value in vars(import_module(module)).values()
+                   if isinstance(value, type) and issubclass(value, PipelineNode)
+                   and value.__module__ == module]
+        found[node] = {row.name for cls in classes for options in cls.option_classes
+                       for row in options.table()}
+    return found
+
+
+def test_parameters_named_in_the_tuning_exist():
+    known = set().union(*parameters().values())
+    table = DOCUMENTS['docs/tuning.md'].split('## By symptom')[1].split('## What not')[0]
+    named = 0
+    for line in table.splitlines():
+        cells = line.split(' | ')
+        if len(cells) != 4 or cells[0].startswith(('| symptom', '|---')):
+            continue
+        for word in re.findall('`([a-z_0-9]+)(?:: [^`]*)?`', cells[1]):
+            assert word in known or word in NODES, line
+            named += 1
+        pairs = re.findall('`([a-z_0-9]+)(?:: [^`]*)?` of `([a-z_]+)`', cells[1])
+        assert all(name in parameters()[node] for name, node in pairs), line
+    assert named > 20
+
+
+def test_changelog_is_in_the_form_of_catkin():
+    text = (ROOT / 'CHANGELOG.rst').read_text()
+    tree = publish_doctree(text, settings_overrides={
+        'halt_level': Reporter.WARNING_LEVEL, 'report_level': Reporter.WARNING_LEVEL})
+    assert tree.next_node(lambda node: node.tagname == 'title').astext() == (
+        'Changelog for package startracker_ros')
+    assert re.search(r'^(Forthcoming|\d+\.\d+\.\d+ \(\d{4}-\d\d-\d\d\))\n-+\n', text, re.MULTILINE)
+
+
+def test_systemd_unit(tmp_path):
+    source = ROOT / 'docs' / 'examples' / 'startracker.service'
+    unit = configparser.RawConfigParser(strict=False)
+    unit.optionxform = str
+    unit.read(source)
+    words = shlex.split(unit['Service']['ExecStart'])
+    assert words[1:4] == ['run', '%i', '--ros-args']
+    enabled = re.findall(r'startracker@([a-z_]+)', source.read_text())
+    assert enabled and set(enabled) <= set(NODES)
+    verifier = shutil.which('systemd-analyze')
+    if verifier:
+        named = tmp_path / 'startracker@star_tracker.service'
+        named.write_text(source.read_text().replace(words[0], shutil.which('true')))
+        done = subprocess.run([verifier, 'verify', '--man=no', str(named)],
+                              capture_output=True, text=True)
+        assert named.name not in done.stderr, done.stderr
