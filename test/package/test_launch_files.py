@@ -121,3 +121,15 @@ def test_two_satellites(launched):
     assert {name: launch.text(value) for name, value in names.items()} == {
         'observer_1': 'tracker_1', 'observer_2': 'tracker_2'}
     assert locator['executable'] in NODES
+
+
+def test_replay_is_the_pipeline_behind_a_bag(launched):
+    launch = launched('replay.launch.py')
+    player, = launch.nodes
+    assert player['executable'] == 'bag_player' in NODES
+    file, given = player['parameters']
+    assert Path(launch.text(file)).name == 'bag_player.yaml' and Path(launch.text(file)).is_file()
+    assert launch.text(given['path']) == launch.arguments['bag']
+    assert given['topics'] == ['*/image_raw', '*/camera_info', '*/imu']
+    pipeline, = launch.included
+    assert [node['executable'] for node in pipeline.nodes] == PIPELINE
