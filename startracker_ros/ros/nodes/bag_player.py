@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import sys
+import time
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
@@ -28,6 +29,8 @@ from startracker_ros.ros.node import main_of, PipelineNode, StartError
 
 # What history and depth are unknown of; DDS tells no subscriber of them.
 _DEPTH = 100
+# So long at most subscribers have for what was published last.
+_LAST_WORDS_S = 2.0
 # Who reads more of them?
 _MOST_PROBLEMS = 100
 
@@ -185,9 +188,11 @@ class BagPlayerNode(PipelineNode):
         # A signal ends the context under a message being published.
         if failure is not None and not (isinstance(failure, RCLError) and not rclpy.ok()):
             self.get_logger().error(str(failure))
-        if rclpy.ok():
-            for publisher in self._players.values():
-                publisher.wait_for_all_acked(Duration(seconds=2.0))
+        end_s = time.monotonic() + _LAST_WORDS_S
+        for publisher in self._players.values():
+            if rclpy.ok():
+                publisher.wait_for_all_acked(
+                    Duration(seconds=max(0.0, end_s - time.monotonic())))
         rclpy.try_shutdown()
 
 
