@@ -13,6 +13,9 @@ import numpy as np
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.identify.pairs import build_pairs, PairDatabase
 
+KEPT_FILES = 20
+"""Databases kept, those last used: a camera has one for each year, a campaign dozens."""
+
 # To be raised whenever the same input would give other pairs or another layout.
 _VERSION = 2
 
@@ -28,7 +31,8 @@ def cached_pairs(places: StarPlaces, min_separation_rad: float,
     """Return the pairs of places out of the cache, or build and store them.
 
     The file begins with the SHA-256 of its content; a file that does not agree with it
-    is built anew. A folder that cannot be written only costs the time to build.
+    is built anew. A folder that cannot be written only costs the time to build. The
+    KEPT_FILES last used stay.
     """
     key = hashlib.sha256(repr((_VERSION, min_separation_rad, max_separation_rad)).encode())
     for field in fields(StarPlaces):
@@ -50,6 +54,11 @@ def _load(path: Path) -> PairDatabase | None:
     if hashlib.sha256(body).digest() != digest:
         logging.getLogger(__name__).warning('%s is damaged and is built anew', path)
         return None
+    try:
+        os.utime(path)
+    except OSError:
+        # A cache that belongs to somebody else serves as well; nobody deletes from it, either.
+        pass
     stream = io.BytesIO(body)
     return PairDatabase(*(np.load(stream, allow_pickle=False) for _ in fields(PairDatabase)))
 
@@ -68,6 +77,10 @@ def _store(path: Path, pairs: PairDatabase) -> None:
                 file.write(hashlib.sha256(body).digest())
                 file.write(body)
             os.replace(part, path)
+        newest_first = sorted(path.parent.glob('pairs-*.bin'),
+                              key=lambda file: file.stat().st_mtime, reverse=True)
+        for file in newest_first[KEPT_FILES:]:
+            file.unlink(missing_ok=True)
     except OSError as error:
         logging.getLogger(__name__).warning(
             'pattern database is not cached in %s: %s', path.parent, error.strerror)

@@ -1,6 +1,7 @@
 """Pair database: complete, and cached without ever being trusted blindly."""
 
 import logging
+import os
 
 import numpy as np
 import pytest
@@ -57,9 +58,23 @@ def test_pairs_between_come_in_both_orders(places):
 def test_the_cache_gives_back_what_was_built(places):
     built = cached_pairs(places, NEAR, FAR)
     file, = cache_folder().iterdir()
-    written = file.stat().st_mtime_ns
+    written = file.stat().st_ino
     assert_equal(cached_pairs(places, NEAR, FAR), built)
-    assert file.stat().st_mtime_ns == written
+    assert file.stat().st_ino == written
+
+
+def test_the_cache_keeps_what_was_used_last(places, monkeypatch):
+    monkeypatch.setattr('startracker_ros.identify.cache.KEPT_FILES', 2)
+    cached_pairs(places, NEAR, 0.19)
+    first, = cache_folder().iterdir()
+    os.utime(first, (100, 100))
+    cached_pairs(places, NEAR, 0.18)
+    second, = set(cache_folder().iterdir()) - {first}
+    os.utime(second, (200, 200))
+    cached_pairs(places, NEAR, 0.19)
+    cached_pairs(places, NEAR, 0.17)
+    assert first.exists() and not second.exists()
+    assert len(list(cache_folder().iterdir())) == 2
 
 
 def test_the_cache_is_keyed_by_what_it_was_built_from(places):
