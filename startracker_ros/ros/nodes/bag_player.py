@@ -78,7 +78,8 @@ class BagPlayerNode(PipelineNode):
             raise StartError(f'{self._bag}: nothing to play among '
                              f'{", ".join(sorted(topics)) or "no topics"}')
         self._players = {topic.name: self._publisher(topic) for topic in chosen}
-        self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
+        if self.options(PlaybackOptions).clock_rate_hz:
+            self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
         self._playback = Playback(
             self._messages, span_ns, self.options(PlaybackOptions), publish=self._publish_message,
             tick=self._tick, finished=self._finish)
@@ -87,7 +88,8 @@ class BagPlayerNode(PipelineNode):
                 ('resume', self._playback.resume, 'playing'),
                 ('step', self._playback.step, 'one message more')):
             self._offer(name, act, words)
-        self.diagnostics.report(OK, f'playing {len(chosen)} topics')
+        if not self._problems:
+            self.diagnostics.report(OK, f'playing {len(chosen)} topics')
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._begin_timer = self.create_timer(
             max(options.start_delay_s, 1e-3), self._begin, clock=steady)
