@@ -39,8 +39,10 @@ function ticks(low, high, count) {
   const step = [1, 2, 5, 10].map((factor) => factor * power)
     .find((candidate) => span / candidate <= count) || 10 * power;
   const values = [];
-  for (let index = Math.ceil(low / step - 1e-9); index * step <= high + step * 1e-9; index += 1) {
-    values.push(index * step);
+  // Counted from the first: numbers too large for the step cannot keep the loop going.
+  const first = Math.ceil(low / step - 1e-9);
+  for (let index = 0; index <= count && (first + index) * step <= high + step * 1e-9; index += 1) {
+    values.push((first + index) * step);
   }
   return {values, decimals: Math.max(0, Math.min(9, -Math.floor(Math.log10(step) + 1e-9)))};
 }

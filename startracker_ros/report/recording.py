@@ -28,6 +28,7 @@ _DIAGNOSTICS, _DIAGNOSTICS_TYPE = '/diagnostics', 'diagnostic_msgs/msg/Diagnosti
 _TELLING = ('centroids', 'stars', 'tracks', 'attitude', 'attitude_cov', 'attitude_imu',
             'tracker_state')
 _NEWEST_NS = 2 ** 63 - 1
+_LARGEST_VARIANCE_RAD2 = (2 * np.pi) ** 2
 
 
 @dataclass(frozen=True)
@@ -269,7 +270,9 @@ class _Reader:
             if handler is None:
                 self._note_time(topic, _image_stamp_ns(message.data), message)
             else:
-                handler(decode(type_name, message.data), message)
+                # What is no number shows in the checks of the handlers.
+                with np.errstate(all='ignore'):
+                    handler(decode(type_name, message.data), message)
         except (BagError, MessageError, CameraError) as error:
             count, first = self._problems.get(message.topic, (0, str(error)))
             self._problems[message.topic] = count + 1, first
@@ -319,7 +322,8 @@ class _Reader:
             self._covariance.setdefault(stamp_ns, _about_sensor_axes(block, quaternion))
         if decoded.angular_velocity_covariance[0] != -1:
             rate = decoded.angular_velocity
-            self._rate[stamp_ns] = np.array([rate.x, rate.y, rate.z])
+            if np.isfinite([rate.x, rate.y, rate.z]).all():
+                self._rate[stamp_ns] = np.array([rate.x, rate.y, rate.z])
 
     def _note_attitude(self, stamp_ns: int, quaternion: np.ndarray, message: BagMessage) -> None:
         """Keep an attitude; the topic `attitude` has the last word where several tell one."""
@@ -392,7 +396,7 @@ def _table(values: dict[int, np.ndarray], stamps: list[int], shape: tuple[int, .
 def _unit(q: Any) -> np.ndarray:
     quaternion = np.array([q.x, q.y, q.z, q.w])
     # Written by others, it may be rounded to float32; a rotation it must be.
-    norm = np.linalg.norm(quaternion)
+    norm = np.linalg.norm(np.clip(quaternion, -2, 2))
     if not abs(norm - 1) < 1e-3:
         raise MessageError(f'quaternion {quaternion.tolist()} is no rotation')
     return quaternion / norm
@@ -400,7 +404,10 @@ def _unit(q: Any) -> np.ndarray:
 
 def _about_sensor_axes(covariance_icrf: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
     matrix = matrix_from_quaternion(quaternion)
-    return matrix.T @ covariance_icrf @ matrix
+    covariance = matrix.T @ covariance_icrf @ matrix
+    # Beyond a turn nothing is told, whatever the number is.
+    told = np.all(np.abs(covariance) < _LARGEST_VARIANCE_RAD2) and np.all(np.diag(covariance) >= 0)
+    return covariance if told else np.full((3, 3), np.nan)
 
 
 def _level(level: bytes | int) -> int:

@@ -54,8 +54,12 @@ def attitude(frame: int) -> AttitudeEstimate:
 
 
 def write_run(folder: Path, *, leave_out: tuple[str, ...] = (), namespace: str = '',
-              change: Callable[[str, Any], Any] | None = None) -> Path:
-    """Write a bag without the topics of leave_out; change(topic, message) may swap messages."""
+              change: Callable[[str, Any], Any] | None = None,
+              damage: Callable[[bytes], bytes] = bytes) -> Path:
+    """Write a bag without the topics of leave_out.
+
+    change(topic, message) may swap messages, damage(data) their bytes.
+    """
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections: dict[tuple[str, str], Any] = {}
         for time_ns, topic, message in sorted(_messages(), key=lambda row: row[0]):
@@ -68,7 +72,8 @@ def write_run(folder: Path, *, leave_out: tuple[str, ...] = (), namespace: str =
             if (name, type_name) not in connections:
                 connections[name, type_name] = writer.add_connection(
                     name, type_name, typestore=_STORE)
-            writer.write(connections[name, type_name], time_ns, serialize_message(message))
+            writer.write(connections[name, type_name], time_ns,
+                         damage(serialize_message(message)))
     return folder
 
 

@@ -108,6 +108,19 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
     assert recording.camera is None and len(recording.tracks) == 30
 
 
+def test_absurd_covariances_and_rates_are_not_known(tmp_path: Path) -> None:
+    def spoil(topic: str, message: Any) -> Any:
+        if topic == 'attitude_cov':
+            message.pose.covariance[21] = 1e300
+        if topic == 'attitude_imu' and message.orientation_covariance[0] != -1:
+            message.orientation_covariance[4] = -1.0
+            message.angular_velocity.z = float('inf')
+        return message
+    recording = load_recording(write_run(tmp_path / 'run', change=spoil))
+    assert len(recording.attitude_ns) == len(SOLVED)
+    assert np.isnan(recording.covariance_sensor).all() and np.isnan(recording.rate_rad_s).all()
+
+
 def test_what_is_whole_of_a_cut_bag_is_read(run: Path, tmp_path: Path) -> None:
     data = next(run.glob('*.mcap')).read_bytes()
     cut = tmp_path / 'cut.mcap'
