@@ -62,15 +62,16 @@ class QosProfile:
         values: dict[str, Any] = {}
         for field in fields(cls):
             value = entries.get(field.name.removesuffix('_ns'))
-            if field.name.endswith('_ns') and isinstance(value, Mapping):
-                total_ns = int(value.get('sec', 0)) * 10 ** 9 + int(value.get('nsec', 0))
-                values[field.name] = min(max(total_ns, 0), INFINITE_NS)
+            if value is None:
+                continue
+            if field.name.endswith('_ns'):
+                values[field.name] = _duration_ns(field.name, value)
             elif field.name in _NUMBERED and type(value) is int:
                 names = _NUMBERED[field.name]
                 values[field.name] = names[value] if 0 <= value < len(names) else 'unknown'
             elif type(value) is type(field.default):
                 values[field.name] = value
-            elif value is not None:
+            else:
                 raise ValueError(f'{field.name} = {value!r} is not of a quality of service')
         return cls(**values)
 
@@ -82,6 +83,13 @@ def qos_from_yaml(text: str) -> tuple[QosProfile, ...]:
             isinstance(entry, Mapping) for entry in entries or []):
         raise ValueError(f'{text[:60]!r} is no list of profiles')
     return tuple(QosProfile.from_dict(entry) for entry in entries or [])
+
+
+def _duration_ns(name: str, value: Any) -> int:
+    parts = [value.get(part, 0) for part in ('sec', 'nsec')] if isinstance(value, Mapping) else []
+    if not parts or not all(type(part) is int for part in parts):
+        raise ValueError(f'{name} = {value!r} is no duration')
+    return min(max(parts[0] * 10 ** 9 + parts[1], 0), INFINITE_NS)
 
 
 def _entry(name: str, value: Any) -> tuple[str, Any]:

@@ -13,6 +13,7 @@ import zstandard
 
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.info import describe
+from startracker_ros.bag.qos import qos_from_yaml, QosProfile
 from startracker_ros.bag.reader import BagTopic, decode, read_messages, read_topics
 from startracker_ros.bag.recovery import recover
 from startracker_ros.bag.writer import BagOptions, BagWriter
@@ -174,6 +175,25 @@ def test_messages_without_a_definition_or_of_another_encoding(
         'cdr', 'flatbuffer', 'json']
     result, problems = describe(path)
     assert problems == [] and {row['type'] for row in result.rows} == {TYPE, 'x', 'json'}
+
+
+@pytest.mark.parametrize('text, expected', [
+    ('', ()), ('[]', ()), ('~', ()),
+    ('- depth: 3\n  history: 2', (QosProfile('keep_all', 3),)),
+    ('- history: 77\n  reliability: -1', (QosProfile('unknown', 0, 'unknown'),)),
+    ('- {deadline: {sec: 2147483647, nsec: 4294967295}, lifespan: {sec: -1, nsec: 0}}',
+     (QosProfile(deadline_ns=2147483647 * 10 ** 9 + 4294967295, lifespan_ns=0),)),
+    ('- {durability: transient_local}', (QosProfile(durability='transient_local'),)),
+    ('{}', ()), ('reliable', None), ('- reliable', None), ('- {depth: many}', None),
+    ('- {reliability: RELIABLE}', None), ('- {deadline: {sec: .inf, nsec: 0}}', None),
+    ('- {deadline: {sec: [], nsec: 0}}', None), ('- {deadline: 5}', None), ('*', None)])
+def test_quality_of_service_of_other_versions_and_of_none(
+        text: str, expected: tuple[QosProfile, ...] | None) -> None:
+    if expected is not None:
+        assert qos_from_yaml(text) == expected
+    else:
+        with pytest.raises(ValueError):
+            qos_from_yaml(text)
 
 
 METADATA = """\

@@ -29,6 +29,8 @@ from startracker_ros.ros.node import main_of, PipelineNode, StartError
 
 # What history and depth are unknown of; DDS tells no subscriber of them.
 _DEPTH = 100
+# A bag may ask for more; memory is taken as messages come.
+_MAX_DEPTH = 10_000
 # So long at most subscribers have for what was published last.
 _LAST_WORDS_S = 2.0
 # Who reads more of them?
@@ -207,7 +209,7 @@ def playback_qos(offers: Sequence[QosProfile]) -> QoSProfile:
     if not offers:
         return profile
     known = [offer.depth for offer in offers if offer.history == 'keep_last' and offer.depth]
-    profile.depth = max(known, default=_DEPTH)
+    profile.depth = min(max(1, *known), _MAX_DEPTH) if known else _DEPTH
     if all(offer.history == 'keep_all' for offer in offers):
         profile.history = HistoryPolicy.KEEP_ALL
     if all(offer.reliability == 'best_effort' for offer in offers):
