@@ -486,8 +486,11 @@ function drawGraticule(svg, sky, project, size) {
       meridian.push(unit(ra, dec));
     }
     make(grid, 'path', {d: polyline(meridian, project, size)});
-    write(unit(ra, Math.abs(dec0) > 75 ? Math.sign(dec0) * 75 : dec0),
-      `${((ra % 360) + 360) % 360}\u00b0`, 'start');
+    // On the map of the whole sky every second meridian has its name on the equator.
+    if (!sky.wholeSky || ra % 60 === 0) {
+      const named = Math.abs(dec0) > 75 ? Math.sign(dec0) * 75 : dec0;
+      write(unit(ra, sky.wholeSky ? 0 : named), `${((ra % 360) + 360) % 360}\u00b0`, 'start');
+    }
   }
   for (let dec = -90 + step; dec < 90; dec += step) {
     if (!sky.wholeSky && Math.abs(dec - dec0) > sky.radiusDeg + step) {
@@ -531,7 +534,7 @@ function plotSky(holder, sky) {
       }
       const star = make(inside, 'circle', {class: frames ? 'sky-star used' : 'sky-star',
         cx: point[0].toFixed(1), cy: point[1].toFixed(1),
-        r: Math.max(0.7, (sky.wholeSky ? 3.2 : 4.4) - 0.5 * magnitude).toFixed(1)});
+        r: Math.max(0.6, (sky.wholeSky ? size / 300 : 4.4) - 0.5 * magnitude).toFixed(1)});
       const words = `HIP ${hip}, V ${magnitude}, `
         + (frames ? `used in ${frames} frames` : 'not used');
       make(star, 'title', {}, words);
