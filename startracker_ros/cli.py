@@ -123,18 +123,40 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
     show(result, as_json)
 
 
-@main.command()
+@main.group(invoke_without_command=True)
 @click.option('--output', type=click.Path(path_type=Path, file_okay=False), default='demo',
               show_default=True, help='Folder for bag, picture and logs.')
 @click.option('--seconds', type=click.FloatRange(5, 3600), default=60.0, show_default=True,
               help='Sky time.')
 @_seed
 @_json
-def demo(output: Path, seconds: float, seed: int, as_json: bool) -> None:
+@click.pass_context
+def demo(context: click.Context, output: Path, seconds: float, seed: int, as_json: bool) -> None:
     """Run all nodes on the simulated sky, record a bag, print and draw the result."""
+    if context.invoked_subcommand is not None:
+        return
     from startracker_ros.ros.demo import DemoError, run_demo
     try:
         result = run_demo(output, seconds=seconds, seed=seed)
+    except DemoError as error:
+        _fail(str(error))
+    _finish(result, as_json)
+
+
+@demo.command('two-satellite')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              default='demo_two_satellite', show_default=True,
+              help='Folder for bag, picture and logs.')
+@click.option('--seconds', type=click.FloatRange(10, 90), default=60.0, show_default=True,
+              help='Sky time, until the target leaves the field.')
+@_seed
+@_json
+def demo_two_satellite(output: Path, seconds: float, seed: int, as_json: bool) -> None:
+    """Two satellites, each with a star tracker of its own, locate a third."""
+    from startracker_ros.ros.demo import DemoError
+    from startracker_ros.ros.two_satellite_demo import run_two_satellite_demo
+    try:
+        result = run_two_satellite_demo(output, seconds=seconds, seed=seed)
     except DemoError as error:
         _fail(str(error))
     _finish(result, as_json)

@@ -49,7 +49,7 @@ class TargetLocator:
         self.observers = Observer(names[0], options), Observer(names[1], options)
         self._options = options
         self._location_options = location_options
-        self._max_gap_ns = round(options.max_gap_s * 1e9)
+        self._max_lag_ns = round(options.max_lag_s * 1e9)
         self._done_ns: int | None = None
         self._silent_ns: int | None = None
         self._places: deque[tuple[int, Location]] = deque()
@@ -73,7 +73,7 @@ class TargetLocator:
             results.append(Refused(stamp_ns, self._why_apart(stamp_ns)) if other is None
                            else self._located(stamp_ns, own, other))
         if other_ns is not None and other_ns != self._silent_ns and (
-                newest_ns is None or other_ns - newest_ns > self._max_gap_ns):
+                newest_ns is None or other_ns - newest_ns > self._max_lag_ns):
             self._silent_ns = other_ns
             results.append(Refused(other_ns, first.why_silent(other_ns)))
         return results
@@ -91,7 +91,7 @@ class TargetLocator:
         newest_ns = second.sights.newest_ns
         if newest_ns is not None and newest_ns >= stamp_ns:
             return False
-        return first.sights.newest_ns - stamp_ns <= self._max_gap_ns
+        return first.sights.newest_ns - stamp_ns <= self._max_lag_ns
 
     def _why_apart(self, stamp_ns: int) -> str:
         second = self.observers[1]

@@ -27,6 +27,9 @@ class ObserverOptions(Options):
     max_gap_s: float = option(
         1.0, 'longest time between two messages that is bridged by interpolation, of odometry as '
         'of lines of sight', unit='s', low=1e-3, high=60.0)
+    max_lag_s: float = option(
+        5.0, 'how far, in stamps, one observer may lag behind the other before it counts as '
+        'silent', unit='s', low=1e-3, high=600.0)
     aberration: str = option(
         'stars_and_target', 'stars_and_target: the attitude is fitted to stars whose places are '
         'without aberration, as attitude_estimator does; target: the attitude is free of it; '
@@ -167,7 +170,7 @@ class Observer:
             state.velocity_m_s)
 
     def why_silent(self, stamp_ns: int | None = None) -> str:
-        """Return which input is missing, or older than stamp_ns by more than the gap."""
+        """Return which input is missing, or lags behind stamp_ns too far."""
         inputs = (('odometry', self._states), ('attitude_cov', self._attitudes),
                   ('target_centroid', self._targets))
         if self.camera is None:
@@ -176,7 +179,7 @@ class Observer:
             newest_ns = history.newest_ns
             if newest_ns is None:
                 return f'{self.name}: no {topic}'
-            if stamp_ns is not None and stamp_ns - newest_ns > self._max_gap_ns:
+            if stamp_ns is not None and (stamp_ns - newest_ns) * 1e-9 > self._options.max_lag_s:
                 return (f'{self.name}: {topic} silent, or its clock apart, for '
                         f'{(stamp_ns - newest_ns) * 1e-9:.1f} s')
         return f'{self.name}: target_centroid, attitude_cov and odometry do not meet in time'

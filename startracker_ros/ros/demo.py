@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 import shutil
 import time
+from typing import Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
@@ -108,7 +109,7 @@ class _Monitor(Node):
         return table
 
 
-def _process_start_s() -> float:
+def process_start_s() -> float:
     """Return when this process was started, UNIX time in s."""
     ticks = int(Path('/proc/self/stat').read_text().rpartition(')')[2].split()[19])
     boot = next(int(line.split()[1]) for line in Path('/proc/stat').read_text().splitlines()
@@ -126,20 +127,32 @@ def _clear(output: Path) -> None:
     shutil.rmtree(output / 'logs', ignore_errors=True)
 
 
-def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
-    """Run the pipeline on the simulated sky; DemoError when a node fails."""
-    started_s = _process_start_s()
-    frames = round(seconds * FRAME_RATE_HZ)
+def prepare(output: Path) -> Path:
+    """Clear the output folder and set the environment; return the folder for logs."""
+    logs = output / 'logs'
     try:
         _clear(output)
-        logs = output / 'logs'
         logs.mkdir(parents=True)
     except OSError as error:
         raise DemoError(f'output folder {output}: {error.strerror}') from error
     # The demo hears only this machine, unless the user has chosen otherwise.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.update(node_environment())
-    bag = output / 'bag'
+    return logs
+
+
+def end(nodes: NodeProcesses) -> None:
+    """End all nodes; DemoError when one of them did not do so cleanly."""
+    bad = [f'{name} (status {code})' for name, code in nodes.stop().items() if code != 0]
+    if bad:
+        raise DemoError(f'{", ".join(bad)} did not end cleanly: see {nodes.log_folder}')
+
+
+def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
+    """Run the pipeline on the simulated sky; DemoError when a node fails."""
+    started_s = process_start_s()
+    frames = round(seconds * FRAME_RATE_HZ)
+    logs, bag = prepare(output), output / 'bag'
     with NodeProcesses(logs) as nodes:
         nodes.start('bag_recorder', {'folder': str(bag)})
         nodes.start('centroid_extractor', _EXTRACTOR)
@@ -149,14 +162,11 @@ def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
         rclpy.init()
         monitor = _Monitor()
         try:
-            _watch(monitor, nodes, frames)
+            watch(monitor, nodes, frames)
         finally:
             monitor.destroy_node()
             rclpy.try_shutdown()
-        codes = nodes.stop()
-    bad = [name for name, code in codes.items() if code != 0]
-    if bad:
-        raise DemoError(f'{", ".join(bad)} did not end cleanly: see {logs}')
+        end(nodes)
     recording = load_recording(bag)
     rows = summarise(recording)
     start_s = float('nan') if monitor.first_attitude_s is None else (
@@ -172,7 +182,20 @@ def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
         'bag': f'{bag} ({size_mb:.0f} MB)', 'picture': str(picture)})
 
 
-def _watch(monitor: _Monitor, nodes: NodeProcesses, frames: int) -> None:
+class Watched(Protocol):
+    """A ROS node that counts the frames which are through."""
+
+    frames: int
+
+    def release_when_complete(self) -> None:
+        """Let the simulation begin once all nodes are connected."""
+
+    def table(self, frames: int) -> Table:
+        """Return what there is to see now."""
+
+
+def watch(monitor: Watched, nodes: NodeProcesses, frames: int, *,
+          patience_s: float = 30.0) -> None:
     """Spin until every frame is through; DemoError when a node ends or nothing comes."""
     newest_s, seen = time.monotonic(), 0
     console = Console()
@@ -186,9 +209,9 @@ def _watch(monitor: _Monitor, nodes: NodeProcesses, frames: int) -> None:
                 raise DemoError(f'{", ".join(failed)} ended early: see {nodes.log_folder}')
             if monitor.frames > seen:
                 newest_s, seen = time.monotonic(), monitor.frames
-            if time.monotonic() - newest_s > 30:
-                raise DemoError(f'no frame after number {seen} of {frames} within 30 s: '
-                                f'see {nodes.log_folder}')
+            if time.monotonic() - newest_s > patience_s:
+                raise DemoError(f'no frame after number {seen} of {frames} within '
+                                f'{patience_s:g} s: see {nodes.log_folder}')
     console.print()
     # What is under way may still come through.
     end_s = time.monotonic() + 1.0

@@ -73,13 +73,17 @@ class NodeProcesses:
         self.processes: dict[str, subprocess.Popen] = {}
 
     def start(self, node: str, parameters: dict[str, object] | None = None,
-              extra: Sequence[str] = ()) -> subprocess.Popen:
+              extra: Sequence[str] = (), *, namespace: str = '') -> subprocess.Popen:
         """Start one node; what it prints goes into the log folder."""
         arguments = [*parameter_arguments(parameters or {}), *extra]
-        with open(self.log_folder / f'{node}.log', 'ab') as log:
+        name = node
+        if namespace:
+            name = f'{namespace}.{node}'
+            arguments += ['-r', f'__ns:=/{namespace}']
+        with open(self.log_folder / f'{name}.log', 'ab') as log:
             process = subprocess.Popen(node_command(node, arguments), stdin=subprocess.DEVNULL,
                                        stdout=log, stderr=log, env=self._environment)
-        self.processes[node] = process
+        self.processes[name] = process
         return process
 
     def failed(self) -> list[str]:
