@@ -78,4 +78,5 @@ def test_the_picture_marks_the_target(demo):
     blue, green, red = np.moveaxis(
         cv2.imread(str(output / 'two_satellite.png')).astype(int), -1, 0)
     assert np.count_nonzero((red > 200) & (green < 60) & (blue < 60)) > 50
-    assert np.count_nonzero((green > 150) & (red < 150) & (blue < 180)) > 200
+    # The circles around the stars, drawn smaller than they are.
+    assert np.count_nonzero((green > red + 30) & (green > blue + 15)) > 1000
