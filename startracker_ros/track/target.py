@@ -42,9 +42,9 @@ class TargetTrackOptions(Options):
     target_confirm_frames: int = option(
         5, 'frames in a row in which a target must be seen before it counts', unit='frames',
         low=3, high=100)
-    target_max_missed: int = option(
-        5, 'frames in a row without it after which a target is given up', unit='frames', low=0,
-        high=100)
+    target_max_gap_s: float = option(
+        2.0, 'how long a target may be hidden, by a star that it passes, before it is given up',
+        unit='s', low=0.0, high=5.0)
     target_min_shift_px: float = option(
         1.0, 'how far it must have moved in the image: a spot that stays on its pixels while the '
         'stars move is a defect of the sensor', unit='px', low=0.0, high=100.0)
@@ -70,7 +70,7 @@ class _Spot:
     age_s: float
     shift_px: float
     hits: int = 2
-    missed: int = 0
+    unseen_s: float = 0.0
 
     def predict(self, dt_s: float, acceleration_rad_s2: float) -> None:
         self.age_s += dt_s
@@ -97,7 +97,7 @@ class _Spot:
         self.direction = _unit(self.direction + change[POSITION] @ self.basis)
         self.rate = self.rate + change[VELOCITY] @ self.basis
         self.hits += 1
-        self.missed = 0
+        self.unseen_s = 0.0
         self.shift_px = max(self.shift_px, float(np.linalg.norm(uv - self.first_uv)))
 
 
@@ -164,7 +164,7 @@ class TargetTracker:
         self._tracks.sort(key=lambda track: -track.hits)
         for number, track in enumerate(self._tracks):
             track.predict(dt_s, self._acceleration_rad_s2)
-            track.missed += 1
+            track.unseen_s += dt_s
             distance2 = np.where(free, track.distance2(directions, variance), np.inf)
             if len(left) and distance2.min() <= GATE:
                 nearest = int(distance2.argmin())
@@ -172,8 +172,8 @@ class TargetTracker:
                 seen[number] = nearest
                 track.take(directions[nearest], variance[nearest], left.uv[nearest])
         target = self._choose(seen)
-        kept = [track for track in self._tracks if track.missed <= (
-            self._options.target_max_missed if self._confirmed(track) else 0)]
+        kept = [track for track in self._tracks if track.unseen_s <= (
+            self._options.target_max_gap_s if self._confirmed(track) else 0)]
         self._tracks = kept + self._started(left.uv[free], directions[free], variance[free], dt_s)
         if self._target is not None and all(track is not self._target for track in kept):
             self._target = None
