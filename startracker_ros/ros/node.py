@@ -23,11 +23,16 @@ from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.options import Options
 from startracker_ros.ros import parameters, qos
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR, WARN
+from startracker_ros.ros.last_resort import exit_after
 from startracker_ros.ros.messages import (
     camera_from_message, MessageError, ns_from_stamp, rate_from_imu)
 
 
 _END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+END_S = 5.0
+"""Time that DDS is given to end a node, after the node itself has closed what it had open."""
 
 
 class StartError(RuntimeError):
@@ -64,6 +69,9 @@ class PipelineNode(Node):
 
     def configure(self) -> None:
         """Build the core from the options; state is forgotten."""
+
+    def close(self) -> None:
+        """Finish what must not be lost, before the node ends."""
 
     def take(self, message_type: type, topic: str, callback: Callable, profile: Any) -> None:
         """Subscribe; a message that cannot be used is reported by name and counted."""
@@ -196,7 +204,7 @@ def run(node_class: type[PipelineNode], args: list[str] | None = None) -> int:
     # behind when its context ends under their construction.
     signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)
     rclpy.init(args=args)
-    node = None
+    node, code = None, 1
     try:
         executor = SingleThreadedExecutor()
         node = node_class()
@@ -208,20 +216,24 @@ def run(node_class: type[PipelineNode], args: list[str] | None = None) -> int:
         node.get_logger().info('ready')
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _END_SIGNALS)
         executor.spin()
+        code = 0
     except (ExternalShutdownException, KeyboardInterrupt):
-        pass
+        code = 0
     except RCLError:
         # A signal ends the context at once; a callback under way then fails to publish.
         if rclpy.ok():
             raise
+        code = 0
     except (parameters.ParameterError, StartError, CameraError) as error:
         rclpy.logging.get_logger(node_class.__module__.rpartition('.')[2]).fatal(str(error))
-        return 2
+        code = 2
     finally:
         if node is not None:
+            node.close()
+            exit_after(END_S, code)
             node.destroy_node()
         rclpy.try_shutdown()
-    return 0
+    return code
 
 
 def main_of(node_class: type[PipelineNode]) -> Callable[..., None]:

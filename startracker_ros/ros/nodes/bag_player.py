@@ -97,15 +97,14 @@ class BagPlayerNode(PipelineNode):
             max(options.start_delay_s, 1e-3), self._begin, clock=steady)
         self.create_timer(0.5, self._report, clock=steady)
 
-    def destroy_node(self) -> None:
-        """End the playback, then the node."""
+    def close(self) -> None:
+        """End the playback."""
         if self._playback is not None:
             self._playback.stop()
             median, p95, worst = self._playback.pacing_ms()
             print(f'[bag_player] {self._bag}: {self._playback.published} messages of '
                   f'{len(self._players)} topics; late by {median:.2f} ms median, '
                   f'{p95:.2f} ms p95, {worst:.2f} ms at most', file=sys.stderr, flush=True)
-        super().destroy_node()
 
     def _read_topics(self) -> dict[str, BagTopic]:
         try:

@@ -67,8 +67,8 @@ class BagRecorderNode(PipelineNode):
         self.create_timer(options.discovery_period_s, self._discover, clock=steady)
         self.create_timer(0.5, self._report, clock=steady)
 
-    def destroy_node(self) -> None:
-        """Close the bag, then the node."""
+    def close(self) -> None:
+        """Close the bag."""
         try:
             self._writer.close()
         except BagError as error:
@@ -76,7 +76,6 @@ class BagRecorderNode(PipelineNode):
         # The logger is gone with its context by now.
         print(f'[bag_recorder] {self._folder}: {self.diagnostics.counts["messages"]} messages of '
               f'{len(self._recorded)} topics, {self._lost()} lost', file=sys.stderr, flush=True)
-        super().destroy_node()
 
     def _discover(self) -> None:
         options = self.options(RecordOptions)
