@@ -21,10 +21,11 @@ SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
 demo: .venv/package
 	$(RUN) -m startracker_ros demo
 
-# Tests of running nodes have both cores to themselves, all others share them.
+# The demos measure how long they take, so they have both cores to themselves.
+DEMOS := test/nodes/test_demo.py test/nodes/test_two_satellite_demo.py
 test: .venv/package
-	@$(RUN) -m pytest -q -n 2 --dist loadfile test --ignore test/nodes; core=$$?; \
-		$(RUN) -m pytest -q test/nodes && exit $$core
+	@$(RUN) -m pytest -q -n 2 --dist loadfile test $(DEMOS:%=--ignore %); others=$$?; \
+		$(RUN) -m pytest -q $(DEMOS) && exit $$others
 
 .venv/requirements: requirements.txt
 	@"$(PYTHON)" -c '$(SUPPORTED)' 2>/dev/null || { \

@@ -1,11 +1,16 @@
 """Compile what is compiled at its first use, so that no node has to wait for it."""
 
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+import os
+
 import numpy as np
 
 from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.catalog.places import camera_places, StarPlaces
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.identify.identification import IdentificationOptions, METHODS
 from startracker_ros.identify.methods import make_identifier
@@ -19,37 +24,70 @@ from startracker_ros.track.options import MODELS, TrackerOptions
 from startracker_ros.track.tracker import StarTracker
 
 
-def warm_up() -> None:
-    """Let every method see something: extraction an image, identification a simulated field.
+CAMERA = Camera.from_fov(512, 512, 20.0)
+EPOCH_YEAR = 2026.0
 
-    The field is tracked, one attitude estimated, one image rendered, one target located, too.
-    """
+
+def _field() -> tuple[StarPlaces, Centroids, np.ndarray]:
+    """Return a sky, the centroids of a field, and their hip (N,)."""
+    places = camera_places(load_catalog(), CAMERA, EPOCH_YEAR, 5.0)
+    rng = np.random.default_rng(1)
+    return places, *star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
+
+
+def extraction() -> None:
+    """Extract from an image."""
     for method in ('gaussian', 'thresholded'):
         CentroidExtractor(ExtractionOptions(method=method, threshold='iterative')).warm_up()
-    camera = Camera.from_fov(512, 512, 20.0)
-    catalog = load_catalog()
-    places = camera_places(catalog, camera, 2026.0, 5.0)
-    rng = np.random.default_rng(1)
-    centroids, hip = star_list(places, camera, random_attitude(rng), 0.1, rng)
+
+
+def identification() -> None:
+    """Identify a field by every method."""
+    _, centroids, _ = _field()
     for method in METHODS:
         options = IdentificationOptions(method=method, magnitude_limit=5.0)
-        make_identifier(camera, 2026.0, options, catalog).identify(centroids)
+        make_identifier(CAMERA, EPOCH_YEAR, options, load_catalog()).identify(centroids)
+
+
+def tracking() -> None:
+    """Track a field by every model, and estimate an attitude."""
+    places, centroids, hip = _field()
     for model in MODELS:
-        tracker = StarTracker(camera, places, TrackerOptions(model=model))
+        tracker = StarTracker(CAMERA, places, TrackerOptions(model=model))
         # A gyro is believed after some frames only.
         for stamp_ns in range(0, 1_000_000_000, 100_000_000):
             tracker.add_rate(stamp_ns, np.zeros(3))
             tracker.update(stamp_ns, centroids)
             tracker.identified(stamp_ns, centroids, hip)
     estimate_attitude(np.eye(3), np.eye(3), np.ones(3))
-    detector = Detector(camera)
+
+
+def rendering() -> None:
+    """Render a field, and an image without stars."""
+    _, centroids, _ = _field()
+    detector, rng = Detector(CAMERA), np.random.default_rng(1)
     detector.render(centroids.uv, np.full(len(centroids.uv), 5.0), rng)
     detector.render(np.zeros((0, 2)), np.zeros(0), rng)
-    locate(*(sight(camera, np.zeros(2), 0.1,
+
+
+def location() -> None:
+    """Locate a target."""
+    locate(*(sight(CAMERA, np.zeros(2), 0.1,
                    quaternion_from_pointing(*np.radians([aside, 0.0, 0.0])), np.eye(3),
                    [0.0, -1e4 * aside, 0.0], np.eye(3)) for aside in (-10.0, 10.0)))
     propagate([7e6, 0.0, 0.0], [0.0, 7.5e3, 0.0], 1.0)
 
 
+# The longest first, so that two cores end together.
+STAGES = (identification, extraction, tracking, rendering, location)
+
+
+def main() -> None:
+    """Warm all stages up, on all cores at once."""
+    with ProcessPoolExecutor(os.cpu_count(), get_context('spawn')) as pool:
+        for stage in [pool.submit(stage) for stage in STAGES]:
+            stage.result()
+
+
 if __name__ == '__main__':
-    warm_up()
+    main()
