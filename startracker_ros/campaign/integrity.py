@@ -8,6 +8,7 @@ import numpy as np
 
 from startracker_ros.attitude.attitude_state import turned
 from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
+from startracker_ros.attitude.wrong import WRONG_ARCSEC, WRONG_SIGMAS
 from startracker_ros.camera import Camera
 from startracker_ros.campaign.spread import split, spread
 from startracker_ros.catalog.places import StarPlaces
@@ -32,11 +33,6 @@ _SUBSTEP_S = STEP_NS * 1e-9 / _SUBSTEPS
 _START_NS = 1_790_000_000_000_000_000
 _CHECK_FRAMES = 100
 _PIECE = 4
-
-WRONG_SIGMA = 5.0
-WRONG_ARCSEC = 60.0
-"""An attitude is wrong when it is off by more than this many of its own sigma and so many
-arcseconds on top, on any axis."""
 
 
 @dataclass(frozen=True)
@@ -233,7 +229,7 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
 def judged(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
     """Return the tally of one published attitude (4,), covariance (3, 3) about sensor axes."""
     error = attitude_error(quaternion, truth)
-    bound = WRONG_SIGMA * np.sqrt(np.diag(covariance)) + WRONG_ARCSEC * ARCSEC
+    bound = WRONG_SIGMAS * np.sqrt(np.diag(covariance)) + WRONG_ARCSEC * ARCSEC
     worst = float(np.max(np.abs(error) / bound))
     return Tally(published=1, wrong=int(worst > 1), worst=worst,
                  nees=float(error @ np.linalg.solve(covariance, error)))
@@ -258,7 +254,7 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
         'camera': '1024 x 1024 px, 12 deg, 10 Hz, centroids of 0.1 px, stars to V 6.5',
         'chain': 'lost-in-space identification, tracker (model attitude), trust; each run of '
                  f'{FRAMES} frames begins lost at a random attitude',
-        'wrong': f'off by more than {WRONG_SIGMA:g} sigma of its own covariance and '
+        'wrong': f'off by more than {WRONG_SIGMAS:g} sigma of its own covariance and '
                  f'{WRONG_ARCSEC:g} arcsec on any axis',
         'mean_nees': 'normalised squared error, 3 when the covariance is true',
         'losses': 'times that the tracker went from TRACKING to another state',

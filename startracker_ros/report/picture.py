@@ -1,11 +1,23 @@
 """One picture of a run: the star field with names, and the attitude error over time."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from startracker_ros.report.annotate import annotate
 from startracker_ros.report.recording import Recording
+
+
+def draw_error(axis: Any, time_s: np.ndarray, error: np.ndarray, sigma: np.ndarray, label: str,
+               *, markersize: float) -> None:
+    """Draw errors (N,) over time_s (N,) on axes of matplotlib, between their 3 sigma bounds."""
+    axis.fill_between(time_s, -3 * sigma, 3 * sigma, color='tab:blue', alpha=0.15,
+                      label='3 sigma', linewidth=0)
+    axis.plot(time_s, error, '.', markersize=markersize, color='tab:blue', label='error')
+    axis.axhline(0, color='black', linewidth=0.5)
+    axis.set_ylabel(label)
+    axis.grid(alpha=0.3)
 
 
 def draw_run(path: Path, recording: Recording, image: np.ndarray, uv: np.ndarray,
@@ -28,12 +40,7 @@ def draw_run(path: Path, recording: Recording, image: np.ndarray, uv: np.ndarray
     axis = None
     for row, name in enumerate(('x, cross boresight', 'y, cross boresight', 'z, roll')):
         axis = figure.add_subplot(grid[row, 1], sharex=axis)
-        axis.fill_between(time_s, -3 * sigma[:, row], 3 * sigma[:, row], color='tab:blue',
-                          alpha=0.15, label='3 sigma', linewidth=0)
-        axis.plot(time_s, error[:, row], '.', markersize=2, color='tab:blue', label='error')
-        axis.axhline(0, color='black', linewidth=0.5)
-        axis.set_ylabel(f'{name}\n[arcsec]')
-        axis.grid(alpha=0.3)
+        draw_error(axis, time_s, error[:, row], sigma[:, row], f'{name}\n[arcsec]', markersize=2)
         if len(stamps):
             # The wide bounds of the first frames may leave the picture, no error may.
             limit = max(4.5 * np.nanmedian(sigma[:, row]), 1.1 * np.abs(error[:, row]).max())

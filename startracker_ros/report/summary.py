@@ -2,10 +2,8 @@
 
 import numpy as np
 
+from startracker_ros.attitude.wrong import WRONG_ARCSEC, WRONG_SIGMAS
 from startracker_ros.report.recording import Recording
-
-# An attitude further off than this is wrong, not merely noisy.
-WRONG_SIGMAS, WRONG_ARCSEC = 5.0, 60.0
 
 
 def summarise(recording: Recording) -> list[dict[str, object]]:

@@ -8,6 +8,7 @@ import numpy as np
 from startracker_ros.bag.reader import decode, read_messages
 from startracker_ros.locate.orbit import orbit_frame
 from startracker_ros.report.annotate import annotate
+from startracker_ros.report.picture import draw_error
 
 WRONG_SIGMAS = 5.0
 """A position further off than this is wrong, not merely noisy."""
@@ -139,12 +140,7 @@ def draw_target(path: Path, recording: TargetRecording, pictures: dict[str, tupl
     axis = None
     for row, name in enumerate(('along track', 'cross track', 'radial')):
         axis = figure.add_subplot(grid[row, 2], sharex=axis)
-        axis.fill_between(time_s, -3 * sigma[:, row], 3 * sigma[:, row], color='tab:blue',
-                          alpha=0.15, label='3 sigma', linewidth=0)
-        axis.plot(time_s, error[:, row], '.', markersize=4, color='tab:blue', label='error')
-        axis.axhline(0, color='black', linewidth=0.5)
-        axis.set_ylabel(f'{name} [m]')
-        axis.grid(alpha=0.3)
+        draw_error(axis, time_s, error[:, row], sigma[:, row], f'{name} [m]', markersize=4)
     axis.set_xlabel('time since the first position [s]')
     figure.axes[-3].set_title('error of the located target against truth')
     figure.axes[-3].legend(loc='upper right', ncols=2)

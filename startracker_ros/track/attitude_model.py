@@ -12,9 +12,9 @@ from startracker_ros.attitude.gyro import Gyro
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import attitude_error, matrix_from_quaternion
+from startracker_ros.rotation import matrix_from_quaternion
 from startracker_ros.track.bank import TrackBank
-from startracker_ros.track.model import Fix, Followed, StarModel
+from startracker_ros.track.model import Fix, Followed, rate_between, StarModel
 from startracker_ros.track.motion_models import image_jacobian, POSITION, VELOCITY
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import OUTLIER_SIGMA, RAYLEIGH_MEDIAN, RotationFit
@@ -77,7 +77,7 @@ class AttitudeModel(StarModel):
         covariance[:3, 3:6] = covariance[3:6, :3] = attitude / dt_s
         covariance[3:6, 3:6] = (
             attitude + first.attitude.covariance_sensor * first.scale ** 2) / dt_s ** 2
-        rate = attitude_error(fix.attitude.quaternion, first.attitude.quaternion) / dt_s
+        rate = rate_between(first.stamp_ns, first.attitude, fix.stamp_ns, fix.attitude)
         self._state = AttitudeState(
             fix.stamp_ns, fix.attitude.quaternion, rate, np.zeros(3), covariance
         ).with_new_drift(self._gyro.drift_sigma_rad_s)
@@ -141,7 +141,7 @@ class AttitudeModel(StarModel):
         covariance = predicted.covariance[:3, :3]
         bank, sensor = self._in_view(predicted)
         uv, jacobian = self._camera.project(sensor), image_jacobian(self._camera, sensor)
-        variance = (self._scale.value * self._sigma(frame)) ** 2
+        variance = (self._scale.value * self.sigma_px(frame)) ** 2
         probability, unclaimed = self._associate(
             uv, jacobian @ covariance @ np.swapaxes(jacobian, 1, 2), frame, variance)
         bank = replace(bank, state=_on_image(uv, jacobian, self.rate_rad_s)).observed(
@@ -156,8 +156,7 @@ class AttitudeModel(StarModel):
             state = predicted.with_attitude(information, vector)
             if np.count_nonzero(votes & seen) < options.min_stars:
                 return _Outcome(False, np.zeros(3), predicted, state, bank, None, unclaimed)
-            new = self._places.direction[bank.place] @ matrix_from_quaternion(state.quaternion)
-            place = self._camera.project(new)
+            place = self._camera.project(self._directions(bank, state))
             distance = np.where(seen, np.hypot(*(frame.uv[best] - place).T), np.inf)
             normalised = distance / np.sqrt(variance[best])
             worst = np.argmax(np.where(votes & seen, normalised, 0))
@@ -177,10 +176,14 @@ class AttitudeModel(StarModel):
             np.count_nonzero(bank.confirmed), options.min_stars, options.max_residual_px)
         return _Outcome(good, unforeseen, predicted, state, bank, fit, unclaimed)
 
+    def _directions(self, bank: TrackBank, state: AttitudeState) -> np.ndarray:
+        """Return where the stars of tracks are (N, 3), on sensor axes."""
+        # Row vectors times R are R^T d.
+        return self._places.direction[bank.place] @ matrix_from_quaternion(state.quaternion)
+
     def _in_view(self, state: AttitudeState) -> tuple[TrackBank, np.ndarray]:
         """Return the tracks in the image under an attitude, and their directions (N, 3)."""
-        sensor = self._places.direction[self.bank.place] @ matrix_from_quaternion(
-            state.quaternion)
+        sensor = self._directions(self.bank, state)
         inside = self._camera.contains(self._camera.project(sensor))
         return self.bank.select(inside), sensor[inside]
 
@@ -218,8 +221,7 @@ class AttitudeModel(StarModel):
 
     def _place_tracks(self) -> None:
         """Give each track the position and velocity that the attitude and the rate say."""
-        sensor = self._places.direction[self.bank.place] @ matrix_from_quaternion(
-            self._state.quaternion)
+        sensor = self._directions(self.bank, self._state)
         jacobian = image_jacobian(self._camera, sensor)
         effect = np.zeros((len(sensor), 4, 6))
         effect[:, POSITION, :3], effect[:, VELOCITY, 3:] = jacobian, jacobian

@@ -9,6 +9,7 @@ from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.rotation import attitude_error
 from startracker_ros.track.association import (
     event_weights, gate_size, gated_density, joint_probabilities)
 from startracker_ros.track.bank import TrackBank
@@ -26,6 +27,13 @@ class Fix:
     centroids: Centroids
     attitude: AttitudeEstimate
     scale: float
+
+
+def rate_between(before_ns: int, before: AttitudeEstimate, after_ns: int,
+                 after: AttitudeEstimate) -> np.ndarray:
+    """Return the mean body rate (3,) rad/s about sensor axes between two attitudes."""
+    turn = attitude_error(after.quaternion, before.quaternion)
+    return turn / ((after_ns - before_ns) * 1e-9)
 
 
 @dataclass(frozen=True)
@@ -72,10 +80,11 @@ class StarModel(ABC):
         """Follow more stars (N,), which stand at these centroids and move with the body."""
         jacobian = image_jacobian(self._camera, self._camera.unproject(centroids.uv))
         self.bank = self.bank.joined(TrackBank.started(
-            track_id, place, centroids, self._sigma(centroids) ** 2, jacobian @ self.rate_rad_s,
+            track_id, place, centroids, self.sigma_px(centroids) ** 2, jacobian @ self.rate_rad_s,
             jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2), confirmed))
 
-    def _sigma(self, centroids: Centroids) -> np.ndarray:
+    def sigma_px(self, centroids: Centroids) -> np.ndarray:
+        """Return the errors (M,) of centroids per axis that are believed."""
         return np.maximum(centroids.sigma_px, self._options.sigma_floor_px)
 
     def _associate(self, uv: np.ndarray, covariance: np.ndarray, frame: Centroids,

@@ -7,9 +7,8 @@ import numpy as np
 
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import attitude_error
 from startracker_ros.track.jpdaf import predict, update
-from startracker_ros.track.model import Fix, Followed, StarModel
+from startracker_ros.track.model import Fix, Followed, rate_between, StarModel
 from startracker_ros.track.motion_models import (
     body_rate, constant_velocity, coordinated_turn, image_jacobian, POSITION, turn_curvature,
     VELOCITY)
@@ -22,15 +21,15 @@ class StarwiseModel(StarModel):
 
     def start(self, fix: Fix, first: Fix) -> None:
         self._stamp_ns = fix.stamp_ns
-        self._rate_between(first.stamp_ns, first.attitude, fix.stamp_ns, fix.attitude)
+        self._take_rate(first.stamp_ns, first.attitude, fix.stamp_ns, fix.attitude)
         acceleration_rad_s2 = np.radians(self._options.acceleration_deg_s2)
         self._acceleration_px_s2 = (acceleration_rad_s2 * self._camera.fx,
                                     acceleration_rad_s2 * self._camera.fy)
 
-    def _rate_between(self, before_ns: int, before: AttitudeEstimate, after_ns: int,
-                      after: AttitudeEstimate) -> None:
+    def _take_rate(self, before_ns: int, before: AttitudeEstimate, after_ns: int,
+                   after: AttitudeEstimate) -> None:
         dt_s = (after_ns - before_ns) * 1e-9
-        self.rate_rad_s = attitude_error(after.quaternion, before.quaternion) / dt_s
+        self.rate_rad_s = rate_between(before_ns, before, after_ns, after)
         self.rate_covariance = (before.covariance_sensor + after.covariance_sensor) / dt_s ** 2
 
     def follow(self, stamp_ns: int, frame: Centroids) -> Followed:
@@ -63,7 +62,7 @@ class StarwiseModel(StarModel):
 
     def _update(self, frame: Centroids) -> np.ndarray:
         """Correct the tracks by a frame, and return its centroids (M,) in no gate."""
-        bank, variance = self.bank, self._sigma(frame) ** 2
+        bank, variance = self.bank, self.sigma_px(frame) ** 2
         probability, unclaimed = self._associate(bank.uv, bank.uv_covariance, frame, variance)
         state, covariance = update(bank.state, bank.covariance, frame.uv, variance, probability)
         self.bank = bank.observed(state, covariance, probability, frame, variance)
@@ -112,7 +111,7 @@ class NeighbourhoodModel(StarwiseModel):
         self.bank = bank.select(self._camera.contains(bank.uv))
 
     def _update(self, frame: Centroids) -> np.ndarray:
-        bank, sigma_px = self.bank, self._sigma(frame)
+        bank, sigma_px = self.bank, self.sigma_px(frame)
         centroid = star_neighbourhood(self._camera, bank.uv, self._places.direction[bank.place],
                                       frame.uv, sigma_px)
         found = np.flatnonzero(centroid >= 0)
@@ -127,7 +126,7 @@ class NeighbourhoodModel(StarwiseModel):
     def _estimate_rate(self, fit: RotationFit) -> None:
         before_ns, before = self._fitted
         self._fitted = self._stamp_ns, fit.attitude
-        self._rate_between(before_ns, before, self._stamp_ns, fit.attitude)
+        self._take_rate(before_ns, before, self._stamp_ns, fit.attitude)
         jacobian = image_jacobian(self._camera, self._camera.unproject(self.bank.uv))
         self.bank.state[:, VELOCITY] = jacobian @ self.rate_rad_s
         self.bank.covariance[:, 1::2, 1::2] = (

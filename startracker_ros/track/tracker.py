@@ -14,7 +14,7 @@ from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.rotation import attitude_error, conjugate, rotate
 from startracker_ros.track.attitude_model import AttitudeModel
-from startracker_ros.track.model import Fix, StarModel
+from startracker_ros.track.model import Fix, rate_between, StarModel
 from startracker_ros.track.newcomers import match_newcomers
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import fit_rotation, OUTLIER_SIGMA, RotationFit
@@ -178,7 +178,7 @@ class StarTracker:
             return None
         try:
             fit = fit_rotation(self._camera, self._places.direction[place], centroids.uv,
-                               np.maximum(centroids.sigma_px, options.sigma_floor_px),
+                               self._model.sigma_px(centroids),
                                np.ones(len(place), bool))
         except AttitudeError:
             return None
@@ -193,9 +193,8 @@ class StarTracker:
 
     def _start(self, first: Fix, fix: Fix) -> None:
         """Start tracks at the second of two fixes, then catch up with the frames since."""
-        dt_s = (fix.stamp_ns - first.stamp_ns) * 1e-9
-        turn = attitude_error(fix.attitude.quaternion, first.attitude.quaternion)
-        rate_deg_s = np.degrees(np.linalg.norm(turn)) / dt_s
+        rate_deg_s = np.degrees(np.linalg.norm(
+            rate_between(first.stamp_ns, first.attitude, fix.stamp_ns, fix.attitude)))
         if rate_deg_s > self._options.max_rate_deg_s:
             self._acquire(fix, f'two identifications {rate_deg_s:.3g} deg/s apart')
             return
@@ -286,8 +285,7 @@ class StarTracker:
                 self._places.magnitude[seen.place] + 2.5 * np.log10(seen.flux))
         place, centroid = match_newcomers(
             self._camera, self._places, fit.attitude, frame,
-            fit.scale * np.maximum(frame.sigma_px, self._options.sigma_floor_px),
-            zero_point, self._options.magnitude_tolerance)
+            fit.scale * self._model.sigma_px(frame), zero_point, self._options.magnitude_tolerance)
         new = ~np.isin(place, bank.place)
         place, centroid = place[new][:room], centroid[new][:room]
         if len(place):
