@@ -409,6 +409,25 @@ def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed:
             as_json)
 
 
+@campaign.command('faults')
+@click.option('--only', multiple=True, help='Faults to do, by name.')
+@_seed
+@_json
+def campaign_faults(only: tuple[str, ...], seed: int, as_json: bool) -> None:
+    """Processes killed and stopped, bad images, clocks and disks: how the nodes recover."""
+    from startracker_ros.campaign.faults import NAMES, run_faults_campaign
+    from startracker_ros.ros.flight import FlightError
+    unknown = set(only) - set(NAMES)
+    if unknown:
+        raise click.UsageError(f'no fault {", ".join(sorted(unknown))}; there are '
+                               f'{", ".join(NAMES)}')
+    try:
+        result = run_faults_campaign(seed=seed, only=only)
+    except FlightError as error:
+        _fail(str(error))
+    _finish(result, as_json)
+
+
 @campaign.command('centroid')
 @click.option('--images', 'folder', metavar='FOLDER',
               type=click.Path(path_type=Path, exists=True, file_okay=False),

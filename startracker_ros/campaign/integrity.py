@@ -8,7 +8,7 @@ import numpy as np
 
 from startracker_ros.attitude.attitude_state import turned
 from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
-from startracker_ros.attitude.wrong import WRONG_ARCSEC, WRONG_SIGMAS
+from startracker_ros.attitude.wrong import error_over_bound, WRONG_ARCSEC, WRONG_SIGMAS
 from startracker_ros.camera import Camera
 from startracker_ros.campaign.spread import split, spread
 from startracker_ros.catalog.places import StarPlaces
@@ -229,8 +229,7 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
 def judged(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
     """Return the tally of one published attitude (4,), covariance (3, 3) about sensor axes."""
     error = attitude_error(quaternion, truth)
-    bound = WRONG_SIGMAS * np.sqrt(np.diag(covariance)) + WRONG_ARCSEC * ARCSEC
-    worst = float(np.max(np.abs(error) / bound))
+    worst = error_over_bound(quaternion, covariance, truth)
     return Tally(published=1, wrong=int(worst > 1), worst=worst,
                  nees=float(error @ np.linalg.solve(covariance, error)))
 

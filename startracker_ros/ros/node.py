@@ -4,6 +4,7 @@ from collections.abc import Callable
 import gc
 import signal
 import sys
+import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -22,10 +23,12 @@ from startracker_ros.camera import Camera, CameraError
 from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.options import Options
 from startracker_ros.ros import parameters, qos
+from startracker_ros.ros.cadence import Cadence
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR, WARN
 from startracker_ros.ros.last_resort import exit_after
 from startracker_ros.ros.messages import (
     camera_from_message, MessageError, ns_from_stamp, rate_from_imu)
+from startracker_ros.ros.shared_memory import remove_left_behind
 
 
 _END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -125,7 +128,8 @@ class CameraNode(PipelineNode):
 
     A message is in order when its stamp is newer than the last one of its topic. A jump
     back of more than RESTART_NS is a restarted simulation or a looped bag: state is forgotten.
-    sensor_frame_id is that of the centroids, for subclasses to set.
+    sensor_frame_id is that of the centroids, for subclasses to set; steady_topic the one that
+    brings a message for each frame, whose gaps and silence are told.
     """
 
     RESTART_NS = 1_000_000_000
@@ -137,7 +141,10 @@ class CameraNode(PipelineNode):
         self.camera: Camera | None = None
         self.epoch_year = 0.0
         self.sensor_frame_id = ''
+        self.steady_topic = ''
+        self._cadence = Cadence()
         self._newest_ns: dict[str, int] = {}
+        self.diagnostics.checks.append(self._check_silence)
         self.take(CameraInfo, 'camera_info', self._take_camera, qos.LIST)
         self.diagnostics.report(WARN, 'waiting for camera_info')
 
@@ -168,17 +175,33 @@ class CameraNode(PipelineNode):
         stamp_ns = ns_from_stamp(stamp)
         newest_ns = self._newest_ns.get(topic, stamp_ns - 1)
         if newest_ns - stamp_ns > self.RESTART_NS:
-            self.get_logger().warning(
+            self.diagnostics.note(
                 f'{topic}: time went back by {(newest_ns - stamp_ns) / 1e9:.1f} s, '
                 'state forgotten')
             self._newest_ns.clear()
+            self._cadence = Cadence()
             self.configure()
         elif stamp_ns <= newest_ns:
             self.diagnostics.counts[f'{topic} out of order'] += 1
             self.diagnostics.report(WARN, f'{topic}: frame out of order dropped')
             return False
         self._newest_ns[topic] = stamp_ns
+        if topic == self.steady_topic:
+            self._follow_cadence(stamp_ns)
         return True
+
+    def _follow_cadence(self, stamp_ns: int) -> None:
+        topic = self.steady_topic
+        missing, ahead_s = self._cadence.arrived(stamp_ns, time.monotonic())
+        if missing:
+            self.diagnostics.counts[f'{topic} missing'] += missing
+            self.diagnostics.note(f'{topic}: frames are missing')
+        elif ahead_s:
+            self.diagnostics.note(f'{topic}: time went ahead by {ahead_s:.1f} s')
+
+    def _check_silence(self) -> None:
+        if self._cadence.is_silent(time.monotonic()):
+            self.diagnostics.report(WARN, f'{self.steady_topic}: nothing comes in')
 
     def _take_camera(self, message: CameraInfo) -> None:
         try:
@@ -188,6 +211,10 @@ class CameraNode(PipelineNode):
             self.camera = None
             raise
         epoch_year = epoch_year_from_stamp(ns_from_stamp(message.header.stamp))
+        if self.camera is not None and camera != self.camera:
+            self.diagnostics.note(
+                f'another camera: {camera.width} x {camera.height} px, '
+                f'{np.degrees(camera.fov_x_rad):.2f} deg wide')
         if camera != self.camera or abs(epoch_year - self.epoch_year) > self.EPOCH_TOLERANCE:
             self.camera, self.epoch_year = camera, epoch_year
             self.get_logger().info(
@@ -203,6 +230,7 @@ def run(node_class: type[PipelineNode], args: list[str] | None = None) -> int:
     # A signal that comes early waits until all is in place: rclpy leaves half-made objects
     # behind when its context ends under their construction.
     signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)
+    remove_left_behind()
     rclpy.init(args=args)
     node, code = None, 1
     try:

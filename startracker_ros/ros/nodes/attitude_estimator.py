@@ -48,6 +48,7 @@ class AttitudeEstimatorNode(CameraNode):
         self._tracked: dict[int, TrackedAttitude | None] = {}
         self._waiting: PointCloud2 | None = None
         if self._source == 'tracks':
+            self.steady_topic = 'tracks'
             self.take(Imu, _TRACKED, self._take_tracked, qos.LIST)
             self.take(PointCloud2, 'tracks', self._take_tracks, qos.LIST)
         else:

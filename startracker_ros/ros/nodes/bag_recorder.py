@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+import shutil
 import sys
 import time
 
@@ -20,6 +21,9 @@ from startracker_ros.options import option, Options
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages import message_class
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
+
+_RETRY_S = 5.0
+"""Time between two tries to go on after the disk has failed."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,11 @@ class RecordOptions(Options):
 
 
 class BagRecorderNode(PipelineNode):
-    """Takes each message as the bytes it came in and writes them with both its times."""
+    """Takes each message as the bytes it came in and writes them with both its times.
+
+    After a failure of the disk the recording goes on in a new bag, <folder>_2 and so on, once
+    the disk has room for the queue again.
+    """
 
     option_classes = (RecordOptions, BagOptions)
     task = 'recording'
@@ -51,18 +59,19 @@ class BagRecorderNode(PipelineNode):
     def __init__(self) -> None:
         super().__init__('bag_recorder')
         options = self.options(RecordOptions)
-        folder = options.folder or time.strftime('startracker_%Y_%m_%d-%H_%M_%S')
+        self._first_folder = self._folder = Path(
+            options.folder or time.strftime('startracker_%Y_%m_%d-%H_%M_%S'))
         try:
-            self._writer = BackgroundWriter(
-                BagWriter(Path(folder), options=self.options(BagOptions)),
-                queue_bytes=round(options.queue_size_mb * 1e6))
+            self._writer = self._open(self._folder)
         except BagError as error:
             raise StartError(str(error)) from error
-        self._folder = folder
+        self._dropped_before = 0
+        self._failed_s: float | None = None
+        self._topics: dict[str, tuple[str, list[QosProfile]]] = {}
         self._unknown_types: set[str] = set()
         self._recorded: dict[str, Subscription] = {}
         self._outdated: set[str] = set()
-        self.get_logger().info(f'recording to {folder}')
+        self.get_logger().info(f'recording to {self._folder}')
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(options.discovery_period_s, self._discover, clock=steady)
         self.create_timer(0.5, self._report, clock=steady)
@@ -76,6 +85,32 @@ class BagRecorderNode(PipelineNode):
         # The logger is gone with its context by now.
         print(f'[bag_recorder] {self._folder}: {self.diagnostics.counts["messages"]} messages of '
               f'{len(self._recorded)} topics, {self._lost()} lost', file=sys.stderr, flush=True)
+
+    def _open(self, folder: Path) -> BackgroundWriter:
+        return BackgroundWriter(
+            BagWriter(folder, options=self.options(BagOptions)),
+            queue_bytes=round(self.options(RecordOptions).queue_size_mb * 1e6))
+
+    def _go_on(self) -> None:
+        """Begin another bag where the disk takes one."""
+        number = 2
+        while (folder := self._first_folder.with_name(
+                f'{self._first_folder.name}_{number}')).exists():
+            number += 1
+        needed = self.options(RecordOptions).queue_size_mb * 1e6
+        try:
+            if shutil.disk_usage(folder.absolute().parent).free < needed:
+                return
+            writer = self._open(folder)
+            for topic, (type_name, profiles) in self._topics.items():
+                writer.add_topic(topic, type_name, profiles)
+        except (BagError, OSError):
+            # Made just now, and nothing is in it.
+            shutil.rmtree(folder, ignore_errors=True)
+            return
+        self._dropped_before += self._writer.dropped
+        self._writer, self._folder = writer, folder
+        self.diagnostics.note(f'the recording goes on in {folder}')
 
     def _discover(self) -> None:
         options = self.options(RecordOptions)
@@ -97,13 +132,15 @@ class BagRecorderNode(PipelineNode):
         if topic in self._recorded:
             self.destroy_subscription(self._recorded[topic])
             self._outdated.discard(topic)
-        elif self._writer.error is None:
+        else:
+            profiles = [_bag_qos(offer.qos_profile) for offer in offers]
             try:
-                self._writer.add_topic(
-                    topic, type_name, [_bag_qos(offer.qos_profile) for offer in offers])
+                if self._writer.error is None:
+                    self._writer.add_topic(topic, type_name, profiles)
             except BagError as error:
                 self.diagnostics.report(ERROR, str(error))
                 return
+            self._topics[topic] = type_name, profiles
         self._recorded[topic] = self._subscribe(topic, message_type, offers)
         self.diagnostics.values['topics'] = len(self._recorded)
 
@@ -137,14 +174,21 @@ class BagRecorderNode(PipelineNode):
             durability=DurabilityPolicy.TRANSIENT_LOCAL if local else DurabilityPolicy.VOLATILE)
 
     def _lost(self) -> int:
-        return self.diagnostics.counts['messages lost before the recorder'] + self._writer.dropped
+        return (self.diagnostics.counts['messages lost before the recorder']
+                + self._dropped_before + self._writer.dropped)
 
     def _report(self) -> None:
         """Say how the recording goes; writing fails in another thread."""
-        if self._writer.dropped:
-            self.diagnostics.counts['messages dropped'] = self._writer.dropped
+        dropped = self._dropped_before + self._writer.dropped
+        if dropped:
+            self.diagnostics.counts['messages dropped'] = dropped
         if self._writer.error is not None:
             self.diagnostics.report(ERROR, str(self._writer.error))
+            if self._failed_s is None:
+                self._failed_s = time.monotonic()
+            elif time.monotonic() > self._failed_s + _RETRY_S:
+                self._failed_s = None
+                self._go_on()
         elif self._lost():
             self.diagnostics.report(WARN, f'recording; {self._lost()} messages are lost')
         elif self.diagnostics.counts['messages']:

@@ -21,6 +21,7 @@ class CentroidExtractorNode(CameraNode):
 
     def __init__(self) -> None:
         super().__init__('centroid_extractor')
+        self.steady_topic = 'image_raw'
         self._centroids = self.give(PointCloud2, 'centroids', qos.LIST)
         self._annotated = self.give(Image, 'image_annotated', qos.IMAGE)
         self._markers = self.give(ImageMarker, 'image_markers', qos.LIST)

@@ -43,6 +43,7 @@ class StarIdentifierNode(CameraNode):
 
     def __init__(self) -> None:
         super().__init__('star_identifier')
+        self.steady_topic = 'centroids'
         self._tracking = False
         self._identified_ns = 0
         self._recursive: RecursiveIdentifier | None = None

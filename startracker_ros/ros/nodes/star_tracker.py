@@ -28,6 +28,7 @@ class StarTrackerNode(CameraNode):
 
     def __init__(self) -> None:
         super().__init__('star_tracker')
+        self.steady_topic = 'centroids'
         self._tracks = self.give(PointCloud2, 'tracks', qos.LIST)
         self._attitude = self.give(Imu, 'tracked_attitude', qos.LIST)
         self._target = self.give(PointCloud2, 'target_centroid', qos.LIST)
