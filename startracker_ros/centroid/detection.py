@@ -8,7 +8,7 @@ from startracker_ros.centroid.background import across_mesh, background_at, Mesh
 from startracker_ros.centroid.smoothing import filter_across, filter_down, filtered_at, Kernel
 from startracker_ros.compiled import compiled
 
-ROUNDING = np.float32(1e-6)  # relative, of a mean in float32
+ROUNDING = 1e-6  # relative, of a mean in float32
 PLATEAU_DN = 64  # a flat top lower than this may be rounding, not saturation
 RING_SIGMAS = 4.0  # around a peak it is dark again,
 RING_LIGHT = 0.5  # less than this share of the peak in half of the directions
@@ -38,14 +38,13 @@ class Peaks(NamedTuple):
 class Search(NamedTuple):
     """What a search found: peaks; the number of all, listed or not, and of those left out.
 
-    tops (H,) are the brightest pixels of the rows, darkest is the darkest of the image.
+    tops (H,) are the brightest pixels of the rows.
     """
 
     peaks: Peaks
     count: int
     discs: int
     tops: np.ndarray
-    darkest: int
 
 
 def find_peaks(image: np.ndarray, kernel: Kernel, mesh: Mesh, sigmas: float, least_dn: float,
@@ -74,29 +73,33 @@ def _scan(image, kernel, mesh, sigmas, least_dn, ring, most):
     rows = np.empty((2 * radius + 1, width), np.float32)
     columns = np.empty((3, width + 2 * radius), np.float32)
     smooth = np.empty((3, width), np.float32)
-    tops, darkest = np.empty(height, image.dtype), image[0, 0]
+    tops = np.empty(height, image.dtype)
     uv, top = np.empty((most, 2), np.int64), np.empty((most, 2))
     peak_dn, level_dn, noise_dn = np.empty(most), np.empty(most), np.empty(most)
     count = discs = 0
     threshold = mesh.level + np.maximum(sigmas * mesh.noise, least_dn)
+    margin = max(sigmas * mesh.median_noise, least_dn)
     node = np.empty(threshold.shape[1])
     middle = (np.arange(len(node)) + 0.5) / mesh.scale[1] - 0.5
     end = np.ones(len(node), np.int64)
     end[1:] = np.minimum(np.ceil(middle[:-1]), width - 1)
-    bright = np.empty(len(node), np.int64)
+    likely = np.empty(len(node), np.int64)
     for v in range(min(radius, height)):
-        tops[v], darkest = _take_in(image, v, rows, darkest)
+        tops[v] = _take_in(image, v, rows)
     for v in range(height):
         if v + radius < height:
-            tops[v + radius], darkest = _take_in(image, v + radius, rows, darkest)
+            tops[v + radius] = _take_in(image, v + radius, rows)
         filter_down(rows, weights, v, height, columns[v % 3])
         if v < 2:
             continue
         across_mesh(threshold, (v - 0.5) * mesh.scale[0] + 0.5, node)
         before, line, after = columns[(v - 2) % 3], columns[(v - 1) % 3], columns[v % 3]
-        for k in range(_bright_pieces(line, weights, node, end, smooth[1], bright)):
-            j = bright[k]
+        for k in range(_likely_pieces(line, kernel, node, end, margin, likely)):
+            j = likely[k]
             lowest = np.float32(min(node[j], node[j + 1]))
+            filter_across(line, weights, end[j] - 1, end[j + 1] + 1, smooth[1])
+            if not _reaches(smooth[1], end[j], end[j + 1], lowest):
+                continue
             filter_across(before, weights, end[j] - 1, end[j + 1] + 1, smooth[0])
             filter_across(after, weights, end[j] - 1, end[j + 1] + 1, smooth[2])
             for u in range(end[j], end[j + 1]):
@@ -118,38 +121,43 @@ def _scan(image, kernel, mesh, sigmas, least_dn, ring, most):
                     count += 1
     listed = min(count, most)
     return ((uv[:listed], top[:listed], peak_dn[:listed], level_dn[:listed], noise_dn[:listed]),
-            count, discs, tops, darkest)
+            count, discs, tops)
 
 
 @compiled
-def _take_in(image, v, rows, darkest):
-    """Put row v of image into rows; return its brightest pixel, and the darkest so far."""
+def _take_in(image, v, rows):
+    """Put row v of image into rows; return its brightest pixel."""
     line, place = image[v], v % len(rows)
-    top, least = line[0], darkest
+    top = line[0]
     for u in range(len(line)):
         rows[place, u] = line[u]
-        top, least = max(top, line[u]), min(least, line[u])
-    return top, least
+        top = max(top, line[u])
+    return top
 
 
 @compiled
-def _bright_pieces(line, weights, node, end, smooth, bright):
-    """Fill bright with those pieces j of a row in which a star may be; return their number.
+def _likely_pieces(line, kernel, node, end, margin, likely):
+    """Fill likely with those pieces j of a row in which a star may be; return their number.
 
-    line is the row filtered along its columns, smooth (W,) is filled in those pieces. Piece j
-    goes from end[j] to end[j + 1], between the middles of two tiles, where the threshold is a
-    straight line from node[j] to node[j + 1]: where no pixel reaches the lower end, none needs
-    a second look. The filter along the row is a mean: where no value of line reaches it, it
-    need not be applied.
+    line is the row filtered along its columns. Piece j goes from end[j] to end[j + 1], between
+    the middles of two tiles, where the threshold is a straight line from node[j] to
+    node[j + 1]: where no pixel reaches the lower end, none needs a second look. The filter
+    along the row is a mean of means of pairs, and of few single pixels: where no single pixel
+    is a margin above the threshold and no pair is above what this margin makes good, it need
+    not be applied.
     """
-    radius, count = len(weights) - 1, 0
+    radius, count = len(kernel.weights) - 1, 0
+    below = margin * (1 - kernel.pairs) / kernel.pairs
     for j in range(len(node) - 1):
-        begin, lowest = end[j], np.float32(min(node[j], node[j + 1]))
-        if _reaches(line, begin, end[j + 1] + 2 * radius, lowest - ROUNDING * abs(lowest)):
-            filter_across(line, weights, begin - 1, end[j + 1] + 1, smooth)
-            if _reaches(smooth, begin, end[j + 1], lowest):
-                bright[count] = j
-                count += 1
+        least = min(node[j], node[j + 1])
+        least -= ROUNDING * abs(least)
+        single, pair = np.float32(least + margin), np.float32(2 * (least - below))
+        first, last = np.uintp(end[j]), np.uintp(end[j + 1] + 2 * radius - 1)
+        reached = line[last] >= single
+        for k in range(first, last):
+            reached |= (line[k] >= single) | (line[k] + line[k + np.uintp(1)] >= pair)
+        likely[count] = j
+        count += reached
     return count
 
 
@@ -181,12 +189,17 @@ def _parabola(before, here, after):
 @compiled
 def _alone(image, kernel, u, v, peak_dn, level, ring):
     """Return whether it is dark around a peak in half of the directions."""
-    around = np.empty(len(ring))
+    around, dark, half = np.empty(len(ring)), 0, len(ring) // 2
+    limit = level + RING_LIGHT * peak_dn
     for k in range(len(ring)):
         around[k] = filtered_at(image, kernel.weights,
                                 min(max(u + ring[k, 0], 0), image.shape[1] - 1),
                                 min(max(v + ring[k, 1], 0), image.shape[0] - 1))
-    return np.median(around) - level < RING_LIGHT * peak_dn
+        dark += around[k] < limit
+        # The rest cannot change the median any more: it is the mean of the two in the middle.
+        if dark > half or k - dark >= half:
+            return dark > half
+    return np.median(around) < limit
 
 
 def full_scale(image: np.ndarray, tops: np.ndarray, background_dn: float) -> float:

@@ -37,7 +37,8 @@ class Frame:
     @property
     def blank(self) -> bool:
         """Whether all pixels are alike."""
-        return bool(self.search.tops.max() == self.search.darkest)
+        tops = self.search.tops
+        return bool(tops.min() == tops.max() and (self.image == tops[0]).all())
 
     @property
     def saturated(self) -> bool:

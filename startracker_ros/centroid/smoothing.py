@@ -11,12 +11,14 @@ from startracker_ros.compiled import compiled, fused
 class Kernel(NamedTuple):
     """A Gaussian along rows and columns; weights (r + 1,) float32 its middle and one side, r even.
 
-    sigma_px is its width; noise_gain what it leaves of white noise.
+    sigma_px is its width; noise_gain what it leaves of white noise. pairs is the share of the
+    weights along a line that can be put on means of two neighbours.
     """
 
     weights: np.ndarray
     sigma_px: float
     noise_gain: float
+    pairs: float
 
 
 @lru_cache(maxsize=4)
@@ -30,7 +32,19 @@ def gaussian_kernel(sigma_px: float) -> Kernel:
     side /= 2 * side.sum() - side[0]
     weights = np.zeros(len(side) + 1 - len(side) % 2, np.float32)
     weights[:len(side)] = side
-    return Kernel(weights, float(sigma_px), float(2 * (side ** 2).sum() - side[0] ** 2))
+    return Kernel(weights, float(sigma_px), float(2 * (side ** 2).sum() - side[0] ** 2),
+                  _share_of_pairs(weights))
+
+
+def _share_of_pairs(weights: np.ndarray) -> float:
+    """Return how much of the weights (r + 1,), middle and one side, pairs can take."""
+    rest, share = weights.astype(float), 0.0
+    rest[0] /= 2  # the middle one belongs to both sides
+    for k in range(len(rest) - 1, 0, -1):
+        taken = rest[k - 1:k + 1].min()
+        rest[k - 1:k + 1] -= taken
+        share += 4 * taken
+    return share
 
 
 @fused
@@ -89,6 +103,14 @@ def filtered_at(image, weights, u, v):
     height, width = image.shape
     radius = len(weights) - 1
     total = 0.0
+    if radius <= u < width - radius and radius <= v < height - radius:
+        left, top = np.uintp(u - radius), np.uintp(v - radius)
+        for y in range(2 * radius + 1):
+            row, across = image[top + np.uintp(y)], 0.0
+            for x in range(2 * radius + 1):
+                across += weights[abs(x - radius)] * row[left + np.uintp(x)]
+            total += weights[abs(y - radius)] * across
+        return total
     for y in range(-radius, radius + 1):
         row = image[_mirrored(v + y, height)]
         across = 0.0
