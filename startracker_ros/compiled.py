@@ -47,4 +47,6 @@ compiled = njit(cache=_kept, error_model='numpy')
 # A product and a sum may be one instruction, rounded once: faster, but the last bits may differ
 # between machines.
 fused = njit(cache=_kept, error_model='numpy', fastmath={'contract'})
+# Nor is the order of a sum fixed, so that several of its terms are added at once.
+reordered = njit(cache=_kept, error_model='numpy', fastmath={'contract', 'reassoc'})
 inlined = njit(cache=_kept, error_model='numpy', inline='always')

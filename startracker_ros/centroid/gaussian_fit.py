@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from startracker_ros.centroid.noise import NoiseModel, pixel_variance
+from startracker_ros.centroid.noise import NoiseModel
 from startracker_ros.centroid.windows import Windows
 from startracker_ros.compiled import compiled, fused
 
@@ -17,18 +17,23 @@ LEAST_FLUX_DN = 1e-3
 ENOUGH_PX = 3e-4  # a step shorter than this ends the iteration
 TABLE_END = 6.0  # standard deviations, beyond which a normal distribution is 0 or 1
 TABLE_STEPS = 32  # a standard deviation
+MOST_COLUMNS = 64  # of a window
+(W, W_D, W_V, W_DD, W_DV, W_VV, R, R_D, R_V, CHI2, WEIGHT, PULL, W_S, W_SD, W_SV, W_SS, R_S,
+ SUMS) = range(0, 18 * MOST_COLUMNS, MOST_COLUMNS)
+"""Where the sums of _weigh() begin: of weights W and weighted residuals R, times row factors."""
+S_SUMS = W_S  # from here on for a free sigma
 RIDGE = 1e-12  # a star without usable pixels, or without light, must not divide by zero
 _NODES = np.arange(-TABLE_END * TABLE_STEPS, TABLE_END * TABLE_STEPS + 1) / TABLE_STEPS
 _BELOW = ndtr(_NODES)
-_SLOPE = np.exp(-0.5 * _NODES ** 2) / (np.sqrt(2 * np.pi) * TABLE_STEPS)  # a step
+_DENSITY = np.exp(-0.5 * _NODES ** 2) / np.sqrt(2 * np.pi)
 
 
 class Fit(NamedTuple):
-    """Fitted stars; window arrays are (K, n, n).
+    """Fitted stars; window arrays are (K, n, m) float32, with rows filled up as in Windows.
 
     parameters (K, 5): u, v px, flux DN, level DN above the mesh background, sigma px;
     covariance (K, p, p) of the first p = 4 or 5 of them; light: model of the star itself;
-    own: data without neighbours and level; variance: noise of the pixels, DN^2;
+    own: data without neighbours and level; weight: 1 / variance of the pixels, 0 if not used;
     freedom (K,): pixels less parameters; chi2 (K,).
     """
 
@@ -36,7 +41,7 @@ class Fit(NamedTuple):
     covariance: np.ndarray
     light: np.ndarray
     own: np.ndarray
-    variance: np.ndarray
+    weight: np.ndarray
     freedom: np.ndarray
     chi2: np.ndarray
 
@@ -56,101 +61,139 @@ def fit_stars(windows: Windows, start: np.ndarray, noise: NoiseModel, *,
 def profile(centre, sigma, first, share):
     """Fill share (3, n) for n pixels from `first` on, along one axis.
 
-    Its rows: the share of light in a pixel, its derivative by centre and that by sigma.
+    Its rows: the share of light in a pixel, its derivative by centre and that by sigma. The
+    normal distribution and its density, to 1e-9 and 4e-8, are series around the nearest node of
+    a table, which takes a tenth of the time of erf() and exp().
     """
-    per_sigma = 1 / sigma
-    z = (first - 0.5 - centre) * per_sigma
-    below, density = _normal(z)
-    for k in range(share.shape[1]):
-        next_z = (first + k + 0.5 - centre) * per_sigma
-        next_below, next_density = _normal(next_z)
-        share[0, k] = next_below - below
-        share[1, k] = (density - next_density) * per_sigma
-        share[2, k] = (z * density - next_z * next_density) * per_sigma
-        z, density, below = next_z, next_density, next_below
+    per_sigma, start = 1 / sigma, (first - 0.5 - centre) / sigma
+    edge = edge_density = edge_below = 0.0
+    for k in range(share.shape[1] + 1):
+        z = min(max(start + k * per_sigma, -TABLE_END), TABLE_END)
+        place = np.uintp((z + TABLE_END) * TABLE_STEPS + 0.5)
+        node, at_node = place * (1 / TABLE_STEPS) - TABLE_END, _DENSITY[place]
+        t, square = z - node, node * node
+        below = _BELOW[place] + at_node * t * (1 - t * (node / 2 - t * ((square - 1) / 6)))
+        density = at_node * (1 - t * (node - t * ((square - 1) / 2
+                                                  - t * (node * (square - 3) / 6))))
+        if k:
+            share[0, k - 1] = below - edge_below
+            share[1, k - 1] = (edge_density - density) * per_sigma
+            share[2, k - 1] = (edge * edge_density - z * density) * per_sigma
+        edge, edge_density, edge_below = z, density, below
 
 
 @fused
-def _normal(z):
-    """Return the standard normal distribution and its density, to 4e-9 and 4e-7.
-
-    A cubic through values and slopes of a table takes a fifth of the time of erf() and exp().
-    """
-    if not -TABLE_END < z < TABLE_END:
-        return 1.0 if z > 0 else 0.0, 0.0
-    place = (z + TABLE_END) * TABLE_STEPS
-    k = int(place)
-    t, start, slope, next_slope = place - k, _BELOW[k], _SLOPE[k], _SLOPE[k + 1]
-    rise = _BELOW[k + 1] - start
-    square, cube = 3 * rise - 2 * slope - next_slope, slope + next_slope - 2 * rise
-    return (start + t * (slope + t * (square + t * cube)),
-            TABLE_STEPS * (slope + t * (2 * square + 3 * t * cube)))
-
-
-@fused
-def _others(windows, i, parameters, share, others):
-    """Fill others (n, n) with the light of the neighbours in window i."""
-    for y in range(others.shape[0]):
-        for x in range(others.shape[1]):
-            others[y, x] = 0
+def _others(windows, i, parameters, columns, rows, others):
+    """Fill others (n, m) with the light of the neighbours in window i."""
+    others[:] = 0
     for k in range(windows.first[i], windows.first[i + 1]):
         star = parameters[windows.sources[k]]
-        profile(star[U], star[SIGMA], windows.corner[i, 0], share[0])
-        profile(star[V], star[SIGMA], windows.corner[i, 1], share[1])
+        profile(star[U], star[SIGMA], windows.corner[i, 0], columns)
+        profile(star[V], star[SIGMA], windows.corner[i, 1], rows)
         for y in range(others.shape[0]):
+            light = np.float32(star[FLUX]) * rows[0, y]
             for x in range(others.shape[1]):
-                others[y, x] += star[FLUX] * share[1, 0, y] * share[0, 0, x]
+                others[y, x] += light * columns[0, x]
 
 
 @fused
-def _normal_equations(windows, i, star, noise, others, share, normal, slope):
-    """Fill normal (p, p) and slope (p,) of star (5,) in window i; return its chi2.
+def _weigh(windows, i, star, noise, others, columns, rows, sums):
+    """Fill sums, SUMS of them in each of m columns, from the rows of window i.
 
-    The derivatives are products of a factor of the row y and one of the column x: a, b, c are
-    those of the column for flux, u and sigma. So the sums are taken first along a row, then
-    down; written out, because sums in registers are several times faster than sums in arrays.
+    columns (3, m) and rows (3, n) are the profiles of star (5,). The derivatives of the model
+    are products of a factor of the row y and one of the column x, so they are summed down
+    the columns first, several columns at a time. sums is flat, with steps of MOST_COLUMNS, for
+    the compiler to see that none of them lies within another.
     """
-    profile(star[U], star[SIGMA], windows.corner[i, 0], share[0])
-    profile(star[V], star[SIGMA], windows.corner[i, 1], share[1])
-    flux, level, background = star[FLUX], star[LEVEL], windows.variance[i]
-    uu = uv = uf = ul = us = vv = vf = vl = vs = ff = fl = fs = ll = ls = ss = 0.0
-    u_slope = v_slope = f_slope = l_slope = s_slope = chi2 = 0.0
+    flux, level = np.float32(star[FLUX]), np.float32(star[LEVEL])
+    background, gain = np.float32(windows.variance[i]), np.float32(noise.gain_dn)
+    square, none = np.float32(noise.model_error ** 2), np.float32(0)
+    sums[:] = 0
     for y in range(others.shape[0]):
-        d, dv, ds = share[1, 0, y], flux * share[1, 1, y], flux * share[1, 2, y]
-        df = flux * d
-        w_0 = w_a = w_b = w_c = w_aa = w_ab = w_ac = w_bb = w_bc = w_cc = 0.0
-        r_0 = r_a = r_b = r_c = 0.0
+        d, dv, ds = rows[0, y], rows[1, y], rows[2, y]
+        df, dd, dvd, dvv = flux * d, d * d, d * dv, dv * dv
         for x in range(others.shape[1]):
-            if not windows.used[i, y, x]:
-                continue
-            a, b, c = share[0, 0, x], share[0, 1, x], share[0, 2, x]
-            light = df * a
-            w = 1 / pixel_variance(noise, background, light + others[y, x])
+            light = df * columns[0, x]
+            # pixel_variance(), in float32
+            total = light + others[y, x]
+            total = total if total > none else none
+            variance = background + total * (gain + square * total)
+            w = np.float32(windows.used[i, y, x]) / variance
             residual = windows.data[i, y, x] - others[y, x] - level - light
-            wa, wb, wc, wr = w * a, w * b, w * c, w * residual
-            w_0, w_a, w_b, w_c = w_0 + w, w_a + wa, w_b + wb, w_c + wc
-            w_aa, w_ab, w_ac = w_aa + wa * a, w_ab + wa * b, w_ac + wa * c
-            w_bb, w_bc, w_cc = w_bb + wb * b, w_bc + wb * c, w_cc + wc * c
-            r_0, r_a, r_b, r_c = r_0 + wr, r_a + wr * a, r_b + wr * b, r_c + wr * c
-            chi2 += residual * wr
-        w_sa, w_sb = df * w_ac + ds * w_aa, df * w_bc + ds * w_ab
-        w_s, r_s = df * w_c + ds * w_a, df * r_c + ds * r_a
-        w_ss = df * (df * w_cc + 2 * ds * w_ac) + ds * ds * w_aa
-        uu, uv, uf = uu + df * df * w_bb, uv + df * dv * w_ab, uf + df * d * w_ab
-        ul, us = ul + df * w_b, us + df * w_sb
-        vv, vf, vl, vs = vv + dv * dv * w_aa, vf + dv * d * w_aa, vl + dv * w_a, vs + dv * w_sa
-        ff, fl, fs = ff + d * d * w_aa, fl + d * w_a, fs + d * w_sa
-        ll, ls, ss = ll + w_0, ls + w_s, ss + w_ss
-        u_slope, v_slope, f_slope = u_slope + df * r_b, v_slope + dv * r_a, f_slope + d * r_a
-        l_slope, s_slope = l_slope + r_0, s_slope + r_s
-    slope[U], slope[V], slope[FLUX], slope[LEVEL] = u_slope, v_slope, f_slope, l_slope
-    normal[U, U], normal[U, V], normal[U, FLUX], normal[U, LEVEL] = uu, uv, uf, ul
-    normal[V, V], normal[V, FLUX], normal[V, LEVEL] = vv, vf, vl
+            r = w * residual
+            sums[W + x] += w
+            sums[W_D + x] += w * d
+            sums[W_V + x] += w * dv
+            sums[W_DD + x] += w * dd
+            sums[W_DV + x] += w * dvd
+            sums[W_VV + x] += w * dvv
+            sums[R + x] += r
+            sums[R_D + x] += r * d
+            sums[R_V + x] += r * dv
+            sums[CHI2 + x] += r * residual
+            sums[WEIGHT + x] = w
+            sums[PULL + x] = r
+        if len(sums) > S_SUMS:
+            dds, dvs, dss = d * ds, dv * ds, ds * ds
+            for x in range(others.shape[1]):
+                w = sums[WEIGHT + x]
+                sums[W_S + x] += w * ds
+                sums[W_SD + x] += w * dds
+                sums[W_SV + x] += w * dvs
+                sums[W_SS + x] += w * dss
+                sums[R_S + x] += sums[PULL + x] * ds
+
+
+@fused
+def _normal_equations(windows, i, star, noise, others, columns, rows, sums, normal, slope):
+    """Fill normal (p, p) and slope (p,) of star (5,) in window i; return its chi2."""
+    profile(star[U], star[SIGMA], windows.corner[i, 0], columns)
+    profile(star[V], star[SIGMA], windows.corner[i, 1], rows)
+    _weigh(windows, i, star, noise, others, columns, rows, sums)
+    none = np.float32(0)
+    uu = uv = uf = ul = vv = vf = vl = ff = fl = ll = none
+    u_slope = v_slope = f_slope = l_slope = chi2 = none
+    for x in range(columns.shape[1]):
+        a, b = columns[0, x], columns[1, x]
+        aa, ab = a * a, a * b
+        uu += b * b * sums[W_DD + x]
+        uv += ab * sums[W_DV + x]
+        uf += ab * sums[W_DD + x]
+        ul += b * sums[W_D + x]
+        vv += aa * sums[W_VV + x]
+        vf += aa * sums[W_DV + x]
+        vl += a * sums[W_V + x]
+        ff += aa * sums[W_DD + x]
+        fl += a * sums[W_D + x]
+        ll += sums[W + x]
+        u_slope += b * sums[R_D + x]
+        v_slope += a * sums[R_V + x]
+        f_slope += a * sums[R_D + x]
+        l_slope += sums[R + x]
+        chi2 += sums[CHI2 + x]
+    flux = star[FLUX]
+    slope[U], slope[V] = flux * u_slope, flux * v_slope
+    slope[FLUX], slope[LEVEL] = f_slope, l_slope
+    normal[U, U], normal[U, V], normal[U, FLUX], normal[U, LEVEL] = (
+        flux * flux * uu, flux * flux * uv, flux * uf, flux * ul)
+    normal[V, V], normal[V, FLUX], normal[V, LEVEL] = flux * flux * vv, flux * vf, flux * vl
     normal[FLUX, FLUX], normal[FLUX, LEVEL], normal[LEVEL, LEVEL] = ff, fl, ll
     if len(slope) > SIGMA:
-        slope[SIGMA] = s_slope
-        normal[U, SIGMA], normal[V, SIGMA], normal[FLUX, SIGMA] = us, vs, fs
-        normal[LEVEL, SIGMA], normal[SIGMA, SIGMA] = ls, ss
+        us = vs = fs = ls = ss = s_slope = none
+        for x in range(columns.shape[1]):
+            a, b, c = columns[0, x], columns[1, x], columns[2, x]
+            # The derivative by sigma is a sum of two products, that of d c and that of ds a.
+            us += b * (c * sums[W_DD + x] + a * sums[W_SD + x])
+            vs += a * (c * sums[W_DV + x] + a * sums[W_SV + x])
+            fs += a * (c * sums[W_DD + x] + a * sums[W_SD + x])
+            ls += c * sums[W_D + x] + a * sums[W_S + x]
+            ss += (c * c * sums[W_DD + x] + a * (c * sums[W_SD + x] + c * sums[W_SD + x]
+                                                 + a * sums[W_SS + x]))
+            s_slope += c * sums[R_D + x] + a * sums[R_S + x]
+        slope[SIGMA] = flux * s_slope
+        normal[U, SIGMA], normal[V, SIGMA] = flux * flux * us, flux * flux * vs
+        normal[FLUX, SIGMA], normal[LEVEL, SIGMA] = flux * fs, flux * ls
+        normal[SIGMA, SIGMA] = flux * flux * ss
     for a in range(len(slope)):
         normal[a, a] = normal[a, a] * (1 + RIDGE) + RIDGE
         for b in range(a):
@@ -198,55 +241,79 @@ def _advance(star, inverse, slope):
 @fused
 def _fit(windows, start, noise, free, iterations):
     """Return the fields of Fit."""
-    stars, count = windows.data.shape[:2]
-    parameters = start.copy()
-    covariance = np.empty((stars, free, free))
-    light, own = np.empty(windows.data.shape), np.empty(windows.data.shape)
-    variance = np.empty(windows.data.shape)
+    stars, count, filled = windows.data.shape
+    parameters, covariance = start.copy(), np.empty((stars, free, free))
+    light, own = np.empty(windows.data.shape, np.float32), np.empty(windows.data.shape, np.float32)
+    weight = np.empty(windows.data.shape, np.float32)
     freedom, chi2 = np.empty(stars, np.int64), np.empty(stars)
-    others, share, slope = np.zeros((count, count)), np.empty((2, 3, count)), np.empty(free)
-    settled = np.zeros(stars, np.bool_)
+    columns, rows = np.empty((3, filled), np.float32), np.empty((3, count), np.float32)
+    others, slope = np.zeros((count, filled), np.float32), np.empty(free)
+    sums = np.empty(S_SUMS if free <= SIGMA else SUMS, np.float32)
+    settled, lone = np.zeros(stars, np.bool_), windows.first[1:] == windows.first[:-1]
     for _ in range(iterations):
         for i in range(stars):
-            if settled[i] and windows.first[i] == windows.first[i + 1]:
+            if settled[i] and lone[i]:
                 continue
-            _others(windows, i, parameters, share, others)
+            if not lone[i]:
+                _others(windows, i, parameters, columns, rows, others)
             normal, star = covariance[i], parameters[i]
-            _normal_equations(windows, i, star, noise, others, share, normal, slope)
+            _normal_equations(windows, i, star, noise, others, columns, rows, sums, normal, slope)
             _invert(normal)
             settled[i] = _advance(star, normal, slope) < ENOUGH_PX
+            if not lone[i]:
+                others[:] = 0
         if settled.all():
             break
     for i in range(stars):
-        _others(windows, i, parameters, share, others)
+        if not lone[i]:
+            _others(windows, i, parameters, columns, rows, others)
         inverse, star = covariance[i], parameters[i]
-        chi2[i] = _normal_equations(windows, i, star, noise, others, share, inverse, slope)
+        chi2[i] = _normal_equations(windows, i, star, noise, others, columns, rows, sums,
+                                    inverse, slope)
         _invert(inverse)
         freedom[i] = np.count_nonzero(windows.used[i]) - free
-        for y in range(count):
-            for x in range(count):
-                light[i, y, x] = star[FLUX] * share[1, 0, y] * share[0, 0, x]
-                own[i, y, x] = windows.data[i, y, x] - others[y, x] - star[LEVEL]
-                variance[i, y, x] = pixel_variance(noise, windows.variance[i],
-                                                   light[i, y, x] + others[y, x])
-    return parameters, covariance, light, own, variance, freedom, chi2
+        _account(windows, i, star, noise, others, columns, rows, light, own, weight)
+        if not lone[i]:
+            others[:] = 0
+    return parameters, covariance, light, own, weight, freedom, chi2
 
 
 @fused
-def leverage(fit, windows, i, work):
-    """Fill work (n, n) with the share of each pixel's noise that the fit of star i absorbs."""
-    count = len(work)
-    share, jacobian = np.empty((2, 3, count)), np.ones(SIGMA)
-    star, covariance = fit.parameters[i], fit.covariance[i]
-    profile(star[U], star[SIGMA], windows.corner[i, 0], share[0])
-    profile(star[V], star[SIGMA], windows.corner[i, 1], share[1])
-    for y in range(count):
-        for x in range(count):
-            jacobian[U] = star[FLUX] * share[1, 0, y] * share[0, 1, x]
-            jacobian[V] = star[FLUX] * share[1, 1, y] * share[0, 0, x]
-            jacobian[FLUX] = share[1, 0, y] * share[0, 0, x]
-            total = 0.0
-            for a in range(SIGMA):
-                for b in range(SIGMA):
-                    total += jacobian[a] * covariance[a, b] * jacobian[b]
-            work[y, x] = total / fit.variance[i, y, x]
+def _account(windows, i, star, noise, others, columns, rows, light, own, weight):
+    """Fill light, own and weight of star i, (5,), whose profiles are columns and rows."""
+    flux, level = np.float32(star[FLUX]), np.float32(star[LEVEL])
+    background, gain = np.float32(windows.variance[i]), np.float32(noise.gain_dn)
+    square, none = np.float32(noise.model_error ** 2), np.float32(0)
+    for y in range(others.shape[0]):
+        df = flux * rows[0, y]
+        for x in range(others.shape[1]):
+            light[i, y, x] = df * columns[0, x]
+        for x in range(others.shape[1]):
+            own[i, y, x] = windows.data[i, y, x] - others[y, x] - level
+        for x in range(others.shape[1]):
+            total = light[i, y, x] + others[y, x]
+            total = total if total > none else none
+            weight[i, y, x] = (np.float32(windows.used[i, y, x])
+                               / (background + total * (gain + square * total)))
+
+
+@fused
+def leverage(fit, windows, i, columns, rows, work):
+    """Fill work (n, m) with the share of each pixel's noise that the fit of star i absorbs.
+
+    columns (3, m) and rows (3, n) are for work.
+    """
+    star, c = fit.parameters[i], fit.covariance[i]
+    profile(star[U], star[SIGMA], windows.corner[i, 0], columns)
+    profile(star[V], star[SIGMA], windows.corner[i, 1], rows)
+    for y in range(work.shape[0]):
+        # The derivatives are u b, v a, f a and 1, with a, b of the column.
+        u, v, f = star[FLUX] * rows[0, y], star[FLUX] * rows[1, y], float(rows[0, y])
+        bb, ab = np.float32(u * u * c[U, U]), np.float32(2 * u * (v * c[U, V] + f * c[U, FLUX]))
+        aa = np.float32(v * v * c[V, V] + 2 * v * f * c[V, FLUX] + f * f * c[FLUX, FLUX])
+        b_1, one = np.float32(2 * u * c[U, LEVEL]), np.float32(c[LEVEL, LEVEL])
+        a_1 = np.float32(2 * (v * c[V, LEVEL] + f * c[FLUX, LEVEL]))
+        for x in range(work.shape[1]):
+            a, b = columns[0, x], columns[1, x]
+            total = b * (bb * b + ab * a + b_1) + a * (aa * a + a_1) + one
+            work[y, x] = total * fit.weight[i, y, x]

@@ -53,7 +53,7 @@ def _means(kind, windows, fit, noise, segmentation):
     uv, sigma = np.empty((stars, 2)), np.empty(stars)
     for i in range(stars):
         # A saturated pixel counts with what it shows: without it there would be a hole.
-        light = fit.own[i] + fit.parameters[i, LEVEL]
+        light = fit.own[i, :, :count] + fit.parameters[i, LEVEL]
         threshold = _threshold(segmentation, light, windows.variance[i])
         total = across = down = 0.0
         for y in range(count):

@@ -5,7 +5,7 @@ import numpy as np
 from startracker_ros.centroid.gaussian_fit import Fit, leverage
 from startracker_ros.centroid.noise import NoiseModel
 from startracker_ros.centroid.windows import Windows
-from startracker_ros.compiled import fused
+from startracker_ros.compiled import fused, reordered
 
 PRIOR_PIXELS = 10.0  # weight of the first guess of the gain
 ROUNDS = 3
@@ -23,35 +23,37 @@ def refine_noise_model(noise: NoiseModel, fit: Fit, windows: Windows,
     return NoiseModel(*_refine(noise, fit, windows, chosen))
 
 
-@fused
+@reordered
 def _refine(noise, fit, windows, chosen):
     """Return the fields of NoiseModel."""
-    count = windows.data.shape[1]
-    square, work = np.empty(windows.data.shape), np.empty((count, count))
+    _, count, filled = windows.data.shape
+    columns, rows = np.empty((3, filled), np.float32), np.empty((3, count), np.float32)
+    absorbed, pixels = np.empty((count, filled), np.float32), 0
+    size = np.count_nonzero(chosen) * count * filled
+    square, light = np.empty(size, np.float32), np.empty(size, np.float32)
+    background = np.empty(size, np.float32)
     for i in range(len(chosen)):
         if chosen[i]:
-            leverage(fit, windows, i, work)
+            leverage(fit, windows, i, columns, rows, absorbed)
             for y in range(count):
-                for x in range(count):
-                    square[i, y, x] = ((fit.own[i, y, x] - fit.light[i, y, x]) ** 2
-                                       / max(1 - work[y, x], LEAST_KEPT))
+                for x in range(filled):
+                    if windows.used[i, y, x]:
+                        square[pixels] = ((fit.own[i, y, x] - fit.light[i, y, x]) ** 2
+                                          / max(1 - absorbed[y, x], np.float32(LEAST_KEPT)))
+                        light[pixels] = fit.light[i, y, x]
+                        background[pixels] = windows.variance[i]
+                        pixels += 1
     gain, model_error, prior = noise.gain_dn, noise.model_error, noise.gain_dn
     for _ in range(ROUNDS):
         a, b, c = PRIOR_PIXELS / prior ** 2, 0.0, 0.0
         p, q = PRIOR_PIXELS / prior, 0.0
-        for i in range(len(chosen)):
-            if not chosen[i]:
-                continue
-            for y in range(count):
-                for x in range(count):
-                    if windows.used[i, y, x]:
-                        light, background = fit.light[i, y, x], windows.variance[i]
-                        variance = background + light * (gain + model_error ** 2 * light)
-                        excess = min(square[i, y, x], OUTLIER * variance) - background
-                        first = light / variance
-                        second, excess = light * first, excess / variance
-                        a, b, c = a + first * first, b + first * second, c + second * second
-                        p, q = p + first * excess, q + second * excess
+        for k in range(pixels):
+            variance = background[k] + light[k] * (gain + model_error ** 2 * light[k])
+            excess = min(square[k], OUTLIER * variance) - background[k]
+            first = light[k] / variance
+            second, excess = light[k] * first, excess / variance
+            a, b, c = a + first * first, b + first * second, c + second * second
+            p, q = p + first * excess, q + second * excess
         gain, model_error = _solve(a, b, c, p, q)
     return gain, model_error
 

@@ -5,13 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startracker_ros.centroid.gaussian_fit import Fit, FLUX, profile, SIGMA, U, V
+from startracker_ros.centroid.gaussian_fit import Fit, FLUX, MOST_COLUMNS, profile, SIGMA, U, V
 from startracker_ros.centroid.windows import Windows
-from startracker_ros.compiled import compiled, fused
+from startracker_ros.compiled import compiled, reordered
 
 WIDTH_RATIO = 2.0  # the other hypotheses: half as wide, twice as wide
 MARGIN = 9.0  # of chi2, by which another width must be better
 MAX_ELONGATION = 0.4
+(LIGHT, LIGHT_Y, LIGHT_YY, SIZE, SIZE_YY, ERROR, ERROR_YY, ERROR_YYYY,
+ SUMS) = range(0, 9 * MOST_COLUMNS, MOST_COLUMNS)
+"""Where the sums down the columns of a window begin, for its moments."""
 LONE_PIXEL = 0.3  # less light than this share of a pixel in the eight around it
 
 
@@ -51,21 +54,24 @@ def judge_shape(fit: Fit, windows: Windows) -> Shape:
 @compiled
 def streaks(fit, windows):
     """Return True (K,) for elongated spots, each looked at alone."""
-    streak = np.empty(len(fit.parameters), np.bool_)
+    streak, filled = np.empty(len(fit.parameters), np.bool_), windows.data.shape[2]
+    sums, across = np.empty(SUMS, np.float32), np.empty((2, filled), np.float32)
     for i in range(len(streak)):
-        streak[i] = _elongated(fit, windows, i)
+        streak[i] = _elongated(fit, windows, i, across, sums)
     return streak
 
 
 @compiled
 def _judge(fit, windows):
-    stars, count = windows.data.shape[:2]
+    stars, count, filled = windows.data.shape
     narrow, wide = np.empty(stars, np.bool_), np.empty(stars, np.bool_)
     streak = streaks(fit, windows)
-    share = np.empty((2, 3, count))
+    columns, rows = np.empty((3, filled), np.float32), np.empty((3, count), np.float32)
+    work = np.empty(count * filled, np.float32)
     for i in range(stars):
-        narrow[i] = fit.chi2[i] - _chi2_of_width(fit, windows, i, 1 / WIDTH_RATIO, share) > MARGIN
-        wide[i] = fit.chi2[i] - _chi2_of_width(fit, windows, i, WIDTH_RATIO, share) > MARGIN
+        limit = fit.chi2[i] - MARGIN
+        narrow[i] = _chi2_of_width(fit, windows, i, 1 / WIDTH_RATIO, columns, rows, work) < limit
+        wide[i] = _chi2_of_width(fit, windows, i, WIDTH_RATIO, columns, rows, work) < limit
     grown = streak.any()
     while grown:
         grown = False
@@ -76,46 +82,75 @@ def _judge(fit, windows):
     return narrow, wide, streak
 
 
-@fused
-def _chi2_of_width(fit, windows, i, ratio, share):
-    """Return chi2 of a star `ratio` times as wide at the same place, flux and level free."""
-    star, count = fit.parameters[i], windows.data.shape[1]
-    profile(star[U], star[SIGMA] * ratio, windows.corner[i, 0], share[0])
-    profile(star[V], star[SIGMA] * ratio, windows.corner[i, 1], share[1])
-    total = s = d = ss = sd = dd = 0.0
-    for y in range(count):
-        for x in range(count):
-            if windows.used[i, y, x]:
-                weight = 1 / fit.variance[i, y, x]
-                shape, data = share[1, 0, y] * share[0, 0, x], fit.own[i, y, x]
-                total, s, d = total + weight, s + weight * shape, d + weight * data
-                ss, sd = ss + weight * shape * shape, sd + weight * shape * data
-                dd += weight * data * data
+@reordered
+def _chi2_of_width(fit, windows, i, ratio, columns, rows, work):
+    """Return chi2 of a star `ratio` times as wide at the same place, flux and level free.
+
+    columns (3, m), rows (3, n) and work (n m,) are filled.
+    """
+    star, filled = fit.parameters[i], columns.shape[1]
+    profile(star[U], star[SIGMA] * ratio, windows.corner[i, 0], columns)
+    profile(star[V], star[SIGMA] * ratio, windows.corner[i, 1], rows)
+    for y in range(rows.shape[1]):
+        for x in range(filled):
+            work[y * filled + x] = rows[0, y] * columns[0, x]
+    weight, own = fit.weight[i].ravel(), fit.own[i].ravel()
+    total = s = d = ss = sd = dd = np.float32(0)
+    for k in range(len(work)):
+        ws, wd = weight[k] * work[k], weight[k] * own[k]
+        total += weight[k]
+        s += ws
+        d += wd
+        ss += ws * work[k]
+        sd += ws * own[k]
+        dd += wd * own[k]
+    total, s, d = float(total), float(s), float(d)
     return dd - d * d / total - (sd - s * d / total) ** 2 / (ss - s * s / total)
 
 
-@compiled
-def _elongated(fit, windows, i):
+@reordered
+def _elongated(fit, windows, i, across, sums):
     """Return whether spot i is a streak, by second moments under a Gaussian twice a star's width.
 
     The elongation is (a - b) / (a + b) of the moments a, b along the axes of the spot; it must
-    exceed MAX_ELONGATION by three times its error.
+    exceed MAX_ELONGATION by three times its error. across (2, m) and sums are filled.
     """
-    star, count = fit.parameters[i], windows.data.shape[1]
-    straight = oblique = size = error = 0.0
-    for k in range(count):
-        y = windows.corner[i, 1] + k - star[V]
-        for m in range(count):
-            if not windows.used[i, k, m]:
-                continue
-            x = windows.corner[i, 0] + m - star[U]
-            square = x * x + y * y
-            weight = math.exp(-square / (8 * star[SIGMA] ** 2))
-            straight += weight * (x * x - y * y) * fit.own[i, k, m]
-            oblique += weight * 2 * x * y * fit.own[i, k, m]
-            size += weight * square * max(fit.own[i, k, m], fit.light[i, k, m])
-            error += weight ** 2 * square ** 2 * fit.variance[i, k, m] / 2
-    return math.hypot(straight, oblique) > MAX_ELONGATION * size + 3 * math.sqrt(error)
+    star, per_width = fit.parameters[i], 1 / (8 * fit.parameters[i, SIGMA] ** 2)
+    for m in range(across.shape[1]):
+        x = windows.corner[i, 0] + m - star[U]
+        across[0, m], across[1, m] = x, math.exp(-x * x * per_width)
+    sums[:] = 0
+    none = np.float32(0)
+    for k in range(windows.data.shape[1]):
+        down = windows.corner[i, 1] + k - star[V]
+        share = np.float32(math.exp(-down * down * per_width))
+        y = np.float32(down)
+        yy = y * y
+        for m in range(across.shape[1]):
+            weight, own, light = fit.weight[i, k, m], fit.own[i, k, m], fit.light[i, k, m]
+            used = share if weight > none else none
+            variance = used * used / weight if weight > none else none
+            size = used * (own if own > light else light)
+            own *= used
+            sums[LIGHT + m] += own
+            sums[LIGHT_Y + m] += own * y
+            sums[LIGHT_YY + m] += own * yy
+            sums[SIZE + m] += size
+            sums[SIZE_YY + m] += size * yy
+            sums[ERROR + m] += variance
+            sums[ERROR_YY + m] += variance * yy
+            sums[ERROR_YYYY + m] += variance * yy * yy
+    straight = oblique = size = error = none
+    for m in range(across.shape[1]):
+        x, share = across[0, m], across[1, m]
+        xx = x * x
+        straight += share * (xx * sums[LIGHT + m] - sums[LIGHT_YY + m])
+        oblique += share * x * sums[LIGHT_Y + m]
+        size += share * (xx * sums[SIZE + m] + sums[SIZE_YY + m])
+        error += share * share * (xx * (xx * sums[ERROR + m] + sums[ERROR_YY + m]
+                                        + sums[ERROR_YY + m]) + sums[ERROR_YYYY + m])
+    return (math.hypot(straight, np.float32(2) * oblique)
+            > MAX_ELONGATION * size + 3 * math.sqrt(error / 2))
 
 
 @compiled

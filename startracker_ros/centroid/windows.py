@@ -7,13 +7,16 @@ import numpy as np
 from startracker_ros.compiled import compiled
 
 
-class Windows(NamedTuple):
-    """K windows of n x n pixels, rows v and columns u.
+LANES = 8  # pixels that are worked on at a time
 
-    data (K, n, n) float64 DN above the mesh background; used (K, n, n) bool, False outside
-    the image and where saturated; corner (K, 2) int, u and v of the first pixel;
-    variance (K,) DN^2 of one background pixel. Stars sources[first[i]:first[i + 1]] throw light
-    into window i; first (K + 1,) int.
+
+class Windows(NamedTuple):
+    """K windows of n x n pixels, rows v and columns u; their rows are filled up to m pixels.
+
+    m is a multiple of LANES. data (K, n, m) float32 DN above the mesh background; used
+    (K, n, m) bool, False outside the image or the window and where saturated; corner (K, 2)
+    int, u and v of the first pixel; variance (K,) DN^2 of one background pixel. Stars
+    sources[first[i]:first[i + 1]] throw light into window i; first (K + 1,) int.
     """
 
     data: np.ndarray
@@ -54,8 +57,9 @@ def cut_windows(image: np.ndarray, uv: np.ndarray, radius: int, level: np.ndarra
 def _cut(image, uv, radius, level, full_scale):
     height, width = image.shape
     count = 2 * radius + 1
-    data = np.zeros((len(uv), count, count))
-    used = np.zeros((len(uv), count, count), np.bool_)
+    filled = (count + LANES - 1) // LANES * LANES
+    data = np.zeros((len(uv), count, filled), np.float32)
+    used = np.zeros((len(uv), count, filled), np.bool_)
     for i in range(len(uv)):
         left, top = uv[i, 0] - radius, uv[i, 1] - radius
         for y in range(max(-top, 0), min(height - top, count)):
