@@ -37,6 +37,18 @@ class NoiseTables(NamedTuple):
     poisson: np.ndarray
 
 
+class _Draw(NamedTuple):
+    """Random words of a block, (_BLOCK,) uint32 each: their halves, and entries of a table.
+
+    To read a table takes a loop of its own: the processor does the others for several pixels
+    at once.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    entry: np.ndarray
+
+
 class Readout(NamedTuple):
     """What the amplifier does: e-, e-, DN/e-, DN, DN; all float32."""
 
@@ -82,20 +94,22 @@ def _alias_tables(weights: np.ndarray) -> np.ndarray:
 def read_out(mean, key, readout, tables, image):
     """Fill image (N,) uint16 with what a sensor reads where mean (N,) float32 e- fall."""
     count, normal = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
+    draw = _Draw(np.empty(_BLOCK, np.uint32), np.empty(_BLOCK, np.uint32),
+                 np.empty(_BLOCK, np.uint32))
     for start in range(0, len(mean), _BLOCK):
         expected = mean[start:start + _BLOCK]
         held, noise = count[:len(expected)], normal[:len(expected)]
         first = _U(start)
         many = _many(expected)
         if many < len(expected):
-            _few_counts(_word(key, _U(0)), first, expected, tables.poisson, held)
+            _few_counts(_word(key, _U(0)), first, expected, tables.poisson, draw, held)
             _add_rest(_word(key, _U(1)), first, expected, held)
         if many > _BLOCK // 8:
-            _normals(_word(key, _U(2)), first, tables.normal, noise)
+            _normals(_word(key, _U(2)), first, tables.normal, draw, noise)
             _many_counts(expected, noise, held)
         elif many > 0:
             _few_many_counts(_word(key, _U(2)), first, expected, tables.normal, held)
-        _normals(_word(key, _U(3)), first, tables.normal, noise)
+        _normals(_word(key, _U(3)), first, tables.normal, draw, noise)
         for i in range(len(held)):
             fits = held[i] < readout.full_well_e
             held[i] = ((held[i] if fits else readout.full_well_e)
@@ -130,23 +144,46 @@ def _word(key, index):
     return z ^ (z >> _U(31))
 
 
-@inlined
-def _pick(word, table, start):
-    """Return a cell, drawn with the lowest 8 and the highest 24 bits of the word."""
-    cell = np.uint32(word) & np.uint32(_CELLS - 1)
-    entry = table[start + cell]
-    stays = np.uint32(word >> _U(32)) < (entry & np.uint32(0xffffff00))
-    return np.int32(cell if stays else entry & np.uint32(0xff))
+@compiled
+def _draw_words(key, first, draw, count):
+    """Fill the halves of draw with count words."""
+    for i in range(count):
+        word = _word(key, first + _U(i))
+        draw.low[i], draw.high[i] = np.uint32(word), np.uint32(word >> _U(32))
 
 
 @compiled
-def _few_counts(key, first, mean, table, count):
+def _look_up(table, entry, count):
+    """Replace places in a table by what stands there."""
+    for i in range(count):
+        entry[i] = table[entry[i]]
+
+
+@inlined
+def _cell(low):
+    """Return the cell (uint32) that the lowest 8 bits of a word choose."""
+    return low & np.uint32(_CELLS - 1)
+
+
+@inlined
+def _picked(low, high, entry):
+    """Return that cell, or where its entry says to go, by the highest 24 bits."""
+    stays = high < (entry & np.uint32(0xffffff00))
+    return np.int32(_cell(low) if stays else entry & np.uint32(0xff))
+
+
+@compiled
+def _few_counts(key, first, mean, table, draw, count):
     """Fill count with Poisson draws of the tabled means at or below the means (under 64)."""
+    low, high, entry = draw
+    _draw_words(key, first, draw, len(count))
     for i in range(len(count)):
-        word = _word(key, first + _U(i))
         limited = mean[i] if mean[i] < _F(_FEW - 0.01) else _F(_FEW - 0.01)
-        level = np.uint32(limited * _F(_STEPS))
-        count[i] = _F(_pick(word, table, np.uint32(level * np.uint32(_CELLS))))
+        level = np.uint32(np.int32(limited * _F(_STEPS)))
+        entry[i] = level * np.uint32(_CELLS) + _cell(low[i])
+    _look_up(table, entry, len(count))
+    for i in range(len(count)):
+        count[i] = _F(_picked(low[i], high[i], entry[i]))
 
 
 @compiled
@@ -198,26 +235,32 @@ def _few_many_counts(key, first, mean, table, count):
     """Do the same where that is a few of the pixels."""
     for i in range(len(count)):
         if mean[i] >= _F(_FEW):
-            normal = _normal(_word(key, first + _U(i)), table)
+            word = _word(key, first + _U(i))
+            low = np.uint32(word)
+            normal = _normal(low, np.uint32(word >> _U(32)), table[_cell(low)])
             count[i] = _F(_inverse_poisson(np.float64(mean[i]), np.float64(normal)))
 
 
 @compiled
-def _normals(key, first, table, normal):
+def _normals(key, first, table, draw, normal):
     """Fill normal with standard normal draws."""
+    low, high, entry = draw
+    _draw_words(key, first, draw, len(normal))
     for i in range(len(normal)):
-        normal[i] = _normal(_word(key, first + _U(i)), table)
+        entry[i] = _cell(low[i])
+    _look_up(table, entry, len(normal))
+    for i in range(len(normal)):
+        normal[i] = _normal(low[i], high[i], entry[i])
 
 
 @inlined
-def _normal(word, table):
-    """Return the standard normal draw that the word stands for.
+def _normal(low, high, entry):
+    """Return the standard normal draw that a word stands for, whose entry is that of its cell.
 
     A cell, drawn with its probability, is spread by a triangle twice its width: the density
     is linear in between. It errs by 2e-4 of itself, the fourth moment by 1e-7.
     """
-    cell = _pick(word, table, np.uint32(0))
-    low = np.uint32(word)
+    cell = _picked(low, high, entry)
     spread = (np.int32((low >> np.uint32(8)) & np.uint32(0xfff))
               + np.int32((low >> np.uint32(20)) & np.uint32(0xfff)))
     return (_F(cell - np.int32(8 * _PER_SIGMA + 1)) * _F(1 / _PER_SIGMA)
