@@ -20,7 +20,10 @@ from startracker_ros.locate.sight import sight
 from startracker_ros.rotation import quaternion_from_pointing
 from startracker_ros.sky.detector import Detector
 from startracker_ros.sky.star_lists import random_attitude, star_list
+from startracker_ros.track.in_view import StarsInView
+from startracker_ros.track.newcomers import match_newcomers
 from startracker_ros.track.options import MODELS, TrackerOptions
+from startracker_ros.track.target import TargetTracker
 from startracker_ros.track.tracker import StarTracker
 
 
@@ -50,7 +53,7 @@ def identification() -> None:
 
 
 def tracking() -> None:
-    """Track a field by every model, and estimate an attitude."""
+    """Track a field by every model, estimate an attitude, look for new stars and a target."""
     places, centroids, hip = _field()
     for model in MODELS:
         tracker = StarTracker(CAMERA, places, TrackerOptions(model=model))
@@ -59,7 +62,9 @@ def tracking() -> None:
             tracker.add_rate(stamp_ns, np.zeros(3))
             tracker.update(stamp_ns, centroids)
             tracker.identified(stamp_ns, centroids, hip)
-    estimate_attitude(np.eye(3), np.eye(3), np.ones(3))
+    attitude = estimate_attitude(np.eye(3), np.eye(3), np.ones(3))
+    match_newcomers(StarsInView(CAMERA, places), attitude, centroids, centroids.sigma_px, 0.0, 1.0)
+    TargetTracker(CAMERA, places).update(1, attitude, centroids)
 
 
 def rendering() -> None:

@@ -14,10 +14,12 @@ from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.rotation import matrix_from_quaternion
 from startracker_ros.track.bank import TrackBank
+from startracker_ros.track.in_view import project
 from startracker_ros.track.model import Fix, Followed, rate_between, StarModel
 from startracker_ros.track.motion_models import image_jacobian, POSITION, VELOCITY
 from startracker_ros.track.options import TrackerOptions
-from startracker_ros.track.rotation_fit import OUTLIER_SIGMA, RAYLEIGH_MEDIAN, RotationFit
+from startracker_ros.track.rotation_fit import (
+    median, OUTLIER_SIGMA, RAYLEIGH_MEDIAN, RotationFit)
 from startracker_ros.track.star_votes import expected, turn_asked_for
 
 MANOEUVRES = (10.0, 100.0, 1000.0)
@@ -140,7 +142,8 @@ class AttitudeModel(StarModel):
         options = self._options
         covariance = predicted.covariance[:3, :3]
         bank, sensor = self._in_view(predicted)
-        uv, jacobian = self._camera.project(sensor), image_jacobian(self._camera, sensor)
+        lens = self._camera.lens
+        uv, jacobian = project(lens, sensor), image_jacobian(self._camera, sensor)
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
         probability, unclaimed = self._associate(
             uv, jacobian @ covariance @ np.swapaxes(jacobian, 1, 2), frame, variance)
@@ -156,7 +159,7 @@ class AttitudeModel(StarModel):
             state = predicted.with_attitude(information, vector)
             if np.count_nonzero(votes & seen) < options.min_stars:
                 return _Outcome(False, np.zeros(3), predicted, state, bank, None, unclaimed)
-            place = self._camera.project(self._directions(bank, state))
+            place = project(lens, self._directions(bank, state))
             distance = np.where(seen, np.hypot(*(frame.uv[best] - place).T), np.inf)
             normalised = distance / np.sqrt(variance[best])
             worst = np.argmax(np.where(votes & seen, normalised, 0))
@@ -184,7 +187,7 @@ class AttitudeModel(StarModel):
     def _in_view(self, state: AttitudeState) -> tuple[TrackBank, np.ndarray]:
         """Return the tracks in the image under an attitude, and their directions (N, 3)."""
         sensor = self._directions(self.bank, state)
-        inside = self._camera.contains(self._camera.project(sensor))
+        inside = self._camera.contains(project(self._camera.lens, sensor))
         return self.bank.select(inside), sensor[inside]
 
     def _accept(self, outcome: _Outcome, uses_gyro: bool, level: float) -> None:
@@ -226,7 +229,8 @@ class AttitudeModel(StarModel):
         effect = np.zeros((len(sensor), 4, 6))
         effect[:, POSITION, :3], effect[:, VELOCITY, 3:] = jacobian, jacobian
         self.bank = replace(
-            self.bank, state=_on_image(self._camera.project(sensor), jacobian, self.rate_rad_s),
+            self.bank,
+            state=_on_image(project(self._camera.lens, sensor), jacobian, self.rate_rad_s),
             covariance=effect @ self._state.covariance[:6, :6] @ np.swapaxes(effect, 1, 2))
 
     def _consider_gyro(self, before_ns: int, level: float) -> None:
@@ -267,7 +271,7 @@ class _ErrorScale:
 
     def add(self, fit: RotationFit) -> None:
         """Take the distances of a good frame."""
-        ratio = self.value * np.median(fit.normalised[fit.inlier]) / RAYLEIGH_MEDIAN
+        ratio = self.value * median(fit.normalised[fit.inlier]) / RAYLEIGH_MEDIAN
         self._frames = min(self._frames + 1, 20)
         self._ratio += (ratio - self._ratio) / self._frames
         self.value = float(self._ratio) if self._ratio > 1.15 else 1.0

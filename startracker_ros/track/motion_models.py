@@ -107,12 +107,12 @@ def _image_jacobian(lens, directions):
     for star in range(len(directions)):
         z = directions[star, 2]
         if z > 0:
-            _flow(lens, directions[star, 0] / z, directions[star, 1] / z, jacobian[star])
+            image_flow(lens, directions[star, 0] / z, directions[star, 1] / z, jacobian[star])
     return jacobian
 
 
 @compiled
-def _flow(lens, a, b, jacobian):
+def image_flow(lens, a, b, jacobian):
     """Fill the jacobian (2, 3) of image motion per body rate at x / z = a, y / z = b."""
     xx, cross, yy = distortion_jacobian(lens, a, b)
     for axis in range(3):
@@ -158,9 +158,9 @@ def _turn_curvature(lens, uv, rate_rad_s, dt_s):
         if z <= 0:
             continue
         u, v = distort(lens, x / z, y / z)
-        _flow(lens, a, b, flow)
+        image_flow(lens, a, b, flow)
         start_u, start_v = _times(flow, rate_rad_s)
-        _flow(lens, x / z, y / z, flow)
+        image_flow(lens, x / z, y / z, flow)
         end_u, end_v = _times(flow, rate_rad_s)
         curvature[star, 0] = u * lens.fx + lens.cx - uv[star, 0] - start_u * dt_s
         curvature[star, 1] = end_u - start_u

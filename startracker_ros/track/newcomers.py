@@ -1,13 +1,14 @@
 """Catalogue stars that no track follows yet, found among the centroids by the attitude."""
 
+import math
+
 import numpy as np
 
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import conjugate, rotate
-from startracker_ros.track.motion_models import image_jacobian
+from startracker_ros.compiled import compiled
+from startracker_ros.track.in_view import StarsInView
+from startracker_ros.track.motion_models import image_flow
 
 GATE_SIGMA = 4.0
 """Below rotation_fit.OUTLIER_SIGMA, so that a star let in is not thrown out at once."""
@@ -16,31 +17,55 @@ MAX_DISTANCE_PX = 5.0
 """No star is looked for further away than this, however uncertain the attitude."""
 
 
-def match_newcomers(camera: Camera, places: StarPlaces, attitude: AttitudeEstimate,
-                    centroids: Centroids, sigma_px: np.ndarray, zero_point: float,
-                    magnitude_tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+def match_newcomers(stars: StarsInView, attitude: AttitudeEstimate, centroids: Centroids,
+                    sigma_px: np.ndarray, zero_point: float, magnitude_tolerance: float
+                    ) -> tuple[np.ndarray, np.ndarray]:
     """Return indices (K,) of places and (K,) of centroids that belong to each other alone.
 
     sigma_px (M,) is the error of the centroids per axis; zero_point the magnitude of
     1 DN. A pair is taken when place and brightness agree and nothing else does for
     either of the two; a crowded star is no partner but makes others ambiguous.
     """
-    boresight = rotate(attitude.quaternion, np.array([0.0, 0.0, 1.0]))
-    near = places.within(boresight, camera.corner_angle_rad)
-    sensor = rotate(conjugate(attitude.quaternion), places.direction[near])
-    uv = camera.project(sensor)
-    distance2 = np.sum((centroids.uv - uv[:, None]) ** 2, axis=-1)
-    with np.errstate(invalid='ignore', divide='ignore'):
-        magnitude = zero_point - 2.5 * np.log10(centroids.flux)
-    alike = np.abs(magnitude - places.magnitude[near, None]) <= magnitude_tolerance
-    # The covariance of the attitude is looked at only for stars that may matter.
-    place, centroid = np.nonzero(alike & (distance2 < MAX_DISTANCE_PX ** 2))
-    jacobian = image_jacobian(camera, sensor[place])
-    shift = jacobian @ attitude.covariance_sensor @ np.swapaxes(jacobian, 1, 2)
-    variance = sigma_px[centroid] ** 2 + np.trace(shift, axis1=1, axis2=2) / 2
-    close = distance2[place, centroid] <= GATE_SIGMA ** 2 * variance
-    place, centroid = place[close], centroid[close]
-    alone = ((np.bincount(place, minlength=len(near))[place] == 1)
-             & (np.bincount(centroid, minlength=len(centroids))[centroid] == 1)
-             & ~places.crowded[near[place]])
-    return near[place[alone]], centroid[alone]
+    places = stars.places
+    near, sensor, uv = stars.of(attitude)
+    return _match(near, sensor, uv, places.magnitude, places.crowded,
+                  np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.flux),
+                  np.ascontiguousarray(sigma_px), np.ascontiguousarray(attitude.covariance_sensor),
+                  stars.camera.lens, float(zero_point), float(magnitude_tolerance))
+
+
+@compiled
+def _match(near, sensor, uv, magnitude, crowded, centroid_uv, flux, sigma_px, covariance, lens,
+           zero_point, magnitude_tolerance):
+    place, centroid = [], []
+    of_place, of_centroid = np.zeros(len(near), np.int64), np.zeros(len(flux), np.int64)
+    jacobian = np.empty((2, 3))
+    seen_magnitude = np.empty(len(flux))
+    for j in range(len(flux)):
+        seen_magnitude[j] = zero_point - 2.5 * math.log10(flux[j]) if flux[j] > 0 else np.nan
+    for i in range(len(near)):
+        for j in range(len(flux)):
+            du, dv = centroid_uv[j, 0] - uv[i, 0], centroid_uv[j, 1] - uv[i, 1]
+            square = du * du + dv * dv
+            # So put, NaN is never alike nor near.
+            if not (square < MAX_DISTANCE_PX ** 2
+                    and abs(seen_magnitude[j] - magnitude[near[i]]) <= magnitude_tolerance):
+                continue
+            image_flow(lens, sensor[i, 0] / sensor[i, 2], sensor[i, 1] / sensor[i, 2], jacobian)
+            shift = 0.0
+            for axis in range(2):
+                for a in range(3):
+                    for b in range(3):
+                        shift += jacobian[axis, a] * covariance[a, b] * jacobian[axis, b]
+            if square <= GATE_SIGMA ** 2 * (sigma_px[j] ** 2 + shift / 2):
+                place.append(i)
+                centroid.append(j)
+                of_place[i] += 1
+                of_centroid[j] += 1
+    alone = np.empty((2, len(place)), np.int64)
+    count = 0
+    for i, j in zip(place, centroid):
+        if of_place[i] == 1 and of_centroid[j] == 1 and not crowded[near[i]]:
+            alone[0, count], alone[1, count] = near[i], j
+            count += 1
+    return alone[0, :count], alone[1, :count]

@@ -8,8 +8,10 @@ from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.compiled import compiled
 from startracker_ros.options import option, Options
-from startracker_ros.rotation import conjugate, rotate
+from startracker_ros.rotation import rotate
+from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.motion_models import constant_velocity, POSITION, VELOCITY
 
 EXPLAINED_PX = 2.0
@@ -105,6 +107,18 @@ def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
+@compiled
+def _unexplained(uv, sigma_px, stars):
+    """Return which centroids (M, 2) of sigma (M,) are finite and near none of stars (N, 2)."""
+    left = np.empty(len(uv), np.bool_)
+    for i in range(len(uv)):
+        left[i] = np.isfinite(uv[i, 0]) and np.isfinite(uv[i, 1]) and sigma_px[i] > 0
+        limit = max(EXPLAINED_PX, EXPLAINED_SIGMA * sigma_px[i]) ** 2
+        for k in range(len(stars)):
+            left[i] &= (uv[i, 0] - stars[k, 0]) ** 2 + (uv[i, 1] - stars[k, 1]) ** 2 > limit
+    return left
+
+
 @dataclass(frozen=True)
 class TargetSpot:
     """The target in a frame: its centroid as measured, a list of one, and how it moves.
@@ -127,7 +141,7 @@ class TargetTracker:
                  options: TargetTrackOptions = TargetTrackOptions()) -> None:
         """Places are all catalogue stars that the camera may see."""
         self._camera = camera
-        self._places = places
+        self._stars = StarsInView(camera, places)
         self._options = options
         self._acceleration_rad_s2 = np.radians(options.target_acceleration_deg_s2)
         self._rates_rad_s = np.radians([options.target_min_rate_deg_s,
@@ -186,19 +200,9 @@ class TargetTracker:
 
     def unexplained(self, attitude: AttitudeEstimate, centroids: Centroids) -> Centroids:
         """Return the centroids that are no catalogue star."""
-        boresight = rotate(attitude.quaternion, np.array([0.0, 0.0, 1.0]))
-        near = self._places.within(boresight, self._camera.corner_angle_rad)
-        stars = self._camera.project(
-            rotate(conjugate(attitude.quaternion), self._places.direction[near]))
-        usable = np.isfinite(centroids.uv).all(axis=1) & (centroids.sigma_px > 0)
-        centroids = centroids.select(usable)
-        if not len(near):
-            return centroids
-        # Axis by axis: NumPy is slow where the last axis is short.
-        distance2 = ((centroids.uv[:, :1] - stars[:, 0]) ** 2
-                     + (centroids.uv[:, 1:] - stars[:, 1]) ** 2).min(axis=1)
-        return centroids.select(
-            distance2 > np.maximum(EXPLAINED_PX, EXPLAINED_SIGMA * centroids.sigma_px) ** 2)
+        return centroids.select(_unexplained(
+            np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.sigma_px),
+            self._stars.of(attitude)[2]))
 
     def _confirmed(self, track: _Spot) -> bool:
         # Not the filtered rate: its sigma is that of any manoeuvre, whatever the way says.

@@ -14,10 +14,12 @@ from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.rotation import attitude_error, conjugate, rotate
 from startracker_ros.track.attitude_model import AttitudeModel
+from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.model import Fix, rate_between, StarModel
 from startracker_ros.track.newcomers import match_newcomers
 from startracker_ros.track.options import TrackerOptions
-from startracker_ros.track.rotation_fit import fit_rotation, OUTLIER_SIGMA, RotationFit
+from startracker_ros.track.rotation_fit import (
+    fit_rotation, median, OUTLIER_SIGMA, RotationFit)
 from startracker_ros.track.starwise import NeighbourhoodModel, StarwiseModel
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
@@ -62,6 +64,7 @@ class StarTracker:
         self._places = places
         self._options = options
         self._gyro_options = gyro
+        self._stars = StarsInView(camera, places)
         self._next_id = 1
         self.late_frames = 0
         self.refused_centroids = 0
@@ -279,15 +282,16 @@ class StarTracker:
         room = self._options.max_stars - len(bank)
         if room <= 0 or not len(frame):
             return
-        seen = bank.select(bank.seen)
+        seen = bank.seen
         with np.errstate(invalid='ignore', divide='ignore'):
-            zero_point = np.median(
-                self._places.magnitude[seen.place] + 2.5 * np.log10(seen.flux))
+            zero_point = median(
+                self._places.magnitude[bank.place[seen]] + 2.5 * np.log10(bank.flux[seen]))
         place, centroid = match_newcomers(
-            self._camera, self._places, fit.attitude, frame,
-            fit.scale * self._model.sigma_px(frame), zero_point, self._options.magnitude_tolerance)
-        new = ~np.isin(place, bank.place)
-        place, centroid = place[new][:room], centroid[new][:room]
+            self._stars, fit.attitude, frame, fit.scale * self._model.sigma_px(frame), zero_point,
+            self._options.magnitude_tolerance)
+        if len(place):
+            new = ~np.isin(place, bank.place)
+            place, centroid = place[new][:room], centroid[new][:room]
         if len(place):
             self._add_tracks(place, frame.select(centroid), confirmed=False)
 

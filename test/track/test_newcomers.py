@@ -7,6 +7,7 @@ from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.rotation import quaternion_from_pointing, rotate
+from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.newcomers import match_newcomers
 
 Q = quaternion_from_pointing(1.0, -0.5, 2.0)
@@ -22,8 +23,8 @@ def match(uv, magnitude, sigma_rad=1e-7, crowded=(False,) * 5, roll_sigma_rad=1e
     uv = np.reshape(uv, (-1, 2))
     centroids = Centroids(uv, 10 ** (0.4 * (20 - np.asarray(magnitude, float))),
                           np.full(len(uv), 9.0), np.full(len(uv), 0.1))
-    place, centroid = match_newcomers(CAMERA, places, attitude, centroids, centroids.sigma_px,
-                                      20.0, 1.0)
+    place, centroid = match_newcomers(StarsInView(CAMERA, places), attitude, centroids,
+                                      centroids.sigma_px, 20.0, 1.0)
     return sorted(zip(places.hip[place].tolist(), centroid.tolist()))
 
 
