@@ -7,6 +7,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from startracker_ros.transitions import Transitions
 from std_msgs.msg import Header
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -38,6 +39,7 @@ class Diagnostics:
         self._hardware_id = hardware_id
         self._condition = self._worst = (WARN, 'nothing received yet')
         self._notes: list[str] = []
+        self._transitions = Transitions()
         self.counts: Counter[str] = Counter()
         self.values: dict[str, object] = {}
         self.checks: list[Callable[[], None]] = []
@@ -50,20 +52,22 @@ class Diagnostics:
             clock_type=ClockType.STEADY_TIME))
 
     def report(self, level: bytes, message: str) -> None:
-        """Set the condition; a change is logged once, repeats are not."""
+        """Set the condition; a change is logged once, repeats with other numbers are not."""
         if (level, message) == self._condition:
             return
-        recovered = level == OK and self._condition[0] != OK
         self._condition = level, message
         # Of two as bad the newer one.
         self._worst = max(self._condition, self._worst, key=lambda condition: condition[0])
-        logger = self._node.get_logger()
-        if level == ERROR:
-            logger.error(message, throttle_duration_sec=1.0)
-        elif level == WARN:
-            logger.warning(message, throttle_duration_sec=1.0)
-        elif recovered:
-            logger.info(message)
+        line = self._transitions.line(level, message, time.monotonic())
+        if line is not None:
+            logger = self._node.get_logger()
+            # One place each: rclpy ties a severity to the line of the code that logs.
+            if level == ERROR:
+                logger.error(line)
+            elif level == WARN:
+                logger.warning(line)
+            else:
+                logger.info(line)
 
     def note(self, message: str) -> None:
         """Warn of what has happened, in the next publication only; the condition stays."""

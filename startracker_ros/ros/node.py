@@ -63,8 +63,8 @@ class PipelineNode(Node):
         """Start the work, once every parameter is declared; ParameterError for one unknown."""
         parameters.refuse_unknown(self)
         self.configure()
-        self.add_on_set_parameters_callback(self._check_change)
-        self.add_post_set_parameters_callback(self._take_change)
+        # The last to be asked: what it accepts is set.
+        self.add_on_set_parameters_callback(self._take_change)
 
     def options(self, cls: type[Options]) -> Any:
         """Return the present options of one class."""
@@ -102,25 +102,31 @@ class PipelineNode(Node):
             return response
         self.create_service(Trigger, '~/reset', reset)
 
-    def _check_change(self, changed: list[Parameter]) -> SetParametersResult:
-        changes = {parameter.name: parameter.value for parameter in changed}
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Change all or none; what cannot be is refused in words that say what can."""
         try:
-            for cls in self.option_classes:
-                parameters.read(self, cls, changes)
-        except ValueError as error:
+            parameters.check(self.option_classes, {p.name: p.value for p in parameter_list})
+        except parameters.ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return super().set_parameters_atomically(parameter_list)
+
+    def _take_change(self, changed: list[Parameter]) -> SetParametersResult:
+        """Work with changed parameters; those it cannot work with are refused, and undone."""
+        changes = {parameter.name: parameter.value for parameter in changed}
+        touched = [cls for cls in self.option_classes
+                   if any(row.name in changes for row in cls.table())]
+        before = self._options
+        try:
+            self._options = before | {cls: parameters.read(self, cls, changes) for cls in touched}
+            if touched:
+                self.configure()
+                self.get_logger().info('parameters changed: ' + ', '.join(
+                    f'{name} = {value}' for name, value in changes.items()))
+        except (ValueError, StartError) as error:
+            self._options = before
+            self.configure()
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
-
-    def _take_change(self, changed: list[Parameter]) -> None:
-        names = {parameter.name for parameter in changed}
-        touched = [cls for cls in self.option_classes
-                   if names & {row.name for row in cls.table()}]
-        if not touched:
-            return
-        for cls in touched:
-            self._options[cls] = parameters.read(self, cls)
-        self.configure()
-        self.get_logger().info(f'parameters changed: {", ".join(sorted(names))}')
 
 
 class CameraNode(PipelineNode):

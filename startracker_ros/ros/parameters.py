@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 import difflib
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
-
 from startracker_ros.options import Option, Options
 
 
@@ -22,13 +22,17 @@ def _to_ros(value: object) -> object:
     return list(value) if isinstance(value, tuple) else value
 
 
+def _from_ros(value: Any) -> object:
+    return tuple(value) if not isinstance(value, str) and hasattr(value, '__len__') else value
+
+
 def _descriptor(row: Option) -> ParameterDescriptor:
     unit = f' [{row.unit}]' if row.unit else ''
     descriptor = ParameterDescriptor(
         name=row.name, description=f'{row.description}{unit}', read_only=row.read_only,
         additional_constraints=row.range_text)
     # The range in the descriptor serves tools; the text of a refusal comes from Option.check.
-    if None not in (row.low, row.high):
+    if row.low is not None and row.high is not None:
         if isinstance(row.default, float):
             descriptor.floating_point_range = [
                 FloatingPointRange(from_value=float(row.low), to_value=float(row.high))]
@@ -39,7 +43,8 @@ def _descriptor(row: Option) -> ParameterDescriptor:
 
 
 def declare(node: Node, classes: Sequence[type[Options]]) -> dict[type[Options], Options]:
-    """Declare every option of the classes and return one instance of each.
+    """
+    Declare every option of the classes and return one instance of each.
 
     ParameterError names the parameter and its range when an override does not fit.
     """
@@ -58,9 +63,18 @@ def _check_override(row: Option, value: object) -> None:
     if isinstance(row.default, float) and type(value) is int:
         raise ParameterError(f'{row.name} = {value} must be a double: write {value}.0')
     try:
-        row.check(value)
+        row.check(_from_ros(value))
     except ValueError as error:
         raise ParameterError(str(error)) from error
+
+
+def check(classes: Sequence[type[Options]], changes: dict[str, object]) -> None:
+    """Raise ParameterError for changes at run time that these options cannot take."""
+    for row in (row for cls in classes for row in cls.table() if row.name in changes):
+        if row.read_only:
+            raise ParameterError(f'{row.name} is read at the start only: end the node and start '
+                                 f'it again with -p {row.name}:=...')
+        _check_override(row, changes[row.name])
 
 
 def read(node: Node, cls: type[Options], changes: dict[str, object] | None = None) -> Options:
@@ -68,12 +82,12 @@ def read(node: Node, cls: type[Options], changes: dict[str, object] | None = Non
     names = [row.name for row in cls.table()]
     values = {name: node.get_parameter(name).value for name in names}
     values.update({name: value for name, value in (changes or {}).items() if name in values})
-    return cls(**{name: tuple(value) if not isinstance(value, str) and hasattr(value, '__len__')
-                  else value for name, value in values.items()})
+    return cls(**{name: _from_ros(value) for name, value in values.items()})
 
 
 def refuse_unknown(node: Node) -> None:
-    """Raise ParameterError for an override that no part of the node declared.
+    """
+    Raise ParameterError for an override that no part of the node declared.
 
     A misspelt safety limit that is silently ignored is worse than a node that does not start.
     """

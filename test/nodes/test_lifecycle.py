@@ -1,0 +1,250 @@
+"""Every node at run time: parameters changed, signals, one line in the log for a transition."""
+
+from pathlib import Path
+import re
+import signal
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter, parameter_value_to_python
+from startracker_ros.bag.reader import read_messages
+from startracker_ros.executables import NODES
+from startracker_ros.ros import qos, tables
+from std_srvs.srv import Trigger
+
+ROOT = Path(__file__).parents[2]
+GOLDEN_BAG = ROOT / 'bags' / 'slew'
+PIPELINE = ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_estimator')
+SKY = {'width': 256, 'height': 256, 'fov_deg': 20.0, 'frame_rate_hz': 10.0,
+       'motion': 'constant_rate', 'faint_limit': 6.5}
+RESETTABLE = {'star_identifier', 'star_tracker', 'attitude_estimator', 'target_locator',
+              'camera_calibrator'}
+
+
+def start_all(nodes, probe, folder, sky_data):
+    """Start every node there is, and wait until those that need a camera know one."""
+    own = {
+        'sky_simulator': SKY,
+        'image_publisher': {'path': str(sky_data / 'night-sky-11deg'), 'wait_for_subscribers': 1},
+        'bag_player': {'path': str(GOLDEN_BAG), 'topics': ['/truth/attitude'],
+                       'start_paused': True},
+        'bag_recorder': {'folder': str(folder / 'bag'), 'exclude': ['/parameter_events']}}
+    # Two sources of images in one namespace would be two cameras for one pipeline.
+    place = {'image_publisher': 'files'}
+    for node in NODES:
+        nodes.start(node, own.get(node), namespace=place.get(node, ''))
+    for node in NODES:
+        name = '.'.join([place[node], node]) if node in place else node
+        lines = ('ready', 'camera ') if node in (*PIPELINE, 'camera_calibrator') else ('ready',)
+        for words in lines:
+            probe.wait(lambda n=name, w=words: w in log(folder, n), f'{words!r} of {node}', 60)
+    return {node: f'/{place[node]}/{node}' if node in place else f'/{node}' for node in NODES}
+
+
+def log(folder, name):
+    return (folder / f'{name}.log').read_text()
+
+
+def ask_once(probe, service_type, name, request):
+    """Return the answer to a request that must not be repeated."""
+    client = probe.create_client(service_type, name)
+    probe.wait(client.service_is_ready, name)
+    probe.spin_for(0.3)
+    future = client.call_async(request)
+    probe.wait(future.done, f'an answer of {name}', 300)
+    return future.result()
+
+
+def changed(name, value):
+    return Parameter(name, value=list(value) if isinstance(value, tuple) else value
+                     ).to_parameter_msg()
+
+
+def another(row):
+    """Return a value in the range of a parameter that is not its default."""
+    if row.choices:
+        return next(choice for choice in row.choices if choice != row.default)
+    if isinstance(row.default, bool):
+        return not row.default
+    if isinstance(row.default, str):
+        return 'another'
+    if isinstance(row.default, int):
+        return row.default + (1 if row.high is None or row.default < row.high else -1)
+
+    def nearby(value):
+        bound = row.high if row.high is not None and value < row.high else row.low
+        return value + 1.0 if bound is None else 0.99 * value + 0.01 * bound
+    return tuple(map(nearby, row.default)) if isinstance(row.default, tuple) else nearby(
+        row.default)
+
+
+def beyond(row):
+    """Return a value out of the range of a parameter, None where all of the type will do."""
+    if row.choices:
+        return 'nonsense'
+    if row.low is None and row.high is None:
+        return None
+    value = row.low - 1 if row.low is not None else row.high + 1
+    if isinstance(row.default, tuple):
+        return (float(value), *row.default[1:])
+    return type(row.default)(value)
+
+
+def test_every_parameter_takes_effect_or_is_refused_with_a_reason(nodes, probe, tmp_path,
+                                                                  sky_data):
+    places = start_all(nodes, probe, tmp_path, sky_data)
+    for node, place in places.items():
+        rows = tables.node_rows(node)
+        settable = [row for row in rows if not row.read_only]
+        wrong = [row for row in settable if beyond(row) is not None]
+        kept = ask_once(probe, GetParameters, f'{place}/get_parameters', GetParameters.Request(
+            names=[row.name for row in settable])).values
+        wishes = [changed(row.name, value) for row, before in zip(settable, kept)
+                  for value in (another(row), parameter_value_to_python(before))]
+        wishes += [changed(row.name, beyond(row)) for row in wrong]
+        wishes += [changed(row.name, row.default) for row in rows if row.read_only]
+        results = ask_once(probe, SetParameters, f'{place}/set_parameters',
+                           SetParameters.Request(parameters=wishes)).results
+        told = log(tmp_path, place.strip('/').replace('/', '.'))
+        for k, row in enumerate(settable):
+            if row.name == 'camera_file':
+                assert not results[2 * k].successful
+                assert 'camera file another: No such file' in results[2 * k].reason
+                continue
+            assert results[2 * k].successful, (node, row.name, results[2 * k].reason)
+            assert results[2 * k + 1].successful, (node, row.name, results[2 * k + 1].reason)
+            # Once with the other value, once with that of before.
+            assert len(re.findall(rf'parameters changed: {row.name} = ', told)) == 2
+        refused = results[2 * len(settable):]
+        for row, result in zip(wrong, refused):
+            assert not result.successful, (node, row.name)
+            assert row.name in result.reason and row.range_text in result.reason
+            assert row.unit in result.reason
+        for row, result in zip([row for row in rows if row.read_only], refused[len(wrong):]):
+            assert not result.successful, (node, row.name)
+            assert result.reason == (
+                f'{row.name} is read at the start only: end the node and start it again with '
+                f'-p {row.name}:=...')
+        now = ask_once(probe, GetParameters, f'{place}/get_parameters', GetParameters.Request(
+            names=[row.name for row in settable])).values
+        assert now == kept
+    assert nodes.failed() == []
+    end_all(nodes, tmp_path, signal.SIGTERM)
+
+
+def test_several_changes_are_made_together_or_not_at_all(nodes, probe):
+    nodes.start('attitude_estimator')
+
+    def values():
+        return [parameter_value_to_python(value) for value in ask_once(
+            probe, GetParameters, '/attitude_estimator/get_parameters',
+            GetParameters.Request(names=['min_stars', 'max_residual_px'])).values]
+
+    def change(*wishes):
+        return ask_once(probe, SetParametersAtomically,
+                        '/attitude_estimator/set_parameters_atomically',
+                        SetParametersAtomically.Request(parameters=[
+                            changed(name, value) for name, value in wishes])).result
+    before = values()
+    refused = change(('min_stars', 7), ('max_residual_px', -1.0))
+    assert not refused.successful and 'max_residual_px' in refused.reason
+    assert values() == before
+    assert change(('min_stars', 7), ('max_residual_px', 1.5)).successful
+    assert values() == [7, 1.5]
+    integer = change(('max_residual_px', 2))
+    assert not integer.successful and 'write 2.0' in integer.reason
+
+
+def end_all(nodes, folder, number):
+    """End every node by a signal: with status 0, and a bag that needs no mending."""
+    for process in nodes.processes.values():
+        process.send_signal(number)
+    assert {name: process.wait(15) for name, process in nodes.processes.items()} == (
+        dict.fromkeys(nodes.processes, 0))
+    assert len(list(read_messages(folder / 'bag', topics=('/image_raw',)))) > 5
+
+
+def documented(column):
+    """Return the topics of each node in a column of the table in the README."""
+    rows = [line.split('|')[1:] for line in (ROOT / 'README.md').read_text().splitlines()
+            if line.startswith('| `')]
+    return {cells[0].strip(' `'): set(re.findall('`([a-z_/]+)`', cells[column]))
+            for cells in rows if cells[0].strip(' `') in NODES}
+
+
+def test_every_node_talks_on_the_topics_of_the_readme_is_reset_and_ends(nodes, probe, tmp_path,
+                                                                        sky_data):
+    places = start_all(nodes, probe, tmp_path, sky_data)
+    publishes, subscribes = documented(2), documented(1)
+    assert publishes.keys() == subscribes.keys() == set(NODES)
+    for node, place in places.items():
+        space = place.removesuffix(node)
+
+        def names(topics, space=space):
+            own = {name.removeprefix(space) for name, _ in topics} - {
+                '/diagnostics', '/rosout', '/parameter_events', '/clock'}
+            return {re.sub('^(/?tracker_[12]/|/)', '', name) for name in own}
+        if node != 'bag_player':
+            assert names(probe.get_publisher_names_and_types_by_node(
+                node, space)) == publishes[node], node
+        if node != 'bag_recorder':
+            assert names(probe.get_subscriber_names_and_types_by_node(
+                node, space)) <= subscribes[node], node
+        services = {name for name, _ in probe.get_service_names_and_types_by_node(node, space)}
+        assert (f'{place}/reset' in services) == (node in RESETTABLE), node
+        if node in RESETTABLE:
+            answer = ask_once(probe, Trigger, f'{place}/reset', Trigger.Request())
+            assert answer.success and answer.message == 'state forgotten'
+            assert len(re.findall('reset: state forgotten', log(tmp_path, node))) == 1
+    end_all(nodes, tmp_path, signal.SIGINT)
+
+
+def transitions(folder, node):
+    """Return the texts that a node has logged."""
+    return re.findall(r'\]: (.*)', log(folder, node))
+
+
+def test_each_transition_is_one_line_in_the_log(nodes, probe, tmp_path):
+    states = probe.received['tracker_state']
+    probe.listen(DiagnosticStatus, 'tracker_state', qos.STATE)
+    for node in PIPELINE:
+        nodes.start(node)
+    nodes.start('sky_simulator', {**SKY, 'wait_for_camera_users': len(PIPELINE)})
+
+    def reached(state, after=0):
+        probe.wait(lambda: any(s.message == state for s in states[after:]), state, 60)
+        return len(states)
+
+    def simulate(name, value):
+        assert ask_once(probe, SetParameters, '/sky_simulator/set_parameters',
+                        SetParameters.Request(parameters=[changed(name, value)])
+                        ).results[0].successful
+    reached('TRACKING')
+    probe.spin_for(2.0)
+    seen = len(states)
+    simulate('zero_flux_e_s', 1.0)
+    seen = reached('LOST', seen)
+    probe.spin_for(2.0)
+    simulate('zero_flux_e_s', 2e6)
+    seen = reached('TRACKING', seen)
+    probe.spin_for(1.0)
+    simulate('fov_deg', 21.0)
+    reached('TRACKING', len(states))
+    probe.spin_for(1.0)
+    told = transitions(tmp_path, 'star_tracker')
+    kinds = [line.partition(':')[0] for line in told if line.startswith(
+        ('LOST', 'ACQUIRING', 'TRACKING'))]
+    assert kinds[:6] == ['LOST', 'ACQUIRING', 'TRACKING', 'LOST', 'ACQUIRING', 'TRACKING'], told
+    assert all(': ' in line and line.partition(': ')[2] for line in told
+               if line.startswith(('LOST', 'ACQUIRING', 'TRACKING')))
+    for node in PIPELINE:
+        told = transitions(tmp_path, node)
+        assert len([line for line in told if line.startswith('camera 256 x 256 px')]) == 2, told
+        # A hundred frames and a handful of transitions.
+        assert len(told) <= 24, told
+        repeats = [a for a, b in zip(told, told[1:]) if a == b]
+        assert repeats == []
+    estimator = transitions(tmp_path, 'attitude_estimator')
+    assert estimator.count('publishing attitude') == 3, estimator
+    assert [line for line in estimator if line.startswith('no attitude: ')], estimator
+    assert 'resting while the star tracker tracks' in transitions(tmp_path, 'star_identifier')
