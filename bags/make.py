@@ -1,4 +1,5 @@
-"""Makes the golden bags beside this file anew: python bags/make.py [FOLDER].
+"""
+Makes the golden bags beside this file anew: python bags/make.py [FOLDER].
 
 Simulated images run through the cores of the nodes, one frame after the other, and everything
 is recorded as the nodes publish it. The same code makes the same bags.
@@ -12,7 +13,6 @@ import sys
 
 import numpy as np
 from rclpy.serialization import serialize_message
-
 from startracker_ros.bag.qos import QosProfile
 from startracker_ros.bag.writer import BagWriter
 from startracker_ros.camera import Camera

@@ -1,4 +1,5 @@
-"""The star tracker behind a camera: image_raw and camera_info of its namespace -> attitude.
+"""
+The star tracker behind a camera: image_raw and camera_info of its namespace -> attitude.
 
 A camera of one's own: copy the parameter files, change them, pass their folder as
 `config:=...`; the focal length and the distortion come with the camera's camera_info.
@@ -12,7 +13,6 @@ from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
-
 from startracker_ros.ros.processes import node_environment
 
 

@@ -1,4 +1,5 @@
-"""A recording in place of a camera: pipeline.launch.py and bag_player with images and rates.
+"""
+A recording in place of a camera: pipeline.launch.py and bag_player with images and rates.
 
 `bag:=folder` names the bag; what the nodes of the recording said of its images is not played,
 the pipeline says it anew.
@@ -12,7 +13,6 @@ from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
-
 from startracker_ros.ros.processes import node_environment
 
 

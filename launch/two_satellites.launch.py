@@ -1,4 +1,5 @@
-"""Two star trackers, each behind its own camera, and the locator of the target both see.
+"""
+Two star trackers, each behind its own camera, and the locator of the target both see.
 
 Each camera publishes image_raw and camera_info in the namespace of its tracker, the navigation
 of each satellite nav_msgs/Odometry on odometry there.
@@ -12,7 +13,6 @@ from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
-
 from startracker_ros.ros.processes import node_environment
 
 

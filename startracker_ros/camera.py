@@ -20,7 +20,8 @@ class CameraError(ValueError):
 
 @dataclass(frozen=True)
 class Camera:
-    """Pinhole camera; pixel (0, 0) is the centre of the top-left pixel.
+    """
+    Pinhole camera; pixel (0, 0) is the centre of the top-left pixel.
 
     fx, fy, cx, cy are in px; distortion is (k1, k2, p1, p2, k3), the plumb_bob
     model of Brown (1966) as OpenCV orders it. CameraError names what is wrong.
@@ -32,7 +33,7 @@ class Camera:
     fy: float
     cx: float
     cy: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         if not (0 < self.width <= 65536 and 0 < self.height <= 65536):
@@ -53,7 +54,7 @@ class Camera:
             self._check_distortion()
 
     def _check_distortion(self) -> None:
-        """A model that folds over inside the image has no inverse there."""
+        """Refuse a model that folds over inside the image: it has no inverse there."""
         edge = np.linspace(0, 1, 9)
         grid = np.stack(np.meshgrid(edge * (self.width - 1), edge * (self.height - 1)), -1)
         pixel = grid.reshape(-1, 2)

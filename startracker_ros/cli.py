@@ -7,7 +7,6 @@ import sys
 from typing import TYPE_CHECKING
 
 import click
-
 from startracker_ros import __version__
 
 if TYPE_CHECKING:
@@ -216,7 +215,7 @@ def play(bag: Path, topics: tuple[str, ...], exclude: tuple[str, ...], remaps: t
          **options: float | bool) -> None:
     """Publish the messages of a BAG (folder or .mcap file) at the pace of the recording."""
     from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
-    parameters = {'path': str(bag), **options}
+    parameters: dict[str, object] = {'path': str(bag), **options}
     if topics:
         parameters['topics'] = _full_names(topics)
     if exclude:
@@ -328,7 +327,7 @@ def campaign() -> None:
 @_seed
 @_json
 def campaign_hausdorff(trials: int, scheduler: str, seed: int, as_json: bool) -> None:
-    """Sets of bright stars found by their Hausdorff distance in a field of 12 deg."""
+    """Find sets of bright stars by their Hausdorff distance in a field of 12 deg."""
     from startracker_ros.campaign.hausdorff import run_hausdorff_campaign
     _finish(run_hausdorff_campaign(trials=trials, seed=seed, scheduler=scheduler), as_json)
 
@@ -385,7 +384,7 @@ def campaign_jpdaf(trials: int, output: Path | None, scheduler: str, seed: int,
 @_seed
 @_json
 def campaign_two_satellite(trials: int, output: Path | None, seed: int, as_json: bool) -> None:
-    """A target located by the cameras of two satellites under four sources of error."""
+    """Locate a target by the cameras of two satellites under four sources of error."""
     from startracker_ros.campaign.two_satellite import run_two_satellite_campaign
     _finish(run_two_satellite_campaign(trials=trials, seed=seed, output=output), as_json)
 

@@ -1,4 +1,5 @@
-"""How functions are compiled, and where their machine code is kept.
+"""
+How functions are compiled, and where their machine code is kept.
 
 The first call on a machine compiles, which takes seconds; warm_up.py does it beforehand.
 Numba looks only at the file of a function to tell whether its machine code is still right,
@@ -10,6 +11,7 @@ import hashlib
 import os
 from pathlib import Path
 import tempfile
+from typing import Any
 
 from numba import config, njit
 
@@ -37,10 +39,12 @@ def _writable(folder: Path) -> bool:
     return True
 
 
+# Numba gives its settings their names when it is loaded.
+settings: Any = config
 # What the user has set stays. Where nothing can be written each process compiles anew.
-if not config.CACHE_DIR:
-    config.CACHE_DIR = str(next(filter(_writable, _folders()), ''))
-_kept = bool(config.CACHE_DIR)
+if not settings.CACHE_DIR:
+    settings.CACHE_DIR = str(next(filter(_writable, _folders()), ''))
+_kept = bool(settings.CACHE_DIR)
 
 # Division by zero gives infinity or NaN, as in NumPy: without checks code is smaller and faster.
 compiled = njit(cache=_kept, error_model='numpy')

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-
-from startracker_ros.camera import Camera, load_camera
+from startracker_ros.camera import Camera, CameraError, load_camera
 
 # Far more than any image of a star camera, in every format.
 _LARGEST_FILE_BYTES = 500_000_000
@@ -37,25 +36,33 @@ def read_image(path: str | Path) -> np.ndarray:
 
 
 def known_camera(camera_file: Path | None, fov_deg: float | None) -> Camera | None:
-    """Return the camera of a file, or None where the images give the size to fov_deg.
+    """
+    Return the camera of a file, or None where the images give the size to fov_deg.
 
     CameraError for a file or a field of view that cannot be, whatever the images are.
     """
     if camera_file is not None:
         return load_camera(camera_file)
-    Camera.from_fov(1, 1, fov_deg)
+    _ideal_camera(1, 1, fov_deg)
     return None
+
+
+def _ideal_camera(width: int, height: int, fov_deg: float | None) -> Camera:
+    if fov_deg is None:
+        raise CameraError('neither a camera file nor a field of view')
+    return Camera.from_fov(width, height, fov_deg)
 
 
 def read_image_and_camera(path: Path, camera: Camera | None, fov_deg: float | None
                           ) -> tuple[np.ndarray, Camera]:
-    """Return an image and its camera: the known one, or an ideal one of fov_deg.
+    """
+    Return an image and its camera: the known one, or an ideal one of fov_deg.
 
     ImageError also when the known camera takes images of another size.
     """
     image = read_image(path)
     height, width = image.shape
-    camera = camera or Camera.from_fov(width, height, fov_deg)
+    camera = camera or _ideal_camera(width, height, fov_deg)
     if (camera.width, camera.height) != (width, height):
         raise ImageError(f'{path}: {width} x {height} px, the camera has '
                          f'{camera.width} x {camera.height}')

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 
 
@@ -24,7 +23,7 @@ class Lens(NamedTuple):
 
 
 @compiled
-def distort(lens, a, b):
+def distort(lens: Lens, a: float, b: float) -> tuple[float, float]:
     """Return x, y where the lens shows the direction of x / z = a, y / z = b."""
     r2 = a * a + b * b
     radial = 1 + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3))
@@ -33,7 +32,7 @@ def distort(lens, a, b):
 
 
 @compiled
-def distortion_jacobian(lens, a, b):
+def distortion_jacobian(lens: Lens, a: float, b: float) -> tuple[float, float, float]:
     """Return dx/da, dx/db = dy/da and dy/db of distort()."""
     r2 = a * a + b * b
     radial = 1 + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3))
@@ -44,7 +43,7 @@ def distortion_jacobian(lens, a, b):
 
 
 @compiled
-def undistort(lens, x, y):
+def undistort(lens: Lens, x: float, y: float) -> tuple[float, float]:
     """Return x / z, y / z of the direction that the lens shows at x, y (Newton's method)."""
     if lens.k1 == lens.k2 == lens.p1 == lens.p2 == lens.k3 == 0:
         return x, y
@@ -62,7 +61,7 @@ def undistort(lens, x, y):
 
 
 @compiled
-def undistort_all(lens, tangent):
+def undistort_all(lens: Lens, tangent: np.ndarray) -> np.ndarray:
     """Return undistort() of points (N, 2)."""
     clear = np.empty_like(tangent)
     for i in range(len(tangent)):

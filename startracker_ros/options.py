@@ -1,4 +1,5 @@
-"""Options of the algorithms: frozen dataclasses whose fields carry unit, range and meaning.
+"""
+Options of the algorithms: frozen dataclasses whose fields carry unit, range and meaning.
 
 Node parameters, the annotated YAML in config/ and the README tables are all made
 from these fields, so a default or a range stands in one place only.

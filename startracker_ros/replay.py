@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.attitude.trusted import AttitudeTrust, TrustedAttitude, TrustOptions
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
@@ -18,7 +17,8 @@ from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 @dataclass(frozen=True)
 class ReplayedFrame:
-    """What the stages say of a frame; identification is None while the identifier rests.
+    """
+    What the stages say of a frame; identification is None while the identifier rests.
 
     state is that of the tracker after the frame, trusted what attitude_estimator publishes.
     """
@@ -32,7 +32,8 @@ class ReplayedFrame:
 
 
 class Replay:
-    """The stages of the nodes at their defaults, each frame done before the next one comes.
+    """
+    The stages of the nodes at their defaults, each frame done before the next one comes.
 
     The nodes run beside each other, so theirs may take an identification some frames later.
     """

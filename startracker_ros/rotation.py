@@ -1,4 +1,5 @@
-"""Rotations, quaternions and celestial pointing.
+"""
+Rotations, quaternions and celestial pointing.
 
 Quaternions are Hamilton, order x, y, z, w, arrays of shape (4,) or (..., 4).
 q_icrf_from_sensor rotates sensor-frame vectors into ICRF: v_icrf = R(q) v_sensor.
@@ -6,6 +7,7 @@ The sensor frame is optical: x right, y down, z along the boresight out of the l
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 ARCSEC = np.pi / (180 * 3600)
 """One second of arc in radians."""
@@ -61,12 +63,12 @@ def conjugate(q: np.ndarray) -> np.ndarray:
     return np.asarray(q, float) * [-1.0, -1.0, -1.0, 1.0]
 
 
-def rotate(q: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+def rotate(q: np.ndarray, vectors: ArrayLike) -> np.ndarray:
     """Return R(q) v for one quaternion (4,) and vectors (3,) or (N, 3)."""
     return np.asarray(vectors, float) @ matrix_from_quaternion(q).T
 
 
-def quaternion_from_rotation_vector(rotation: np.ndarray) -> np.ndarray:
+def quaternion_from_rotation_vector(rotation: ArrayLike) -> np.ndarray:
     """Return quaternions (..., 4) of rotation vectors (..., 3) in rad."""
     rotation = np.asarray(rotation, float)
     angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
@@ -87,7 +89,8 @@ def rotation_vector_from_quaternion(q: np.ndarray) -> np.ndarray:
 
 
 def attitude_error(q_estimate: np.ndarray, q_truth: np.ndarray) -> np.ndarray:
-    """Return the rotation vector (..., 3) in rad about sensor axes from truth to estimate.
+    """
+    Return the rotation vector (..., 3) in rad about sensor axes from truth to estimate.
 
     R(estimate) = R(truth) exp([error]x): x and y are cross-boresight, z is roll.
     """
@@ -115,7 +118,8 @@ def radec_from_unit(unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def quaternion_from_pointing(ra_rad: float, dec_rad: float, roll_rad: float) -> np.ndarray:
-    """Return q_icrf_from_sensor (4,) of a boresight and a roll in rad.
+    """
+    Return q_icrf_from_sensor (4,) of a boresight and a roll in rad.
 
     Roll is the position angle of image up (-y), from celestial north through east.
     """

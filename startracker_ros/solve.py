@@ -7,7 +7,6 @@ import time
 
 import cv2
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import epoch_year_now
 from startracker_ros.centroid.centroids import Centroids
@@ -49,7 +48,8 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 camera_file: Path | None = None, epoch_year: float | None = None,
                 annotate_folder: Path | None = None,
                 options: IdentificationOptions = IdentificationOptions()) -> Result:
-    """Solve image files with an ideal camera of fov_deg or the one of camera_file.
+    """
+    Solve image files with an ideal camera of fov_deg or the one of camera_file.
 
     epoch_year None is today. CameraError for an impossible camera; an unreadable image is
     a row of its own.

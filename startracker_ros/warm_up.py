@@ -5,7 +5,6 @@ from multiprocessing import get_context
 import os
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places, StarPlaces
@@ -77,10 +76,12 @@ def rendering() -> None:
 
 def location() -> None:
     """Locate a target."""
-    locate(*(sight(CAMERA, np.zeros(2), 0.1,
-                   quaternion_from_pointing(*np.radians([aside, 0.0, 0.0])), np.eye(3),
-                   [0.0, -1e4 * aside, 0.0], np.eye(3)) for aside in (-10.0, 10.0)))
-    propagate([7e6, 0.0, 0.0], [0.0, 7.5e3, 0.0], 1.0)
+    first, second = (sight(CAMERA, np.zeros(2), 0.1,
+                           quaternion_from_pointing(np.radians(aside), 0.0, 0.0), np.eye(3),
+                           np.array([0.0, -1e4 * aside, 0.0]), np.eye(3))
+                     for aside in (-10.0, 10.0))
+    locate(first, second)
+    propagate(np.array([7e6, 0.0, 0.0]), np.array([0.0, 7.5e3, 0.0]), 1.0)
 
 
 # The longest first, so that two cores end together.

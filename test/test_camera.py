@@ -6,7 +6,6 @@ import cv2
 from hypothesis import given, strategies as st
 import numpy as np
 import pytest
-
 from startracker_ros.camera import Camera, CameraError, load_camera, save_camera
 
 LENS = Camera(1024, 768, 5000.0, 5010.0, 511.0, 380.0, (-0.1, 0.02, 1e-3, -2e-3, 0.1))

@@ -2,7 +2,6 @@
 
 import cv2
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.lens import undistort, undistort_all
 

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import pytest
-
 from startracker_ros.options import option, Options
 
 

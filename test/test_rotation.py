@@ -6,7 +6,6 @@ from hypothesis import given, strategies as st
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-
 from startracker_ros import rotation
 
 angles = st.floats(-3.1, 3.1)

@@ -5,7 +5,6 @@ import csv
 import cv2
 import numpy as np
 import pytest
-
 from startracker_ros.camera import Camera, CameraError, save_camera
 from startracker_ros.images import ImageError, read_image
 from startracker_ros.rotation import ARCSEC, attitude_error, quaternion_from_pointing
@@ -39,7 +38,8 @@ def test_night_sky_of_11_degrees(sky_data, tmp_path):
 
 
 def test_hard_night_sky_of_6_degrees(sky_data):
-    """The images that nobody solved have no known answer, but one camera took them all.
+    """
+    The images that nobody solved have no known answer, but one camera took them all.
 
     Its focal length is free by half a percent: a wrong answer would put it anywhere there.
     """

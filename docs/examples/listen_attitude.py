@@ -6,6 +6,7 @@ from sensor_msgs.msg import Imu
 
 
 class AttitudeListener(Node):
+
     def __init__(self) -> None:
         super().__init__('attitude_listener')
         self.create_subscription(Imu, 'attitude_imu', self.on_attitude, 10)

@@ -1,4 +1,5 @@
-"""Attitude, body rate and gyro drift, carried on and corrected: compiled.
+"""
+Attitude, body rate and gyro drift, carried on and corrected: compiled.
 
 The multiplicative Kalman filter of Lefferts, Markley and Shuster (J. Guid. Control 5,
 1982). Its error state about sensor axes is [attitude rad, rate rad/s, drift rad/s], (9,).
@@ -7,12 +8,12 @@ The multiplicative Kalman filter of Lefferts, Markley and Shuster (J. Guid. Cont
 from typing import NamedTuple
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 
 
 class AttitudeState(NamedTuple):
-    """Where the body stands, how fast it turns, what its gyro drifts by, and how sure all is.
+    """
+    Where the body stands, how fast it turns, what its gyro drifts by, and how sure all is.
 
     quaternion (4,) is q_icrf_from_sensor; rate and drift (3,) rad/s are on sensor axes, a
     gyro measures their sum; covariance (9, 9) is that of attitude, rate and drift.
@@ -26,7 +27,8 @@ class AttitudeState(NamedTuple):
 
     def by_inertia(self, to_ns: int, acceleration_density: np.ndarray,
                    drift_density: float) -> 'AttitudeState':
-        """Return the state at a later time if the rate goes on.
+        """
+        Return the state at a later time if the rate goes on.
 
         But for white accelerations and changes of the drift of these densities, rad^2/s^3:
         acceleration_density (3,) about each axis, drift_density about all.
@@ -36,7 +38,8 @@ class AttitudeState(NamedTuple):
 
     def by_rate(self, to_ns: int, measured: np.ndarray, noise_density: float,
                 attitude_variance: float, drift_density: float) -> 'AttitudeState':
-        """Return the state at a later time after the turn that a gyro measured (3,) rad/s.
+        """
+        Return the state at a later time after the turn that a gyro measured (3,) rad/s.
 
         Whatever the rate was before. White noise of the gyro of this density, rad^2/s;
         attitude_variance rad^2 is added to each axis.
@@ -50,7 +53,8 @@ class AttitudeState(NamedTuple):
         return AttitudeState(self.stamp_ns, *_with_rate(*self[1:], measured, variance))
 
     def with_attitude(self, information: np.ndarray, vector: np.ndarray) -> 'AttitudeState':
-        """Return the state after a measurement of its attitude error, in information form.
+        """
+        Return the state after a measurement of its attitude error, in information form.
 
         information (3, 3) is the inverse covariance of the measurement, which may be
         singular; vector (3,) is information times the turn that the measurement asks for.
@@ -71,7 +75,7 @@ class AttitudeState(NamedTuple):
 
 
 @compiled
-def turned(quaternion, rotation):
+def turned(quaternion: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Return a quaternion (4,) after a turn by a rotation vector (3,) about sensor axes."""
     angle = np.sqrt(rotation[0] ** 2 + rotation[1] ** 2 + rotation[2] ** 2)
     scale = np.sin(angle / 2) / angle if angle > 1e-8 else 0.5
@@ -86,8 +90,9 @@ def turned(quaternion, rotation):
 
 
 @compiled
-def _turn_transition(turn):
-    """Return the identity (9, 9) with the attitude error seen from turned axes.
+def _turn_transition(turn: np.ndarray) -> np.ndarray:
+    """
+    Return the identity (9, 9) with the attitude error seen from turned axes.
 
     exp(-[turn]x) to third order: turn (3,) is a small part of a rad.
     """
@@ -101,7 +106,9 @@ def _turn_transition(turn):
 
 
 @compiled
-def _by_inertia(quaternion, rate, drift, covariance, dt_s, acceleration_density, drift_density):
+def _by_inertia(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray,
+                covariance: np.ndarray, dt_s: float, acceleration_density: np.ndarray,
+                drift_density: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     turn = rate * dt_s
     transition = _turn_transition(turn)
     for axis in range(3):
@@ -117,8 +124,9 @@ def _by_inertia(quaternion, rate, drift, covariance, dt_s, acceleration_density,
 
 
 @compiled
-def _by_rate(quaternion, rate, drift, covariance, measured, dt_s, noise_density,
-             attitude_variance, drift_density):
+def _by_rate(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
+             measured: np.ndarray, dt_s: float, noise_density: float, attitude_variance: float,
+             drift_density: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     rate = measured - drift
     turn = rate * dt_s
     transition = _turn_transition(turn)
@@ -137,7 +145,9 @@ def _by_rate(quaternion, rate, drift, covariance, measured, dt_s, noise_density,
 
 
 @compiled
-def _with_rate(quaternion, rate, drift, covariance, measured, variance):
+def _with_rate(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
+               measured: np.ndarray, variance: float
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     columns = covariance[:, 3:6] + covariance[:, 6:]
     spread = columns[3:6] + columns[6:] + variance * np.eye(3)
     gain = np.linalg.solve(spread, columns.T).T
@@ -148,7 +158,9 @@ def _with_rate(quaternion, rate, drift, covariance, measured, variance):
 
 
 @compiled
-def _with_attitude(quaternion, rate, drift, covariance, information, vector):
+def _with_attitude(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray,
+                   covariance: np.ndarray, information: np.ndarray, vector: np.ndarray
+                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     attitude = np.ascontiguousarray(covariance[:3, :3])
     rows = np.ascontiguousarray(covariance[:3])
     columns = np.ascontiguousarray(covariance[:, :3])

@@ -1,12 +1,11 @@
 """Davenport's q-method: the rotation that fits weighted directions best. Compiled."""
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 
 
 @compiled
-def attitude_profile(sensor, icrf, weight):
+def attitude_profile(sensor: np.ndarray, icrf: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Return the matrix (3, 3) sum w icrf sensor^T that holds all that the fit has to know."""
     profile = np.zeros((3, 3))
     for n in range(len(weight)):
@@ -17,8 +16,10 @@ def attitude_profile(sensor, icrf, weight):
 
 
 @compiled
-def davenport(sensor, icrf, weight):
-    """Return q_icrf_from_sensor (4,) and how well it is determined.
+def davenport(sensor: np.ndarray, icrf: np.ndarray, weight: np.ndarray
+              ) -> tuple[np.ndarray, float]:
+    """
+    Return q_icrf_from_sensor (4,) and how well it is determined.
 
     sensor and icrf (N, 3) are unit vectors to the same stars, weight (N,) sums to 1. The
     quaternion maximises sum w icrf . R sensor (Wahba's problem): it is the eigenvector of

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.attitude import solution
 from startracker_ros.attitude.refinement import inverse_information
 from startracker_ros.rotation import matrix_from_quaternion
@@ -19,7 +18,8 @@ class AttitudeError(ValueError):
 
 @dataclass(frozen=True)
 class AttitudeEstimate:
-    """An attitude and its statistics.
+    """
+    An attitude and its statistics.
 
     quaternion (4,) is q_icrf_from_sensor with w >= 0; covariance_sensor (3, 3) rad^2 is that
     of rotation.attitude_error, a rotation vector about sensor axes; residual_rad (N,) is the
@@ -36,7 +36,8 @@ class AttitudeEstimate:
 
 def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarray,
                       solver: str = 'quest') -> AttitudeEstimate:
-    """Return the attitude of directions to the same stars.
+    """
+    Return the attitude of directions to the same stars.
 
     sensor and icrf (N, 3) need not be of unit length; sigma_rad (N,) is the 1-sigma error of
     each sensor direction about either axis across it, the catalogue is taken as exact.
@@ -57,7 +58,8 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
         raise AttitudeError(f'{count} stars: an attitude takes at least 2')
     if solver not in SOLVERS:
         raise ValueError(f'no solver {solver!r}; there are {", ".join(SOLVERS)}')
-    ended, star, twin, *solved = solution.solve(SOLVERS[solver], sensor, icrf, sigma_rad)
+    ended, star, twin, quaternion, covariance, residual_rad, chi2 = solution.solve(
+        SOLVERS[solver], sensor, icrf, sigma_rad)
     if ended != solution.SOLVED:
         raise AttitudeError({
             solution.NOT_FINITE: 'NaN or infinity among the directions or their sigma',
@@ -68,12 +70,12 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
             solution.PARALLEL: 'the directions are parallel, or weighted so unevenly that one '
                                'star decides alone: the rotation about them is not observable',
         }[ended])
-    quaternion, covariance, residual_rad, chi2 = solved
     return AttitudeEstimate(quaternion, covariance, count, residual_rad, chi2)
 
 
 def cramer_rao(sensor: np.ndarray, sigma_rad: np.ndarray) -> np.ndarray:
-    """Return the least covariance (3, 3) rad^2 about sensor axes of any unbiased attitude.
+    """
+    Return the least covariance (3, 3) rad^2 about sensor axes of any unbiased attitude.
 
     The inverse Fisher information of unit vectors (N, 3) whose errors across the line of
     sight are Gaussian of sigma_rad (N,) (Shuster and Oh, J. Guid. Control 4, 1981, eq. 98).
@@ -95,7 +97,8 @@ def covariance_icrf(q_icrf_from_sensor: np.ndarray, covariance_sensor: np.ndarra
 
 
 def mean_chi2(estimate: AttitudeEstimate, icrf: np.ndarray, sigma_rad: np.ndarray) -> float:
-    """Return the chi2 that such an estimate of unit vectors icrf (N, 3) has on average.
+    """
+    Return the chi2 that such an estimate of unit vectors icrf (N, 3) has on average.
 
     2 N - 3 for the best fit; an attitude off it moves all stars: 2 N - 6 + tr(F P) with F the
     Fisher information of sigma_rad (N,), P the covariance.

@@ -4,7 +4,6 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.attitude.attitude_state import AttitudeState
 from startracker_ros.options import option, Options
 
@@ -34,7 +33,8 @@ class GyroErrorOptions(Options):
 
 
 class Gyro:
-    """The rates of the last while, to carry an attitude over them.
+    """
+    The rates of the last while, to carry an attitude over them.
 
     The errors are those of Farrenkopf's model (J. Guid. Control 1, 1978). A measured rate
     is the mean over the time since the measurement before, so it is used back to that one;
@@ -51,7 +51,8 @@ class Gyro:
         self._rates: list[np.ndarray] = []
 
     def add(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
-        """Take the rate (3,) about sensor axes measured up to a time; False if it is unusable.
+        """
+        Take the rate (3,) about sensor axes measured up to a time; False if it is unusable.
 
         Measurements come in the order of their stamps.
         """
@@ -89,7 +90,8 @@ class Gyro:
 
     def support(self, state: AttitudeState, to_ns: int, acceleration_density: np.ndarray
                 ) -> AttitudeState:
-        """Return the state at a later time by inertia, corrected by each rate on the way.
+        """
+        Return the state at a later time by inertia, corrected by each rate on the way.
 
         acceleration_density (3,) in rad^2/s^3. A mean rate is that of the middle of its time.
         """

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.attitude.attitude_state import AttitudeState
 from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.rotation import attitude_error
@@ -11,7 +10,8 @@ from startracker_ros.rotation import attitude_error
 
 @dataclass(frozen=True)
 class AttitudePrediction:
-    """An attitude that no star was asked for.
+    """
+    An attitude that no star was asked for.
 
     quaternion (4,) is q_icrf_from_sensor; covariance_sensor (3, 3) rad^2 that of
     rotation.attitude_error, a rotation vector about sensor axes.
@@ -58,7 +58,9 @@ class AttitudePropagator:
         return AttitudePrediction(self._state.quaternion, self._state.covariance[:3, :3])
 
     def correct(self, quaternion: np.ndarray, covariance_sensor: np.ndarray) -> None:
-        """Take the attitude of a frame at the time of the last prediction."""
+        """Take the attitude of a frame at the time of the last prediction, if there was one."""
+        if self._state is None:
+            return
         information = np.linalg.inv(covariance_sensor)
         turn = attitude_error(quaternion, self._state.quaternion)
         self._state = self._state.with_attitude(information, information @ turn)

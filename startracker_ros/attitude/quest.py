@@ -1,4 +1,5 @@
-"""QUEST: the rotation that fits weighted directions best, without an eigendecomposition.
+"""
+QUEST: the rotation that fits weighted directions best, without an eigendecomposition.
 
 Shuster and Oh, J. Guid. Control 4 (1981). As published it finds the largest eigenvalue of
 Davenport's K by Newton's method from its upper limit, the sum of the weights, and then the
@@ -9,7 +10,6 @@ differences of directions instead of directions, and keep their digits for close
 """
 
 import numpy as np
-
 from startracker_ros.attitude.refinement import sensor_directions, turn
 from startracker_ros.attitude.triad import best_partner, triad
 from startracker_ros.compiled import compiled
@@ -22,12 +22,14 @@ _SMALLEST = 1e-20
 
 
 @compiled
-def quest(sensor, icrf, sigma, weight):
-    """Return the matrix (3, 3) to ICRF and the gap, as davenport().
+def quest(sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray, weight: np.ndarray
+          ) -> tuple[np.ndarray, float]:
+    """
+    Return the matrix (3, 3) to ICRF and the gap, as davenport().
 
     The gap is a lower limit that is right where it is small. sigma (N,) chooses the two stars.
     """
-    first = np.argmin(sigma)
+    first = int(np.argmin(sigma))
     second, _, sine2 = best_partner(sensor, icrf, sigma, first)
     if not sine2 > 0:
         return np.eye(3), 0.0
@@ -48,8 +50,9 @@ def quest(sensor, icrf, sigma, weight):
 
 
 @compiled
-def _remaining(sensor, place, weight):
-    """Return the quaternion, of any length, from sensor (N, 3) to place (N, 3), and the gap.
+def _remaining(sensor: np.ndarray, place: np.ndarray, weight: np.ndarray) -> tuple[float, ...]:
+    """
+    Return the quaternion, of any length, from sensor (N, 3) to place (N, 3), and the gap.
 
     I - K = [[g, -z], [-z^T, e]] has the eigenvalue m = 1 - lambda; the quaternion is
     (adj(g - m) z, det(g - m)).

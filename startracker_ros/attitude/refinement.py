@@ -1,7 +1,6 @@
 """The best fit from a nearly right rotation, its covariance and its residuals: compiled."""
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 
 
@@ -15,8 +14,10 @@ stars of equal weight reach it 0.3 arcsec apart."""
 
 
 @compiled
-def refine(matrix, sensor, icrf, weight):
-    """Turn a nearly right matrix (3, 3) to the best fit; return the covariance at unit weight.
+def refine(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray, weight: np.ndarray
+           ) -> tuple[np.ndarray, float]:
+    """
+    Turn a nearly right matrix (3, 3) to the best fit; return the covariance at unit weight.
 
     Gauss-Newton on sum w |sensor - matrix^T icrf|^2 (Wahba's problem) over unit vectors
     (N, 3) and weights (N,). Covariance and determinant are those of inverse_information().
@@ -44,7 +45,7 @@ def refine(matrix, sensor, icrf, weight):
 
 
 @compiled
-def sensor_directions(matrix, icrf):
+def sensor_directions(matrix: np.ndarray, icrf: np.ndarray) -> np.ndarray:
     """Return where a matrix (3, 3) to ICRF has the stars icrf (N, 3) in the sensor frame."""
     place = np.empty((len(icrf), 3))
     for i in range(len(icrf)):
@@ -55,8 +56,9 @@ def sensor_directions(matrix, icrf):
 
 
 @compiled
-def inverse_information(directions, weight):
-    """Return the inverse Fisher information (3, 3) of unit vectors (N, 3), its determinant.
+def inverse_information(directions: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, float]:
+    """
+    Return the inverse Fisher information (3, 3) of unit vectors (N, 3), its determinant.
 
     The covariance about their axes for weights (N,) 1 / sigma^2 (Shuster and Oh, J. Guid.
     Control 4, 1981, eq. 98). A determinant of zero says that the rotation is not
@@ -89,7 +91,7 @@ def inverse_information(directions, weight):
 
 
 @compiled
-def residuals(sensor, place):
+def residuals(sensor: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Return the angles (N,) in rad between unit vectors (N, 3) and their places (N, 3)."""
     angle = np.empty(len(sensor))
     for i in range(len(sensor)):
@@ -102,8 +104,9 @@ def residuals(sensor, place):
 
 
 @compiled
-def turn(matrix, hx, hy, hz):
-    """Turn a matrix (3, 3) in place about its sensor axes by a Rodrigues (Gibbs) vector.
+def turn(matrix: np.ndarray, hx: float, hy: float, hz: float) -> None:
+    """
+    Turn a matrix (3, 3) in place about its sensor axes by a Rodrigues (Gibbs) vector.
 
     Its length is the tangent of half the angle: the matrix stays a rotation at any size.
     """
@@ -119,7 +122,7 @@ def turn(matrix, hx, hy, hz):
 
 
 @compiled
-def matrix_from_quaternion(q):
+def matrix_from_quaternion(q: np.ndarray) -> np.ndarray:
     """Return the rotation matrix (3, 3) of a unit quaternion (4,)."""
     x, y, z, w = q
     return np.array([
@@ -129,7 +132,7 @@ def matrix_from_quaternion(q):
 
 
 @compiled
-def quaternion_from_matrix(matrix):
+def quaternion_from_matrix(matrix: np.ndarray) -> np.ndarray:
     """Return the quaternion (4,), w >= 0, of a rotation matrix (3, 3) (Shepperd 1978)."""
     q = np.empty(4)
     trace = matrix[0, 0] + matrix[1, 1] + matrix[2, 2]

@@ -1,7 +1,6 @@
 """One call from directions to attitude, covariance and residuals, so that it costs little."""
 
 import numpy as np
-
 from startracker_ros.attitude.davenport import davenport
 from startracker_ros.attitude.quest import quest
 from startracker_ros.attitude.refinement import (
@@ -18,8 +17,10 @@ SOLVED, NOT_FINITE, SIGMA, ZERO_LENGTH, SAME_STAR, PARALLEL = range(6)
 
 
 @compiled
-def solve(solver, sensor, icrf, sigma):
-    """Return how it ended, the star (or -1) and its twin of SAME_STAR, and the solution.
+def solve(solver: int, sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray
+          ) -> tuple[int, int, int, np.ndarray, np.ndarray, np.ndarray, float]:
+    """
+    Return how it ended, the star (or -1) and its twin of SAME_STAR, and the solution.
 
     sensor and icrf (N, 3), N at least 2, are made unit vectors in place; sigma (N,) in rad. The
     solution is a quaternion (4,), a covariance (3, 3), residuals (N,) in rad and chi2.
@@ -65,7 +66,7 @@ def solve(solver, sensor, icrf, sigma):
 
 
 @compiled
-def _check(sensor, icrf, sigma):
+def _check(sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray) -> int:
     """Make the directions unit vectors; return SOLVED or what is wrong with them."""
     ended = SOLVED
     for i in range(len(sigma)):
@@ -89,7 +90,7 @@ def _check(sensor, icrf, sigma):
 
 
 @compiled
-def _twins(sensor, icrf):
+def _twins(sensor: np.ndarray, icrf: np.ndarray) -> tuple[int, int]:
     """Return two stars that are one: the same in the image and in the catalogue; -1 for none."""
     for i in range(len(sensor)):
         for j in range(i):

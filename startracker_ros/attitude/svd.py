@@ -1,14 +1,14 @@
 """The rotation that fits weighted directions best, by singular values. Compiled."""
 
 import numpy as np
-
 from startracker_ros.attitude.davenport import attitude_profile
 from startracker_ros.compiled import compiled
 
 
 @compiled
-def svd(sensor, icrf, weight):
-    """Return the matrix (3, 3) to ICRF and the gap, as davenport().
+def svd(sensor: np.ndarray, icrf: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, float]:
+    """
+    Return the matrix (3, 3) to ICRF and the gap, as davenport().
 
     Of the singular vectors of the attitude profile (Markley, J. Astronaut. Sci. 36, 1988).
     The gap is 2 (s2 + d s3) of the singular values s, d = -1 for mirrored directions.

@@ -1,16 +1,17 @@
-"""A rotation from two directions: exact in the first, within the plane of both. Compiled.
+"""
+A rotation from two directions: exact in the first, within the plane of both. Compiled.
 
 Black, AIAA Journal 2 (1964); covariance of Shuster and Oh, J. Guid. Control 4 (1981).
 """
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 
 
 @compiled
-def triad(sensor, icrf, first, second):
-    """Return the matrix (3, 3) to ICRF that fits two of the directions (N, 3), the first exactly.
+def triad(sensor: np.ndarray, icrf: np.ndarray, first: int, second: int) -> np.ndarray:
+    """
+    Return the matrix (3, 3) to ICRF that fits two of the directions (N, 3), the first exactly.
 
     The two must not be parallel.
     """
@@ -24,7 +25,7 @@ def triad(sensor, icrf, first, second):
 
 
 @compiled
-def _frame(vectors, first, second):
+def _frame(vectors: np.ndarray, first: int, second: int) -> np.ndarray:
     """Return three axes (3, 3): a vector, the normal of the plane of two, and across."""
     axes = np.empty((3, 3))
     for k in range(3):
@@ -40,8 +41,10 @@ def _frame(vectors, first, second):
 
 
 @compiled
-def best_partner(sensor, icrf, sigma, first):
-    """Return the second star that goes best with a first one, their variance and sine squared.
+def best_partner(sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray, first: int
+                 ) -> tuple[int, float, float]:
+    """
+    Return the second star that goes best with a first one, their variance and sine squared.
 
     The variance is the trace of the covariance in rad^2; the sine is the geometric mean of the
     sensor's and the catalogue's, so that neither is parallel. -1, infinity and 0 when there
@@ -58,8 +61,9 @@ def best_partner(sensor, icrf, sigma, first):
 
 
 @compiled
-def best_pair(sensor, icrf, sigma):
-    """Return the two stars whose TRIAD attitude varies least, and their sine squared.
+def best_pair(sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray) -> tuple[int, int, float]:
+    """
+    Return the two stars whose TRIAD attitude varies least, and their sine squared.
 
     Of two, the more accurate one is the first. -1, -1 and 0 when all are parallel.
     """
@@ -72,7 +76,7 @@ def best_pair(sensor, icrf, sigma):
 
 
 @compiled
-def _sine2(vectors, first, second):
+def _sine2(vectors: np.ndarray, first: int, second: int) -> float:
     """Return the square of the sine of the angle between two of the unit vectors (N, 3)."""
     ax, ay, az = vectors[first]
     bx, by, bz = vectors[second]
@@ -81,7 +85,8 @@ def _sine2(vectors, first, second):
 
 
 @compiled
-def triad_covariance(directions, sigma, first, second):
+def triad_covariance(directions: np.ndarray, sigma: np.ndarray, first: int, second: int
+                     ) -> np.ndarray:
     """Return the covariance (3, 3) rad^2 about the axes of the true directions (N, 3)."""
     a, b = directions[first], directions[second]
     cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri
-
 from startracker_ros.attitude.estimate import (
     AttitudeError, AttitudeEstimate, estimate_attitude, mean_chi2, SOLVERS)
 from startracker_ros.camera import Camera
@@ -52,7 +51,8 @@ class AttitudeTrust:
         self._previous: np.ndarray | None = None
 
     def solve(self, uv: np.ndarray, hip: np.ndarray, sigma_px: np.ndarray) -> TrustedAttitude:
-        """Return the attitude of stars at pixels uv (N, 2) with errors sigma_px (N,).
+        """
+        Return the attitude of stars at pixels uv (N, 2) with errors sigma_px (N,).
 
         Stars that the catalogue does not hold (hip 0) are left out. The covariance is
         scaled up when the residuals are larger than chance makes those of sigma_px.
@@ -84,7 +84,8 @@ class AttitudeTrust:
 
     def take(self, tracked: AttitudeEstimate, uv: np.ndarray, hip: np.ndarray
              ) -> TrustedAttitude:
-        """Return an attitude that a star tracker has filtered, if its stars (N,) fit it.
+        """
+        Return an attitude that a star tracker has filtered, if its stars (N,) fit it.
 
         uv (N, 2) px is where the tracker has the stars.
         """

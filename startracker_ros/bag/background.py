@@ -1,11 +1,13 @@
 """Writes a bag in a thread of its own, so that compression and disk keep no subscriber waiting."""
 
 from collections import deque
+from collections.abc import Sequence
 import threading
 import time
 from types import TracebackType
 
 from startracker_ros.bag.errors import BagError
+from startracker_ros.bag.qos import QosProfile
 from startracker_ros.bag.writer import BagWriter, check_times
 
 # Together with the time of writing a flush stays well within the second that may be lost.
@@ -13,7 +15,8 @@ _FLUSH_PERIOD_S = 0.5
 
 
 class BackgroundWriter:
-    """A queue in front of a BagWriter; write() takes no longer than noting the message.
+    """
+    A queue in front of a BagWriter; write() takes no longer than noting the message.
 
     dropped counts the messages that found the queue full, or a bag that had failed; error is
     why it failed, None while all is well.
@@ -31,13 +34,13 @@ class BackgroundWriter:
         self._thread = threading.Thread(target=self._work, name='bag writer', daemon=True)
         self._thread.start()
 
-    def add_topic(self, *arguments: object) -> None:
-        """Take up a topic, as BagWriter.add_topic()."""
+    def add_topic(self, name: str, type_name: str, qos: Sequence[QosProfile]) -> None:
+        """Take up a topic, as the writer does."""
         with self._writer_lock:
-            self._writer.add_topic(*arguments)
+            self._writer.add_topic(name, type_name, qos)
 
     def write(self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> bool:
-        """Queue a message, as BagWriter.write(); return False, and count it, if it is lost."""
+        """Queue a message for the writer; return False, and count it, if it is lost."""
         check_times(topic, log_time_ns, publish_time_ns)
         with self._changed:
             # A message larger than the whole queue still goes through an empty one.

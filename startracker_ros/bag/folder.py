@@ -20,7 +20,8 @@ class BagFiles:
 
 
 def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
-    """Return the files of a bag folder, or the file itself; BagError if they cannot be read.
+    """
+    Return the files of a bag folder, or the file itself; BagError if they cannot be read.
 
     Without a metadata.yaml, as a recorder that was killed leaves it, all .mcap files are taken.
     With report, a metadata.yaml that is damaged is told of and passed over.

@@ -1,6 +1,6 @@
 """What a bag holds, as rows."""
 
-from datetime import datetime, timezone
+from datetime import datetime, UTC
 from pathlib import Path
 
 from startracker_ros.bag.errors import BagError
@@ -11,7 +11,8 @@ from startracker_ros.table import Result
 
 
 def describe(bag: Path) -> tuple[Result, list[str]]:
-    """Return a row for each topic, and what is wrong with the bag; BagError if it is none.
+    """
+    Return a row for each topic, and what is wrong with the bag; BagError if it is none.
 
     A bag that is whole is told from its index alone, of another one every message is looked at.
     """
@@ -59,7 +60,7 @@ def _utc(stamp_ns: int) -> str:
     # Integers all the way: a float of the full time is good to a quarter of a microsecond.
     seconds, nanoseconds = divmod(stamp_ns, 10 ** 9)
     try:
-        moment = datetime.fromtimestamp(seconds, timezone.utc)
+        moment = datetime.fromtimestamp(seconds, UTC)
     except (ValueError, OverflowError, OSError):
         return f'{stamp_ns} ns'
     return f'{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d} UTC'

@@ -14,9 +14,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
-import zstandard
-
 from startracker_ros.bag.errors import BagError, UnfinishedBagError
+import zstandard
 
 MAX_RECORD_BYTES = 2 ** 28
 """Larger records, and chunks that unpack to more, are taken for damage: memory is not for them."""
@@ -68,7 +67,8 @@ class _Damage(Exception):
 
 
 class McapFile:
-    """An open MCAP file; what it holds is found by walking over its records once.
+    """
+    An open MCAP file; what it holds is found by walking over its records once.
 
     schemas and channels by id; statistics is the file's own count, None where it has none;
     compressions are those of its chunks.
@@ -125,7 +125,8 @@ class McapFile:
 
     def messages(self, topics: Sequence[str] = (), start_ns: int = 0, *,
                  report: Callable[[str], None] | None = None) -> Iterator[RawMessage]:
-        """Yield messages in the order of their log times; errors as check(), or at the damage.
+        """
+        Yield messages in the order of their log times; errors as check(), or at the damage.
 
         With report, damaged chunks of a file with a sound index are told of and left out.
         """
@@ -371,7 +372,8 @@ class McapFile:
 
 
 def unpack(data: bytes | memoryview, compression: str, size: int | None = None) -> bytes:
-    """Return data unpacked, size bytes where that is known; an exception of _DAMAGE otherwise.
+    """
+    Return data unpacked, size bytes where that is known; an exception of _DAMAGE otherwise.
 
     No more than MAX_RECORD_BYTES are ever made of it, whatever it says of itself.
     """

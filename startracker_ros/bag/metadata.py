@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import yaml
-
 from startracker_ros.bag.qos import QosProfile
+import yaml
 
 # What rosbag2 notes as the start of a bag without messages.
 _NEVER_NS = 2 ** 63 - 1

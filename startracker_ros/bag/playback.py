@@ -8,7 +8,6 @@ import threading
 import time
 
 import numpy as np
-
 from startracker_ros.bag.reader import BagMessage
 from startracker_ros.options import option, Options
 
@@ -39,7 +38,8 @@ class PlaybackOptions(Options):
 
 
 class Playback:
-    """Calls publish(message) when each message is due and tick(time_ns) as a clock, in a thread.
+    """
+    Calls publish(message) when each message is due and tick(time_ns) as a clock, in a thread.
 
     read(start_ns) gives the messages from a log time on, as often as it is played; span_ns is
     the first and last log time of the bag. finished is called at the end, with the exception

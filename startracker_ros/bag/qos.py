@@ -28,7 +28,8 @@ _NUMBERED = {
 
 @dataclass(frozen=True)
 class QosProfile:
-    """What one publisher offers; the defaults are those of a plain publisher seen over DDS.
+    """
+    What one publisher offers; the defaults are those of a plain publisher seen over DDS.
 
     History and depth do not travel over DDS: a recorder sees 'unknown' and 0.
     """
@@ -55,7 +56,8 @@ class QosProfile:
 
     @classmethod
     def from_dict(cls, entries: Mapping[str, Any]) -> 'QosProfile':
-        """Return the profile of a mapping of any version; ValueError if it is none.
+        """
+        Return the profile of a mapping of any version; ValueError if it is none.
 
         What is missing stays at its default.
         """

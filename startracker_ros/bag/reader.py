@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 import struct
 from typing import Any
@@ -10,13 +10,12 @@ from typing import Any
 from mcap.exceptions import McapError
 from mcap.records import Channel, Schema
 from mcap_ros2.decoder import DecoderFactory
-from zstandard import ZstdError
-
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.folder import find_files
 from startracker_ros.bag.mcap_file import McapFile, RawMessage, unpack
 from startracker_ros.bag.qos import qos_from_yaml, QosProfile
 from startracker_ros.bag.schemas import message_schema, MessageSchema
+from zstandard import ZstdError
 
 # What the decoder raises on bytes that are not what they should be.
 _DAMAGE = (McapError, ZstdError, ValueError, KeyError, RuntimeError, MemoryError, OverflowError,
@@ -36,7 +35,8 @@ class BagMessage:
 
 @dataclass(frozen=True)
 class BagTopic:
-    """A topic of a bag and the number of its messages.
+    """
+    A topic of a bag and the number of its messages.
 
     encoding is that of the messages, cdr for ROS 2; schema is the definition in the bag, and
     qos what its publishers offered.
@@ -57,7 +57,8 @@ def _ignore(problem: str) -> None:
 def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
                   tolerant: bool = False, report: Callable[[str], None] = _ignore
                   ) -> Iterator[BagMessage]:
-    """Yield the messages of a bag folder or an MCAP file in the order of their log times.
+    """
+    Yield the messages of a bag folder or an MCAP file in the order of their log times.
 
     topics: those wanted, all if empty; start_ns: the first log time wanted.
     tolerant: read what is whole of an unfinished or damaged file, in the order of writing where
@@ -99,7 +100,8 @@ def read_topics(bag: Path, *, tolerant: bool = False, report: Callable[[str], No
 
 
 def decode(type_name: str, cdr: bytes) -> Any:
-    """Return a message with the fields of its type as attributes; BagError if that fails.
+    """
+    Return a message with the fields of its type as attributes; BagError if that fails.
 
     The type is the installed one. Byte arrays are bytes, other arrays lists.
     """
@@ -110,7 +112,7 @@ def decode(type_name: str, cdr: bytes) -> Any:
         raise BagError(f'{len(cdr)} bytes are no {type_name}: {error}') from error
 
 
-@lru_cache(maxsize=None)
+@cache
 def _decoder(type_name: str) -> Callable[[bytes], Any]:
     schema = message_schema(type_name)
     decoder = DecoderFactory().decoder_for(

@@ -8,7 +8,8 @@ from startracker_ros.bag.writer import BagWriter
 
 
 def recover(bag: Path, folder: Path, *, report: Callable[[str], None]) -> int:
-    """Write every message of a bag that is whole into a new bag; return their number.
+    """
+    Write every message of a bag that is whole into a new bag; return their number.
 
     Definitions, hashes and quality of service are those of the old bag. What is not whole is
     told to report(). BagError if nothing can be read of the old bag or the new one not written.

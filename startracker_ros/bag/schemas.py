@@ -24,7 +24,8 @@ class MessageSchema:
 
 
 def message_schema(type_name: str) -> MessageSchema:
-    """Return the schema of a type like 'sensor_msgs/msg/Image'.
+    """
+    Return the schema of a type like 'sensor_msgs/msg/Image'.
 
     As in rosbag2, the text is the .msg file followed by those of all types in it, depth
     first and in the order of their names, and a type that is not found, or one of whose

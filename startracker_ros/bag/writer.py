@@ -7,7 +7,6 @@ from pathlib import Path
 from types import TracebackType
 
 from mcap.writer import CompressionType, LIBRARY_IDENTIFIER, Writer
-
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.metadata import bag_information, FileRecord, to_yaml, TopicRecord
 from startracker_ros.bag.qos import QosProfile
@@ -37,7 +36,8 @@ class BagOptions(Options):
 
 
 class BagWriter:
-    """A bag being written: a folder of MCAP files, and metadata.yaml once it is closed.
+    """
+    A bag being written: a folder of MCAP files, and metadata.yaml once it is closed.
 
     What was written reaches the operating system within 1 s of log time: it outlives the
     process, not a power cut. After a BagError from write() or flush() the bag is closed and
@@ -66,7 +66,8 @@ class BagWriter:
 
     def add_topic(self, topic: str, type_name: str, qos: Sequence[QosProfile] = (), *,
                   schema: MessageSchema | None = None, encoding: str = 'cdr') -> None:
-        """Take up a topic with what its publishers offer; BagError if it is there already.
+        """
+        Take up a topic with what its publishers offer; BagError if it is there already.
 
         schema: the definition of its type where it is not the installed one.
         """
@@ -81,7 +82,8 @@ class BagWriter:
             self._topics[topic] = record
 
     def write(self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> None:
-        """Append a serialized message.
+        """
+        Append a serialized message.
 
         log_time_ns is when it was received, publish_time_ns when it was sent, 0 if unknown;
         both UNIX time, in any order. BagError for an unknown topic and when the disk is full.

@@ -8,7 +8,8 @@ _MAX_DEPTH = 30
 
 
 def load_yaml(text: str | bytes) -> Any:
-    """Return what YAML says; ValueError if it is none.
+    """
+    Return what YAML says; ValueError if it is none.
 
     Nesting without end crashes libyaml, and aliases make much out of little; rosbag2 writes
     neither.

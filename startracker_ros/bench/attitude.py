@@ -12,7 +12,6 @@ from rich.progress import track as progress
 import scipy
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-
 from startracker_ros.attitude.estimate import (
     AttitudeEstimate, cramer_rao, estimate_attitude, SOLVERS)
 from startracker_ros.rotation import ARCSEC, attitude_error, matrix_from_quaternion

@@ -1,4 +1,5 @@
-"""cedar-solve in a Python of its own, which it needs: NumPy below 2.
+"""
+cedar-solve in a Python of its own, which it needs: NumPy below 2.
 
 Run by path; imports nothing of this package:
 
@@ -12,6 +13,7 @@ ascension, declination and roll as cedar-solve means it, NaN without a solution;
 (F - warm_up,).
 """
 
+from collections.abc import Callable
 import gc
 import logging
 from pathlib import Path
@@ -25,7 +27,7 @@ FOV_TOLERANCE = 0.05
 TIME_LIMIT_MS = 1000
 
 
-def measure(build):
+def measure(build: Callable[[], object]) -> tuple[object, float, float]:
     """Return what build() returns, its wall time in s, and what memory grew to, in MB."""
     # Linux then counts the peak from here.
     Path('/proc/self/clear_refs').write_text('5')
@@ -35,13 +37,13 @@ def measure(build):
     return built, time.perf_counter() - start_s, _status_mb('VmHWM') - before_mb
 
 
-def _status_mb(field):
-    for line in Path('/proc/self/status').read_text().splitlines():
-        if line.startswith(field):
-            return int(line.split()[1]) / 1024
+def _status_mb(field: str) -> float:
+    lines = Path('/proc/self/status').read_text().splitlines()
+    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith(field))
 
 
-def _build(catalogue, database, fov_deg, magnitude_limit, epoch_year):
+def _build(catalogue: str, database: str, fov_deg: str, magnitude_limit: str,
+           epoch_year: str) -> None:
     import tetra3
     solver = tetra3.Tetra3(load_database=None)
     _, seconds, memory_mb = measure(lambda: solver.generate_database(
@@ -51,7 +53,7 @@ def _build(catalogue, database, fov_deg, magnitude_limit, epoch_year):
     print(seconds, memory_mb)
 
 
-def _solve(database, frames, answers):
+def _solve(database: str, frames: str, answers: str) -> None:
     import tetra3
     solver = tetra3.Tetra3(load_database=database)
     with np.load(frames) as asked:
@@ -77,4 +79,5 @@ def _solve(database, frames, answers):
 
 if __name__ == '__main__':
     logging.disable(logging.CRITICAL)
-    {'build': _build, 'solve': _solve}[sys.argv[1]](*sys.argv[2:])
+    commands: dict[str, Callable[..., None]] = {'build': _build, 'solve': _solve}
+    commands[sys.argv[1]](*sys.argv[2:])

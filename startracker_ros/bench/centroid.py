@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 from rich.progress import track as progress
 from scipy.spatial import cKDTree
-
 from startracker_ros.bench import star_images
 from startracker_ros.bench.star_images import star_image, StarImage
 from startracker_ros.centroid.extraction import CentroidExtractor
@@ -137,7 +136,7 @@ class Tally:
             return
         distance, index = cKDTree(uv).query(scene.uv)
         near = distance < MATCH_PX
-        self.found += np.count_nonzero(near)
+        self.found += int(np.count_nonzero(near))
         self.false += len(uv) - len(np.unique(index[near]))
         error = (uv[index] - scene.uv)[near] / scene.bound_px[near, None]
         self.square_ratio.append((error ** 2).ravel())

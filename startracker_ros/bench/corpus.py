@@ -6,7 +6,6 @@ from itertools import product
 import zlib
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places, StarPlaces
 from startracker_ros.catalog.stars import load_catalog
@@ -46,7 +45,8 @@ VIEWS = {view.name: view for view in (
 
 @dataclass(frozen=True)
 class Cell:
-    """What the frames of one cell have in common.
+    """
+    What the frames of one cell have in common.
 
     sigma_px is the centroid noise per axis, missing the share of stars that are not found,
     false the number of false stars. sky is `any`; `none`: as many false stars as a real
@@ -87,7 +87,8 @@ CELLS = {cell.name: cell for cell in _CHOSEN} | _TRAPS
 
 @dataclass(frozen=True)
 class Frame:
-    """Centroids, brightest first, and the q_icrf_from_sensor (4,) they were seen at.
+    """
+    Centroids, brightest first, and the q_icrf_from_sensor (4,) they were seen at.
 
     truth is None where no attitude is right.
     """

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from rich.progress import track as progress
-
 from startracker_ros.bench import moving_targets as scene
 from startracker_ros.bench.centroid import version
 from startracker_ros.bench.moving_targets import moving_targets, Targets
@@ -41,6 +40,7 @@ class Filter(ABC):
 
     package = 'startracker_ros'
 
+    @abstractmethod
     def __init__(self, targets: Targets, clutter: int) -> None:
         """Begin with what is known at the start, expecting clutter points a frame."""
 

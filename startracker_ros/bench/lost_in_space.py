@@ -9,10 +9,9 @@ import platform
 import tempfile
 
 import numpy as np
-
 from startracker_ros.bench.corpus import ALL_CELLS, Cell, Frame, frames, View, VIEWS
 from startracker_ros.bench.peers import (
-    Cedar, CEDAR, Database, measure_database, peer_version, race, Solver, solvers, TUNED, WARM_UP)
+    CEDAR, Cedar, Database, measure_database, peer_version, race, Solver, solvers, TUNED, WARM_UP)
 from startracker_ros.campaign.spread import split, spread
 from startracker_ros.rotation import attitude_error
 from startracker_ros.table import Result
@@ -70,10 +69,11 @@ def cell_rows(view: View, name: str, cell: Cell, outcome: Outcome) -> Iterator[R
     """Yield a row of each solver; that of ours is held against its bounds."""
     figures = {solver: _figures(*run) for solver, run in outcome.items()}
     for solver, own in figures.items():
+        shown: dict[str, float | None] = {**own}
         if cell.sky in ('none', 'mirrored'):
-            own = own | {'correct_percent': None}
+            shown = {**own, 'correct_percent': None}
         checks = bounds(view, cell, figures) if solver == 'ours' else []
-        yield _row(name, view, solver, checks, **own)
+        yield _row(name, view, solver, checks, **shown)
 
 
 def _figures(answers: np.ndarray, cpu_s: np.ndarray) -> dict[str, float]:
@@ -150,7 +150,8 @@ def run_lost_in_space_bench(*, trials: int, seed: int, only: Sequence[str],
     for name in names:
         for view in views:
             pieces = [next(outcomes) for _ in parts]
-            joined = {solver: tuple(map(np.concatenate, zip(*(run[solver] for run in pieces))))
+            joined = {solver: (np.concatenate([run[solver][0] for run in pieces]),
+                               np.concatenate([run[solver][1] for run in pieces]))
                       for solver in pieces[0]}
             rows += cell_rows(view, name, ALL_CELLS[name], joined)
     used = [column for column in _COLUMNS if any(row[column] is not None for row in rows)]

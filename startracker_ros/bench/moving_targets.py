@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.track.motion_models import constant_velocity
 
 SIDE_PX = 1024
@@ -21,7 +20,8 @@ _START_VARIANCE = np.array([SIGMA_PX ** 2, 1.0, SIGMA_PX ** 2, 1.0])
 
 @dataclass(frozen=True)
 class Targets:
-    """One run: truth (F + 1, N, 4) as in motion_models, from the start on.
+    """
+    One run: truth (F + 1, N, 4) as in motion_models, from the start on.
 
     state (N, 4) and covariance (N, 4, 4) are what a filter knows at the start; frames
     holds the centroids (M, 2) of each frame after it, in random order.
@@ -34,14 +34,15 @@ class Targets:
 
 
 def moving_targets(kind: str, tracks: int, clutter: int, rng: np.random.Generator) -> Targets:
-    """Return a run of one of the SCENES.
+    """
+    Return a run of one of the SCENES.
 
     Pairs that cross pass within a pixel at half time, at angles of 10 to 150 deg; close pairs
     begin CLOSE_PX apart side by side. All accelerate at random.
     """
     middle = _pairs(kind, (tracks + 1) // 2, rng)[:tracks]
     half = 0 if kind == 'close' else FRAMES // 2
-    transition, noise = constant_velocity(DT_S, (ACCELERATION_PX_S2, ACCELERATION_PX_S2))
+    transition, _ = constant_velocity(DT_S, (ACCELERATION_PX_S2, ACCELERATION_PX_S2))
     back = np.linalg.inv(transition)
     truth = np.empty((FRAMES + 1, tracks, 4))
     truth[half] = middle

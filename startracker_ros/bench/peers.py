@@ -1,4 +1,5 @@
-"""Ours and its peers behind one door: a database, a solve call to be timed, an attitude.
+"""
+Ours and its peers behind one door: a database, a solve call to be timed, an attitude.
 
 tetra3rs (https://github.com/ssmichael1/tetra3rs) and cedar-solve
 (https://github.com/smroid/cedar-solve) find attitudes by hashes of four-star patterns.
@@ -16,7 +17,6 @@ import time
 from typing import Any
 
 import numpy as np
-
 from startracker_ros.bench import cedar_process
 from startracker_ros.bench.cedar_process import measure
 from startracker_ros.bench.corpus import EPOCH_YEAR, Frame, View
@@ -95,14 +95,14 @@ class Tetra3rs(Solver):
 
     def build(self, view: View, camera: Camera) -> None:
         from tetra3rs import SolverDatabase
-        tuned = {} if self._pattern_max_error is None else {
+        tuned: dict[str, Any] = {} if self._pattern_max_error is None else {
             'star_max_magnitude': view.magnitude_limit + _MAGNITUDE_MARGIN,
             'pattern_max_error': self._pattern_max_error}
         self._database = SolverDatabase.generate_from_gaia(
             max_fov_deg=view.fov_deg, epoch_proper_motion_year=EPOCH_YEAR, **tuned)
         fov_deg = float(np.degrees(camera.fov_x_rad))
         self._center = [camera.cx, camera.cy]
-        self._options = {
+        self._options: dict[str, Any] = {
             'fov_estimate_deg': fov_deg, 'image_width': camera.width,
             'image_height': camera.height,
             # A star off by 1 px changes the scale of a small pattern by per cents.
@@ -209,7 +209,7 @@ class Cedar:
 
     def race(self, view: View, camera: Camera, frames: list[Frame],
              ) -> tuple[list[np.ndarray | None], np.ndarray]:
-        """Return what race() does of a solver in this process."""
+        """Run a race in the process of the solver, with the result of one in this process."""
         with tempfile.TemporaryDirectory() as folder:
             asked, answered = Path(folder) / 'frames.npz', Path(folder) / 'answers.npz'
             np.savez(asked, uv=np.concatenate([frame.centroids.uv for frame in frames]),

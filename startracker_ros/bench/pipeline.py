@@ -14,7 +14,6 @@ import time
 import cv2
 import numpy as np
 from rich.progress import track as progress
-
 from startracker_ros.attitude.estimate import cramer_rao
 from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
 from startracker_ros.camera import Camera
@@ -141,7 +140,7 @@ def pyramid(trials: int, seed: int) -> Iterator[Row]:
 
 
 def database(trials: int, seed: int) -> Iterator[Row]:
-    """Building the pattern database, and loading it from the cache."""
+    """Time how long the pattern database takes to build, and to load from the cache."""
     with _empty_cache():
         for name, bound in (('built', 2.0), ('out of the cache', 2.0)):
             start_s = time.perf_counter()
@@ -152,7 +151,7 @@ def database(trials: int, seed: int) -> Iterator[Row]:
 
 
 def rendering(trials: int, seed: int) -> Iterator[Row]:
-    """Simulated 1024 x 1024 frames, plain and with every effect of the sensor."""
+    """Simulate 1024 x 1024 frames, plain and with every effect of the sensor."""
     everything = DetectorOptions(
         dark_current_e_s=50.0, hot_pixel_fraction=1e-3, flat_field_percent=1.0,
         stray_light_e=30.0, cosmic_ray_hits_cm2_s=5.0)
@@ -191,7 +190,7 @@ def core_work(trials: int, seed: int) -> Iterator[Row]:
         marks.append(time.process_time())
         tracks = tracker.update(stamp_ns, centroids)
         marks.append(time.process_time())
-        if tracker.attitude is not None:
+        if tracks is not None and tracker.attitude is not None:
             used = tracks.usable
             trust.take(tracker.attitude.attitude, tracks.uv[used], tracks.hip[used])
         marks.append(time.process_time())
@@ -208,7 +207,7 @@ def core_work(trials: int, seed: int) -> Iterator[Row]:
 
 
 def processes(trials: int, seed: int) -> Iterator[Row]:
-    """The demo with each node a process, started with an empty cache and with a full one."""
+    """Run the demo, each node a process, from an empty cache and from a full one."""
     with _empty_cache() as folder:
         for run, limit_s in (('first', 10.0), ('second', 5.0)):
             # As a user starts it, so that its own start-up counts.

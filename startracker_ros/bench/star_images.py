@@ -27,7 +27,8 @@ class StarImage:
 
 
 def flux_e(snr: float) -> float:
-    """Return the electrons of a star of this SNR.
+    """
+    Return the electrons of a star of this SNR.
 
     SNR is the total flux over its error within the 4 pi sigma^2 pixels that a matched filter
     takes of a Gaussian star: F / sqrt(F + 4 pi sigma^2 (sky + read noise^2)).
@@ -52,7 +53,8 @@ def star_image(snr: float, rng: np.random.Generator) -> StarImage:
 
 
 def cramer_rao_px(place: np.ndarray, flux: float, sky: np.ndarray) -> float:
-    """Return the bound of the error per axis: place and flux free, width and background known.
+    """
+    Return the bound of the error per axis: place and flux free, width and background known.
 
     place (2,) px within the window; sky (n,) electrons of its columns.
     """

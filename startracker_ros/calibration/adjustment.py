@@ -1,4 +1,5 @@
-"""Camera and attitudes together, as they fit the known stars of many frames best.
+"""
+Camera and attitudes together, as they fit the known stars of many frames best.
 
 Bundle adjustment with the sky as calibration target. Each frame has an attitude of its own,
 which is eliminated: its part of the normal equations is projected out, frame by frame, and
@@ -14,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
-
 from startracker_ros.camera import Camera, CameraError
 from startracker_ros.rotation import (
     matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
@@ -42,7 +42,8 @@ class CalibrationError(ValueError):
 
 @dataclass(frozen=True)
 class KnownStars:
-    """Star images of all frames and the stars that they are.
+    """
+    Star images of all frames and the stars that they are.
 
     uv (N, 2) px; sigma_px (N,) 1-sigma error per axis; icrf (N, 3) unit vectors; frame (N,)
     the index of the frame that each belongs to.
@@ -64,7 +65,8 @@ class KnownStars:
 
 @dataclass(frozen=True)
 class Adjustment:
-    """A camera that fits, and how well.
+    """
+    A camera that fits, and how well.
 
     quaternions (F, 4) are q_icrf_from_sensor; terms are those estimated and covariance (P, P)
     that of their parameters, in the order of `parameters`; kept (N,) is False for stars
@@ -98,7 +100,8 @@ class Adjustment:
 
 def adjust(camera: Camera, stars: KnownStars, quaternions: np.ndarray, terms: tuple[str, ...], *,
            reject: bool = True) -> Adjustment:
-    """Return the camera and the attitudes (F, 4) that fit the stars best.
+    """
+    Return the camera and the attitudes (F, 4) that fit the stars best.
 
     Gauss-Newton from a camera and attitudes that are nearly right; only the terms named are
     estimated. Weights are those of sigma_px and of an extra error, the same for all stars,
@@ -194,7 +197,8 @@ def _turn_partials(camera: Camera, direction: np.ndarray) -> np.ndarray:
 
 def _step(residual: np.ndarray, lens: np.ndarray, turn: np.ndarray, frame: np.ndarray,
           frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the change of the lens (P,), of the attitudes (F, 3), and the lens covariance.
+    """
+    Return the change of the lens (P,), of the attitudes (F, 3), and the lens covariance.
 
     residual (N, 2), lens (N, 2, P) and turn (N, 2, 3) are divided by the errors.
     """
@@ -221,7 +225,8 @@ def _step(residual: np.ndarray, lens: np.ndarray, turn: np.ndarray, frame: np.nd
 
 
 def _extra_error(square: np.ndarray, sigma_px: np.ndarray, share: float) -> float:
-    """Return the error in px, per axis, that residuals show beyond sigma_px (N,).
+    """
+    Return the error in px, per axis, that residuals show beyond sigma_px (N,).
 
     square (N,) are the squared residuals of both axes in px^2; a fit leaves only a share of
     the true errors. By the median, which few wrong stars do not move: half of all stars have

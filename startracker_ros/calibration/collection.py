@@ -4,7 +4,6 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.calibration.estimate import covered_percent, moved
 from startracker_ros.calibration.matching import View
 from startracker_ros.camera import Camera

@@ -1,4 +1,5 @@
-"""The calibration of a camera: rounds of matching and adjusting, and what the data tell.
+"""
+The calibration of a camera: rounds of matching and adjusting, and what the data tell.
 
 The distortion found so far says where stars near the edges must stand, so they are matched
 anew with each better camera until hardly a star comes or goes.
@@ -13,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
-
 from startracker_ros.calibration.adjustment import (
     adjust, Adjustment, CalibrationError, KnownStars, TERMS)
 from startracker_ros.calibration.matching import match_stars, View
@@ -46,7 +46,8 @@ _CELLS = 8
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibrated camera and what it rests on.
+    """
+    A calibrated camera and what it rests on.
 
     adjustment holds the camera, the parameters and their covariance; its frames are those
     of `frames` (F,), indices of the views. held says of each term why it was not estimated;
@@ -72,7 +73,8 @@ class Calibration:
 
 def calibrate(views: Sequence[View], camera: Camera, places: StarPlaces,
               terms: Sequence[str] = ()) -> Calibration:
-    """Return the camera that took the views.
+    """
+    Return the camera that took the views.
 
     camera and the attitudes of the views need to be nearly right: within a few px in most of
     the image. terms names what is estimated beside the focal length, all of it; without
@@ -91,7 +93,8 @@ def calibrate(views: Sequence[View], camera: Camera, places: StarPlaces,
                 f'{len(frames)} identified images, at least 2 are needed: in a single one the '
                 'principal point is not determined beside the attitude, nor is it seen whether '
                 'the calibration holds for any other')
-        stars = match_stars(camera, places, [views[i] for i in frames], quaternions, gate_px)
+        stars = match_stars(camera, places, [views[int(i)] for i in frames], quaternions,
+                            gate_px)
         enough = np.bincount(stars.frame, minlength=len(frames)) >= MIN_FRAME_STARS
         if not enough.all():
             # Wrongly identified, or hardly a star: the frame goes, with all it says.

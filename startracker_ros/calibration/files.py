@@ -32,7 +32,8 @@ _NEAR = tuple(IdentificationOptions(fov_error_percent=1.0, sigma_floor_px=floor_
 def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | None = None,
                     camera_file: Path | None = None, epoch_year: float | None = None,
                     terms: Sequence[str] = ()) -> Result:
-    """Calibrate the camera of image files and write it to output.
+    """
+    Calibrate the camera of image files and write it to output.
 
     It starts from an ideal camera of fov_deg or from the one of camera_file; the first image
     that can be read gives the size. epoch_year None is today. An image that cannot be used
@@ -51,7 +52,7 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
             centroids[index] = extractor.extract(image).centroids
         except ImageError as error:
             reasons[index] = str(error)
-    if not centroids:
+    if camera is None or not centroids:
         raise CalibrationError('; '.join(['no image to calibrate from', *reasons.values()]))
     try:
         used, calibration = _calibrate(centroids, camera, epoch_year, terms, reasons)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
-
 from startracker_ros.calibration.adjustment import KnownStars
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
@@ -22,7 +21,8 @@ class View:
 
 def match_stars(camera: Camera, places: StarPlaces, views: list[View], quaternions: np.ndarray,
                 gate_px: float) -> KnownStars:
-    """Return the centroids that stand within gate_px of a star, each star and spot once.
+    """
+    Return the centroids that stand within gate_px of a star, each star and spot once.
 
     quaternions (F, 4) are the attitudes to go by. Stars disturbed by a neighbour are left out,
     and centroids that are not finite or have no error.

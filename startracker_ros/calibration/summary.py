@@ -1,13 +1,13 @@
 """What a calibration says for itself: parameters with errors, residuals before and after."""
 
 import numpy as np
-
 from startracker_ros.calibration.estimate import Calibration, cells, covered_percent
 from startracker_ros.rotation import ARCSEC
 
 
 def figures(calibration: Calibration, chosen: np.ndarray) -> dict[str, object]:
-    """Return the residuals, rms in arcsec, of a choice (N,) of the stars.
+    """
+    Return the residuals, rms in arcsec, of a choice (N,) of the stars.
 
     pinhole_arcsec is before, calibrated_arcsec after, left_out_arcsec with the camera that the
     other images give.
@@ -22,7 +22,8 @@ def figures(calibration: Calibration, chosen: np.ndarray) -> dict[str, object]:
 
 
 def summary(calibration: Calibration) -> dict[str, object]:
-    """Return the parameters with their 1-sigma errors and the residuals of all images.
+    """
+    Return the parameters with their 1-sigma errors and the residuals of all images.
 
     The ..._lens_arcsec are what each camera model leaves over: the mean residuals of the
     stars in each cell of the image, where the errors of the centroids average out, rms.

@@ -1,4 +1,5 @@
-"""Centroids of real stars at right and wrong thresholds, as Gao and Cui (2016) compare them.
+"""
+Centroids of real stars at right and wrong thresholds, as Gao and Cui (2016) compare them.
 
 The camera makes angles of pixels: between stars of one image the ratio of the angle on the sky
 to the distance in pixels is the same for all pairs, and its spread is the error of the centroids.
@@ -13,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
@@ -37,7 +37,8 @@ class DataError(RuntimeError):
 
 @dataclass(frozen=True)
 class Photograph:
-    """image (H, W) with the catalogue stars in it, brightest first, at uv (S, 2) px.
+    """
+    image (H, W) with the catalogue stars in it, brightest first, at uv (S, 2) px.
 
     camera, by which they are there, has no distortion.
     """
@@ -87,7 +88,8 @@ def named(photograph: Photograph, centroids: Centroids) -> np.ndarray:
 
 
 def without_lens(shown: Sequence[Photograph], places: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the places as a pinhole would show them.
+    """
+    Return the places as a pinhole would show them.
 
     What all images have in common of a polynomial of the third degree is the lens; pointing,
     scale and refraction are a linear map of each. Fitted to the very places, so that no
@@ -125,7 +127,8 @@ def ratios(photograph: Photograph, places: np.ndarray, stars: np.ndarray) -> np.
 
 
 def spreads(shown: Sequence[Photograph]) -> tuple[dict[tuple[str, str], float], int]:
-    """Return the spread of the ratios by method and threshold, and how many stars made it.
+    """
+    Return the spread of the ratios by method and threshold, and how many stars made it.
 
     The stars are the same for all: the brightest that every method finds at every threshold.
     """

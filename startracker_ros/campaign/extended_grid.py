@@ -1,4 +1,5 @@
-"""Extended grids in a narrow field over the whole sky, beside the published figures.
+"""
+Extended grids in a narrow field over the whole sky, beside the published figures.
 
 Qian, Sun, Cai, Huang: 10000 random directions a figure.
 """
@@ -10,7 +11,6 @@ from pathlib import Path
 import time
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import cramer_rao
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.propagate import AttitudePrediction, AttitudePropagator
@@ -66,7 +66,8 @@ SPARSE = [Condition(position_px=noise, magnitude_limit=7.4) for noise in (0.35, 
 
 @dataclass(frozen=True)
 class Tally:
-    """What became of frames, each array one figure a frame.
+    """
+    What became of frames, each array one figure a frame.
 
     stars (F,) were seen; solved, wrong, grid_solved, grid_wrong, triangle_solved and
     triangle_wrong (F,) bool say whether at least two stars were named and all of them rightly, and
@@ -138,7 +139,9 @@ def predicted(q: np.ndarray, condition: Condition, rng: np.random.Generator
     for k in range(round(condition.period_s / GYRO_PERIOD_S)):
         propagator.add_rate(round((k + 1) * GYRO_PERIOD_S * 1e9),
                             rate + drift + rng.normal(0, RANDOM_DEG_H * _DEG_H, 3))
-    return truth, propagator.predict(round(condition.period_s * 1e9))
+    prediction = propagator.predict(round(condition.period_s * 1e9))
+    assert prediction is not None, 'it has rates up to the end of the period'
+    return truth, prediction
 
 
 def frames(condition: Condition, trials: int, seed: int) -> Tally:
@@ -194,12 +197,14 @@ def _neighbours(identifier: ExtendedGridIdentifier, observed: np.ndarray, hip: n
     hip_combined = np.concatenate([hip, hip_known[~image.inside]])
     extended = hip_combined[identifier.patterns(combined, star)[1]]
     plain = hip[identifier.patterns(observed, star)[1]]
-    return len(star), np.count_nonzero(extended == right), np.count_nonzero(plain == right)
+    return (len(star), int(np.count_nonzero(extended == right)),
+            int(np.count_nonzero(plain == right)))
 
 
 def triangle_votes(observed: np.ndarray, image: PredictedField, buffer_rad: float,
                    sigma_rad: float) -> np.ndarray:
-    """Return for each observed place (N, 2) the row of the predicted star, -1 for none.
+    """
+    Return for each observed place (N, 2) the row of the predicted star, -1 for none.
 
     The extended-image triangle method: a star and its two nearest neighbours outside the
     buffer radius, in the combined image, against the triangles of the catalogue stars. The
@@ -256,7 +261,7 @@ def run_extended_grid_campaign(*, trials: int, seed: int, scheduler: str = '',
         'triangles': 'a star and its two nearest neighbours outside the buffer radius in the '
                      'combined image, three sides within 3.5 sigma of noise that is known, '
                      'not verified',
-        'grid alone': 'what the patterns recognise, not verified: the paper\'s method',
+        'grid alone': "what the patterns recognise, not verified: the paper's method",
         'nearest neighbour': 'of each star that image A holds: the same star in C (extended) or '
                              'among the observed ones (plain) as in A',
         'time': 'process CPU time of identify, median',

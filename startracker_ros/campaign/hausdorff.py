@@ -1,4 +1,5 @@
-"""Identification by Hausdorff distance beside the published figures.
+"""
+Identification by Hausdorff distance beside the published figures.
 
 Zahednamazi, Toloei, Ghasemi 2023: 200 directions at each of four magnitude limits.
 """
@@ -9,7 +10,6 @@ from functools import cache
 import time
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.campaign.spread import split, spread
 from startracker_ros.catalog.places import star_places
@@ -59,7 +59,8 @@ CELLS = tuple(PUBLISHED)
 
 @dataclass(frozen=True)
 class Variant:
-    """How a direction is looked at.
+    """
+    How a direction is looked at.
 
     verified takes the method as it runs in the node; otherwise the nearest distance is the
     answer, as in the paper. at_pivot puts a pivot of the database at the centre of the field,
@@ -93,9 +94,11 @@ class Outcome:
 
 @cache
 def _identifier(method: str, magnitude_limit: float) -> HausdorffIdentifier:
-    return make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(
+    identifier = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(
         method=f'hausdorff_{method}', magnitude_limit=magnitude_limit,
         max_image_stars=_IMAGE_STARS))
+    assert isinstance(identifier, HausdorffIdentifier)
+    return identifier
 
 
 def directions(method: str, magnitude_limit: float, name: str, count: int,
@@ -118,7 +121,7 @@ def _direction(identifier: HausdorffIdentifier, variant: Variant,
         attitude = identifier.identify(centroids).attitude
         time_ms = (time.process_time() - start_s) * 1e3
         answered = correct = attitude is not None
-        if answered:
+        if attitude is not None:
             error_deg = np.abs(np.degrees(attitude_error(attitude.quaternion, q)))
             correct = np.hypot(error_deg[0], error_deg[1]) < 0.05 and error_deg[2] < 0.5
     else:
@@ -126,7 +129,7 @@ def _direction(identifier: HausdorffIdentifier, variant: Variant,
         found = identifier.nearest(field)
         time_ms = (time.process_time() - start_s) * 1e3
         answered = correct = found is not None
-        if answered:
+        if found is not None:
             correct = np.array_equal(hip[field.index[found.base]],
                                      identifier.places.hip[found.stars[0]])
     return Outcome(answered, bool(correct), len(hip), time_ms)
@@ -138,8 +141,8 @@ def _attitude(pivots: Pivots, rng: np.random.Generator) -> np.ndarray:
         index = np.argmax(pivots.direction @ rotate(random_attitude(rng), [0.0, 0.0, 1.0]))
     else:
         index = rng.integers(len(pivots.star))
-    return quaternion_from_pointing(*radec_from_unit(pivots.direction[index]),
-                                    rng.uniform(0, 2 * np.pi))
+    ra_rad, dec_rad = map(float, radec_from_unit(pivots.direction[index]))
+    return quaternion_from_pointing(ra_rad, dec_rad, rng.uniform(0, 2 * np.pi))
 
 
 Row = dict[str, object]
@@ -230,5 +233,5 @@ def run_hausdorff_campaign(*, trials: int, seed: int, scheduler: str = '',
         '0.1 px': 'Gaussian noise per axis, and 0.1 mag',
         'sets': 'of the stars up to the limit, doubles unmerged, around pivots within 6 deg; our '
                 'magnitudes put 3 to 16 stars more within a limit than the paper has',
-        'right of answered': 'the paper\'s share less three standard errors of its 200 draws',
+        'right of answered': "the paper's share less three standard errors of its 200 draws",
         'trials': trials, 'seed': seed})

@@ -1,11 +1,10 @@
 """Is a published attitude ever wrong? Long runs of the stages in conditions that mislead them."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-
 from startracker_ros.attitude.attitude_state import turned
 from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
 from startracker_ros.attitude.wrong import error_over_bound, WRONG_ARCSEC, WRONG_SIGMAS
@@ -37,7 +36,8 @@ _PIECE = 4
 
 @dataclass(frozen=True)
 class Condition:
-    """What happens during a run.
+    """
+    What happens during a run.
 
     rate_deg_s is the size of a steady turn about a random axis; slew_deg_s the peak of slews
     with ramps of slew_deg_s2, jitter_deg_s of a roll that changes every second; false centroids
@@ -138,8 +138,9 @@ def _rates(condition: Condition, rng: np.random.Generator) -> np.ndarray:
     return np.radians(rates)
 
 
-_GYROS = {'true': lambda rate: rate, 'degrees': np.degrees,
-          'swapped': lambda rate: rate[:, [1, 2, 0]]}
+_GYROS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    'true': lambda rate: rate, 'degrees': np.degrees,
+    'swapped': lambda rate: rate[:, [1, 2, 0]]}
 
 
 def _gyro(condition: Condition, rates: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -212,7 +213,7 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
         lost = before is TrackerState.TRACKING and tracker.state is not before
         before = tracker.state
         tally += Tally(frames=1, losses=int(lost))
-        if tracker.attitude is not None:
+        if tracks is not None and tracker.attitude is not None:
             used = tracks.usable
             result = trust.take(tracker.attitude.attitude, tracks.uv[used], tracks.hip[used])
             if result.attitude is not None:

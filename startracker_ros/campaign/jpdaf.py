@@ -1,16 +1,16 @@
-"""Attitude of four tracked stars by SNA, JPDAF and coupled, beside the published figures.
+"""
+Attitude of four tracked stars by SNA, JPDAF and coupled, beside the published figures.
 
 Sadeghi, Sabahi, Saberali: 400 frames at 10 Hz of two motions, three jitters, three noises.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
-
 from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.camera import Camera
 from startracker_ros.campaign.spread import split, spread
@@ -104,7 +104,8 @@ MODELS = Cell('turning', 0.1, 0.02), Cell('linear', 0.1, 0.02)
 
 @dataclass(frozen=True)
 class Run:
-    """The truth of one run, its four stars, and what the camera sees of it.
+    """
+    The truth of one run, its four stars, and what the camera sees of it.
 
     quaternion (F, 4) and rate_rad_s (F, 3) are the truth at each frame; icrf (4, 3) the
     stars; start_rate_rad_s (3,) what is known of the rate at the first frame; seen (F, 4) the
@@ -150,7 +151,8 @@ def make_run(cell: Cell, rng: np.random.Generator) -> Run:
 
 
 def _motion(cell: Cell, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return attitudes and body rates of the frames, and the rate (3,) without jitter.
+    """
+    Return attitudes and body rates of the frames, and the rate (3,) without jitter.
 
     The camera keeps its attitude to the orbit. Along the orbit normal the image turns about its
     centre; to the zenith the stars run on nearly straight lines.
@@ -158,7 +160,8 @@ def _motion(cell: Cell, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarra
     orbit = CircularOrbit(EARTH_RADIUS_M + 700e3, np.radians(30.0),
                           *rng.uniform(0, 2 * np.pi, 2))
     boresight = orbit.normal if cell.motion == 'turning' else orbit.at(0.0)[0]
-    q_start = quaternion_from_pointing(*radec_from_unit(boresight), rng.uniform(0, 2 * np.pi))
+    ra_rad, dec_rad = map(float, radec_from_unit(boresight))
+    q_start = quaternion_from_pointing(ra_rad, dec_rad, rng.uniform(0, 2 * np.pi))
     steady_rate = rotate(conjugate(q_start), ORBIT_RATE_RAD_S * orbit.normal)
     motion = RollJitter(SteadyMotion(q_start, steady_rate, orbit),
                         np.radians(cell.jitter_deg_s), BLOCK_S, int(rng.integers(2 ** 32)))
@@ -189,7 +192,8 @@ def sightings(uv: np.ndarray, sigma_px: float, rng: np.random.Generator
 # --- what is made of it ---
 
 def velocity_changes(cell: Cell) -> tuple[float, float]:
-    """Return 1-sigma changes per frame, of any star's velocity in px/s and of the roll rate.
+    """
+    Return 1-sigma changes per frame, of any star's velocity in px/s and of the roll rate.
 
     One rule for all cells: the change that the motion makes and the model leaves out, as
     the random walk that comes as far. A straight line leaves out the curve of a star across
@@ -209,7 +213,8 @@ def velocity_changes(cell: Cell) -> tuple[float, float]:
 
 
 def body_changes(cell: Cell) -> tuple[float, float]:
-    """Return 1-sigma changes per frame of the body rate across and about the boresight, rad/s.
+    """
+    Return 1-sigma changes per frame of the body rate across and about the boresight, rad/s.
 
     By the same rule: what is constant in space is no more so on the axes of a rolling camera.
     """
@@ -225,10 +230,11 @@ def star_model(cell: Cell) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarra
     steady, roll = velocity_changes(cell)
 
     def model(velocity_change: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-        change = np.array(velocity_change)
+        change_u, change_v = velocity_change
         if cell.motion == 'linear':
-            return constant_velocity(DT_S, change / DT_S)
-        return coordinated_turn(DT_S, -ORBIT_RATE_RAD_S, change / np.sqrt(DT_S))
+            return constant_velocity(DT_S, (change_u / DT_S, change_v / DT_S))
+        return coordinated_turn(DT_S, -ORBIT_RATE_RAD_S,
+                                (change_u / np.sqrt(DT_S), change_v / np.sqrt(DT_S)))
 
     transition, steady_noise = model((steady, steady))
     rolling = model((0.0, roll))[1]
@@ -243,6 +249,11 @@ def star_model(cell: Cell) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarra
         return steady_noise + turn @ rolling @ np.swapaxes(turn, 1, 2)
 
     return transition, noise
+
+
+def _same(value: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Return a noise that does not depend on the places."""
+    return value
 
 
 def track_stars(state: np.ndarray, covariance: np.ndarray, frames: Sequence[np.ndarray],
@@ -281,7 +292,8 @@ def _jpdaf(run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _neighbourhood(run: Run) -> np.ndarray:
-    """Return the index (F, 4) of the centroid that SNA takes for each star, -1 for none.
+    """
+    Return the index (F, 4) of the centroid that SNA takes for each star, -1 for none.
 
     It is given the true body rate; a star that is missing is carried on.
     """
@@ -297,7 +309,8 @@ def _neighbourhood(run: Run) -> np.ndarray:
 
 
 def _measured(run: Run) -> np.ndarray:
-    """Return the attitudes (F, 4) of SNA: TRIAD, or the true body rate where it names too few.
+    """
+    Return the attitudes (F, 4) of SNA: TRIAD, or the true body rate where it names too few.
 
     Two that are left may be next to each other: one such attitude would outweigh a run.
     """
@@ -315,7 +328,8 @@ def _measured(run: Run) -> np.ndarray:
 
 
 def _coupled(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Return the attitudes (F, 4) of the tracker with one filter, and their covariances.
+    """
+    Return the attitudes (F, 4) of the tracker with one filter, and their covariances.
 
     It starts with two named frames and finds the rate by them; by the rate it goes on through
     frames of too few stars.
@@ -356,7 +370,7 @@ def _coupled(run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 
 def attitudes(run: Run) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return the attitudes (F, 4) that METHODS make of a run, and the covariance of the last."""
+    """Return (F, 4) quaternions that each of METHODS makes of a run, and the last covariance."""
     places, sigma_px = _jpdaf(run)
     filtered = [np.stack([_attitude(uv, run.icrf, sigma, solver)
                           for uv, sigma in zip(places, sigma_px)])
@@ -378,7 +392,8 @@ def _attitude(uv: np.ndarray, icrf: np.ndarray, sigma_px: np.ndarray, solver: st
 
 @dataclass(frozen=True)
 class Errors:
-    """What became of T runs of a cell.
+    """
+    What became of T runs of a cell.
 
     error (T, K, F, 3) is the attitude error of each of METHODS about sensor axes, in arcsec;
     bound (T, F) the least variance of the boresight, both axes, in arcsec^2, NaN unless the
@@ -422,7 +437,8 @@ def errors(cell: Cell, trials: int, seed: int) -> Errors:
 
 
 def cramer_rao_bound(run: Run) -> np.ndarray:
-    """Return the posterior Cramer-Rao bound (F, 3, 3) rad^2 of the attitude error.
+    """
+    Return the posterior Cramer-Rao bound (F, 3, 3) rad^2 of the attitude error.
 
     Of a rate that is constant, and unknown at the start: the recursion of Tichavsky,
     Muravchik and Nehorai (IEEE Trans. Signal Process. 46, 1998) without process noise. Which
@@ -446,7 +462,8 @@ def cramer_rao_bound(run: Run) -> np.ndarray:
 
 
 def normalised_errors(cell: Cell, trials: int, seed: int) -> np.ndarray:
-    """Return the normalised estimation errors squared (trials, 4) of the states of stars.
+    """
+    Return the normalised estimation errors squared (trials, 4) of the states of stars.
 
     Of the last of a hundred frames, where the stars move as the filter takes it; four
     degrees of freedom each.
@@ -468,7 +485,7 @@ def normalised_errors(cell: Cell, trials: int, seed: int) -> np.ndarray:
         _, frames = sightings(np.stack(path)[..., POSITION], cell.sigma_px, rng)
         states, covariances = track_stars(
             state, np.tile(covariance, (STARS, 1, 1)), frames[1:], cell.sigma_px, transition,
-            lambda uv: own)
+            partial(_same, own))
         error = states[-1] - path[-1]
         result.append(np.einsum('ni,nij,nj->n', error, np.linalg.inv(covariances[-1]), error))
     return np.array(result)
@@ -560,7 +577,7 @@ def run_jpdaf_campaign(*, trials: int, seed: int, scheduler: str = '',
                  'for turning; process noise by one rule: the velocity change that the motion '
                  'makes and the model leaves out (curve of the path, changes of the roll rate, '
                  'Coriolis and centrifugal acceleration), as a random walk',
-        'attitude-coupled': 'the tracker\'s model attitude, named in two frames, with the body '
+        'attitude-coupled': "the tracker's model attitude, named in two frames, with the body "
                             'accelerations of the same rule, far larger in roll than across',
         'Cramer-Rao bound': 'posterior, rms of the boresight, of a constant rate unknown at the '
                             'start; JPDAF knows it better at first',

@@ -1,4 +1,5 @@
-"""Quad identification along an orbit and over the whole sky, beside the published figures.
+"""
+Quad identification along an orbit and over the whole sky, beside the published figures.
 
 Yuan, Zhang, Shi 2017: 300 consecutive simulated images.
 """
@@ -9,7 +10,6 @@ from functools import cache
 import time
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.campaign.spread import split, spread
 from startracker_ros.identify.identification import IdentificationOptions
@@ -36,7 +36,8 @@ _WARM_UP = 5
 
 @dataclass(frozen=True)
 class Frame:
-    """What became of one frame; stars counts those in the image.
+    """
+    What became of one frame; stars counts those in the image.
 
     named and misnamed count stars of the answer; triangles and false_triangles those of
     the paper's field match about the four brightest stars of the answer.
@@ -129,7 +130,7 @@ def _summary(case: str, frames: list[Frame], published: bool) -> Iterator[Row]:
     stars = [frame.stars for frame in frames]
     yield _row(f'{case}: stars in an image, fewest', min(stars), paper(14), 'stars')
     yield _row(f'{case}: stars in an image, most', max(stars), paper(23), 'stars')
-    solved = 100 * np.mean([frame.solved and not frame.wrong for frame in frames])
+    solved = 100 * float(np.mean([frame.solved and not frame.wrong for frame in frames]))
     # Poor fields, of which the paper has none, need not all be solved.
     least = 100 if published else 99
     yield _row(f'{case}: identified', solved, paper(100), '%', f'>= {least}', solved >= least)
@@ -144,9 +145,9 @@ def _summary(case: str, frames: list[Frame], published: bool) -> Iterator[Row]:
         yield _row(f'{case}: stars misnamed by the {name}', misnamed, None, '%', '<= 0.1',
                    misnamed <= 0.1)
     times_ms = [frame.time_ms for frame in frames]
-    for name, ours, limit in (('mean', np.mean(times_ms), 72.6),
-                              ('worst', np.max(times_ms), 128.6)):
-        yield _row(f'{case}: time, {name}', float(ours), paper(limit), 'ms', f'<= {limit}',
+    for name, ours, limit in (('mean', float(np.mean(times_ms)), 72.6),
+                              ('worst', max(times_ms), 128.6)):
+        yield _row(f'{case}: time, {name}', ours, paper(limit), 'ms', f'<= {limit}',
                    ours <= limit)
 
 
@@ -163,7 +164,7 @@ def run_quad_campaign(*, trials: int, seed: int, scheduler: str = '') -> Result:
         'camera': f'{CAMERA.width} x {CAMERA.height} px, 20.3 deg from edge to edge, '
                   f'{corner_deg:.1f} deg from corner to corner',
         'orbit': f'700 km, camera fixed to the zenith, frames {STEP_S:g} s apart, V 5.5, '
-                 f'{SIGMA_PX:g} px noise an axis; a stretch of sky as rich as the paper\'s images',
+                 f"{SIGMA_PX:g} px noise an axis; a stretch of sky as rich as the paper's images",
         'whole sky': 'random attitudes, the paper has no such figures',
         'database': 'the paper takes doubles and variables out; here close doubles are one star, '
                     'stars that a neighbour disturbs are in no pair, and variables stay. So many '

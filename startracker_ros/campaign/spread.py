@@ -13,13 +13,14 @@ class _Bar(Callback):
     """Shows how many pieces are done."""
 
     def __init__(self, progress: Progress, title: str, count: int) -> None:
-        super().__init__(posttask=lambda *_: progress.advance(self._task))
-        self._task = progress.add_task(title, total=count)
+        task = progress.add_task(title, total=count)
+        super().__init__(posttask=lambda *_: progress.advance(task))
 
 
 def spread(work: Callable[..., Any], pieces: Iterable[tuple], *, title: str,
            scheduler: str = '') -> list[Any]:
-    """Return work(*piece) of each piece, in order.
+    """
+    Return work(*piece) of each piece, in order.
 
     work is a function of a module, its arguments can be pickled. scheduler is the address of
     a dask cluster; without one the pieces go over the cores of this machine, each worker a
@@ -36,7 +37,8 @@ def spread(work: Callable[..., Any], pieces: Iterable[tuple], *, title: str,
 
 
 def split(trials: int, size: int, seed: int) -> list[tuple[int, int]]:
-    """Return pieces (trials, seed) of at most size trials; the seeds follow from the first.
+    """
+    Return pieces (trials, seed) of at most size trials; the seeds follow from the first.
 
     The pieces do not depend on the machine, so the figures do not either.
     """

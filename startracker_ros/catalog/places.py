@@ -7,7 +7,6 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import StarCatalog
 
@@ -28,7 +27,8 @@ near the detection limit."""
 
 @dataclass(frozen=True)
 class StarPlaces:
-    """Star images at one epoch, brightest first.
+    """
+    Star images at one epoch, brightest first.
 
     hip (N,) int32 names the brightest component; direction (N, 3) holds unit vectors in
     ICRS; magnitude (N,) is that of all components together; crowded (N,) is True where a
@@ -75,7 +75,8 @@ class StarPlaces:
 
 def star_places(catalog: StarCatalog, epoch_year: float, *, magnitude_limit: float,
                 merge_rad: float, crowd_rad: float) -> StarPlaces:
-    """Return the star images up to magnitude_limit at a Julian year.
+    """
+    Return the star images up to magnitude_limit at a Julian year.
 
     Stars linked by gaps below merge_rad become one image at their centre of light: a
     double belongs to the sky when its magnitude as a whole is within the limit. Every

@@ -3,12 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-
 from startracker_ros.compiled import compiled, inlined
 
 
 class SkyGrid(NamedTuple):
-    """Unit vectors direction (N, 3) by cell.
+    """
+    Unit vectors direction (N, 3) by cell.
 
     The cube that holds the sphere is cut into cells**3 cells; those of cell c are
     member[start[c]:start[c + 1]].
@@ -33,7 +33,7 @@ def sky_grid(direction: np.ndarray) -> SkyGrid:
 
 
 @inlined
-def _cells_about(grid, coordinate, chord):
+def _cells_about(grid: SkyGrid, coordinate: float, chord: float) -> tuple[int, int]:
     """Return the first and the last cell, along one axis, within chord of a coordinate."""
     half = grid.cells / 2
     low = int((coordinate - chord + 1) * half)
@@ -42,8 +42,9 @@ def _cells_about(grid, coordinate, chord):
 
 
 @compiled
-def nearest(grid, x, y, z, chord):
-    """Return the index of the star nearest to a unit vector and its squared chord.
+def nearest(grid: SkyGrid, x: float, y: float, z: float, chord: float) -> tuple[int, float]:
+    """
+    Return the index of the star nearest to a unit vector and its squared chord.
 
     -1 and infinity when none is within chord.
     """
@@ -68,8 +69,10 @@ def nearest(grid, x, y, z, chord):
 
 
 @compiled
-def count_in_image(grid, matrix, chord, low_x, high_x, low_y, high_y):
-    """Return how many stars a camera sees.
+def count_in_image(grid: SkyGrid, matrix: np.ndarray, chord: float, low_x: float, high_x: float,
+                   low_y: float, high_y: float) -> int:
+    """
+    Return how many stars a camera sees.
 
     matrix (3, 3) turns sensor vectors into those of the grid; the image reaches from low_x
     to high_x and from low_y to high_y in x / z, y / z, and no further than chord from its axis.

@@ -6,7 +6,6 @@ from pathlib import Path
 import time
 
 import numpy as np
-
 from startracker_ros.rotation import ARCSEC
 
 CATALOG_EPOCH_YEAR = 1991.25
@@ -21,7 +20,8 @@ _MAS = ARCSEC / 1000
 
 @dataclass(frozen=True)
 class StarCatalog:
-    """Stars by magnitude, brightest first; every array is (N,).
+    """
+    Stars by magnitude, brightest first; every array is (N,).
 
     hip is int32; ra_rad and dec_rad are float64, ICRS at J1991.25; the rest is float32.
     pm_ra_mas_yr holds the factor cos(dec); magnitude is Johnson V.
@@ -45,7 +45,8 @@ class StarCatalog:
         return StarCatalog(*(getattr(self, field.name)[:count] for field in fields(self)))
 
     def directions(self, epoch_year: float) -> np.ndarray:
-        """Return unit vectors (N, 3) in ICRS at a Julian year, seen from the barycentre.
+        """
+        Return unit vectors (N, 3) in ICRS at a Julian year, seen from the barycentre.
 
         Uniform straight motion in space (ESA SP-1200, vol. 1, section 1.5.5) with the
         radial velocity, unknown here, taken as zero. The distance then cancels: the
@@ -78,7 +79,8 @@ def load_catalog() -> StarCatalog:
 
 
 def epoch_year_from_stamp(stamp_ns: int) -> float:
-    """Return the Julian year of a UNIX time in ns.
+    """
+    Return the Julian year of a UNIX time in ns.
 
     UTC serves as Terrestrial Time: the minute between them moves no star by 0.1 mas.
     """

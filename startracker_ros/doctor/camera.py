@@ -8,7 +8,6 @@ import sys
 import time
 
 import numpy as np
-
 from startracker_ros.camera import Camera, CameraError, load_camera
 from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.doctor.check import Check

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Check:
-    """What was looked at, what was found, whether that will do, and what to mend.
+    """
+    What was looked at, what was found, whether that will do, and what to mend.
 
     A check that holds may still carry advice in `mend`.
     """

@@ -16,9 +16,9 @@ _LARGE_CACHE_BYTES = 1e9
 
 def check_storage() -> Iterator[Check]:
     """Yield the checks of what is kept on disk."""
-    from startracker_ros.compiled import config
+    from startracker_ros.compiled import settings
     from startracker_ros.identify.cache import cache_folder
-    yield check_compiled(config.CACHE_DIR)
+    yield check_compiled(settings.CACHE_DIR)
     yield check_databases(cache_folder())
     yield check_room(Path.cwd())
 

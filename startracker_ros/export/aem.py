@@ -3,7 +3,6 @@
 from dataclasses import dataclass, fields
 
 import numpy as np
-
 from startracker_ros.export.segments import lock_segments
 from startracker_ros.report.panels import utc
 from startracker_ros.report.recording import Recording
@@ -34,7 +33,8 @@ class AemLabels:
 
 
 def aem_text(recording: Recording, labels: AemLabels, creation_ns: int) -> str:
-    """Return the message; AemError without an attitude. creation_ns is UNIX time.
+    """
+    Return the message; AemError without an attitude. creation_ns is UNIX time.
 
     Q1 Q2 Q3 QC is q_icrf_from_sensor in x, y, z, w as it is: the standard's quaternion from
     frame A, ICRF, to frame B, INSTRUMENT, takes the components of vectors from A to B by the

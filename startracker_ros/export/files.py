@@ -16,7 +16,8 @@ FORMATS = ('aem', 'csv', 'parquet')
 
 def export_bag(bag: Path, folder: Path, formats: Sequence[str], labels: AemLabels,
                namespace: str | None = None) -> Result:
-    """Write the files and return a row for each: file, rows.
+    """
+    Write the files and return a row for each: file, rows.
 
     BagError when the bag cannot be read, AemError when it has no attitude for an AEM,
     MissingLibraryError before anything is written, OSError when a file cannot be.

@@ -1,7 +1,6 @@
 """Where the attitude of a recording must not be interpolated."""
 
 import numpy as np
-
 from startracker_ros.report.recording import Recording
 
 # Fewer frames than this may be missing, as a busy recorder loses them, within one lock.
@@ -9,7 +8,8 @@ _GAP_INTERVALS = 3.0
 
 
 def lock_segments(recording: Recording) -> np.ndarray:
-    """Return the number (N,) of the segment of each attitude, from 0; a new one at loss of lock.
+    """
+    Return the number (N,) of the segment of each attitude, from 0; a new one at loss of lock.
 
     The lock is lost where the estimator says of a frame that it has no attitude
     (attitude_imu); in a bag without that, where the tracker stops TRACKING; and always where

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from startracker_ros.export.segments import lock_segments
 from startracker_ros.report.panels import utc
 from startracker_ros.report.recording import Recording
@@ -42,7 +41,7 @@ def tracks_table(recording: Recording) -> Table:
     """Return a row for each track of each frame, with the fields of the `tracks` cloud."""
     rows = recording.tracks.rows
     return {'stamp_ns': recording.tracks.stamp_ns[recording.tracks.frame],
-            **{name: rows[name] for name in rows.dtype.names}}
+            **{name: rows[name] for name in rows.dtype.names or ()}}
 
 
 def diagnostics_table(recording: Recording) -> Table:

@@ -1,5 +1,6 @@
 """Pair databases kept in the user's cache folder, each under what it was built from."""
 
+from contextlib import suppress
 from dataclasses import fields
 import hashlib
 import io
@@ -9,7 +10,6 @@ from pathlib import Path
 import tempfile
 
 import numpy as np
-
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.identify.pairs import build_pairs, PairDatabase
 
@@ -28,7 +28,8 @@ def cache_folder() -> Path:
 
 def cached_pairs(places: StarPlaces, min_separation_rad: float,
                  max_separation_rad: float) -> PairDatabase:
-    """Return the pairs of places out of the cache, or build and store them.
+    """
+    Return the pairs of places out of the cache, or build and store them.
 
     The file begins with the SHA-256 of its content; a file that does not agree with it
     is built anew. A folder that cannot be written only costs the time to build. The
@@ -54,11 +55,9 @@ def _load(path: Path) -> PairDatabase | None:
     if hashlib.sha256(body).digest() != digest:
         logging.getLogger(__name__).warning('%s is damaged and is built anew', path)
         return None
-    try:
+    # A cache that belongs to somebody else serves as well; nobody deletes from it, either.
+    with suppress(OSError):
         os.utime(path)
-    except OSError:
-        # A cache that belongs to somebody else serves as well; nobody deletes from it, either.
-        pass
     stream = io.BytesIO(body)
     return PairDatabase(*(np.load(stream, allow_pickle=False) for _ in fields(PairDatabase)))
 
@@ -73,9 +72,9 @@ def _store(path: Path, pairs: PairDatabase) -> None:
         # Renamed when whole, so that another process never reads half a file.
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             part = Path(folder) / path.name
-            with part.open('wb') as file:
-                file.write(hashlib.sha256(body).digest())
-                file.write(body)
+            with part.open('wb') as stored:
+                stored.write(hashlib.sha256(body).digest())
+                stored.write(body)
             os.replace(part, path)
         newest_first = sorted(path.parent.glob('pairs-*.bin'),
                               key=lambda file: file.stat().st_mtime, reverse=True)

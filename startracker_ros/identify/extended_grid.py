@@ -1,4 +1,5 @@
-"""Grid patterns over an image that the gyro and the catalogue extend beyond its edges.
+"""
+Grid patterns over an image that the gyro and the catalogue extend beyond its edges.
 
 Qian, Sun, Cai, Huang, for narrow fields: the attitude that the gyro predicts gives the
 catalogue stars of an extended field, image A. The observed stars replace the part of A
@@ -13,7 +14,6 @@ and together with it the other stars too.
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.propagate import AttitudePrediction, AttitudePropagator
@@ -52,7 +52,8 @@ class ExtendedGridOptions(Options):
 
 @dataclass(frozen=True)
 class PredictedField:
-    """The catalogue stars of the extended field at the predicted attitude, brightest first.
+    """
+    The catalogue stars of the extended field at the predicted attitude, brightest first.
 
     star (M,) are indices into the places; place (M, 2) is x / z, y / z in the sensor frame;
     inside (M,) bool is True within the image, near (M,) also where a prediction that is off may
@@ -70,7 +71,8 @@ class PredictedField:
                               self.near[chosen])
 
     def brightest(self, observed: int) -> 'PredictedField':
-        """Return the stars down to where as many of them are inside as were observed.
+        """
+        Return the stars down to where as many of them are inside as were observed.
 
         How faint a sensor sees is then no parameter, and changes with the exposure as it may.
         """
@@ -134,7 +136,8 @@ class ExtendedGridIdentifier(PyramidIdentifier):
                               self.camera.contains(uv, -self._cell / self.camera.pixel_rad))
 
     def recognise(self, observed: np.ndarray, predicted: PredictedField) -> np.ndarray:
-        """Return for each observed place (N, 2) the row of the predicted star, -1 for none.
+        """
+        Return for each observed place (N, 2) the row of the predicted star, -1 for none.
 
         Each takes the star whose pattern over A has most cells in common with its own
         over C, provided that these are enough and that no other observed star has more in
@@ -155,7 +158,8 @@ class ExtendedGridIdentifier(PyramidIdentifier):
 
     def patterns(self, place: np.ndarray, reference: np.ndarray
                  ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the occupied cells (K, g * g) around reference stars (K,) among places (N, 2).
+        """
+        Return the occupied cells (K, g * g) around reference stars (K,) among places (N, 2).
 
         1 for an occupied cell and 0 for an empty one, float32; and the neighbour (K,) that
         gave the direction of each grid.
@@ -221,7 +225,8 @@ class ExtendedGridIdentifier(PyramidIdentifier):
 
 
 class RecursiveIdentifier:
-    """Extended-grid identification from frame to frame, with the gyro in between.
+    """
+    Extended-grid identification from frame to frame, with the gyro in between.
 
     condition says in words what the last frame was identified with.
     """
@@ -242,7 +247,8 @@ class RecursiveIdentifier:
         return self._propagator.has_rates
 
     def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
-        """Identify the frame of a time, later than that of the frame before.
+        """
+        Identify the frame of a time, later than that of the frame before.
 
         A frame without an answer leaves the prediction as it is, which ages until the grid
         cannot use it any more: then the next frames are identified lost-in-space.

@@ -1,4 +1,5 @@
-"""Sets of bright stars around a pivot, looked up by the Hausdorff distance of their halves.
+"""
+Sets of bright stars around a pivot, looked up by the Hausdorff distance of their halves.
 
 Zahednamazi, Toloei, Ghasemi (2023). Four bright stars around a pivot make two sets: the pivot
 with the brightest, and the other three. The Hausdorff distance of the two, in the tangent plane
@@ -17,12 +18,11 @@ from itertools import combinations, product
 
 import numpy as np
 from scipy.spatial import cKDTree
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.identify.identification import (
-    Candidates, FieldStars, IdentificationOptions, CandidateIdentifier)
+    CandidateIdentifier, Candidates, FieldStars, IdentificationOptions)
 
 _LOOKED_AT = 6
 BRIGHTEST_FOUR = ((0, 1, 2, 3),)
@@ -51,7 +51,8 @@ class Pivots:
 
 @dataclass(frozen=True)
 class StarSets:
-    """Sets of a pivot and four stars.
+    """
+    Sets of a pivot and four stars.
 
     feature (S,) is the Hausdorff distance in focal lengths. stars (S, 4) are indices into the
     list of stars: the brightest, the one at the Hausdorff distance, the other two with the one
@@ -71,14 +72,15 @@ class StarSets:
 
 
 class HausdorffIdentifier(CandidateIdentifier):
-    """Looks up sets of the image among those of the sky.
+    """
+    Looks up sets of the image among those of the sky.
 
     Neighbours of a pivot are the stars within a circle: unlike the field, it holds the same
     ones at every roll. The paper's circle, of radius_rad, is the largest about the centre of
     the image; a method may add wider ones, and sets without some of the brightest stars.
     """
 
-    sky_fours = BRIGHTEST_FOUR
+    sky_fours: tuple[tuple[int, ...], ...] = BRIGHTEST_FOUR
     bases_by_brightness = True
 
     def __init__(self, camera: Camera, epoch_year: float,
@@ -122,7 +124,8 @@ class HausdorffIdentifier(CandidateIdentifier):
                                             self.radius_rad)])
 
     def nearest(self, field: FieldStars) -> Candidates | None:
-        """Return the published set of the nearest distance, all that the paper asks for.
+        """
+        Return the published set of the nearest distance, all that the paper asks for.
 
         None when fewer than four stars are around the first pivot of the image.
         """
@@ -166,7 +169,8 @@ class HausdorffIdentifier(CandidateIdentifier):
 
 def brightest_around(direction: np.ndarray, pivots: Pivots, radius_rad: float,
                      count: int) -> np.ndarray:
-    """Return the brightest stars (P, count) within a radius of each pivot, -1 for none.
+    """
+    Return the brightest stars (P, count) within a radius of each pivot, -1 for none.
 
     direction (N, 3) are those of the stars, brightest first. A pivot is not its own neighbour.
     """
@@ -181,7 +185,7 @@ def brightest_around(direction: np.ndarray, pivots: Pivots, radius_rad: float,
             near = near[pivots.star[near] != star]
         around[near, known[near]] = star
         known[near] += 1
-        unfilled -= np.count_nonzero(known[near] == count)
+        unfilled -= int(np.count_nonzero(known[near] == count))
         if not unfilled:
             break
     return around
@@ -195,7 +199,8 @@ def bright_sets(direction: np.ndarray, pivots: Pivots, radius_rad: float) -> Sta
 
 def star_sets(direction: np.ndarray, pivots: Pivots, around: np.ndarray,
               four: tuple[int, ...]) -> StarSets:
-    """Return the sets of stars (N, 3) of four ranks among those around (P, K) the pivots.
+    """
+    Return the sets of stars (N, 3) of four ranks among those around (P, K) the pivots.
 
     The first of the four stands for the brightest. A pivot without so many has no set.
     """

@@ -1,14 +1,14 @@
 """The pivot approach: the pivots are stars, those of the image and those of the catalogue."""
 
 import numpy as np
-
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.identify.hausdorff import FOUR_OF_SIX, HausdorffIdentifier, Pivots
 from startracker_ros.identify.identification import FieldStars
 
 
 class PivotIdentifier(HausdorffIdentifier):
-    """Sets of a star and four of its brightest neighbours.
+    """
+    Sets of a star and four of its brightest neighbours.
 
     The paper wants a star at the centre of the field. Here every star of the image is a pivot,
     the one nearest to the centre first. An image misses part of what is around the outer

@@ -1,7 +1,6 @@
 """The segmentation approach: the pivots are no stars, but nodes of a grid over the sky."""
 
 import numpy as np
-
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.identify.hausdorff import HausdorffIdentifier, Pivots
 from startracker_ros.identify.identification import FieldStars
@@ -13,7 +12,8 @@ _SIDE, _SPACING = 5, 1 / 6
 
 
 class SegmentIdentifier(HausdorffIdentifier):
-    """Sets of a virtual pivot and the four brightest stars around it.
+    """
+    Sets of a virtual pivot and the four brightest stars around it.
 
     The nodes stand at every degree of right ascension, 0 to 360, and of declination: 361 x 181.
     The first meridian and the poles are repeated, as the published counts have it. A node is

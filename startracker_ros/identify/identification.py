@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import time
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
@@ -14,7 +13,7 @@ from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.compiled import compiled
 from startracker_ros.identify.verification import Match, same_attitude, Verifier
-from startracker_ros.lens import undistort
+from startracker_ros.lens import Lens, undistort
 from startracker_ros.options import option, Options
 
 METHODS = ('pyramid', 'quad', 'hausdorff_pivot', 'hausdorff_segment', 'extended_grid')
@@ -51,7 +50,8 @@ class IdentificationOptions(Options):
 
 @dataclass(frozen=True)
 class Identification:
-    """Which catalogue star each centroid is.
+    """
+    Which catalogue star each centroid is.
 
     status is identified, too_few_stars, no_candidate, ambiguous or time_limit; reason says
     more. hip (N,) int32 is 0 where not identified, magnitude and residual_px (N,) NaN
@@ -76,7 +76,8 @@ class Identification:
 
 @dataclass(frozen=True)
 class FieldStars:
-    """The image stars that are looked at, brightest first.
+    """
+    The image stars that are looked at, brightest first.
 
     index (N,) are their places among the centroids; direction (N, 3) unit vectors in the
     sensor frame; sigma_rad (N,) their errors per axis; flux (N,) in DN.
@@ -100,7 +101,8 @@ class Candidates:
 
 
 class Identifier(ABC):
-    """Identifies frames of one camera at one epoch.
+    """
+    Identifies frames of one camera at one epoch.
 
     A candidate is believed only when the whole field verifies it, whatever the method.
     """
@@ -217,8 +219,10 @@ class CandidateIdentifier(Identifier):
 
 
 @compiled
-def usable_stars(lens, uv, order, sigma_px, most, sigma_floor_px):
-    """Return the first sound ones of the centroids in an order, each star once.
+def usable_stars(lens: Lens, uv: np.ndarray, order: np.ndarray, sigma_px: np.ndarray, most: int,
+                 sigma_floor_px: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return the first sound ones of the centroids in an order, each star once.
 
     Their indices (N,), directions (N, 3) and errors (N,) in rad, as in FieldStars.
     """
@@ -253,7 +257,8 @@ def usable_stars(lens, uv, order, sigma_px, most, sigma_floor_px):
 
 
 @compiled
-def spread(count, index, star, residual_px, hip, magnitude):
+def spread(count: int, index: np.ndarray, star: np.ndarray, residual_px: np.ndarray,
+           hip: np.ndarray, magnitude: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return hip, magnitude and residual of each of count centroids, those of index matched."""
     hips = np.zeros(count, np.int32)
     magnitudes = np.full(count, np.nan)

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-
 from startracker_ros.compiled import compiled, inlined
 
 
@@ -17,7 +16,8 @@ class KVectorTable(NamedTuple):
 
 
 class KVector:
-    """Range search over sorted values (N,).
+    """
+    Range search over sorted values (N,).
 
     A straight line from the first value to the last cuts the range into N steps; step i
     knows how many values lie below it (Yuan, Zhang, Shi 2017, section 2). A range maps to
@@ -33,21 +33,21 @@ class KVector:
         below[-1] = count
         self.table = KVectorTable(values, below, float(start), float(1 / step))
 
-    def range(self, low: float, high: float) -> slice:
+    def between(self, low: float, high: float) -> slice:
         """Return the slice of the values with low <= value <= high."""
         first = first_from(self.table, low)
         return slice(first, max(first, first_beyond(self.table, high)))
 
 
 @inlined
-def _step(table, value):
+def _step(table: KVectorTable, value: float) -> int:
     """Return the step that a value falls into, the first one for NaN."""
     step = (value - table.start) * table.per_step
     return int(min(step, len(table.values))) if step > 0 else 0
 
 
 @compiled
-def first_from(table, low):
+def first_from(table: KVectorTable, low: float) -> int:
     """Return the place of the first value that is not below low."""
     # The division rounds, hence the look to both sides.
     place = table.below[_step(table, low)]
@@ -59,7 +59,7 @@ def first_from(table, low):
 
 
 @compiled
-def first_beyond(table, high):
+def first_beyond(table: KVectorTable, high: float) -> int:
     """Return the place of the first value above high."""
     place = table.below[_step(table, high)]
     while place > 0 and table.values[place - 1] > high:

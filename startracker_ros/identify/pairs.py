@@ -5,7 +5,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
-
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.identify.kvector import KVector
 
@@ -15,7 +14,8 @@ _MOST_PAIRS = 6e6
 
 @dataclass(frozen=True)
 class PairDatabase:
-    """Star pairs by angular separation.
+    """
+    Star pairs by angular separation.
 
     star (S,) int32 are indices into the StarPlaces that it was built from; separation
     (P,) float64 rad ascending; first, second (P,) int32 are positions in star.
@@ -39,14 +39,15 @@ class PairDatabase:
 
     def between(self, low_rad: float, high_rad: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the pairs of a separation in both orders: stars a (M,) and b (M,)."""
-        found = self.kvector.range(low_rad, high_rad)
+        found = self.kvector.between(low_rad, high_rad)
         first, second = self.first[found], self.second[found]
         return np.concatenate([first, second]), np.concatenate([second, first])
 
 
 def build_pairs(places: StarPlaces, min_separation_rad: float,
                 max_separation_rad: float) -> PairDatabase:
-    """Return all pairs of stars that are alone enough to have a true centroid.
+    """
+    Return all pairs of stars that are alone enough to have a true centroid.
 
     A catalogue too deep for so wide a field would fill the memory: pairs are then made of its
     brightest stars alone.

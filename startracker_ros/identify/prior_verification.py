@@ -1,4 +1,5 @@
-"""Whether recognised stars stand where a predicted attitude has them, and what chance would do.
+"""
+Whether recognised stars stand where a predicted attitude has them, and what chance would do.
 
 The statistical model. Were the prediction wrong, or the stars false, the n observed stars
 would be spread over the image by chance. Then pairs of an observed star and a predicted
@@ -22,7 +23,8 @@ from scipy.special import bdtrc
 
 @dataclass(frozen=True)
 class PriorMatch:
-    """Observed stars at predicted places.
+    """
+    Observed stars at predicted places.
 
     row (N,) is the predicted star of each observed one, -1 for none; focal_ratio the fitted
     focal length over that of the camera; chance the false-alarm probability;
@@ -37,7 +39,8 @@ class PriorMatch:
 
 @dataclass(frozen=True)
 class _Gates:
-    """How N observed stars and M predicted places agree; of one state, or of K side by side.
+    """
+    How N observed stars and M predicted places agree; of one state, or of K side by side.
 
     square (..., N, M) is the squared distance in sigmas; area (..., N) the summed areas of the
     gates of each observed star in rad^2; change (..., 4) and covariance (..., 4, 4) the state
@@ -70,7 +73,8 @@ class PriorVerifier:
     def __init__(self, observed: np.ndarray, sigma_rad: np.ndarray, predicted: np.ndarray,
                  inside: np.ndarray, covariance: np.ndarray, tolerance_sigmas: float,
                  area: float) -> None:
-        """Take observed (N, 2) with errors sigma_rad (N,) per axis and predicted (M, 2) places.
+        """
+        Take observed (N, 2) with errors sigma_rad (N,) per axis and predicted (M, 2) places.
 
         inside (M,) bool are the places in the image: on average as many gates reach into it from
         beyond its edge as out of it. covariance (4, 4) is that of the state, area that
@@ -87,7 +91,8 @@ class PriorVerifier:
 
     def verify(self, votes: np.ndarray, doubtful: np.ndarray,
                believed: float) -> PriorMatch | None:
-        """Return the answer that most stars support; None when no vote agrees with the prior.
+        """
+        Return the answer that most stars support; None when no vote agrees with the prior.
 
         votes (N,) is the recognised row of each observed star, -1 for none; doubtful (M,)
         bool are places that may not stand for their star; a chance up to believed counts.
@@ -125,7 +130,8 @@ class PriorVerifier:
         return _Gates(square, area, change, covariance)
 
     def _after(self, star: np.ndarray, row: np.ndarray) -> _Gates:
-        """Return the gates once observed stars (..., K) are known to be predicted ones (..., K).
+        """
+        Return the gates once observed stars (..., K) are known to be predicted ones (..., K).
 
         A Kalman update of the state.
         """

@@ -1,4 +1,5 @@
-"""Triangles of image stars among the catalogue pairs, confirmed by the other stars: Pyramid.
+"""
+Triangles of image stars among the catalogue pairs, confirmed by the other stars: Pyramid.
 
 Mortari, Samaan, Bruccoleri, Junkins, The Pyramid Star Identification Technique,
 Navigation 51 (2004). Two sides of a triangle are looked up by k-vector and joined through
@@ -12,7 +13,6 @@ from typing import NamedTuple
 from numba import objmode, types
 from numba.experimental import structref
 import numpy as np
-
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import StarCatalog
@@ -24,7 +24,9 @@ from startracker_ros.identify.identification import (
 from startracker_ros.identify.kvector import first_beyond, first_from, KVectorTable
 from startracker_ros.identify.pairs import PairDatabase
 from startracker_ros.identify.verification import (
-    fit, JUDGED, judge, matches, refuted, same_attitude, support, support_weights, tangent, volume)
+    Court, fit, judge, JUDGED, matches, refuted, same_attitude, support, support_weights, tangent,
+    volume)
+from startracker_ros.lens import Lens
 
 # Sides of a triangle shorter than this say little beside their noise.
 _MIN_SEPARATION_PX = 20.0
@@ -50,7 +52,8 @@ _BELIEVED, _TOO_FEW, _AMBIGUOUS, _EXHAUSTED, _TIME_LIMIT = range(5)
 
 
 class _Pairs(NamedTuple):
-    """A pair database and room to work in, for the compiled functions.
+    """
+    A pair database and room to work in, for the compiled functions.
 
     star (S,) are indices into the places, direction (S, 3) their unit vectors. A join lists
     the partners of star s from head[s] on, through following. The upper half of head[s] is the
@@ -70,7 +73,8 @@ class _Pairs(NamedTuple):
 
 
 class _State(NamedTuple):
-    """How far the search of one frame has come, for its n brightest stars.
+    """
+    How far the search of one frame has come, for its n brightest stars.
 
     trust (n,); found (n, n) pairs that a side may be, -1 unknown; used (n, n, n) triangles.
     """
@@ -90,17 +94,22 @@ class _SkyType(types.StructRef):
 
 
 class _Sky(structref.StructRefProxy):
-    """All that stays the same from frame to frame, handed over as one reference.
+    """
+    All that stays the same from frame to frame, handed over as one reference.
 
     Handed over one by one, the arrays would take as long as the search itself.
     """
+
+    levels: tuple[_Pairs, _Pairs]
+    court: Court
+    lens: Lens
 
 
 structref.define_proxy(_Sky, _SkyType, ['levels', 'court', 'lens'])
 
 
 @compiled
-def _sky(levels, court, lens):
+def _sky(levels: tuple[_Pairs, _Pairs], court: Court, lens: Lens) -> _Sky:
     """Return the reference; a compiled function, because that one is cached."""
     return _Sky(levels, court, lens)
 
@@ -115,7 +124,7 @@ class PyramidIdentifier(Identifier):
         pairs = cached_pairs(self.places, _MIN_SEPARATION_PX * camera.pixel_rad,
                              2 * camera.corner_angle_rad * (1 + self.scale_error))
         share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
-        bright = np.searchsorted(pairs.star, _BRIGHT_STARS_PER_FIELD / share)
+        bright = int(np.searchsorted(pairs.star, _BRIGHT_STARS_PER_FIELD / share))
         levels = (self._room(pairs.among(bright), _BRIGHT_IMAGE_STARS, _BRIGHT_TRIANGLES),
                   self._room(pairs, _IMAGE_STARS, _IMAGE_STARS ** 3))
         self._sky = _sky(levels, self.verifier.court, camera.lens)
@@ -136,7 +145,8 @@ class PyramidIdentifier(Identifier):
             options.max_image_stars, options.sigma_floor_px, options.false_alarm_max,
             time.perf_counter() + options.time_limit_s)
         if outcome == _BELIEVED:
-            return Identification('identified', f'{matched} stars', *found,
+            hip, magnitude, residual_px = found
+            return Identification('identified', f'{matched} stars', hip, magnitude, residual_px,
                                   AttitudeEstimate(fitted[0], fitted[1], matched, *fitted[2:]),
                                   ratio, chance)
         if outcome == _TOO_FEW:
@@ -149,8 +159,11 @@ class PyramidIdentifier(Identifier):
 
 
 @compiled
-def _identify(constant, uv, order, sigma_px, most, sigma_floor_px, false_alarm_max, deadline_s):
-    """Test triangle after triangle until one is believed, none is left or time is up.
+def _identify(constant: _Sky, uv: np.ndarray, order: np.ndarray, sigma_px: np.ndarray, most: int,
+              sigma_floor_px: float, false_alarm_max: float, deadline_s: float
+              ) -> tuple[int, int, int, float, float, int, tuple, tuple]:
+    """
+    Test triangle after triangle until one is believed, none is left or time is up.
 
     Return the outcome, how many stars were used, candidates tested, chance, focal ratio,
     number of matched stars, (hip, magnitude, residual_px) of all centroids and fit().
@@ -195,7 +208,7 @@ def _identify(constant, uv, order, sigma_px, most, sigma_floor_px, false_alarm_m
 
 
 @compiled
-def _begin(count, most):
+def _begin(count: int, most: int) -> _State:
     """Return the state of a search of count stars at its beginning, at most so many used."""
     n = min(count, most)
     trust = np.empty(n)
@@ -205,35 +218,39 @@ def _begin(count, most):
 
 
 @inlined
-def _angle(a, b):
+def _angle(a: np.ndarray, b: np.ndarray) -> float:
     """Return the angle between unit vectors."""
     return 2 * np.arcsin(min(np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2
                                      + (a[2] - b[2]) ** 2) / 2, 1.0))
 
 
 @inlined
-def _angle_and_noise(court, image, sigma, i, j):
+def _angle_and_noise(court: Court, image: np.ndarray, sigma: np.ndarray, i: int, j: int
+                     ) -> tuple[float, float]:
     """Return the length of a side and how far noise may take its catalogue pairs off it."""
     noise = court.tolerance_sigmas * np.sqrt(sigma[i] ** 2 + sigma[j] ** 2)
     return _angle(image[i], image[j]), noise
 
 
 @inlined
-def _angle_and_reach(court, image, sigma, i, j):
+def _angle_and_reach(court: Court, image: np.ndarray, sigma: np.ndarray, i: int, j: int
+                     ) -> tuple[float, float]:
     """Return the length of a side and how far its catalogue pairs may be off it."""
     angle, noise = _angle_and_noise(court, image, sigma, i, j)
     return angle, noise + court.scale_error * angle
 
 
 @inlined
-def _bands(court):
+def _bands(court: Court) -> int:
     """Return in how many parts the tolerance of the focal length is searched."""
     return max(int(np.ceil(court.scale_error / _BAND)), 1)
 
 
 @compiled
-def _expected_pairs(pairs, court, image, sigma, i, j):
-    """Return how many pairs a side may be, were the stars spread evenly over the sky.
+def _expected_pairs(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarray, i: int,
+                    j: int) -> float:
+    """
+    Return how many pairs a side may be, were the stars spread evenly over the sky.
 
     Faster than to look; nothing where the database has no such pairs at all.
     """
@@ -245,7 +262,7 @@ def _expected_pairs(pairs, court, image, sigma, i, j):
 
 
 @compiled
-def _descending(values):
+def _descending(values: np.ndarray) -> np.ndarray:
     """Return the order of a few values (N,) from the greatest to the least."""
     order = np.arange(len(values))
     for i in range(1, len(order)):
@@ -259,8 +276,10 @@ def _descending(values):
 
 
 @compiled
-def _choose(pairs, court, image, sigma, state, base):
-    """Put the next triangle into base (3,) and return its cost, negative when none is left.
+def _choose(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarray, state: _State,
+            base: np.ndarray) -> float:
+    """
+    Put the next triangle into base (3,) and return its cost, negative when none is left.
 
     The next one has the most trust for its cost. Trust starts a little higher for bright
     stars and halves for the three stars of each triangle that is asked to be followed by
@@ -313,8 +332,10 @@ def _choose(pairs, court, image, sigma, state, base):
 
 
 @compiled
-def _candidates(pairs, court, image, sigma, base, tested):
-    """Return the best supported catalogue triangles (JUDGED, 3) of an image triangle, how many.
+def _candidates(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarray,
+                base: np.ndarray, tested: np.ndarray) -> tuple[np.ndarray, int]:
+    """
+    Return the best supported catalogue triangles (JUDGED, 3) of an image triangle, how many.
 
     A triangle fits when its three sides agree with those of the image within the noise, after
     one common scale within its tolerance, and when its handedness agrees. A wide tolerance is
@@ -387,8 +408,9 @@ def _candidates(pairs, court, image, sigma, base, tested):
 
 
 @compiled
-def _list_partners(pairs, begin, end):
-    """List the partners of the stars of some pairs, in both orders; return the stamp.
+def _list_partners(pairs: _Pairs, begin: int, end: int) -> int:
+    """
+    List the partners of the stars of some pairs, in both orders; return the stamp.
 
     Entry 2 p of pair p is its second star, 2 p + 1 its first.
     """
@@ -403,7 +425,8 @@ def _list_partners(pairs, begin, end):
 
 
 @inlined
-def _keep(best, votes, first, second, third, count):
+def _keep(best: np.ndarray, votes: np.ndarray, first: int, second: int, third: int, count: int
+          ) -> None:
     """Keep the candidates with the most votes, the earlier ones first."""
     if count <= votes[-1]:
         return

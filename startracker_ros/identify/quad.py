@@ -1,4 +1,5 @@
-"""Quads of bright stars through the k-vector, confirmed by triangles over the whole field.
+"""
+Quads of bright stars through the k-vector, confirmed by triangles over the whole field.
 
 Yuan, Zhang, Shi 2017, star identification by k-vector and quadrilaterals. Where this reads
 the paper freely: sides are compared as angles, not as cosines, which lose the short ones;
@@ -11,14 +12,13 @@ from functools import lru_cache, partial
 from itertools import combinations
 
 import numpy as np
-
 from startracker_ros.attitude.davenport import davenport
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.identify.cache import cached_pairs
 from startracker_ros.identify.identification import (
-    Candidates, FieldStars, IdentificationOptions, CandidateIdentifier)
+    CandidateIdentifier, Candidates, FieldStars, IdentificationOptions)
 from startracker_ros.identify.pairs import PairDatabase
 from startracker_ros.identify.verification import Verifier
 from startracker_ros.rotation import matrix_from_quaternion
@@ -48,8 +48,8 @@ class QuadIdentifier(CandidateIdentifier):
                  options: IdentificationOptions = IdentificationOptions(),
                  catalog: StarCatalog | None = None) -> None:
         super().__init__(camera, epoch_year, options, catalog)
-        self.verifier = QuadVerifier(camera, self.places, options.tolerance_sigmas,
-                                     self.scale_error)
+        self.verifier: QuadVerifier = QuadVerifier(camera, self.places, options.tolerance_sigmas,
+                                                   self.scale_error)
         self.pairs = cached_pairs(self.places, _MIN_SEPARATION_PX * camera.pixel_rad,
                                   2 * camera.corner_angle_rad * (1 + self.scale_error))
         self._directions = self.places.direction[self.pairs.star]
@@ -75,7 +75,8 @@ class QuadVerifier(Verifier):
 
     def supported(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
                   stars: np.ndarray) -> np.ndarray:
-        """Return the candidates (K,) in which stars beyond the quad match, the best first.
+        """
+        Return the candidates (K,) in which stars beyond the quad match, the best first.
 
         image (N, 3) are the image stars, base (4,) those of the quad, stars (M, 4) the
         catalogue stars that they may be.
@@ -87,7 +88,8 @@ class QuadVerifier(Verifier):
 
 
 def base_quads(count: int) -> Iterator[np.ndarray]:
-    """Yield index quadruples (4,) of count image stars, brightest first, until all were tried.
+    """
+    Yield index quadruples (4,) of count image stars, brightest first, until all were tried.
 
     The four brightest begin. Trust halves for the stars of each quad that is asked to be
     followed by another, so that a false star is soon left aside.
@@ -111,7 +113,8 @@ def _combinations(count: int) -> np.ndarray:
 def matching_quads(pairs: PairDatabase, directions: np.ndarray, image: np.ndarray,
                    sigma_rad: np.ndarray, tolerance_sigmas: float,
                    scale_error: float) -> np.ndarray:
-    """Return catalogue quadruples (M, 4) that fit four image stars.
+    """
+    Return catalogue quadruples (M, 4) that fit four image stars.
 
     directions (S, 3) are those of the catalogue stars that the pairs count, image (4, 3)
     unit vectors of the image stars, sigma_rad (4,) their errors per axis. A quadruple fits
@@ -145,7 +148,8 @@ def matching_quads(pairs: PairDatabase, directions: np.ndarray, image: np.ndarra
 
 
 def _join(rows: np.ndarray, star: np.ndarray, partner: np.ndarray) -> np.ndarray:
-    """Return rows (M, K), each once for every partner of its first star, which is added.
+    """
+    Return rows (M, K), each once for every partner of its first star, which is added.
 
     None are returned when they would be too many.
     """
@@ -169,7 +173,8 @@ def _among(two: np.ndarray, a: np.ndarray, b: np.ndarray, size: int) -> np.ndarr
 def full_field_match(places: StarPlaces, radius_rad: float, tolerance_sigmas: float,
                      scale_error: float, image: np.ndarray, sigma_rad: np.ndarray,
                      base: np.ndarray, star: np.ndarray) -> np.ndarray:
-    """Return the catalogue star (N,) of each image star (N, 3), -1 where none matches.
+    """
+    Return the catalogue star (N,) of each image star (N, 3), -1 where none matches.
 
     Image stars base (B,) are taken for the places star (B,); the catalogue is cut to
     radius_rad about the boresight of their attitude. Any other star matches when its

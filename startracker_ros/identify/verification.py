@@ -1,4 +1,5 @@
-"""Whether a candidate attitude is right: all stars of the field, and what chance would do.
+"""
+Whether a candidate attitude is right: all stars of the field, and what chance would do.
 
 The statistical model. A candidate comes from three stars, or b. Were it wrong, each of the
 other n - b image stars would still fall within the matching radius of some catalogue
@@ -28,7 +29,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.attitude.refinement import (
     quaternion_from_matrix, refine, residuals, sensor_directions)
@@ -55,7 +55,8 @@ _CELLS = 16
 
 @dataclass(frozen=True)
 class Match:
-    """A verified or refuted candidate.
+    """
+    A verified or refuted candidate.
 
     star (N,) is the index into the places for each image star, -1 for none; residual_px
     (N,) the distance to it, NaN for none; attitude None when too few stars match; chance
@@ -75,7 +76,8 @@ class Match:
 
 
 class Court(NamedTuple):
-    """What candidates are judged by, for the compiled functions.
+    """
+    What candidates are judged by, for the compiled functions.
 
     sky, hip (S,) and magnitude (S,) are the catalogue; field holds the borders of the image
     in x / z, y / z (low, high, low, high) and the chord from its axis to the farthest corner;
@@ -113,7 +115,8 @@ class Verifier:
 
     def supported(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
                   stars: np.ndarray) -> np.ndarray:
-        """Return the candidates (K,) that further image stars support, the best first.
+        """
+        Return the candidates (K,) that further image stars support, the best first.
 
         image (N, 3) are the image stars, base (B,) those that the candidates name, stars (M, B)
         the catalogue stars that they may be.
@@ -128,7 +131,8 @@ class Verifier:
 
     def judge(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
               star: np.ndarray, tested: int) -> Match:
-        """Return how well the field fits when image stars base (B,) are the stars star (B,).
+        """
+        Return how well the field fits when image stars base (B,) are the stars star (B,).
 
         image (N, 3) and sigma_rad (N,) are those of all image stars; tested is how many
         candidates there were so far.
@@ -159,7 +163,7 @@ def _field_counts(places: StarPlaces, area: float) -> np.ndarray:
 
 
 @compiled
-def same_attitude(star, other):
+def same_attitude(star: np.ndarray, other: np.ndarray) -> bool:
     """Return whether two answers agree about two stars, which leaves no room for two attitudes."""
     agreeing = 0
     for i in range(len(star)):
@@ -168,13 +172,13 @@ def same_attitude(star, other):
 
 
 @compiled
-def refuted(count):
+def refuted(count: int) -> tuple[float, float, np.ndarray, np.ndarray]:
     """Return the verdict of a candidate that names none of count stars."""
     return 1.0, 1.0, np.full(count, -1), np.full(count, np.nan)
 
 
 @compiled
-def tangent(image):
+def tangent(image: np.ndarray) -> np.ndarray:
     """Return x / z, y / z (N, 2) of vectors (N, 3) in front of the camera."""
     seen = np.empty((len(image), 2))
     for i in range(len(image)):
@@ -184,8 +188,10 @@ def tangent(image):
 
 
 @compiled
-def support_weights(image, sigma, base, tolerance_sigmas):
-    """Return how to predict other image stars from three: weights (K, 3), reach (K,) in rad.
+def support_weights(image: np.ndarray, sigma: np.ndarray, base: np.ndarray, tolerance_sigmas: float
+                    ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return how to predict other image stars from three: weights (K, 3), reach (K,) in rad.
 
     Written as a sum of the corners of the triangle a star needs no attitude to be
     predicted, and a wrong focal length cancels. The stars that the triangle predicts best
@@ -224,14 +230,15 @@ def support_weights(image, sigma, base, tolerance_sigmas):
 
 
 @inlined
-def volume(a, b, c):
+def volume(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
     """Return the triple product a . (b x c)."""
     return (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
             + a[2] * (b[0] * c[1] - b[1] * c[0]))
 
 
 @compiled
-def support(court, weights, reach, first, second, third):
+def support(court: Court, weights: np.ndarray, reach: np.ndarray, first: int, second: int,
+            third: int) -> int:
     """Return how many predicted image stars are at a catalogue star, if three are these stars."""
     sky = court.sky
     a, b, c = sky.direction[first], sky.direction[second], sky.direction[third]
@@ -246,7 +253,8 @@ def support(court, weights, reach, first, second, third):
 
 
 @compiled
-def _chosen(seen, sigma, ratio, matched, sky):
+def _chosen(seen: np.ndarray, sigma: np.ndarray, ratio: float, matched: np.ndarray, sky: SkyGrid
+            ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return sensor (M, 3) and ICRF (M, 3) directions and weights (M,) of the matched stars."""
     count = matches(matched)
     sensor, icrf, weight = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
@@ -265,7 +273,7 @@ def _chosen(seen, sigma, ratio, matched, sky):
 
 
 @compiled
-def _farthest(vectors):
+def _farthest(vectors: np.ndarray) -> int:
     """Return the vector (N, 3) that is farthest from the first."""
     chosen, most = 0, -1.0
     for i in range(1, len(vectors)):
@@ -277,7 +285,7 @@ def _farthest(vectors):
 
 
 @compiled
-def matches(matched):
+def matches(matched: np.ndarray) -> int:
     """Return how many of the image stars (N,) have a catalogue star."""
     count = 0
     for star in matched:
@@ -286,7 +294,7 @@ def matches(matched):
 
 
 @compiled
-def _equal(matched, other):
+def _equal(matched: np.ndarray, other: np.ndarray) -> bool:
     """Return whether two answers are the same."""
     for i in range(len(matched)):
         if matched[i] != other[i]:
@@ -295,7 +303,7 @@ def _equal(matched, other):
 
 
 @compiled
-def _middle(values):
+def _middle(values: np.ndarray) -> float:
     """Return the middle one of a few values (N,)."""
     ordered = values.copy()
     for i in range(1, len(ordered)):
@@ -309,7 +317,7 @@ def _middle(values):
 
 
 @compiled
-def _up_to(values, limit):
+def _up_to(values: np.ndarray, limit: int) -> int:
     """Return how many of the ascending values (N,) are not above a limit."""
     low, high = 0, len(values)
     while low < high:
@@ -322,7 +330,7 @@ def _up_to(values, limit):
 
 
 @compiled
-def _spread(seen, matched):
+def _spread(seen: np.ndarray, matched: np.ndarray) -> float:
     """Return the root of the summed square distances of the matched stars from their centre."""
     count = 0
     x = y = xx = yy = 0.0
@@ -337,8 +345,9 @@ def _spread(seen, matched):
 
 
 @compiled
-def _scale(matrix, sensor, icrf):
-    """Return the focal length that fits over the one of the sensor directions (M, 3).
+def _scale(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray) -> float:
+    """
+    Return the focal length that fits over the one of the sensor directions (M, 3).
 
     Taken from the distances of the stars from their own centre: were they taken from the
     axis, stars on one side of the image would hide a wrong scale in a wrong attitude.
@@ -365,7 +374,8 @@ def _scale(matrix, sensor, icrf):
 
 
 @inlined
-def _star_at(sky, matrix, x, y, radius):
+def _star_at(sky: SkyGrid, matrix: np.ndarray, x: float, y: float, radius: float
+             ) -> tuple[int, float]:
     """Return the catalogue star nearest to x / z, y / z in the sensor frame, as nearest()."""
     length = np.sqrt(x * x + y * y + 1)
     return nearest(sky, (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / length,
@@ -374,8 +384,10 @@ def _star_at(sky, matrix, x, y, radius):
 
 
 @compiled
-def _pair_up(sky, matrix, seen, ratio, radius):
-    """Return the catalogue star (N,) nearest to each image star and its distance (N,) in x / z.
+def _pair_up(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float, radius: float
+             ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the catalogue star (N,) nearest to each image star and its distance (N,) in x / z.
 
     One to one: of several image stars at one star the nearest has it. -1 and NaN beyond the
     radius.
@@ -408,8 +420,9 @@ def _pair_up(sky, matrix, seen, ratio, radius):
 
 
 @compiled
-def _cells(seen, matched, edge):
-    """Return how many square cells of an edge hold image stars (N, 2), and the first matched (N,).
+def _cells(seen: np.ndarray, matched: np.ndarray, edge: float) -> tuple[int, np.ndarray]:
+    """
+    Return how many square cells of an edge hold image stars (N, 2), and the first matched (N,).
 
     The latter are True for the brightest matched star of each cell.
     """
@@ -429,7 +442,7 @@ def _cells(seen, matched, edge):
 
 
 @compiled
-def _binomial_tail(least, trials, chance):
+def _binomial_tail(least: int, trials: int, chance: float) -> float:
     """Return the probability of least or more successes."""
     if least <= 0 or chance >= 1:
         return 1.0
@@ -459,8 +472,9 @@ _ORDER_CHANCES = _order_chances()
 
 
 @compiled
-def _order_chance(star, chosen):
-    """Return the chance that the first chosen (N,) bool stars come in so good an order.
+def _order_chance(star: np.ndarray, chosen: np.ndarray) -> float:
+    """
+    Return the chance that the first chosen (N,) bool stars come in so good an order.
 
     Image stars and catalogue stars both go from bright to faint.
     """
@@ -479,8 +493,9 @@ def _order_chance(star, chosen):
 
 
 @compiled
-def _distance_chance(distance, radius, base):
-    """Return a bound of the chance that matched stars are so near to their places.
+def _distance_chance(distance: np.ndarray, radius: float, base: int) -> float:
+    """
+    Return a bound of the chance that matched stars are so near to their places.
 
     distance (N,) is NaN where there is no match. The square of a distance, in squares of the
     radius, is uniform for a point thrown into the circle; x^m / m! bounds the probability that
@@ -500,7 +515,8 @@ def _distance_chance(distance, radius, base):
 
 
 @compiled
-def _near_misses(sky, matrix, seen, ratio, radius, matched):
+def _near_misses(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float, radius: float,
+                 matched: np.ndarray) -> tuple[int, int]:
     """Return how many image stars without a match there are, and how many near a free star."""
     free = near = 0
     for i in range(len(seen)):
@@ -514,7 +530,7 @@ def _near_misses(sky, matrix, seen, ratio, radius, matched):
 
 
 @compiled
-def _contains(matched, star):
+def _contains(matched: np.ndarray, star: int) -> bool:
     """Return whether a catalogue star is among the matched ones."""
     for other in matched:
         if other == star:
@@ -523,8 +539,10 @@ def _contains(matched, star):
 
 
 @compiled
-def judge(court, seen, sigma, base, star, tested):
-    """Return chance, focal ratio, star (N,) and distance (N,) of a candidate.
+def judge(court: Court, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray, star: np.ndarray,
+          tested: int) -> tuple[float, float, np.ndarray, np.ndarray]:
+    """
+    Return chance, focal ratio, star (N,) and distance (N,) of a candidate.
 
     seen (N, 2) are the image stars in x / z, y / z; distance is measured there. A chance of
     one stands for a candidate that is refuted.
@@ -588,7 +606,8 @@ def judge(court, seen, sigma, base, star, tested):
 
 
 @compiled
-def fit(sky, seen, sigma, ratio, star):
+def fit(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, ratio: float, star: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Return quaternion (4,), covariance (3, 3), residual_rad (M,) and chi2 of a match."""
     sensor, icrf, weight = _chosen(seen, sigma, ratio, star, sky)
     if len(weight) < 2:

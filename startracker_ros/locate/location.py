@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.locate import solution
 from startracker_ros.locate.sight import Sight
 from startracker_ros.options import option, Options
@@ -32,7 +31,8 @@ class LocationOptions(Options):
 
 @dataclass(frozen=True)
 class Location:
-    """A place and its statistics.
+    """
+    A place and its statistics.
 
     position_m (3,) on ICRF axes and its covariance_m2 (3, 3); range_m (2,) from each observer;
     angle_rad between the lines of sight; miss_m is their smallest distance, miss_sigma_m

@@ -4,7 +4,6 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
-
 from startracker_ros.locate.location import locate, Location, LocationError, LocationOptions
 from startracker_ros.locate.observer import Observer, ObserverOptions, TimedSight
 from startracker_ros.locate.sight import Sight
@@ -36,7 +35,8 @@ class Refused:
 
 
 class TargetLocator:
-    """Locates the target at the frames of the first observer.
+    """
+    Locates the target at the frames of the first observer.
 
     Feed observers, then call solve(). Where light takes its time the place is that at the
     stamp, not that at which the light set out: the velocity of the target follows from
@@ -70,7 +70,8 @@ class TargetLocator:
             if other is None and self._may_come(stamp_ns):
                 break
             self._done_ns = stamp_ns
-            results.append(Refused(stamp_ns, self._why_apart(stamp_ns)) if other is None
+            results.append(Refused(stamp_ns, self._why_apart(stamp_ns))
+                           if own is None or other is None
                            else self._located(stamp_ns, own, other))
         if other_ns is not None and other_ns != self._silent_ns and (
                 newest_ns is None or other_ns - newest_ns > self._max_lag_ns):
@@ -82,7 +83,7 @@ class TargetLocator:
         """Return what the observers lack, for a time in which nothing came of them."""
         nothing_new = [one.why_silent() for one in self.observers
                        if one.sights.newest_ns is None
-                       or self._done_ns is not None and one.sights.newest_ns <= self._done_ns]
+                       or (self._done_ns is not None and one.sights.newest_ns <= self._done_ns)]
         return '; '.join(nothing_new) or 'no frame of both observers is near enough in time'
 
     def _may_come(self, stamp_ns: int) -> bool:
@@ -91,7 +92,8 @@ class TargetLocator:
         newest_ns = second.sights.newest_ns
         if newest_ns is not None and newest_ns >= stamp_ns:
             return False
-        return first.sights.newest_ns - stamp_ns <= self._max_lag_ns
+        return first.sights.newest_ns is None or (
+            first.sights.newest_ns - stamp_ns <= self._max_lag_ns)
 
     def _why_apart(self, stamp_ns: int) -> str:
         second = self.observers[1]
@@ -116,16 +118,17 @@ class TargetLocator:
         """Return the location, the lines of sight moved by what the target does meanwhile."""
         velocity_m_s, sigma_m_s = self._velocity(stamp_ns)
         # Wrong stamps move a line by the difference of both velocities.
-        lines = [_uncertain(one.sight, self._options.timing_sigma_s,
-                            one.velocity_m_s - velocity_m_s, sigma_m_s) for one in seen]
+        first, second = (_uncertain(one.sight, self._options.timing_sigma_s,
+                                    one.velocity_m_s - velocity_m_s, sigma_m_s) for one in seen)
         if self._options.aberration == 'none':
-            return locate(*lines, self._location_options)
+            return locate(first, second, self._location_options)
         # How far is known well enough from any pair of lines that meet in front.
-        about = locate(*lines, replace(self._location_options, max_miss_sigmas=1000.0))
-        lines = [_uncertain(replace(line, position_m=line.position_m + velocity_m_s * delay_s),
-                            delay_s, np.zeros(3), sigma_m_s)
-                 for line, delay_s in zip(lines, about.range_m / _LIGHT_M_S)]
-        return locate(*lines, self._location_options)
+        about = locate(first, second, replace(self._location_options, max_miss_sigmas=1000.0))
+        first, second = (
+            _uncertain(replace(line, position_m=line.position_m + velocity_m_s * delay_s), delay_s,
+                       np.zeros(3), sigma_m_s)
+            for line, delay_s in zip((first, second), about.range_m / _LIGHT_M_S))
+        return locate(first, second, self._location_options)
 
     def _velocity(self, stamp_ns: int) -> tuple[np.ndarray, float]:
         """Return the velocity (3,) of the target and its 1 sigma on each axis, m/s."""

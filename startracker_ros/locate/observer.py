@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.locate.sight import Sight, sight, without_aberration
@@ -98,7 +97,8 @@ class History:
 
 
 class Observer:
-    """One satellite: add what it says in any order, ask for its line of sight at a time.
+    """
+    One satellite: add what it says in any order, ask for its line of sight at a time.
 
     camera is that of its star tracker; sights are those of its own frames.
     """
@@ -202,13 +202,15 @@ class Observer:
         state = self.state_at(stamp_ns)
         if target is None or attitude is None or state is None or self.camera is None:
             return False
-        seen = sight(self.camera, *target, *attitude, state.position_m, state.covariance_m2)
+        (uv, sigma_px), (quaternion, covariance) = target, attitude
+        seen = sight(self.camera, uv, sigma_px, quaternion, covariance, state.position_m,
+                     state.covariance_m2)
         direction = seen.direction
         if self._options.aberration == 'stars_and_target':
             earth_m_s = earth_velocity_m_s(epoch_year_from_stamp(stamp_ns))
             direction = without_aberration(
                 direction, state.velocity_m_s,
-                boresight=rotate(attitude[0], np.array([0.0, 0.0, 1.0])),
+                boresight=rotate(quaternion, np.array([0.0, 0.0, 1.0])),
                 stars_velocity_m_s=state.velocity_m_s + earth_m_s)
         elif self._options.aberration == 'target':
             direction = without_aberration(direction, state.velocity_m_s)
@@ -218,7 +220,8 @@ class Observer:
 
 
 def _mixed(begin: np.ndarray, end: np.ndarray, share: float) -> np.ndarray:
-    """Return the covariance of an interpolated value, however the errors of both hang together.
+    """
+    Return the covariance of an interpolated value, however the errors of both hang together.
 
     It is right for errors that are the same, and too large for independent ones.
     """

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 from startracker_ros.sky.orbit import EARTH_MU_M3_S2, EARTH_RADIUS_M
 
@@ -21,7 +20,8 @@ class OrbitError(ValueError):
 
 @dataclass(frozen=True)
 class Elements:
-    """Osculating Keplerian elements, angles in rad; perigee_rad is the argument of perigee.
+    """
+    Osculating Keplerian elements, angles in rad; perigee_rad is the argument of perigee.
 
     On the equator the node is at 0; on a circle perigee_rad is 0, and the anomaly counts
     from the node.
@@ -36,7 +36,8 @@ class Elements:
 
 
 def state_from_elements(elements: Elements) -> tuple[np.ndarray, np.ndarray]:
-    """Return position (3,) in m and velocity (3,) in m/s; OrbitError for an open orbit.
+    """
+    Return position (3,) in m and velocity (3,) in m/s; OrbitError for an open orbit.
 
     Vallado, Fundamentals of Astrodynamics, algorithm COE2RV.
     """
@@ -57,7 +58,8 @@ def state_from_elements(elements: Elements) -> tuple[np.ndarray, np.ndarray]:
 
 
 def elements_from_state(position_m: np.ndarray, velocity_m_s: np.ndarray) -> Elements:
-    """Return the elements of position (3,) and velocity (3,); OrbitError for an open orbit.
+    """
+    Return the elements of position (3,) and velocity (3,); OrbitError for an open orbit.
 
     Vallado, Fundamentals of Astrodynamics, algorithm RV2COE.
     """
@@ -89,7 +91,8 @@ def _angle(start: np.ndarray, end: np.ndarray, normal: np.ndarray) -> float:
 
 def propagate(position_m: np.ndarray, velocity_m_s: np.ndarray, time_s: float,
               j2: float = EARTH_J2) -> tuple[np.ndarray, np.ndarray]:
-    """Return position (3,) and velocity (3,) a time later, or earlier where it is negative.
+    """
+    Return position (3,) and velocity (3,) a time later, or earlier where it is negative.
 
     Gravity of a point and its J2, whose axis is z; j2 = 0 leaves the two-body motion.
     """
@@ -100,7 +103,7 @@ def propagate(position_m: np.ndarray, velocity_m_s: np.ndarray, time_s: float,
 
 
 @compiled
-def _advance(state, step_s, steps, j2):
+def _advance(state: np.ndarray, step_s: float, steps: int, j2: float) -> None:
     """Carry state (6,) on by so many steps: Runge and Kutta, fourth order."""
     trial, total, slope = np.empty(6), np.empty(6), np.empty(6)
     for _ in range(steps):
@@ -117,7 +120,7 @@ def _advance(state, step_s, steps, j2):
 
 
 @compiled
-def _slope(state, j2, slope):
+def _slope(state: np.ndarray, j2: float, slope: np.ndarray) -> None:
     """Fill slope (6,) with velocity and acceleration (Vallado, equation 8-50 for J2)."""
     radius2 = state[0] ** 2 + state[1] ** 2 + state[2] ** 2
     pull = EARTH_MU_M3_S2 / (radius2 * math.sqrt(radius2))
@@ -130,7 +133,8 @@ def _slope(state, j2, slope):
 
 
 def orbit_frame(position_m: np.ndarray, velocity_m_s: np.ndarray) -> np.ndarray:
-    """Return R_icrf_from_orbit (..., 3, 3) of positions (..., 3) and velocities (..., 3).
+    """
+    Return R_icrf_from_orbit (..., 3, 3) of positions (..., 3) and velocities (..., 3).
 
     x along the velocity, y against the orbital angular momentum, z completes them: to the
     Earth on a circular orbit. A turn about x is roll, about y pitch, about z yaw.

@@ -4,16 +4,16 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.compiled import compiled
-from startracker_ros.lens import distortion_jacobian, undistort
+from startracker_ros.lens import distortion_jacobian, Lens, undistort
 from startracker_ros.sky.aberration import aberrate
 
 
 @dataclass(frozen=True)
 class Sight:
-    """A line of sight: from position_m (3,) along the unit vector direction (3,), ICRF axes.
+    """
+    A line of sight: from position_m (3,) along the unit vector direction (3,), ICRF axes.
 
     covariance (6, 6) is that of the errors of both, in m^2, m rad and rad^2; the error
     of the direction lies across it.
@@ -27,7 +27,8 @@ class Sight:
 def sight(camera: Camera, uv: np.ndarray, sigma_px: float, quaternion: np.ndarray,
           attitude_covariance: np.ndarray, position_m: np.ndarray,
           position_covariance: np.ndarray) -> Sight:
-    """Return the line of sight to pixel uv (2,) with sigma_px on each axis.
+    """
+    Return the line of sight to pixel uv (2,) with sigma_px on each axis.
 
     quaternion (4,) is q_icrf_from_sensor; attitude_covariance (3, 3) in rad^2 that of a
     rotation about ICRF axes; position_m (3,) with covariance (3, 3) in m^2. ValueError for
@@ -44,7 +45,8 @@ def sight(camera: Camera, uv: np.ndarray, sigma_px: float, quaternion: np.ndarra
 
 
 @compiled
-def _look(lens, u, v, sigma_px, q, attitude, direction, covariance):
+def _look(lens: Lens, u: float, v: float, sigma_px: float, q: np.ndarray, attitude: np.ndarray,
+          direction: np.ndarray, covariance: np.ndarray) -> None:
     """Fill direction (3,) and the lower right (3, 3) of covariance (6, 6)."""
     a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
     xx, cross, yy = distortion_jacobian(lens, a, b)
@@ -71,14 +73,15 @@ def _look(lens, u, v, sigma_px, q, attitude, direction, covariance):
 def without_aberration(direction: np.ndarray, velocity_m_s: np.ndarray, *,
                        boresight: np.ndarray | None = None,
                        stars_velocity_m_s: np.ndarray | None = None) -> np.ndarray:
-    """Return the direction (3,) to a target as an observer at rest sees it.
+    """
+    Return the direction (3,) to a target as an observer at rest sees it.
 
     velocity_m_s (3,) is that of the observer in the frame in which the place is wanted. An
     attitude fitted to stars without their aberration is off by it: stars_velocity_m_s (3,),
     that of the observer about the Sun, puts right what such an attitude says, by the turn
     that the aberration at the boresight (3,) stands for.
     """
-    if boresight is not None:
+    if boresight is not None and stars_velocity_m_s is not None:
         seen = aberrate(boresight[None], stars_velocity_m_s)[0]
         # Rodrigues' formula for the small turn from the boresight to where it is seen.
         axis, cosine = np.cross(boresight, seen), float(boresight @ seen)

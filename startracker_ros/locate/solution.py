@@ -1,4 +1,5 @@
-"""The place nearest to two lines of sight, in one compiled call.
+"""
+The place nearest to two lines of sight, in one compiled call.
 
 Gao and Cui 2016: the target lies at r = R_j + rho_j V_j, and crossing with V_j removes the
 range: r x V_j = R_j x V_j. An error of position e_R and of direction e_V moves the line by
@@ -8,7 +9,6 @@ e_R + rho_j e_V, of which only the part across V_j counts.
 import math
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 
 LOCATED, NOT_FINITE, NOT_UNIT, SAME_PLACE, PARALLEL, BEHIND_FIRST, BEHIND_SECOND, COVARIANCE = (
@@ -20,9 +20,11 @@ _ROUNDS = 3
 
 
 @compiled
-def solve(position, direction, covariance, weighted, min_baseline_m, min_sine, place, spread,
-          measures):
-    """Return how it ended; fill place (3,), spread (3, 3) and measures (5,).
+def solve(position: np.ndarray, direction: np.ndarray, covariance: np.ndarray, weighted: bool,
+          min_baseline_m: float, min_sine: float, place: np.ndarray, spread: np.ndarray,
+          measures: np.ndarray) -> int:
+    """
+    Return how it ended; fill place (3,), spread (3, 3) and measures (5,).
 
     position (2, 3) m, direction (2, 3) unit vectors, covariance (2, 6, 6) of position and
     direction. spread is the covariance of place in m^2; measures are both ranges in m, the
@@ -58,7 +60,7 @@ def solve(position, direction, covariance, weighted, min_baseline_m, min_sine, p
         _across(direction[j], weight[j])
     _nearest(base, weight, local, inverse)
     _nearest(base, weight, local, inverse)
-    for round_ in range(_ROUNDS):
+    for _ in range(_ROUNDS):
         for j in range(2):
             measures[j] = 0.0
             for i in range(3):
@@ -95,7 +97,9 @@ def solve(position, direction, covariance, weighted, min_baseline_m, min_sine, p
 
 
 @compiled
-def solve_all(position, direction, covariance, weighted, min_baseline_m, min_sine):
+def solve_all(position: np.ndarray, direction: np.ndarray, covariance: np.ndarray, weighted: bool,
+              min_baseline_m: float, min_sine: float
+              ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return solve() of positions (N, 2, 3), directions (N, 2, 3), covariances (N, 2, 6, 6)."""
     count = len(position)
     ended = np.empty(count, np.int64)
@@ -108,7 +112,7 @@ def solve_all(position, direction, covariance, weighted, min_baseline_m, min_sin
 
 
 @compiled
-def _across(direction, weight):
+def _across(direction: np.ndarray, weight: np.ndarray) -> None:
     """Fill weight (3, 3) with the projection across a direction."""
     for i in range(3):
         for k in range(3):
@@ -116,7 +120,7 @@ def _across(direction, weight):
 
 
 @compiled
-def _line_covariance(covariance, range_m, moved):
+def _line_covariance(covariance: np.ndarray, range_m: float, moved: np.ndarray) -> None:
     """Fill moved (3, 3) with the covariance of e_R + rho e_V."""
     for i in range(3):
         for k in range(3):
@@ -126,7 +130,7 @@ def _line_covariance(covariance, range_m, moved):
 
 
 @compiled
-def _information(direction, moved, weight):
+def _information(direction: np.ndarray, moved: np.ndarray, weight: np.ndarray) -> bool:
     """Fill weight (3, 3) with T' (T moved T')^-1 T, T (2, 3) across the direction."""
     # The axis that lies most across is the start of T.
     least = 0
@@ -155,8 +159,9 @@ def _information(direction, moved, weight):
 
 
 @compiled
-def _nearest(base, weight, local, inverse):
-    """Move local (3,) to where the weighted distances from both lines are least.
+def _nearest(base: np.ndarray, weight: np.ndarray, local: np.ndarray, inverse: np.ndarray) -> bool:
+    """
+    Move local (3,) to where the weighted distances from both lines are least.
 
     Fill inverse (3, 3) with that of the normal matrix; return whether there is one.
     """

@@ -18,7 +18,8 @@ def stretch(image: np.ndarray) -> np.ndarray:
 
 
 def annotate(image: np.ndarray, uv: np.ndarray, hip: np.ndarray | None = None) -> np.ndarray:
-    """Return (H, W, 3) uint8 RGB of an image with a circle on each pixel uv (N, 2).
+    """
+    Return (H, W, 3) uint8 RGB of an image with a circle on each pixel uv (N, 2).
 
     Stars with a Hipparcos number in hip (N,) are drawn in green with it, others in orange.
     """

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.reader import decode, read_messages
 from startracker_ros.report.annotate import stretch
@@ -40,7 +39,7 @@ def frame_pictures(bag: Path, recording: Recording) -> tuple[list[FramePicture],
     solved = np.isin(images.stamp_ns, recording.attitude_ns)
     candidates = np.flatnonzero(solved) if solved.any() else np.arange(len(images))
     chosen = candidates[np.unique(np.linspace(0, len(candidates) - 1, COUNT).round().astype(int))]
-    pictures = []
+    pictures: list[FramePicture] = []
     for index in chosen:
         try:
             image = read_frame(bag, recording, index)
@@ -52,7 +51,8 @@ def frame_pictures(bag: Path, recording: Recording) -> tuple[list[FramePicture],
 
 
 def read_frame(bag: Path, recording: Recording, index: int) -> np.ndarray | None:
-    """Return an image (H, W) by its place in the times of image_raw, None if it is not found.
+    """
+    Return an image (H, W) by its place in the times of image_raw, None if it is not found.
 
     BagError where the bag is damaged, MessageError where the image is none of grey pixels.
     """

@@ -1,4 +1,5 @@
-"""The report: one page of HTML that holds everything it shows and fetches nothing.
+"""
+The report: one page of HTML that holds everything it shows and fetches nothing.
 
 All that comes from a bag goes through html.escape() into the text, or through json_block() into
 a block of data that scripts read with textContent. A policy in the head lets the browser run and
@@ -15,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from startracker_ros.bag.errors import BagError
 from startracker_ros.report.frames import frame_pictures, FramePicture
 from startracker_ros.report.panels import diagnostics_table, Panel, Panels, utc
@@ -29,7 +29,8 @@ _LISTED = 60
 
 
 def write_report(bag: Path, output: Path, namespace: str | None = None) -> Result:
-    """Write the page of a bag and return its key figures.
+    """
+    Write the page of a bag and return its key figures.
 
     BagError when the bag cannot be read, OSError when the page cannot be written.
     """

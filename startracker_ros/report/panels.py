@@ -1,13 +1,12 @@
 """The figures of the report as plain data: what is drawn over time, histograms, key figures."""
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta, UTC
 import math
 from typing import Any
 
 import numpy as np
 from scipy.special import ndtr
-
 from startracker_ros.report.recording import Clouds, Recording
 from startracker_ros.rotation import pointing_from_quaternion
 
@@ -47,7 +46,7 @@ def thinned(columns: Sequence[np.ndarray], samples: int = SAMPLES) -> np.ndarray
 def utc(stamp_ns: int, *, digits: int = 3) -> str:
     """Return ISO 8601 of UNIX time in ns, digits after the point of the second, cut off."""
     seconds, nanoseconds = divmod(int(stamp_ns), 10 ** 9)
-    date = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(seconds=seconds)
+    date = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
     return f'{date:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}'[:20 + digits]
 
 
@@ -211,7 +210,7 @@ class Panels:
         figures = {'duration': f'{self.duration_s:.1f} s', 'frames': str(frames)}
         if frames:
             figures['with attitude'] = f'{100 * attitudes / frames:.2f} %'
-        stamps, error, _ = recording.errors()
+        _, error, _ = recording.errors()
         for kind, values in (('error', error), ('1 sigma', recording.sigma_arcsec())):
             values = values[np.isfinite(values).all(axis=1)]
             if len(values):

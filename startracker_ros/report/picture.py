@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from startracker_ros.report.annotate import annotate
 from startracker_ros.report.recording import Recording
 
@@ -37,7 +36,7 @@ def draw_run(path: Path, recording: Recording, image: np.ndarray, uv: np.ndarray
               f'{np.count_nonzero(hip == 0)} not yet confirmed')
     stamps, error, sigma = recording.errors()
     time_s = (stamps - recording.image_ns[0]) / 1e9 if len(stamps) else stamps
-    axis = None
+    axis: Any = None
     for row, name in enumerate(('x, cross boresight', 'y, cross boresight', 'z, roll')):
         axis = figure.add_subplot(grid[row, 1], sharex=axis)
         draw_error(axis, time_s, error[:, row], sigma[:, row], f'{name}\n[arcsec]', markersize=2)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.reader import BagMessage, BagTopic, decode, read_messages, read_topics
 from startracker_ros.camera import Camera, CameraError
@@ -79,7 +78,8 @@ class DiagnosticRecord:
 
 @dataclass(frozen=True)
 class Recording:
-    """One star tracker's run; stamps are int64 ns since the UNIX epoch, sorted.
+    """
+    One star tracker's run; stamps are int64 ns since the UNIX epoch, sorted.
 
     times: TopicTimes by relative topic, of all that carry a stamp;
     quaternion (N, 4) at attitude_ns (N,), covariance_sensor (N, 3, 3) in rad^2 about sensor
@@ -126,7 +126,8 @@ class Recording:
         return _full_name(self.namespace, topic)
 
     def errors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return stamps (M,), errors (M, 3) and sigmas (M, 3) in arcsec about sensor axes.
+        """
+        Return stamps (M,), the errors and their sigmas (M, 3) in arcsec about sensor axes.
 
         Only frames that have both an attitude and a truth with the same stamp.
         """
@@ -159,7 +160,8 @@ class Recording:
             self.attitude_ns, self.without_attitude_ns]))
 
     def receipt_delay_ns(self) -> int:
-        """Return how much later than its stamp a frame's message is received, the median.
+        """
+        Return how much later than its stamp a frame's message is received, the median.
 
         States carry no stamp: this brings the time of their receipt to that of the frames.
         """
@@ -171,7 +173,8 @@ class Recording:
 
 
 def load_recording(bag: Path, namespace: str | None = None) -> Recording:
-    """Read a bag folder or file; BagError if it is none. Images are counted, not decoded.
+    """
+    Read a bag folder or file; BagError if it is none. Images are counted, not decoded.
 
     namespace: of the star tracker, by default the only one in the bag; BagError names them
     if there are several. Of an unfinished or damaged bag what is whole is read, and problems

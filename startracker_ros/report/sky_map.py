@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-
 from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
 from startracker_ros.report.panels import numbers, Panels, thinned, usable
 from startracker_ros.rotation import matrix_from_quaternion

@@ -1,7 +1,6 @@
 """A recorded run in figures, each with the bound that it must hold."""
 
 import numpy as np
-
 from startracker_ros.attitude.wrong import WRONG_ARCSEC, WRONG_SIGMAS
 from startracker_ros.report.recording import Recording
 
@@ -44,4 +43,4 @@ def _expected_frames(image_ns: np.ndarray) -> int:
     """Return how many frames the span of the stamps holds at their usual distance."""
     if len(image_ns) < 3:
         return len(image_ns)
-    return int(round((image_ns[-1] - image_ns[0]) / np.median(np.diff(image_ns)))) + 1
+    return round((image_ns[-1] - image_ns[0]) / np.median(np.diff(image_ns))) + 1

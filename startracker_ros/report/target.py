@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-
 from startracker_ros.bag.reader import decode, read_messages
 from startracker_ros.locate.orbit import orbit_frame
 from startracker_ros.report.annotate import annotate
@@ -25,7 +25,8 @@ class Sightings:
 
 @dataclass(frozen=True)
 class TargetRecording:
-    """Positions of a target and the truth at the same stamps, sorted.
+    """
+    Positions of a target and the truth at the same stamps, sorted.
 
     stamp_ns (N,); position_m (N, 3) and covariance_m2 (N, 3, 3) as located, truth_m and
     truth_velocity_m_s (N, 3), on ICRF axes; sightings by namespace.
@@ -39,7 +40,7 @@ class TargetRecording:
     sightings: dict[str, Sightings]
 
     def errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return errors (N, 3) and sigmas (N, 3) in m: along the orbit, across it, inwards."""
+        """Return the errors and their sigmas (N, 3) in m: along the orbit, across it, inwards."""
         axes = orbit_frame(self.truth_m, self.truth_velocity_m_s)
         turned = np.swapaxes(axes, 1, 2) @ self.covariance_m2 @ axes
         return (np.einsum('nij,ni->nj', axes, self.position_m - self.truth_m),
@@ -51,7 +52,7 @@ class TargetRecording:
         return np.einsum('ni,nij,nj->n', error, np.linalg.inv(self.covariance_m2), error)
 
 
-def _xyz(vector: object) -> list[float]:
+def _xyz(vector: Any) -> list[float]:
     return [vector.x, vector.y, vector.z]
 
 
@@ -96,8 +97,8 @@ def summarise_target(recording: TargetRecording, frames: int) -> list[dict[str, 
 
     def share_row(case: str, stamps: np.ndarray, image_ns: np.ndarray) -> None:
         # A target is believed after some frames: what counts is that it stays.
-        frames_since = np.count_nonzero(image_ns >= stamps.min(initial=image_ns.max(initial=0)))
-        share = 100 * len(stamps) / max(1, frames_since)
+        since = image_ns >= stamps.min(initial=image_ns.max(initial=0))
+        share = 100 * len(stamps) / max(1, int(np.count_nonzero(since)))
         row(f'{case}, from the first on', share, '%', '>= 90', share >= 90)
 
     for name, seen in recording.sightings.items():
@@ -137,7 +138,7 @@ def draw_target(path: Path, recording: TargetRecording, pictures: dict[str, tupl
         field.set(xlabel='u [px]', ylabel='v [px]', title=f'{name}: {len(uv)} tracked stars')
     error, sigma = recording.errors()
     time_s = (recording.stamp_ns - recording.stamp_ns[0]) / 1e9
-    axis = None
+    axis: Any = None
     for row, name in enumerate(('along track', 'cross track', 'radial')):
         axis = figure.add_subplot(grid[row, 2], sharex=axis)
         draw_error(axis, time_s, error[:, row], sigma[:, row], f'{name} [m]', markersize=4)

@@ -1,4 +1,5 @@
-"""What a 3D viewer shows of a bag: python -m startracker_ros.report.viewer_picture BAG [PNG].
+"""
+What a 3D viewer shows of a bag: python -m startracker_ros.report.viewer_picture BAG [PNG].
 
 Drawn by matplotlib out of the messages that the viewer configurations in config/ name, in the
 same places: a picture of what to expect, not a screenshot.
@@ -6,9 +7,9 @@ same places: a picture of what to expect, not a screenshot.
 
 from pathlib import Path
 import sys
+from typing import Any
 
 import numpy as np
-
 from startracker_ros.report.annotate import stretch
 from startracker_ros.report.frames import read_frame
 from startracker_ros.report.recording import load_recording, Recording
@@ -30,6 +31,8 @@ def draw_viewer(bag: Path, output: Path) -> None:
         raise ValueError(f'{bag} has no frame with image, tracks and attitude')
     stamp_ns = int(common[len(common) // 2])
     image = read_frame(bag, recording, int(np.searchsorted(recording.image_ns, stamp_ns)))
+    if image is None:
+        raise ValueError(f'{bag} has no image of {stamp_ns} ns')
     figure = Figure(figsize=(14, 8), layout='constrained', facecolor='#e8eaee')
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(4, 3, width_ratios=(1, 1, 0.9))
@@ -47,7 +50,7 @@ def draw_viewer(bag: Path, output: Path) -> None:
     figure.savefig(output, dpi=80, pil_kwargs={'optimize': True})
 
 
-def _draw_image(axes: object, image: np.ndarray, recording: Recording, stamp_ns: int) -> None:
+def _draw_image(axes: Any, image: np.ndarray, recording: Recording, stamp_ns: int) -> None:
     frame = int(np.flatnonzero(recording.centroids.stamp_ns == stamp_ns)[0])
     rows = recording.centroids.of_frame(frame)
     axes.imshow(stretch(image), cmap='gray')
@@ -58,7 +61,7 @@ def _draw_image(axes: object, image: np.ndarray, recording: Recording, stamp_ns:
     axes.set_axis_off()
 
 
-def _draw_sky(axes: object, recording: Recording, stamp_ns: int) -> None:
+def _draw_sky(axes: Any, recording: Recording, stamp_ns: int) -> None:
     quaternion = recording.quaternion[np.flatnonzero(recording.attitude_ns == stamp_ns)[0]]
     frame = int(np.flatnonzero(recording.tracks.stamp_ns == stamp_ns)[0])
     rows = recording.tracks.of_frame(frame)
@@ -78,7 +81,7 @@ def _draw_sky(axes: object, recording: Recording, stamp_ns: int) -> None:
     axes.set_title('tracks, in their place on the sky', fontsize=9, loc='left')
 
 
-def _draw_states(axes: object, recording: Recording) -> None:
+def _draw_states(axes: Any, recording: Recording) -> None:
     time_s = (recording.state_ns - recording.receipt_delay_ns() - recording.image_ns[0]) / 1e9
     names = ('LOST', 'ACQUIRING', 'TRACKING')
     axes.step(time_s, [names.index(state) for state in recording.state], where='post')

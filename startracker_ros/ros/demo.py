@@ -1,10 +1,10 @@
 """The demo: every node a process of its own, watched live, recorded, summarised from the bag."""
 
+from abc import ABC, abstractmethod
 import os
 from pathlib import Path
 import shutil
 import time
-from typing import Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
@@ -16,7 +16,6 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from sensor_msgs.msg import CameraInfo
-
 from startracker_ros.bag.reader import read_messages
 from startracker_ros.report.picture import draw_run
 from startracker_ros.report.recording import load_recording, Recording
@@ -37,7 +36,8 @@ _SIMULATOR = {
     'wait_for_subscribers': 2, 'wait_for_camera_users': 6,
     'qos_overrides./image_raw.publisher.depth': 10}
 # A second of images may wait while a busy machine starts the processes: none is to be lost.
-_EXTRACTOR = {'qos_overrides./image_raw.subscription.depth': 10}
+_EXTRACTOR: dict[str, object] = {
+    'qos_overrides./image_raw.subscription.depth': 10}
 
 # How many publishers and subscribers (monitor and recorder among them) complete the pipeline.
 _ENDPOINTS = {'centroids': (1, 3), 'stars': (1, 2), 'tracks': (1, 2), 'tracker_state': (1, 3),
@@ -48,13 +48,30 @@ class DemoError(RuntimeError):
     """The demo could not be run; the text says which node failed and where its log is."""
 
 
-class _Monitor(Node):
+class Monitor(Node, ABC):
+    """A node by which a demo is watched."""
+
+    @property
+    @abstractmethod
+    def frames(self) -> int:
+        """Frames that are through."""
+
+    @abstractmethod
+    def release_when_complete(self) -> None:
+        """Let the simulation begin once all nodes are connected."""
+
+    @abstractmethod
+    def table(self, frames: int) -> Table:
+        """Return what there is to see now."""
+
+
+class _Monitor(Monitor):
     """Listens to what a GNC process would listen to."""
 
     def __init__(self) -> None:
         super().__init__('demo_monitor')
         self.state = 'starting'
-        self.frames = 0
+        self._frames = 0
         self._released = False
         self.truth: dict[int, np.ndarray] = {}
         self.attitudes: list[tuple[int, np.ndarray]] = []
@@ -64,11 +81,16 @@ class _Monitor(Node):
         self.create_subscription(QuaternionStamped, 'truth/attitude', self._take_truth, qos.LIST)
         self.create_subscription(QuaternionStamped, 'attitude', self._take_attitude, qos.LIST)
 
+    @property
+    def frames(self) -> int:
+        """Frames that the simulator has sent."""
+        return self._frames
+
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == 'sky_simulator: simulation':
                 values = {value.key: value.value for value in status.values}
-                self.frames = int(values.get('frames', 0))
+                self._frames = int(values.get('frames', 0))
 
     def _take_state(self, message: DiagnosticStatus) -> None:
         self.state = message.message
@@ -182,19 +204,7 @@ def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
         'bag': f'{bag} ({size_mb:.0f} MB)', 'picture': str(picture)})
 
 
-class Watched(Protocol):
-    """A ROS node that counts the frames which are through."""
-
-    frames: int
-
-    def release_when_complete(self) -> None:
-        """Let the simulation begin once all nodes are connected."""
-
-    def table(self, frames: int) -> Table:
-        """Return what there is to see now."""
-
-
-def watch(monitor: Watched, nodes: NodeProcesses, frames: int, *,
+def watch(monitor: Monitor, nodes: NodeProcesses, frames: int, *,
           patience_s: float = 30.0) -> None:
     """Spin until every frame is through; DemoError when a node ends or nothing comes."""
     newest_s, seen = time.monotonic(), 0
@@ -231,4 +241,6 @@ def _draw(path: Path, bag: Path, recording: Recording) -> None:
                 tracks = tracks_from_message(message)
             else:
                 image = image_from_message(message)
+    if image is None or tracks is None:
+        raise DemoError(f'{bag}: no image or no tracks of the last frame with an attitude')
     draw_run(path, recording, image, tracks.uv, tracks.hip, 'star tracker demo, simulated sky')

@@ -23,7 +23,8 @@ class _TimerTime(ctypes.Structure):
 
 
 def exit_after(seconds: float, code: int) -> None:
-    """End this process with an exit code after a time, whatever it is doing then.
+    """
+    End this process with an exit code after a time, whatever it is doing then.
 
     A timer of the system, as a Python thread could not run: Fast DDS may spin for ever with
     the interpreter locked when it removes a participant just while it hears of the end of

@@ -10,7 +10,6 @@ import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
-
 from startracker_ros.camera import CameraError
 from startracker_ros.ros.messages import (
     camera_from_message, image_from_message, MessageError, ns_from_stamp)

@@ -8,7 +8,6 @@ import numpy as np
 import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import Image
-
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages import image_to_message, make_header, ns_from_stamp
 

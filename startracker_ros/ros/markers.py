@@ -2,11 +2,10 @@
 
 from geometry_msgs.msg import Point, Quaternion, Vector3
 import numpy as np
-from std_msgs.msg import ColorRGBA, Header
-from visualization_msgs.msg import Marker, MarkerArray
-
 from startracker_ros.locate.locator import Located
 from startracker_ros.rotation import quaternion_from_matrix
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
 
 ELLIPSOID_SIGMAS = 3.0
 _LINE_WIDTH_M = 500.0

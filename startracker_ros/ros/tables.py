@@ -1,4 +1,5 @@
-"""Annotated YAML and documentation out of the option tables: python -m startracker_ros.ros.tables.
+"""
+Annotated YAML and documentation out of the option tables: python -m startracker_ros.ros.tables.
 
 Writes config/<node>.yaml and docs/parameters.md of the source tree it is started in.
 """

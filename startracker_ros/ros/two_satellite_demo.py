@@ -1,6 +1,6 @@
 """The demo of two satellites that locate a third: twelve processes, recorded and summarised."""
 
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta, UTC
 from functools import partial
 from pathlib import Path
 import time
@@ -10,16 +10,14 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import rclpy
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rich.table import Table
 from sensor_msgs.msg import CameraInfo
-
 from startracker_ros.bag.reader import read_messages
 from startracker_ros.locate.orbit import orbit_frame
 from startracker_ros.report.target import draw_target, load_target, summarise_target
 from startracker_ros.ros import qos
-from startracker_ros.ros.demo import DemoError, end, prepare, process_start_s, watch
+from startracker_ros.ros.demo import DemoError, end, Monitor, prepare, process_start_s, watch
 from startracker_ros.ros.messages import (
     centroids_from_message, image_from_message, message_class, ns_from_stamp, tracks_from_message)
 from startracker_ros.ros.processes import NodeProcesses
@@ -33,7 +31,7 @@ OBSERVERS = ('tracker_1', 'tracker_2')
 
 # The second camera opens its shutter between two frames of the first.
 _LATER_S = (0.0, 0.2)
-_START = datetime(2026, 8, 25, 18, tzinfo=timezone.utc)
+_START = datetime(2026, 8, 25, 18, tzinfo=UTC)
 _ORBIT = {'altitude_km': 700.0, 'inclination_deg': 30.0, 'node_deg': 40.0}
 _LATITUDES_DEG = (-2.0, 2.0)
 _TARGET = {'target_altitude_km': 1090.0, 'target_inclination_deg': 33.0, 'target_node_deg': 40.0,
@@ -52,7 +50,8 @@ _ENDPOINTS = {'centroids': (1, 3), 'stars': (1, 2), 'tracks': (1, 2), 'tracked_a
 
 
 def simulator_parameters(index: int, seconds: float) -> dict[str, object]:
-    """Return what one sky_simulator is told.
+    """
+    Return what one sky_simulator is told.
 
     Time 0 is that of its own first frame; the target stands in the middle of the image in the
     middle of the run.
@@ -68,7 +67,7 @@ def simulator_parameters(index: int, seconds: float) -> dict[str, object]:
     # Fixed in the orbit frame, so turned with it to where it is at the first frame.
     boresight = orbit_frame(*orbit.at(later_s)) @ (orbit_frame(place, velocity).T @ line)
     ra_deg, dec_deg = np.degrees(radec_from_unit(boresight))
-    turn_rad_s = CircularOrbit(np.linalg.norm(target.at(0.0)[0]), 0.0, 0.0, 0.0).rate_rad_s
+    turn_rad_s = CircularOrbit(float(np.linalg.norm(target.at(0.0)[0])), 0.0, 0.0, 0.0).rate_rad_s
     return {
         **_ALIKE, 'ra_deg': float(ra_deg), 'dec_deg': float(dec_deg),
         'latitude_deg': _LATITUDES_DEG[index] + float(np.degrees(orbit.rate_rad_s * later_s)),
@@ -76,7 +75,7 @@ def simulator_parameters(index: int, seconds: float) -> dict[str, object]:
         'start_time_utc': (_START + timedelta(seconds=later_s)).isoformat()}
 
 
-class _Monitor(Node):
+class _Monitor(Monitor):
     """Compares the located target with the truth, as far as it has come."""
 
     def __init__(self) -> None:
@@ -178,7 +177,7 @@ def run_two_satellite_demo(output: Path, *, seconds: float, seed: int) -> Result
             rclpy.try_shutdown()
         end(nodes)
     recording = load_target(bag, OBSERVERS)
-    if not len(recording.stamp_ns):
+    if monitor.first_position_s is None or not len(recording.stamp_ns):
         raise DemoError(f'the target was never located: see {logs}')
     rows = summarise_target(recording, frames)
     rows.append({'case': 'process start to first position',
@@ -216,4 +215,6 @@ def _last_frame(bag: Path, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
         message = deserialize_message(record.data, message_class(record.type_name))
         if ns_from_stamp(message.header.stamp) == last_ns:
             image = image_from_message(message)
+    if image is None:
+        raise DemoError(f'{bag}: no image of the last target of {name}')
     return image, tracks[last_ns].uv, tracks[last_ns].hip, targets[last_ns]

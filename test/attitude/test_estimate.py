@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-
 from startracker_ros.attitude.estimate import (
     AttitudeError, covariance_icrf, cramer_rao, estimate_attitude, SOLVERS)
 from startracker_ros.rotation import (

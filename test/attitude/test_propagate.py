@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.stats import chi2
-
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.propagate import AttitudePropagator
 from startracker_ros.rotation import (

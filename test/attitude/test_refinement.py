@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-
 from startracker_ros.attitude.estimate import cramer_rao, estimate_attitude
 from startracker_ros.attitude.refinement import quaternion_from_matrix, refine
 from startracker_ros.attitude.triad import triad

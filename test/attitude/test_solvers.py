@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-
 from startracker_ros.attitude.davenport import davenport
 from startracker_ros.attitude.estimate import (
     AttitudeError, cramer_rao, estimate_attitude, mean_chi2, SOLVERS)

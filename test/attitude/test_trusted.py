@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from startracker_ros.attitude.estimate import estimate_attitude, SOLVERS
 from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
 from startracker_ros.camera import Camera

@@ -5,7 +5,6 @@ import threading
 import time
 
 import pytest
-
 from startracker_ros.bag.background import BackgroundWriter
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.reader import read_messages

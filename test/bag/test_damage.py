@@ -9,8 +9,6 @@ import lz4.frame
 from mcap.writer import CompressionType, Writer
 import pytest
 from rosbags.rosbag2 import Reader
-import zstandard
-
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.info import describe
 from startracker_ros.bag.qos import qos_from_yaml, QosProfile
@@ -18,6 +16,7 @@ from startracker_ros.bag.reader import BagTopic, decode, read_messages, read_top
 from startracker_ros.bag.recovery import recover
 from startracker_ros.bag.writer import BagOptions, BagWriter
 from startracker_ros.bench.bag_fuzz import examine, fuzz
+import zstandard
 
 TYPE = 'geometry_msgs/msg/QuaternionStamped'
 MAGIC = b'\x89MCAP0\r\n'

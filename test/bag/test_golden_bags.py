@@ -1,4 +1,5 @@
-"""The golden bags of bags/, replayed: the same centroids, the same stars, the same attitudes.
+"""
+The golden bags of bags/, replayed: the same centroids, the same stars, the same attitudes.
 
 Made by bags/make.py. A change of the algorithms that moves a figure beyond these tolerances on
 purpose makes the bags anew.
@@ -12,7 +13,6 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
-
 from startracker_ros.bag.reader import read_messages
 from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.centroid.extraction import CentroidExtractor

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer as RosbagsWriter
 from rosbags.typesys.store import Typestore
-
 from startracker_ros.bag.errors import BagError, UnfinishedBagError
 from startracker_ros.bag.reader import BagTopic, decode, read_messages, read_topics
 from startracker_ros.bag.writer import BagOptions, BagWriter

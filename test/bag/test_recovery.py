@@ -9,7 +9,6 @@ from mcap.reader import make_reader
 import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer as RosbagsWriter
 from rosbags.typesys.store import Typestore
-
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.info import describe
 from startracker_ros.bag.qos import QosProfile

@@ -7,7 +7,6 @@ import sys
 import pytest
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from rosbags.typesys.store import Typestore
-
 from startracker_ros.bag.schemas import message_schema
 
 LINE = '=' * 80

@@ -12,12 +12,11 @@ from rosbags.interfaces import (
     QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime)
 from rosbags.rosbag2 import Reader
 from rosbags.typesys.store import Typestore
-import yaml
-
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.qos import QosProfile
 from startracker_ros.bag.reader import read_messages
 from startracker_ros.bag.writer import BagOptions, BagWriter
+import yaml
 
 START_NS = 1_700_000_000_000_000_000
 NONE, LZ4, ZSTD = (BagOptions(compression=name) for name in ('none', 'lz4', 'zstd'))

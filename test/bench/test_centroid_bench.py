@@ -5,7 +5,6 @@ import json
 from click.testing import CliRunner
 import numpy as np
 import pytest
-
 from startracker_ros.bench.centroid import bounds, Ours, PEERS, Tally
 from startracker_ros.bench.star_images import flux_e, SIZE_PX, star_image, STARS
 from startracker_ros.cli import main

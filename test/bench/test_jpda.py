@@ -5,7 +5,6 @@ import json
 from click.testing import CliRunner
 import numpy as np
 import pytest
-
 from startracker_ros.bench import moving_targets as scene
 from startracker_ros.bench.jpda import bounds, FILTERS, Ours, run, swapped, Tally
 from startracker_ros.bench.moving_targets import moving_targets

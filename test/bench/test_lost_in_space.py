@@ -7,7 +7,6 @@ import sys
 from click.testing import CliRunner
 import numpy as np
 import pytest
-
 from startracker_ros.bench.corpus import ALL_CELLS, Cell, CELLS, frames, VIEWS
 from startracker_ros.bench.lost_in_space import (
     bounds, database_row, databases, judge, piece, run_lost_in_space_bench)

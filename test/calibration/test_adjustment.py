@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.calibration.adjustment import adjust, CalibrationError, KnownStars
 from startracker_ros.calibration.estimate import calibrate, covered_percent, moved

@@ -7,7 +7,6 @@ from click.testing import CliRunner
 import cv2
 import numpy as np
 import pytest
-
 from startracker_ros.camera import Camera, load_camera, save_camera
 from startracker_ros.cli import main
 from startracker_ros.images import read_image

@@ -7,7 +7,6 @@ import sys
 import cv2
 import numpy as np
 import pytest
-
 from startracker_ros.campaign import extended_grid as campaign
 from startracker_ros.identify.extended_grid import PredictedField
 from startracker_ros.rotation import attitude_error

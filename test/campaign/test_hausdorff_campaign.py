@@ -1,7 +1,6 @@
 """The Hausdorff campaign: its rows hold, stand beside the paper's, and can be repeated."""
 
 import pytest
-
 from startracker_ros.campaign.hausdorff import (
     CELLS, directions, PUBLISHED, run_hausdorff_campaign, stored_sets, VARIANTS)
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from startracker_ros.campaign.integrity import CONDITIONS, FRAMES, integrity_runs, judged, Tally
 from startracker_ros.rotation import multiply, quaternion_from_rotation_vector
 

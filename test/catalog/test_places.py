@@ -3,7 +3,6 @@
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import (
     camera_places, CROWD_MAGNITUDES, CROWD_PX, MERGE_PX, star_places)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.sky_grid import count_in_image, nearest, sky_grid

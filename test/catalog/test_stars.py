@@ -5,7 +5,6 @@ import warnings
 import erfa
 import numpy as np
 import pytest
-
 from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
 from startracker_ros.rotation import ARCSEC, unit_from_radec
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.propagate import AttitudePrediction
 from startracker_ros.camera import Camera

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.distance import directed_hausdorff
-
 from startracker_ros.camera import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.hausdorff import (

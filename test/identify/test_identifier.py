@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
@@ -262,7 +261,7 @@ def test_useless_rows_are_left_out(identifier, places):
     """NaN, outside the image, found twice: the rest still gives the right answer."""
     rng = np.random.default_rng(10)
     q = random_attitude(rng)
-    centroids, hip = star_list(places, CAMERA, q, 0.1, rng)
+    centroids, _ = star_list(places, CAMERA, q, 0.1, rng)
     bad = [[np.nan, 5.0], [-50.0, 10.0], [1e6, 1e6], *(centroids.uv[:3] + 0.2)]
     uv = np.concatenate([bad, centroids.uv])
     flux = np.concatenate([np.full(6, 1e9), centroids.flux])

@@ -2,7 +2,6 @@
 
 from hypothesis import example, given, strategies as st
 import numpy as np
-
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.identify.kvector import KVector
 from startracker_ros.identify.pairs import build_pairs
@@ -24,7 +23,7 @@ def clustered(draw):
 
 
 def assert_right(values, low, high):
-    found = KVector(values).range(low, high)
+    found = KVector(values).between(low, high)
     begin, end = np.searchsorted(values, low, 'left'), np.searchsorted(values, high, 'right')
     if begin < end:
         assert (found.start, found.stop) == (begin, end)
@@ -60,7 +59,7 @@ def test_many_values():
     values = np.sort(rng.uniform(0, 0.3, 200_000) ** 2)
     kvector = KVector(values)
     for low, high in np.sort(rng.uniform(-0.01, 0.1, (200, 2)), axis=1):
-        found = kvector.range(low, high)
+        found = kvector.between(low, high)
         assert found.start == np.searchsorted(values, low, 'left')
         assert found.stop == np.searchsorted(values, high, 'right')
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.extraction import CentroidExtractor

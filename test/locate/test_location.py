@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-
 from startracker_ros.camera import Camera
 from startracker_ros.locate.location import locate, LocationError, LocationOptions
 from startracker_ros.locate.sight import Sight, sight, without_aberration

@@ -6,7 +6,6 @@ from scipy.integrate import solve_ivp
 from skyfield.api import load
 from skyfield.elementslib import OsculatingElements
 from skyfield.units import Distance, Velocity
-
 from startracker_ros.locate.orbit import (
     EARTH_J2, Elements, elements_from_state, orbit_frame, OrbitError, propagate,
     state_from_elements)
@@ -57,7 +56,7 @@ def test_no_closed_orbit_is_refused():
 def test_two_body_motion_returns_after_a_period():
     position, velocity = state_from_elements(ELEMENTS)
     period_s = 2 * np.pi * np.sqrt(ELEMENTS.semi_major_axis_m ** 3 / EARTH_MU_M3_S2)
-    back, speed = propagate(position, velocity, period_s, j2=0.0)
+    back, _ = propagate(position, velocity, period_s, j2=0.0)
     np.testing.assert_allclose(back, position, atol=5e-3)
     half, half_speed = propagate(position, velocity, -period_s / 3, j2=0.0)
     np.testing.assert_allclose(values(elements_from_state(half, half_speed))[:5],

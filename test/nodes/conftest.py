@@ -17,7 +17,7 @@ from startracker_ros.ros.processes import node_environment, NodeProcesses  # noq
 
 os.environ.update(node_environment())
 
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
 import rclpy  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 
@@ -44,7 +44,8 @@ class Probe(Node):
         return publisher
 
     def ask(self, service_type: type, name: str, request: Any) -> Any:
-        """Return the answer of a service to a request that may be repeated without harm.
+        """
+        Return the answer of a service to a request that may be repeated without harm.
 
         A service that has not yet discovered its client's reader drops the answer, so what
         is not answered is asked again, as any caller over DDS has to.

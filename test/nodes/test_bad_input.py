@@ -5,13 +5,12 @@ import subprocess
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.executables import NODES
 from startracker_ros.ros import messages, qos
 from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
-from startracker_ros.sky.motion import MotionOptions, motion_from_options
+from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
@@ -58,7 +57,7 @@ class Extractor:
         return messages.ns_from_stamp(message.header.stamp)
 
     def still_works(self, sky):
-        """A good image after the bad one is answered with stars."""
+        """Send a good image after the bad one: it is answered with stars."""
         self.index += 1
         stamp_ns = self.send(sky)
         cloud = self.probe.wait(lambda: next(

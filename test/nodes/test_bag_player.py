@@ -16,10 +16,9 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import get_typestore, Stores
 from rosgraph_msgs.msg import Clock
 from scipy.spatial.transform import Rotation
+from startracker_ros.ros.messages import ns_from_stamp
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-
-from startracker_ros.ros.messages import ns_from_stamp
 
 START_NS = 1_700_000_000_000_000_000
 COUNT = 40
@@ -107,7 +106,7 @@ def test_pause_step_resume_and_a_node_on_the_time_of_the_bag(nodes, probe, tmp_p
     assert texts(probe, '/renamed') == []
     for steps in (1, 2):
         assert ask(probe, 'step').success
-        probe.wait(lambda: len(texts(probe, '/renamed')) >= steps, 'the next message')
+        probe.wait(lambda steps=steps: len(texts(probe, '/renamed')) >= steps, 'the next message')
     seen = len(texts(probe, '/renamed'))
     probe.spin_for(0.5)
     assert texts(probe, '/renamed') == [f's{number}' for number in range(seen)]
@@ -162,7 +161,7 @@ def test_what_is_no_bag_is_refused(tmp_path, content, words):
 
 def test_a_golden_bag_drives_the_pipeline(nodes, probe):
     bag = Path(__file__).parents[2] / 'bags' / 'slew'
-    truth = {stamp_ns: q for stamp_ns, q in attitudes_of(bag, '/truth/attitude')}
+    truth = dict(attitudes_of(bag, '/truth/attitude'))
     for node in ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_estimator'):
         nodes.start(node)
     probe.listen(PoseWithCovarianceStamped, 'attitude_cov', 100)

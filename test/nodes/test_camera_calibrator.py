@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from std_srvs.srv import Trigger
-
 from startracker_ros.camera import Camera, load_camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.ros import messages, qos
 from startracker_ros.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.sky.star_lists import random_attitude, star_list
+from std_srvs.srv import Trigger
 
 CAMERA = Camera.from_fov(1024, 768, 15.0)
 PLACES = camera_places(load_catalog(), CAMERA, 2026.7, 6.5)

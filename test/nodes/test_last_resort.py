@@ -6,12 +6,12 @@ import time
 
 import pytest
 
-HANG = '''
+HANG = """
 import ctypes, sys
 from startracker_ros.ros.last_resort import exit_after
 exit_after(float(sys.argv[1]), int(sys.argv[2]))
 ctypes.PyDLL(None).sleep(60)  # keeps the lock of the interpreter
-'''
+"""
 
 
 @pytest.mark.parametrize('code', [0, 3])

@@ -7,7 +7,6 @@ from hypothesis.extra.numpy import arrays
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-
 from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.camera import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids

@@ -6,12 +6,11 @@ from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
 from sensor_msgs.msg import Image, PointCloud2
-from visualization_msgs.msg import ImageMarker
-
 from startracker_ros.camera import Camera, save_camera
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages import ns_from_stamp, quaternion_from_message
 from startracker_ros.rotation import attitude_error, pointing_from_quaternion
+from visualization_msgs.msg import ImageMarker
 
 FRAME_NS = 500_000_000
 
@@ -30,9 +29,15 @@ def start_nodes(nodes, probe, publisher):
         'start_time_utc': '2019-07-29T20:47:26', **publisher})
 
 
+def solutions(folder):
+    """Return the rows of the published solutions of a folder of images, by file name."""
+    with (folder / 'solutions.csv').open() as file:
+        return sorted(csv.DictReader(file), key=lambda row: row['file'])
+
+
 def test_night_sky_of_11_degrees(nodes, probe, sky_data, tmp_path):
     folder = sky_data / 'night-sky-11deg'
-    rows = sorted(csv.DictReader(open(folder / 'solutions.csv')), key=lambda row: row['file'])
+    rows = solutions(folder)
     probe.listen(Image, 'image_annotated', qos.IMAGE)
     probe.listen(ImageMarker, 'image_markers', qos.LIST)
     camera_file = tmp_path / 'camera.yaml'
@@ -60,7 +65,7 @@ def test_night_sky_of_11_degrees(nodes, probe, sky_data, tmp_path):
 
 def test_hard_night_sky_of_6_degrees_gives_no_wrong_attitude(nodes, probe, sky_data):
     folder = sky_data / 'night-sky-6deg'
-    rows = sorted(csv.DictReader(open(folder / 'solutions.csv')), key=lambda row: row['file'])
+    rows = solutions(folder)
     start_nodes(nodes, probe, {'path': str(folder), 'fov_deg': 6.075})
     probe.wait(lambda: len(probe.received['stars']) >= len(rows), 'all images', 60)
     probe.spin_for(1.0)

@@ -6,7 +6,6 @@ from xml.etree import ElementTree
 
 import pytest
 import rclpy
-
 from startracker_ros.camera import Camera
 from startracker_ros.executables import NODES
 from startracker_ros.ros.messages import camera_to_message, make_header

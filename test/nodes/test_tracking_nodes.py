@@ -4,7 +4,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
@@ -64,14 +63,14 @@ class Flight:
             self.probe.spin_for(0.02)
             self.centroids.publish(
                 messages.centroids_to_message(seen, CAMERA, self.header()))
-            self.probe.wait(
-                lambda: len(self.probe.received['attitude_imu']) > answers, 'an answer')
+            self.probe.wait(lambda answers=answers: len(
+                self.probe.received['attitude_imu']) > answers, 'an answer')
             self.index += 1
             self.q = multiply(self.q, quaternion_from_rotation_vector(RATE * STEP_NS * 1e-9))
         return self.probe.received['attitude_imu'][before:]
 
     def errors(self, answers):
-        """Return the errors (N, 3) of the attitudes among the answers, in sigma of each axis."""
+        """Return how far the attitudes of the answers are off (N, 3), in sigma of each axis."""
         found = []
         for message in answers:
             tracked = messages.tracked_attitude_from_imu(message)

@@ -15,7 +15,6 @@ from click.testing import CliRunner
 from docutils.core import publish_doctree
 from docutils.utils import Reporter
 import pytest
-
 from startracker_ros.cli import main
 from startracker_ros.executables import NODES
 from startracker_ros.ros.node import PipelineNode

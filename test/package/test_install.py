@@ -13,7 +13,6 @@ from threading import Timer
 import venv
 
 import pytest
-
 from startracker_ros import __version__
 from startracker_ros.executables import NODES
 

@@ -1,4 +1,5 @@
-"""The launch files start nodes that exist with parameter files that exist.
+"""
+The launch files start nodes that exist with parameter files that exist.
 
 The wheels of ROS 2 have no launch package, so its few classes stand here as plain records.
 """
@@ -9,7 +10,6 @@ import sys
 from types import ModuleType
 
 import pytest
-
 from startracker_ros.executables import NODES
 
 SOURCE = Path(__file__).parents[2]

@@ -8,7 +8,6 @@ import subprocess
 import sys
 
 from catkin_pkg.package import parse_package
-
 import startracker_ros
 from startracker_ros.executables import NODES
 

@@ -59,7 +59,7 @@ class Page:
                     raise BrowserError(f'{method}: {message["error"]}')
                 return message['result']
 
-    def open(self, path: Path) -> None:
+    def load(self, path: Path) -> None:
         """Load a file and wait until it has loaded and drawn."""
         self._events.clear()
         self.call('Page.navigate', url=path.as_uri())
@@ -85,7 +85,8 @@ class Page:
             {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}])
 
     def mouse(self, kind: str, selector: str, x: float = 0.5, y: float = 0.5) -> None:
-        """Let the mouse mouseMoved, mousePressed or mouseReleased at a place of an element.
+        """
+        Let the mouse mouseMoved, mousePressed or mouseReleased at a place of an element.
 
         x and y go from 0 to 1 over the element, which is brought into view first.
         """

@@ -9,7 +9,6 @@ import numpy as np
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
@@ -56,7 +55,8 @@ def attitude(frame: int) -> AttitudeEstimate:
 def write_run(folder: Path, *, leave_out: tuple[str, ...] = (), namespace: str = '',
               change: Callable[[str, Any], Any] | None = None,
               damage: Callable[[bytes], bytes] = bytes) -> Path:
-    """Write a bag without the topics of leave_out.
+    """
+    Write a bag without the topics of leave_out.
 
     change(topic, message) may swap messages, damage(data) their bytes.
     """

@@ -17,7 +17,6 @@ from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from run_bag import error_arcsec, FRAMES, HOSTILE, START_NS, STEP_NS, UNSOLVED, write_run
-
 from startracker_ros.cli import main
 from startracker_ros.export.aem import aem_text, AemError, AemLabels
 from startracker_ros.export.files import export_bag

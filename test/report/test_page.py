@@ -10,7 +10,6 @@ from click.testing import CliRunner, Result
 import numpy as np
 import pytest
 from run_bag import write_run
-
 from startracker_ros.cli import main
 from startracker_ros.report.page import json_block, write_report
 from startracker_ros.report.panels import Panels
@@ -60,7 +59,7 @@ def test_text_of_a_bag_stays_text(page: Page, report: Path) -> None:
     assert '<img src=x' not in text
     assert '&lt;img src=x' in text
     page.problems.clear()
-    page.open(report)
+    page.load(report)
     assert page.count('img[src=x]') == 0
     assert 'onerror="alert(1)"' in page.text('#section-diagnostic summary')
     assert page.problems == []
@@ -78,7 +77,7 @@ def test_page_renders_without_an_error(page: Page, report: Path, width: int, hei
                                        phone: bool, dark: bool) -> None:
     page.problems.clear()
     page.resize(width, height, phone=phone, dark=dark)
-    page.open(report)
+    page.load(report)
     assert page.problems == []
     # Nothing is wider than the screen, and text can be read without zooming.
     assert page.evaluate('document.documentElement.scrollWidth') <= width
@@ -107,7 +106,7 @@ def test_page_renders_without_an_error(page: Page, report: Path, width: int, hei
 def wide(page: Page, report: Path) -> Page:
     page.resize(1200, 900)
     page.problems.clear()
-    page.open(report)
+    page.load(report)
     return page
 
 
@@ -153,8 +152,8 @@ def test_frames_keys_and_slider_move_the_cursor(wide: Page) -> None:
 def test_dragging_chooses_a_time_for_all_figures(wide: Page) -> None:
     def labels(figure: str) -> str:
         return wide.evaluate(f"[...document.querySelectorAll('#{figure} .axis text')]"
-                             ".map((text) => text.textContent).filter((t) => t.endsWith('s'))"
-                             ".join()")
+                             '.map((text) => text.textContent)'
+                             ".filter((t) => t.endsWith('s')).join()")
     whole = labels('latency')
     wide.mouse('mousePressed', '#error-y svg', 0.3)
     wide.mouse('mouseMoved', '#error-y svg', 0.4)
@@ -219,7 +218,7 @@ def test_what_a_bag_does_not_hold_is_said_in_place(
     bag = write_run(tmp_path / 'run', leave_out=left_out)
     write_report(bag, tmp_path / 'report.html')
     page.problems.clear()
-    page.open(tmp_path / 'report.html')
+    page.load(tmp_path / 'report.html')
     assert page.problems == []
     for name in SECTIONS if words else ():
         if name in words:
@@ -239,7 +238,7 @@ def test_a_slew_over_the_sky_is_drawn_on_a_map_of_all_of_it(page: Page, tmp_path
     bag = write_run(tmp_path / 'run', leave_out=('attitude_imu', 'attitude_cov'), change=turn)
     write_report(bag, tmp_path / 'report.html')
     page.problems.clear()
-    page.open(tmp_path / 'report.html')
+    page.load(tmp_path / 'report.html')
     assert page.problems == []
     assert 'Hammer' in page.text('#section-sky-map')
     width, height = page.evaluate("(() => { const box = document.querySelector('#sky svg')"
@@ -277,7 +276,7 @@ def test_damaged_messages_are_counted_and_the_rest_is_shown(page: Page, tmp_path
     bag = write_run(tmp_path / 'run', damage=lambda data: damaged(data, rng))
     write_report(bag, tmp_path / 'report.html')
     page.problems.clear()
-    page.open(tmp_path / 'report.html')
+    page.load(tmp_path / 'report.html')
     assert page.problems == []
     assert 'messages not used' in page.text('header')
     assert page.count('#sky circle.used') > 10

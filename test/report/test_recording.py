@@ -8,12 +8,11 @@ import pytest
 from run_bag import (
     CAMERA, error_arcsec, FRAMES, RATE_RAD_S, SIGMA_ARCSEC, START_NS, STEP_NS, truth, UNSOLVED,
     write_run)
-from std_msgs.msg import String
-
 from startracker_ros.bag.errors import BagError
 from startracker_ros.report.panels import Panels, thinned, utc
 from startracker_ros.report.recording import load_recording, Recording
 from startracker_ros.report.summary import summarise
+from std_msgs.msg import String
 
 SOLVED = [frame for frame in range(FRAMES) if frame not in UNSOLVED]
 

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from run_bag import write_run
-from visualization_msgs.msg import ImageMarker
-import yaml
-
 from startracker_ros.report.viewer_picture import draw_viewer
 from startracker_ros.ros.image_marker import centroids_to_image_marker
 from startracker_ros.ros.messages import (
     CENTROID_DTYPE, make_header, message_class, STAR_DTYPE, TRACK_DTYPE)
+from visualization_msgs.msg import ImageMarker
+import yaml
 
 CONFIG = Path(__file__).parents[2] / 'config'
 TYPES = {

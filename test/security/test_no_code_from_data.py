@@ -5,7 +5,6 @@ from pathlib import Path
 import sys
 
 import pytest
-
 from startracker_ros.camera import CameraError, load_camera
 from startracker_ros.images import ImageError, read_image
 from startracker_ros.ros.messages import message_class
@@ -39,7 +38,7 @@ def unsafe(source: str) -> list[str]:
         called = ast.unparse(node.func)
         keywords = {word.arg: ast.unparse(word.value) for word in node.keywords}
         if (called in UNSAFE_CALLS
-                or called == 'yaml.load' and keywords.get('Loader') not in SAFE_LOADERS
+                or (called == 'yaml.load' and keywords.get('Loader') not in SAFE_LOADERS)
                 or keywords.get('shell', 'False') != 'False'
                 or keywords.get('allow_pickle', 'False') != 'False'):
             found.append(f'{node.lineno}: {ast.unparse(node)}')
