@@ -99,7 +99,7 @@ class Camera:
 
     @cached_property
     def lens(self) -> 'Lens':
-        """The same model for compiled functions."""
+        """Return the same model for compiled functions."""
         from startracker_ros.lens import Lens
         return Lens(self.width, self.height, float(self.fx), float(self.fy), float(self.cx),
                     float(self.cy), *map(float, self.distortion))

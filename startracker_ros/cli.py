@@ -413,7 +413,7 @@ def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed:
 @_seed
 @_json
 def campaign_faults(only: tuple[str, ...], seed: int, as_json: bool) -> None:
-    """Processes killed and stopped, bad images, clocks and disks: how the nodes recover."""
+    """Kill and stop processes, send bad images, clocks and disks: see how the nodes recover."""
     from startracker_ros.campaign.faults import NAMES, run_faults_campaign
     from startracker_ros.ros.flight import FlightError
     unknown = set(only) - set(NAMES)

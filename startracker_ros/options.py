@@ -26,7 +26,7 @@ class Option:
 
     @property
     def range_text(self) -> str:
-        """The permitted values in words, empty when anything of the type goes."""
+        """Return the permitted values in words, empty when anything of the type goes."""
         if self.choices:
             return 'one of ' + ', '.join(self.choices)
         if self.low is None and self.high is None:

@@ -10,7 +10,8 @@ WRONG_ARCSEC = 60.0
 
 
 def error_over_bound(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> float:
-    """Return the largest error over its bound, wrong above 1.
+    """
+    Return the largest error over its bound, wrong above 1.
 
     quaternion and truth (4,) q_icrf_from_sensor, covariance (3, 3) about sensor axes, rad^2.
     """

@@ -89,7 +89,7 @@ class Playback:
 
     @property
     def time_ns(self) -> int:
-        """The time of recording that is played now."""
+        """Return the time of recording that is played now."""
         if self._paused or not self._origin_s:
             return self._origin_ns
         elapsed_s = time.monotonic() - self._origin_s

@@ -143,7 +143,7 @@ class Tally:
 
     @property
     def figures(self) -> dict[str, float]:
-        """The columns of a row."""
+        """Return the columns of a row."""
         ratio = np.concatenate([*self.square_ratio, np.empty(0)])
         return {'found_percent': 100 * self.found / self.stars,
                 'false_per_image': self.false / len(self.cpu_s),

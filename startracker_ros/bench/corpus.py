@@ -30,12 +30,12 @@ class View:
 
     @cached_property
     def camera(self) -> Camera:
-        """The camera that takes the frames."""
+        """Return the camera that takes the frames."""
         return Camera.from_fov(self.width, self.width, self.fov_deg)
 
     @cached_property
     def places(self) -> StarPlaces:
-        """What the camera can see of the sky."""
+        """Return what the camera can see of the sky."""
         return camera_places(load_catalog(), self.camera, EPOCH_YEAR, self.magnitude_limit)
 
 

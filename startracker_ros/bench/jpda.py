@@ -149,7 +149,7 @@ class Tally:
 
     @property
     def figures(self) -> dict[str, float]:
-        """The columns of a row; the error is that of tracks that kept to their target."""
+        """Return the columns of a row; the error is that of tracks that kept to their target."""
         kept = [square[:, ~swapped] for square, swapped in zip(self.square_px2, self.swapped)]
         return {'median_ms': 1e3 * float(np.median(self.cpu_s)),
                 'worst_ms': 1e3 * max(self.cpu_s),

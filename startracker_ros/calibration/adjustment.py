@@ -84,17 +84,17 @@ class Adjustment:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The names of the parameters estimated."""
+        """Return the names of the parameters estimated."""
         return _parameters_of(self.terms)
 
     @property
     def values(self) -> dict[str, float]:
-        """The parameters estimated."""
+        """Return the parameters estimated."""
         return {name: _values(self.camera)[name] for name in self.parameters}
 
     @property
     def sigmas(self) -> dict[str, float]:
-        """The 1-sigma errors of the parameters estimated."""
+        """Return the 1-sigma errors of the parameters estimated."""
         return dict(zip(self.parameters, np.sqrt(np.diag(self.covariance)).tolist()))
 
 

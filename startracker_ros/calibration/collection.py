@@ -43,7 +43,7 @@ class ViewCollection:
 
     @property
     def views(self) -> list[View]:
-        """The views kept, oldest first."""
+        """Return the views kept, oldest first."""
         return [view for view, _ in self._kept]
 
     @property
@@ -53,7 +53,7 @@ class ViewCollection:
 
     @property
     def covered_percent(self) -> float:
-        """The share of the image where identified stars were seen."""
+        """Return the share of the image where identified stars were seen."""
         if not self._kept:
             return 0.0
         return covered_percent(self._camera, np.concatenate([uv for _, uv in self._kept]))

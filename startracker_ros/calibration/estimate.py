@@ -67,7 +67,7 @@ class Calibration:
 
     @property
     def camera(self) -> Camera:
-        """The calibrated camera."""
+        """Return the calibrated camera."""
         return self.adjustment.camera
 
 

@@ -73,7 +73,7 @@ class Cell:
 
     @property
     def sigma_px(self) -> float:
-        """The 1-sigma error of a centroid per axis."""
+        """Return the 1-sigma error of a centroid per axis."""
         return float(np.sqrt(self.variance_px2))
 
 
@@ -123,7 +123,7 @@ class Run:
 
     @property
     def start(self) -> np.ndarray:
-        """The stars (4, 2) px of the first frame, which lost-in-space identification named."""
+        """Return stars (4, 2) px of the first frame, as lost-in-space identification has them."""
         return self.centroids[0][self.seen[0]]
 
 

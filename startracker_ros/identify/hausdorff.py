@@ -119,7 +119,7 @@ class HausdorffIdentifier(CandidateIdentifier):
 
     @cached_property
     def published_sets(self) -> StarSets:
-        """The sets of the paper's database."""
+        """Return the sets of the paper's database."""
         return StarSets.joined([bright_sets(self.places.direction, self.pivots,
                                             self.radius_rad)])
 

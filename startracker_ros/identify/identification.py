@@ -70,7 +70,7 @@ class Identification:
 
     @property
     def matched(self) -> int:
-        """Number of identified stars."""
+        """Return the number of identified stars."""
         return int(np.count_nonzero(self.hip))
 
 

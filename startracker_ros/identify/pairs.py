@@ -28,7 +28,7 @@ class PairDatabase:
 
     @cached_property
     def kvector(self) -> KVector:
-        """The range search over the separations."""
+        """Return the range search over the separations."""
         return KVector(self.separation)
 
     def among(self, count: int) -> 'PairDatabase':

@@ -71,7 +71,7 @@ class Match:
 
     @property
     def matched(self) -> int:
-        """Number of matched stars."""
+        """Return the number of matched stars."""
         return int(np.count_nonzero(self.star >= 0))
 
 

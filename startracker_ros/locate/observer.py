@@ -92,7 +92,7 @@ class History:
 
     @property
     def newest_ns(self) -> int | None:
-        """The last stamp, None when there is nothing."""
+        """Return the last stamp, None when there is nothing."""
         return self.stamps[-1] if self.stamps else None
 
 

@@ -28,7 +28,8 @@ def status_message(name: str, hardware_id: str, level: bytes, message: str,
 
 
 class Diagnostics:
-    """Collects the condition, counters and last values of one node and publishes them.
+    """
+    Collects the condition, counters and last values of one node and publishes them.
 
     checks are called before each publication.
     """
