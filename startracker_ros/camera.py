@@ -117,7 +117,7 @@ class Camera:
         return self._distort(tangent) * self._focal_px + self._centre_px
 
     def unproject(self, pixels: np.ndarray) -> np.ndarray:
-        """Return unit vectors (..., 3) in the sensor frame of pixels (..., 2)."""
+        """Return the unit vectors (..., 3) in the sensor frame of pixels (..., 2)."""
         tangent = self._undistort(self._normalise(np.asarray(pixels, float)))
         vector = np.empty(tangent.shape[:-1] + (3,))
         vector[..., :2] = tangent

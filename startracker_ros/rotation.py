@@ -104,7 +104,7 @@ def sign_continuous(q: np.ndarray, previous: np.ndarray | None) -> np.ndarray:
 
 
 def unit_from_radec(ra_rad: np.ndarray, dec_rad: np.ndarray) -> np.ndarray:
-    """Return unit vectors (..., 3) of right ascension and declination in rad."""
+    """Return the unit vectors (..., 3) of right ascension and declination in rad."""
     ra_rad, dec_rad = np.asarray(ra_rad, float), np.asarray(dec_rad, float)
     return np.stack([np.cos(dec_rad) * np.cos(ra_rad),
                      np.cos(dec_rad) * np.sin(ra_rad),

@@ -1,7 +1,6 @@
 """When an attitude counts as wrong, not merely as noisy."""
 
 import numpy as np
-
 from startracker_ros.rotation import ARCSEC, attitude_error
 
 WRONG_SIGMAS = 5.0

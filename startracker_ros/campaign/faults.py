@@ -4,7 +4,6 @@ from pathlib import Path
 import tempfile
 
 from rich.progress import track as progress
-
 from startracker_ros.attitude.wrong import WRONG_ARCSEC, WRONG_SIGMAS
 from startracker_ros.ros.faults import faults, row_of, Times
 from startracker_ros.ros.flight import Flight

@@ -58,7 +58,7 @@ class StarCatalog:
 
     @cached_property
     def _place_and_motion(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return unit vectors (N, 3) at the catalogue epoch and their change in rad a year."""
+        """Return the unit vectors (N, 3) at the catalogue epoch and their change in rad a year."""
         sin_ra, cos_ra = np.sin(self.ra_rad), np.cos(self.ra_rad)
         sin_dec, cos_dec = np.sin(self.dec_rad), np.cos(self.dec_rad)
         place = np.stack([cos_dec * cos_ra, cos_dec * sin_ra, sin_dec], -1)

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-
 from startracker_ros.centroid.smoothing import filter_across, filter_down, Kernel
 from startracker_ros.compiled import compiled
 
@@ -23,7 +22,8 @@ _FROM_MIDDLE = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5).astype(np.float32)  
 
 
 class Mesh(NamedTuple):
-    """Background of an image; level and noise (rows + 2, columns + 2) have a value per tile.
+    """
+    Background of an image; level and noise (rows + 2, columns + 2) have a value per tile.
 
     A tile more on each side continues them straight. level in DN; noise, 1 sigma in DN, is
     that of the smoothed image. The medians are of the tiles within. scale holds tiles per
@@ -38,7 +38,8 @@ class Mesh(NamedTuple):
 
 
 def measure_background(image: np.ndarray, kernel: Kernel) -> Mesh:
-    """Return the mesh of image (H, W) after smoothing: median and scaled MAD of each tile.
+    """
+    Return the mesh of image (H, W) after smoothing: median and scaled MAD of each tile.
 
     The smoothed image is measured because averaging undoes the quantisation that makes the
     MAD of an 8-bit image 0 or 1, and because correlated noise then counts as what it does to
@@ -53,7 +54,7 @@ def measure_background(image: np.ndarray, kernel: Kernel) -> Mesh:
 
 
 @compiled
-def interpolate(mesh, y, x):
+def interpolate(mesh: np.ndarray, y: float, x: float) -> float:
     """Return the value at y tiles down and x tiles across, bilinear."""
     i = min(max(int(y), 0), mesh.shape[0] - 2)
     j = min(max(int(x), 0), mesh.shape[1] - 2)
@@ -63,7 +64,7 @@ def interpolate(mesh, y, x):
 
 
 @compiled
-def across_mesh(mesh, y, node):
+def across_mesh(mesh: np.ndarray, y: float, node: np.ndarray) -> None:
     """Fill node (columns,) with the values at y tiles down, in the middles of the tiles."""
     i = min(max(int(y), 0), mesh.shape[0] - 2)
     for j in range(len(node)):
@@ -71,14 +72,15 @@ def across_mesh(mesh, y, node):
 
 
 @compiled
-def background_at(mesh, u, v):
+def background_at(mesh: Mesh, u: int, v: int) -> tuple[float, float]:
     """Return level and noise at a pixel."""
     y, x = (v + 0.5) * mesh.scale[0] + 0.5, (u + 0.5) * mesh.scale[1] + 0.5
     return interpolate(mesh.level, y, x), interpolate(mesh.noise, y, x)
 
 
 @compiled
-def _measure(image, kernel, rows, columns):
+def _measure(image: np.ndarray, kernel: Kernel, rows: int, columns: int
+             ) -> tuple[np.ndarray, np.ndarray, float, float]:
     """Return level, noise and their medians from SAMPLE_ROWS x SAMPLES pixels of each tile."""
     height, width = image.shape
     radius, side, count = len(kernel.weights) - 1, SAMPLES, SAMPLE_ROWS * SAMPLES
@@ -123,8 +125,9 @@ def _measure(image, kernel, rows, columns):
 
 
 @compiled
-def _subtract(node, j, row):
-    """Take the level off a row of samples (SAMPLES,) of tile j, whose middle is at node j + 1.
+def _subtract(node: np.ndarray, j: int, row: np.ndarray) -> None:
+    """
+    Take the level off a row of samples (SAMPLES,) of tile j, whose middle is at node j + 1.
 
     It is one straight line to the middle of the tile, and another one from there on.
     """
@@ -137,8 +140,9 @@ def _subtract(node, j, row):
 
 
 @compiled
-def ranked(values, rank):
-    """Return the value (int) that has so many smaller or equal ones before it, of (N,) int32.
+def ranked(values: np.ndarray, rank: int) -> int:
+    """
+    Return the value (int) that has so many smaller or equal ones before it, of (N,) int32.
 
     Bisection by counting, which unlike a partition has no branches that depend on the data.
     """
@@ -159,7 +163,7 @@ def ranked(values, rank):
 
 
 @compiled
-def _median_around(mesh, i, j):
+def _median_around(mesh: np.ndarray, i: int, j: int) -> float:
     """Return the median of a tile and the eight around it, those of the border repeated."""
     around = np.empty(9)
     for k in range(9):
@@ -174,7 +178,7 @@ def _median_around(mesh, i, j):
 
 
 @compiled
-def _tail(samples, noise):
+def _tail(samples: np.ndarray, noise: np.ndarray) -> float:
     """Return by how much the upper tail of samples (rows, columns, N) exceeds that of a normal."""
     rows, columns, count = samples.shape
     step = max(1, samples.size // TAIL_SAMPLES)
@@ -189,7 +193,7 @@ def _tail(samples, noise):
 
 
 @compiled
-def _extend(mesh):
+def _extend(mesh: np.ndarray) -> None:
     """Continue the inner tiles straight into the border; a lone tile stays flat."""
     rows, columns = mesh.shape[0] - 2, mesh.shape[1] - 2
     for j in range(1, columns + 1):

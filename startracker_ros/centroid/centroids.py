@@ -7,7 +7,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Centroids:
-    """Star images of one frame, brightest first; all arrays float64.
+    """
+    Star images of one frame, brightest first; all arrays float64.
 
     uv (N, 2) px, (0, 0) the centre of the top-left pixel; flux (N,) total light in DN;
     snr (N,) flux over its 1-sigma error; sigma_px (N,) 1-sigma error per axis.

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-
 from startracker_ros.centroid.background import across_mesh, background_at, Mesh
 from startracker_ros.centroid.smoothing import filter_across, filter_down, filtered_at, Kernel
 from startracker_ros.compiled import compiled
@@ -17,7 +16,8 @@ _DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], 1)
 
 
 class Peaks(NamedTuple):
-    """K peaks, highest first: uv (K, 2) int; height, level, noise (K,) of the smoothed image.
+    """
+    K peaks, highest first: uv (K, 2) int; height, level, noise (K,) of the smoothed image.
 
     height and level in DN, the height above the level; noise 1 sigma in DN. top (K, 2) px is
     how far from uv a parabola through the peak and its neighbours has its top.
@@ -36,34 +36,38 @@ class Peaks(NamedTuple):
 
 
 class Search(NamedTuple):
-    """What a search found: peaks; the number of all, listed or not, and of those left out.
+    """
+    What a search found: peaks; the number of all, listed or not, and of those left out.
 
     tops (H,) are the brightest pixels of the rows.
     """
 
     peaks: Peaks
-    count: int
+    found: int
     discs: int
     tops: np.ndarray
 
 
 def find_peaks(image: np.ndarray, kernel: Kernel, mesh: Mesh, sigmas: float, least_dn: float,
                most: int) -> Search:
-    """Return the local maxima of image (H, W) after smoothing.
+    """
+    Return the local maxima of image (H, W) after smoothing.
 
     A maximum is `sigmas` of noise and least_dn above the background. No more than `most` are
     listed. Left out are those within or on the rim of something bright and large, such as the
     Moon, whose noise would otherwise make more peaks than the sky has stars.
     """
     ring = np.rint(RING_SIGMAS * kernel.sigma_px * _DIRECTIONS).astype(np.int64)
-    columns, *others = _scan(image, kernel, mesh, sigmas, least_dn, ring, most)
+    columns, found, discs, tops = _scan(image, kernel, mesh, sigmas, least_dn, ring, most)
     peaks = Peaks(*columns)
-    return Search(peaks.select(np.argsort(-peaks.height, kind='stable')), *others)
+    return Search(peaks.select(np.argsort(-peaks.height, kind='stable')), found, discs, tops)
 
 
 @compiled
-def _scan(image, kernel, mesh, sigmas, least_dn, ring, most):
-    """Return the fields of Search, with the peaks in the order of the image.
+def _scan(image: np.ndarray, kernel: Kernel, mesh: Mesh, sigmas: float, least_dn: float,
+          ring: np.ndarray, most: int) -> tuple[tuple[np.ndarray, ...], int, int, np.ndarray]:
+    """
+    Return the fields of Search, with the peaks in the order of the image.
 
     A pixel must exceed the four neighbours before it and not fall below the four after
     it, so that a flat top gives one peak. The outermost pixels are no peaks.
@@ -125,7 +129,7 @@ def _scan(image, kernel, mesh, sigmas, least_dn, ring, most):
 
 
 @compiled
-def _take_in(image, v, rows):
+def _take_in(image: np.ndarray, v: int, rows: np.ndarray) -> int:
     """Put row v of image into rows; return its brightest pixel."""
     line, place = image[v], v % len(rows)
     top = line[0]
@@ -136,8 +140,10 @@ def _take_in(image, v, rows):
 
 
 @compiled
-def _likely_pieces(line, kernel, node, end, margin, likely):
-    """Fill likely with those pieces j of a row in which a star may be; return their number.
+def _likely_pieces(line: np.ndarray, kernel: Kernel, node: np.ndarray, end: np.ndarray,
+                   margin: float, likely: np.ndarray) -> int:
+    """
+    Fill likely with those pieces j of a row in which a star may be; return their number.
 
     line is the row filtered along its columns. Piece j goes from end[j] to end[j + 1], between
     the middles of two tiles, where the threshold is a straight line from node[j] to
@@ -162,7 +168,7 @@ def _likely_pieces(line, kernel, node, end, margin, likely):
 
 
 @compiled
-def _reaches(line, begin, end, lowest):
+def _reaches(line: np.ndarray, begin: int, end: int, lowest: np.float32) -> bool:
     """Return whether one of line[begin:end] is at least lowest."""
     reached = False
     for k in range(np.uintp(begin), np.uintp(end)):
@@ -171,7 +177,7 @@ def _reaches(line, begin, end, lowest):
 
 
 @compiled
-def _is_top(smooth, u):
+def _is_top(smooth: np.ndarray, u: int) -> bool:
     """Return whether the middle one of the rows (3, W) has its highest value at u."""
     here = smooth[1, u]
     return (here > smooth[1, u - 1] and here >= smooth[1, u + 1]
@@ -180,14 +186,15 @@ def _is_top(smooth, u):
 
 
 @compiled
-def _parabola(before, here, after):
+def _parabola(before: float, here: float, after: float) -> float:
     """Return where between -0.5 and 0.5 a parabola through three values has its top."""
     bend = max(2 * here - before - after, 1e-6)
     return min(max((after - before) / (2 * bend), -0.5), 0.5)
 
 
 @compiled
-def _alone(image, kernel, u, v, peak_dn, level, ring):
+def _alone(image: np.ndarray, kernel: Kernel, u: int, v: int, peak_dn: float, level: float,
+           ring: np.ndarray) -> bool:
     """Return whether it is dark around a peak in half of the directions."""
     around, dark, half = np.empty(len(ring)), 0, len(ring) // 2
     limit = level + RING_LIGHT * peak_dn
@@ -199,11 +206,12 @@ def _alone(image, kernel, u, v, peak_dn, level, ring):
         # The rest cannot change the median any more: it is the mean of the two in the middle.
         if dark > half or k - dark >= half:
             return dark > half
-    return np.median(around) < limit
+    return bool(np.median(around) < limit)
 
 
 def full_scale(image: np.ndarray, tops: np.ndarray, background_dn: float) -> float:
-    """Return the DN at which the image saturates, infinity when nothing in it is saturated.
+    """
+    Return the DN at which the image saturates, infinity when nothing in it is saturated.
 
     tops (H,) are the maxima of the rows.
 
@@ -224,7 +232,7 @@ def full_scale(image: np.ndarray, tops: np.ndarray, background_dn: float) -> flo
 
 
 @compiled
-def _flat_top(image, tops):
+def _flat_top(image: np.ndarray, tops: np.ndarray) -> bool:
     """Return whether a brightest pixel has four as bright beside it."""
     brightest = tops.max()
     for v in range(1, len(image) - 1):

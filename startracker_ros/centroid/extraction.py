@@ -5,7 +5,6 @@ import math
 from statistics import median
 
 import numpy as np
-
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.detection import Peaks
 from startracker_ros.centroid.frame import Frame, prepare
@@ -67,7 +66,8 @@ class ExtractionOptions(Options):
 
 @dataclass(frozen=True)
 class Extraction:
-    """Centroids of an image and how they came about.
+    """
+    Centroids of an image and how they came about.
 
     status is 'ok', 'no_stars', 'blank', 'saturated', 'too_small' or 'too_many', and reason says
     why in words, empty when ok. background_dn and noise_dn (1 sigma of a pixel) are medians
@@ -101,7 +101,7 @@ class CentroidExtractor:
             return _none('too_small', f'image of {width} x {height} px, '
                          f'at least {MIN_SIDE_PX} px a side are needed')
         # Compiled for one layout: padded rows and read-only images are copied.
-        image = np.require(image, requirements='CW')
+        image = np.require(image, requirements=['C', 'W'])
         most = max(FEW_PEAKS, image.size // PX_PER_PEAK)
         fixed = self._options.threshold == 'fixed'
         threshold = ((0.0, self._options.threshold_dn) if fixed
@@ -113,7 +113,7 @@ class CentroidExtractor:
         if frame.saturated:
             return _none('saturated', f'most pixels are at full scale, {frame.full_scale_dn:g} DN',
                          frame)
-        if not sigma_px and 0 < frame.search.count <= most:
+        if not sigma_px and 0 < frame.search.found <= most:
             sigma_px = measure_width(frame)
             if not 1 / FILTER_RATIO < sigma_px / FILTER_SIGMA_PX < FILTER_RATIO:
                 filter_sigma_px = float(np.clip(sigma_px, *FILTER_RANGE_PX))
@@ -143,7 +143,8 @@ class CentroidExtractor:
 
     def _measure(self, frame: Frame, peaks: Peaks, sigma_px: float, sigmas: float,
                  least_dn: float) -> tuple[Centroids, dict[str, int]]:
-        """Fit stars of this width to peaks; return the good ones, count the others.
+        """
+        Fit stars of this width to peaks; return the good ones, count the others.
 
         sigmas and least_dn are the threshold.
         """
@@ -154,7 +155,7 @@ class CentroidExtractor:
             bad = np.zeros(len(next(iter(reasons.values()))), bool)
             for reason, spots in reasons.items():
                 if np.count_nonzero(spots):
-                    count = np.count_nonzero(spots & ~bad)
+                    count = int(np.count_nonzero(spots & ~bad))
                     if count:
                         rejected[reason] = rejected.get(reason, 0) + count
                     bad |= spots
@@ -182,17 +183,18 @@ class CentroidExtractor:
         keep = reject(not_fitted=_moved(fit, windows) | repeated(fit, windows, APART_PX),
                       faint=_significance(fit) < FAINT * sigmas)
         if self._options.method != 'gaussian':
-            uv, sigma_px = weighted_means(
+            uv, error_px = weighted_means(
                 self._options.method, windows, fit, noise,
                 Segmentation(least_dn, self._options.threshold == 'iterative', self._factor))
-            centroids = replace(centroids, uv=uv, sigma_px=sigma_px)
+            centroids = replace(centroids, uv=uv, sigma_px=error_px)
             keep &= reject(faint=keep & ~np.isfinite(uv[:, 0]))
         order = np.argsort(-centroids.flux, kind='stable')
         return centroids.select(order[keep[order]][:self._options.max_stars]), rejected
 
 
 def measure_width(frame: Frame) -> float:
-    """Return the median width (1 sigma, px) of the brightest stars.
+    """
+    Return the median width (1 sigma, px) of the brightest stars.
 
     Where no spot tells, the width of the filter that found them is returned.
     """
@@ -233,8 +235,10 @@ def _words(sigmas: float, least_dn: float) -> str:
 
 def _none(status: str, reason: str, frame: Frame | None = None,
           rejected: dict[str, int] | None = None) -> Extraction:
-    known = (frame.background_dn, frame.noise_dn) if frame else ()
-    return Extraction(Centroids.empty(), status, reason, *known, rejected=rejected or {})
+    if frame is None:
+        return Extraction(Centroids.empty(), status, reason, rejected=rejected or {})
+    return Extraction(Centroids.empty(), status, reason, frame.background_dn, frame.noise_dn,
+                      rejected=rejected or {})
 
 
 def _core_saturated(windows: Windows) -> np.ndarray:
@@ -243,7 +247,7 @@ def _core_saturated(windows: Windows) -> np.ndarray:
 
 
 @compiled
-def _unused(used, radius):
+def _unused(used: np.ndarray, radius: int) -> np.ndarray:
     """Return the number (K,) of pixels not used within radius of the middle of used (K, n, n)."""
     middle, count = used.shape[1] // 2, np.zeros(len(used), np.int64)
     for i in range(len(used)):
@@ -259,7 +263,7 @@ def _moved(fit: Fit, windows: Windows) -> np.ndarray:
 
 
 @compiled
-def _far(parameters, corner, radius):
+def _far(parameters: np.ndarray, corner: np.ndarray, radius: int) -> np.ndarray:
     far = np.empty(len(corner), np.bool_)
     for i in range(len(corner)):
         far[i] = not (math.hypot(parameters[i, U] - corner[i, 0] - radius,

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.centroid.background import measure_background, Mesh
 from startracker_ros.centroid.detection import find_peaks, full_scale, Peaks, Search
 from startracker_ros.centroid.gaussian_fit import FLUX, SIGMA, U, V

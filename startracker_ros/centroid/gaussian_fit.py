@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
-
 from startracker_ros.centroid.noise import NoiseModel
 from startracker_ros.centroid.windows import Windows
 from startracker_ros.compiled import compiled, fused
@@ -29,7 +28,8 @@ _DENSITY = np.exp(-0.5 * _NODES ** 2) / np.sqrt(2 * np.pi)
 
 
 class Fit(NamedTuple):
-    """Fitted stars; window arrays are (K, n, m) float32, with rows filled up as in Windows.
+    """
+    Fitted stars; window arrays are (K, n, m) float32, with rows filled up as in Windows.
 
     parameters (K, 5): u, v px, flux DN, level DN above the mesh background, sigma px;
     covariance (K, p, p) of the first p = 4 or 5 of them; light: model of the star itself;
@@ -48,7 +48,8 @@ class Fit(NamedTuple):
 
 def fit_stars(windows: Windows, start: np.ndarray, noise: NoiseModel, *,
               free_sigma: bool = False, iterations: int = 12) -> Fit:
-    """Weighted least squares by Gauss-Newton from start (K, 5); sigma is free on request.
+    """
+    Weighted least squares by Gauss-Newton from start (K, 5); sigma is free on request.
 
     The weights follow the model, not the data, which would bias the flux low: with noise that
     follows the model too this is maximum likelihood. Neighbours are fitted in turns: each
@@ -58,8 +59,9 @@ def fit_stars(windows: Windows, start: np.ndarray, noise: NoiseModel, *,
 
 
 @fused
-def profile(centre, sigma, first, share):
-    """Fill share (3, n) for n pixels from `first` on, along one axis.
+def profile(centre: float, sigma: float, first: int, share: np.ndarray) -> None:
+    """
+    Fill share (3, n) for n pixels from `first` on, along one axis.
 
     Its rows: the share of light in a pixel, its derivative by centre and that by sigma. The
     normal distribution and its density, to 1e-9 and 4e-8, are series around the nearest node of
@@ -83,7 +85,8 @@ def profile(centre, sigma, first, share):
 
 
 @fused
-def _others(windows, i, parameters, columns, rows, others):
+def _others(windows: Windows, i: int, parameters: np.ndarray, columns: np.ndarray,
+            rows: np.ndarray, others: np.ndarray) -> None:
     """Fill others (n, m) with the light of the neighbours in window i."""
     others[:] = 0
     for k in range(windows.first[i], windows.first[i + 1]):
@@ -97,8 +100,10 @@ def _others(windows, i, parameters, columns, rows, others):
 
 
 @fused
-def _weigh(windows, i, star, noise, others, columns, rows, sums):
-    """Fill sums, SUMS of them in each of m columns, from the rows of window i.
+def _weigh(windows: Windows, i: int, star: np.ndarray, noise: NoiseModel, others: np.ndarray,
+           columns: np.ndarray, rows: np.ndarray, sums: np.ndarray) -> None:
+    """
+    Fill sums, SUMS of them in each of m columns, from the rows of window i.
 
     columns (3, m) and rows (3, n) are the profiles of star (5,). The derivatives of the model
     are products of a factor of the row y and one of the column x, so they are summed down
@@ -145,7 +150,9 @@ def _weigh(windows, i, star, noise, others, columns, rows, sums):
 
 
 @fused
-def _normal_equations(windows, i, star, noise, others, columns, rows, sums, normal, slope):
+def _normal_equations(windows: Windows, i: int, star: np.ndarray, noise: NoiseModel,
+                      others: np.ndarray, columns: np.ndarray, rows: np.ndarray, sums: np.ndarray,
+                      normal: np.ndarray, slope: np.ndarray) -> np.floating:
     """Fill normal (p, p) and slope (p,) of star (5,) in window i; return its chi2."""
     profile(star[U], star[SIGMA], windows.corner[i, 0], columns)
     profile(star[V], star[SIGMA], windows.corner[i, 1], rows)
@@ -202,7 +209,7 @@ def _normal_equations(windows, i, star, noise, others, columns, rows, sums, norm
 
 
 @compiled
-def _invert(matrix):
+def _invert(matrix: np.ndarray) -> None:
     """Invert a positive definite matrix (p, p) in place, by Gauss-Jordan."""
     count = len(matrix)
     for k in range(count):
@@ -219,7 +226,7 @@ def _invert(matrix):
 
 
 @compiled
-def _advance(star, inverse, slope):
+def _advance(star: np.ndarray, inverse: np.ndarray, slope: np.ndarray) -> float:
     """Move star (5,) by one limited step; return its length in px."""
     length = 0.0
     for a in range(len(slope)):
@@ -239,7 +246,8 @@ def _advance(star, inverse, slope):
 
 
 @fused
-def _fit(windows, start, noise, free, iterations):
+def _fit(windows: Windows, start: np.ndarray, noise: NoiseModel, free: int, iterations: int
+         ) -> tuple[np.ndarray, ...]:
     """Return the fields of Fit."""
     stars, count, filled = windows.data.shape
     parameters, covariance = start.copy(), np.empty((stars, free, free))
@@ -279,7 +287,9 @@ def _fit(windows, start, noise, free, iterations):
 
 
 @fused
-def _account(windows, i, star, noise, others, columns, rows, light, own, weight):
+def _account(windows: Windows, i: int, star: np.ndarray, noise: NoiseModel, others: np.ndarray,
+             columns: np.ndarray, rows: np.ndarray, light: np.ndarray, own: np.ndarray,
+             weight: np.ndarray) -> None:
     """Fill light, own and weight of star i, (5,), whose profiles are columns and rows."""
     flux, level = np.float32(star[FLUX]), np.float32(star[LEVEL])
     background, gain = np.float32(windows.variance[i]), np.float32(noise.gain_dn)
@@ -298,8 +308,10 @@ def _account(windows, i, star, noise, others, columns, rows, light, own, weight)
 
 
 @fused
-def leverage(fit, windows, i, columns, rows, work):
-    """Fill work (n, m) with the share of each pixel's noise that the fit of star i absorbs.
+def leverage(fit: Fit, windows: Windows, i: int, columns: np.ndarray, rows: np.ndarray,
+             work: np.ndarray) -> None:
+    """
+    Fill work (n, m) with the share of each pixel's noise that the fit of star i absorbs.
 
     columns (3, m) and rows (3, n) are for work.
     """

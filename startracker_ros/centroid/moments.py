@@ -1,4 +1,5 @@
-"""Centroids as weighted means of the pixels above a threshold, and the errors they make.
+"""
+Centroids as weighted means of the pixels above a threshold, and the errors they make.
 
 Gao and Cui 2016: sum(x G) / sum(G) over the window of a star, with G of the light g of a pixel
 1, g, g^2 or g - t where g >= t, else 0.
@@ -8,7 +9,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-
 from startracker_ros.centroid.gaussian_fit import Fit, FLUX, LEVEL, profile, SIGMA
 from startracker_ros.centroid.noise import NoiseModel, pixel_variance
 from startracker_ros.centroid.threshold import iterative_threshold
@@ -24,7 +24,8 @@ _FAR_SIGMAS = 8.0  # a pixel so far from the threshold is certainly on its side
 
 
 class Segmentation(NamedTuple):
-    """Which pixels belong to a star: threshold_dn if positive, else a threshold of each window.
+    """
+    Which pixels belong to a star: threshold_dn if positive, else a threshold of each window.
 
     That is SEGMENT_SIGMAS of noise, and if iterative no less than the iterative threshold; all
     above the local background, and times factor.
@@ -37,7 +38,8 @@ class Segmentation(NamedTuple):
 
 def weighted_means(method: str, windows: Windows, fit: Fit, noise: NoiseModel,
                    segmentation: Segmentation) -> tuple[np.ndarray, np.ndarray]:
-    """Return places (K, 2) px and their 1-sigma errors (K,) px; NaN where no pixel is left.
+    """
+    Return places (K, 2) px and their 1-sigma errors (K,) px; NaN where no pixel is left.
 
     The light of neighbours, as fitted, is taken off first. The error follows from flux and
     width of the fit: that of the mean over pixels with their noise, together with the bias
@@ -48,7 +50,8 @@ def weighted_means(method: str, windows: Windows, fit: Fit, noise: NoiseModel,
 
 
 @compiled
-def _means(kind, windows, fit, noise, segmentation):
+def _means(kind: int, windows: Windows, fit: Fit, noise: NoiseModel, segmentation: Segmentation
+           ) -> tuple[np.ndarray, np.ndarray]:
     stars, count = windows.data.shape[:2]
     uv, sigma = np.empty((stars, 2)), np.empty(stars)
     for i in range(stars):
@@ -68,7 +71,7 @@ def _means(kind, windows, fit, noise, segmentation):
 
 
 @compiled
-def _threshold(segmentation, light, variance):
+def _threshold(segmentation: Segmentation, light: np.ndarray, variance: float) -> float:
     """Return the threshold of a window with this light (n, n) above a sky of this variance."""
     if segmentation.threshold_dn > 0:
         return segmentation.factor * segmentation.threshold_dn
@@ -79,7 +82,7 @@ def _threshold(segmentation, light, variance):
 
 
 @compiled
-def _weight(kind, light, threshold):
+def _weight(kind: int, light: float, threshold: float) -> float:
     if kind == BINARY:
         return 1.0
     if kind == GREY:
@@ -90,7 +93,8 @@ def _weight(kind, light, threshold):
 
 
 @compiled
-def _square_error(kind, windows, fit, i, noise, segmentation):
+def _square_error(kind: int, windows: Windows, fit: Fit, i: int, noise: NoiseModel,
+                  segmentation: Segmentation) -> float:
     """Return the mean square error per axis in px^2 of star i."""
     count = windows.data.shape[1]
     share, light = np.empty((2, 3, count)), np.empty((count, count))
@@ -124,7 +128,7 @@ def _square_error(kind, windows, fit, i, noise, segmentation):
 
 
 @compiled
-def _expected(kind, light, sigma, threshold):
+def _expected(kind: int, light: float, sigma: float, threshold: float) -> tuple[float, float]:
     """Return the mean of the weight of a pixel and of its square, over normal noise."""
     a = (threshold - light) / sigma
     if a > _FAR_SIGMAS:

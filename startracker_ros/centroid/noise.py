@@ -6,7 +6,8 @@ from startracker_ros.compiled import compiled
 
 
 class NoiseModel(NamedTuple):
-    """Variance of a pixel: background + gain_dn * light + (model_error * light)^2.
+    """
+    Variance of a pixel: background + gain_dn * light + (model_error * light)^2.
 
     gain_dn is the DN of one photo-electron (Poisson noise), model_error the relative error of the
     point spread function, which no Gaussian of a real lens is without.
@@ -17,7 +18,7 @@ class NoiseModel(NamedTuple):
 
 
 @compiled
-def pixel_variance(noise, background, light):
+def pixel_variance(noise: NoiseModel, background: float, light: float) -> float:
     """Return DN^2 of a pixel with light in DN above a background of this variance."""
     light = max(light, 0.0)
     return background + light * (noise.gain_dn + noise.model_error ** 2 * light)

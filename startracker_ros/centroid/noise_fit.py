@@ -1,7 +1,6 @@
 """Gain and model error of the noise, out of what the fits of all stars leave."""
 
 import numpy as np
-
 from startracker_ros.centroid.gaussian_fit import Fit, leverage
 from startracker_ros.centroid.noise import NoiseModel
 from startracker_ros.centroid.windows import Windows
@@ -15,7 +14,8 @@ LEAST_KEPT = 0.1  # of the noise of a pixel, left in its residual
 
 def refine_noise_model(noise: NoiseModel, fit: Fit, windows: Windows,
                        chosen: np.ndarray) -> NoiseModel:
-    """Fit gain and model error to the residuals of chosen stars (K,), by iterated least squares.
+    """
+    Fit gain and model error to the residuals of chosen stars (K,), by iterated least squares.
 
     A residual is short of the noise that its star's fit has absorbed. The first gain counts
     as PRIOR_PIXELS pixels, so that one or two faint stars change nothing.
@@ -24,7 +24,8 @@ def refine_noise_model(noise: NoiseModel, fit: Fit, windows: Windows,
 
 
 @reordered
-def _refine(noise, fit, windows, chosen):
+def _refine(noise: NoiseModel, fit: Fit, windows: Windows, chosen: np.ndarray
+            ) -> tuple[float, float]:
     """Return the fields of NoiseModel."""
     _, count, filled = windows.data.shape
     columns, rows = np.empty((3, filled), np.float32), np.empty((3, count), np.float32)
@@ -59,7 +60,7 @@ def _refine(noise, fit, windows, chosen):
 
 
 @fused
-def _solve(a, b, c, p, q):
+def _solve(a: float, b: float, c: float, p: float, q: float) -> tuple[float, float]:
     """Return x and the root of y that solve [a b; b c] [x y] = [p q] best with x, y >= 0."""
     determinant = a * c - b * b
     if determinant > 0:

@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-
 from startracker_ros.centroid.gaussian_fit import Fit, FLUX, MOST_COLUMNS, profile, SIGMA, U, V
 from startracker_ros.centroid.windows import Windows
 from startracker_ros.compiled import compiled, reordered
@@ -19,7 +18,8 @@ LONE_PIXEL = 0.3  # less light than this share of a pixel in the eight around it
 
 
 class Shape(NamedTuple):
-    """What is wrong with each of K spots, all (K,) bool.
+    """
+    What is wrong with each of K spots, all (K,) bool.
 
     narrow: hot pixels and cosmic hits; wide: spots that no star makes; elongated: streaks.
     """
@@ -30,7 +30,7 @@ class Shape(NamedTuple):
 
 
 @compiled
-def lone_pixels(data):
+def lone_pixels(data: np.ndarray) -> np.ndarray:
     """Return whether (K,) the middle pixel of windows (K, n, n) has hardly any light around it."""
     middle, lone = data.shape[1] // 2, np.empty(len(data), np.bool_)
     for i in range(len(data)):
@@ -43,7 +43,8 @@ def lone_pixels(data):
 
 
 def judge_shape(fit: Fit, windows: Windows) -> Shape:
-    """Return the shapes of all spots.
+    """
+    Return the shapes of all spots.
 
     Spots chained to an elongated one are part of it, as the fit of neighbours in turns cuts
     a long streak into round pieces.
@@ -52,7 +53,7 @@ def judge_shape(fit: Fit, windows: Windows) -> Shape:
 
 
 @compiled
-def streaks(fit, windows):
+def streaks(fit: Fit, windows: Windows) -> np.ndarray:
     """Return True (K,) for elongated spots, each looked at alone."""
     streak, filled = np.empty(len(fit.parameters), np.bool_), windows.data.shape[2]
     sums, across = np.empty(SUMS, np.float32), np.empty((2, filled), np.float32)
@@ -62,7 +63,7 @@ def streaks(fit, windows):
 
 
 @compiled
-def _judge(fit, windows):
+def _judge(fit: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     stars, count, filled = windows.data.shape
     narrow, wide = np.empty(stars, np.bool_), np.empty(stars, np.bool_)
     streak = streaks(fit, windows)
@@ -72,7 +73,7 @@ def _judge(fit, windows):
         limit = fit.chi2[i] - MARGIN
         narrow[i] = _chi2_of_width(fit, windows, i, 1 / WIDTH_RATIO, columns, rows, work) < limit
         wide[i] = _chi2_of_width(fit, windows, i, WIDTH_RATIO, columns, rows, work) < limit
-    grown = streak.any()
+    grown = bool(streak.any())
     while grown:
         grown = False
         for i in range(stars):
@@ -83,8 +84,10 @@ def _judge(fit, windows):
 
 
 @reordered
-def _chi2_of_width(fit, windows, i, ratio, columns, rows, work):
-    """Return chi2 of a star `ratio` times as wide at the same place, flux and level free.
+def _chi2_of_width(fit: Fit, windows: Windows, i: int, ratio: float, columns: np.ndarray,
+                   rows: np.ndarray, work: np.ndarray) -> np.floating:
+    """
+    Return chi2 of a star `ratio` times as wide at the same place, flux and level free.
 
     columns (3, m), rows (3, n) and work (n m,) are filled.
     """
@@ -104,13 +107,15 @@ def _chi2_of_width(fit, windows, i, ratio, columns, rows, work):
         ss += ws * work[k]
         sd += ws * own[k]
         dd += wd * own[k]
-    total, s, d = float(total), float(s), float(d)
-    return dd - d * d / total - (sd - s * d / total) ** 2 / (ss - s * s / total)
+    whole, of_star, of_own = float(total), float(s), float(d)
+    return (dd - of_own * of_own / whole - (sd - of_star * of_own / whole) ** 2
+            / (ss - of_star * of_star / whole))
 
 
 @reordered
-def _elongated(fit, windows, i, across, sums):
-    """Return whether spot i is a streak, by second moments under a Gaussian twice a star's width.
+def _elongated(fit: Fit, windows: Windows, i: int, across: np.ndarray, sums: np.ndarray) -> bool:
+    """
+    Return whether spot i is a streak, by second moments under a Gaussian twice a star's width.
 
     The elongation is (a - b) / (a + b) of the moments a, b along the axes of the spot; it must
     exceed MAX_ELONGATION by three times its error. across (2, m) and sums are filled.
@@ -154,7 +159,7 @@ def _elongated(fit, windows, i, across, sums):
 
 
 @compiled
-def repeated(fit, windows, apart_px):
+def repeated(fit: Fit, windows: Windows, apart_px: float) -> np.ndarray:
     """Return True (K,) for the fainter of two fits that are closer than apart_px."""
     twice = np.zeros(len(fit.parameters), np.bool_)
     for i in range(len(twice)):

@@ -4,12 +4,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-
 from startracker_ros.compiled import compiled, fused
 
 
 class Kernel(NamedTuple):
-    """A Gaussian along rows and columns; weights (r + 1,) float32 its middle and one side, r even.
+    """
+    A Gaussian along rows and columns; weights (r + 1,) float32 its middle and one side, r even.
 
     sigma_px is its width; noise_gain what it leaves of white noise. pairs is the share of the
     weights along a line that can be put on means of two neighbours.
@@ -23,7 +23,8 @@ class Kernel(NamedTuple):
 
 @lru_cache(maxsize=4)
 def gaussian_kernel(sigma_px: float) -> Kernel:
-    """Return the filter for stars of this width.
+    """
+    Return the filter for stars of this width.
 
     A Gaussian of the width of the point spread function is the matched filter of stars;
     with a width wrong by a factor q it keeps 2 q / (1 + q^2) of the signal to noise ratio.
@@ -48,8 +49,10 @@ def _share_of_pairs(weights: np.ndarray) -> float:
 
 
 @fused
-def filter_down(rows, weights, v, height, line):
-    """Fill line (W + 2 r,) float32 with row v of an image filtered along its columns.
+def filter_down(rows: np.ndarray, weights: np.ndarray, v: int, height: int, line: np.ndarray
+                ) -> None:
+    """
+    Fill line (W + 2 r,) float32 with row v of an image filtered along its columns.
 
     rows (n, W) has row i of the image, of this height, at i modulo n; all that are within r of v
     are there. The image is mirrored at its borders, and the line goes on for r beyond them.
@@ -78,7 +81,8 @@ def filter_down(rows, weights, v, height, line):
 
 
 @compiled
-def filter_across(line, weights, begin, end, target):
+def filter_across(line: np.ndarray, weights: np.ndarray, begin: int, end: int, target: np.ndarray
+                  ) -> None:
     """Fill target[begin:end] with what filter_down() left in line, filtered along the row."""
     # Unsigned, as an index that may count from the end takes longer.
     first, last, middle = np.uintp(begin), np.uintp(end), np.uintp(len(weights) - 1)
@@ -98,7 +102,7 @@ def filter_across(line, weights, begin, end, target):
 
 
 @compiled
-def filtered_at(image, weights, u, v):
+def filtered_at(image: np.ndarray, weights: np.ndarray, u: int, v: int) -> float:
     """Return the filtered image at one pixel."""
     height, width = image.shape
     radius = len(weights) - 1
@@ -121,7 +125,7 @@ def filtered_at(image, weights, u, v):
 
 
 @compiled
-def _mirrored(index, count):
+def _mirrored(index: int, count: int) -> int:
     if 0 <= index < count:
         return index
     index = abs(index) % (2 * count - 2)

@@ -1,5 +1,6 @@
 """The iterative threshold of the window of a star (Gao and Cui 2016)."""
 
+import numpy as np
 from startracker_ros.compiled import compiled
 
 _ENOUGH = 1e-3  # of the range of the window
@@ -7,8 +8,9 @@ _ROUNDS = 30
 
 
 @compiled
-def iterative_threshold(window):
-    """Return the value that is the mean of the means of the pixels of (n, n) below and above it.
+def iterative_threshold(window: np.ndarray) -> float:
+    """
+    Return the value that is the mean of the means of the pixels of (n, n) below and above it.
 
     It begins between the darkest and the brightest pixel.
     """

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 
 
@@ -11,7 +10,8 @@ LANES = 8  # pixels that are worked on at a time
 
 
 class Windows(NamedTuple):
-    """K windows of n x n pixels, rows v and columns u; their rows are filled up to m pixels.
+    """
+    K windows of n x n pixels, rows v and columns u; their rows are filled up to m pixels.
 
     m is a multiple of LANES. data (K, n, m) float32 DN above the mesh background; used
     (K, n, m) bool, False outside the image or the window and where saturated; corner (K, 2)
@@ -25,11 +25,6 @@ class Windows(NamedTuple):
     variance: np.ndarray
     first: np.ndarray
     sources: np.ndarray
-
-    @property
-    def count(self) -> int:
-        """Number of windows."""
-        return len(self.data)
 
     @property
     def radius(self) -> int:
@@ -54,7 +49,8 @@ def cut_windows(image: np.ndarray, uv: np.ndarray, radius: int, level: np.ndarra
 
 
 @compiled
-def _cut(image, uv, radius, level, full_scale):
+def _cut(image: np.ndarray, uv: np.ndarray, radius: int, level: np.ndarray, full_scale: float
+         ) -> tuple[np.ndarray, np.ndarray]:
     height, width = image.shape
     count = 2 * radius + 1
     filled = (count + LANES - 1) // LANES * LANES
@@ -71,7 +67,7 @@ def _cut(image, uv, radius, level, full_scale):
 
 
 @compiled
-def _neighbours(corner, count):
+def _neighbours(corner: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return first (K + 1,) and sources: stars whose peaks are less than `count` px away."""
     order = np.argsort(corner[:, 1])
     first, place = np.zeros(len(corner) + 1, np.int64), np.zeros(len(corner), np.int64)

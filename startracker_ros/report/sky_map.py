@@ -37,7 +37,7 @@ def sky_map(panels: Panels) -> dict[str, Any] | None:
 
 
 def _border(panels: Panels) -> np.ndarray:
-    """Return unit vectors (N, 3) in the sensor frame once around the image."""
+    """Return the unit vectors (N, 3) in the sensor frame once around the image."""
     camera = panels.recording.camera
     if camera is None:
         return np.empty((0, 3))

@@ -10,7 +10,8 @@ _FORWARD_S = 1.0
 
 
 class Cadence:
-    """Intervals of stamps and of arrivals, the usual one being their median.
+    """
+    Intervals of stamps and of arrivals, the usual one being their median.
 
     Arrivals are times of a steady clock in s; a recording may play faster than its stamps.
     """

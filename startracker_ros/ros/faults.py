@@ -8,7 +8,6 @@ import signal
 import time
 
 import numpy as np
-
 from startracker_ros.bag.reader import read_messages
 from startracker_ros.camera import Camera
 from startracker_ros.ros.flight import CAMERA, Flight, FlightError, Frame, in_white, STAGES
@@ -33,7 +32,8 @@ class Times:
 
 @dataclass(frozen=True)
 class Expected:
-    """How a fault should end.
+    """
+    How a fault should end.
 
     Recovery is measured from undone_s, of which undone says what it was; one of the
     diagnostics (node, words) must be heard; recovered, where attitudes do not tell it, returns

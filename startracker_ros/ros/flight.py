@@ -17,7 +17,6 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
-
 from startracker_ros.attitude.wrong import error_over_bound
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
@@ -77,7 +76,8 @@ class Said:
 
 
 class Flight:
-    """Publishes images at a steady pace, unless a sky_simulator does, and keeps what comes back.
+    """
+    Publishes images at a steady pace, unless a sky_simulator does, and keeps what comes back.
 
     disturb turns a frame into those that are sent in its place; clock_ns is added to the
     stamps. Times are those of the steady clock in s. To be used as a context manager.
@@ -225,7 +225,8 @@ class Flight:
     # --- what was seen ---
 
     def recovered_s(self, since_s: float) -> float | None:
-        """Return when the first of some frames in a row had its attitude, None for not yet.
+        """
+        Return when the first of some frames in a row had its attitude, None for not yet.
 
         Frames sent since then count.
         """
@@ -262,8 +263,12 @@ class Flight:
         return len(chosen), wrong
 
     def _truth_at(self, stamp_ns: int) -> np.ndarray | None:
-        """Return the true attitude; where a starting or dying simulator did not tell it, that
-        of a frame near by, turned at the constant rate."""
+        """
+        Return the true attitude of a frame.
+
+        Where a starting or dying simulator did not tell it, that of a frame near by is turned
+        at the constant rate.
+        """
         for step in sorted(range(-_NEAR, _NEAR + 1), key=abs):
             truth = self._truth.get(stamp_ns + step * STEP_NS)
             if truth is not None:

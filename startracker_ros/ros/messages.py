@@ -12,8 +12,6 @@ from geometry_msgs.msg import (
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2, PointField
-from std_msgs.msg import Header
-
 from startracker_ros.attitude.estimate import AttitudeEstimate, covariance_icrf
 from startracker_ros.camera import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
@@ -22,6 +20,7 @@ from startracker_ros.locate.location import Location
 from startracker_ros.locate.observer import State
 from startracker_ros.rotation import conjugate, matrix_from_quaternion, rotate
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
+from std_msgs.msg import Header
 
 
 class MessageError(ValueError):
@@ -51,7 +50,8 @@ _MAY_BE_NAN = {'magnitude', 'residual_px', 'flux', 'snr', 'sigma_px'}
 
 
 def message_class(type_name: str) -> type:
-    """Return the class of a name like sensor_msgs/msg/Image; ImportError if not installed.
+    """
+    Return the class of a name like sensor_msgs/msg/Image; ImportError if not installed.
 
     Names come out of bags and from other processes, and importing runs code: only packages
     that were generated from message definitions are imported.
@@ -93,7 +93,7 @@ def image_to_message(image: np.ndarray, header: Header) -> Image:
     message = Image(header=header, height=image.shape[0], width=image.shape[1],
                     encoding=encoding, is_bigendian=sys.byteorder == 'big',
                     step=image.strides[0])
-    message.data.frombytes(memoryview(image).cast('B'))
+    message.data.frombytes(image.data.cast('B'))
     return message
 
 
@@ -138,7 +138,7 @@ def camera_from_message(message: CameraInfo) -> Camera:
 def _cloud(rows: np.ndarray, header: Header) -> PointCloud2:
     fields = [PointField(name=name, offset=offset, count=1,
                          datatype=_POINT_FIELD_TYPES[dtype.str[1:]])
-              for name, (dtype, offset) in rows.dtype.fields.items()]
+              for name, (dtype, offset, *_) in (rows.dtype.fields or {}).items()]
     message = PointCloud2(header=header, height=1, width=len(rows), fields=fields,
                           is_bigendian=False, point_step=rows.dtype.itemsize,
                           row_step=rows.nbytes, is_dense=True)
@@ -156,7 +156,8 @@ def read_cloud(message: PointCloud2, wanted: np.dtype) -> np.ndarray:
         raise MessageError(f'cloud data of {len(message.data)} bytes is too short for '
                            f'{count} points of {message.point_step} bytes')
     offered = {field.name: field for field in message.fields}
-    for name in wanted.names:
+    names = wanted.names or ()
+    for name in names:
         if name not in offered:
             raise MessageError(f'cloud has no field {name!r}; it has {sorted(offered)}')
         if _NUMPY_TYPES.get(offered[name].datatype) != wanted[name].str[1:]:
@@ -164,13 +165,12 @@ def read_cloud(message: PointCloud2, wanted: np.dtype) -> np.ndarray:
                                f'must be {_POINT_FIELD_TYPES[wanted[name].str[1:]]}')
         if offered[name].offset + wanted[name].itemsize > message.point_step:
             raise MessageError(f'cloud field {name!r} lies outside the point')
-    layout = np.dtype({'names': wanted.names,
-                       'formats': [wanted[name] for name in wanted.names],
-                       'offsets': [offered[name].offset for name in wanted.names],
+    layout = np.dtype({'names': names, 'formats': [wanted[name] for name in names],
+                       'offsets': [offered[name].offset for name in names],
                        'itemsize': message.point_step})
     source = np.frombuffer(message.data, layout, count)
     rows = np.empty(count, wanted)
-    for name in wanted.names:
+    for name in names:
         rows[name] = source[name]
         if (name not in _MAY_BE_NAN and wanted[name].kind == 'f'
                 and not np.isfinite(rows[name]).all()):
@@ -283,7 +283,8 @@ def attitude_to_pose(attitude: AttitudeEstimate, header: Header) -> PoseWithCova
 
 
 def attitude_to_imu(attitude: AttitudeEstimate | None, header: Header) -> Imu:
-    """Return `attitude_imu`; without an attitude the covariance is -1 and the quaternion zero.
+    """
+    Return `attitude_imu`; without an attitude the covariance is -1 and the quaternion zero.
 
     A quaternion of zeros is no rotation, so that a reader who forgets to look at the
     covariance cannot take it for one.
@@ -358,7 +359,8 @@ def rate_from_imu(message: Imu) -> np.ndarray:
 def motion_to_odometry(position_m: np.ndarray, velocity_m_s: np.ndarray, quaternion: np.ndarray,
                        rate_rad_s: np.ndarray, header: Header,
                        sensor_frame_id: str) -> Odometry:
-    """Return `truth/odometry`: pose in the inertial frame, twist in the sensor frame.
+    """
+    Return `truth/odometry`: pose in the inertial frame, twist in the sensor frame.
 
     nav_msgs/Odometry has its twist in child_frame_id, so the ICRF velocity is turned
     into the sensor frame.
@@ -373,7 +375,8 @@ def motion_to_odometry(position_m: np.ndarray, velocity_m_s: np.ndarray, quatern
 
 
 def state_from_odometry(message: Odometry, inertial_frame_id: str) -> State:
-    """Return position and velocity on inertial axes; MessageError names what is wrong.
+    """
+    Return position and velocity on inertial axes; MessageError names what is wrong.
 
     The twist is in child_frame_id: turned by the orientation, unless that is the inertial
     frame itself.
@@ -407,7 +410,8 @@ def state_to_odometry(state: State, velocity_variance: float, header: Header) ->
 
 def attitude_from_pose(message: PoseWithCovarianceStamped, inertial_frame_id: str
                        ) -> tuple[np.ndarray, np.ndarray]:
-    """Return q_icrf_from_sensor (4,) and its covariance (3, 3) about ICRF axes.
+    """
+    Return q_icrf_from_sensor (4,) and its covariance (3, 3) about ICRF axes.
 
     MessageError where that is no attitude.
     """

@@ -17,8 +17,6 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Imu
-from std_srvs.srv import Trigger
-
 from startracker_ros.camera import Camera, CameraError
 from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.options import Options
@@ -29,6 +27,7 @@ from startracker_ros.ros.last_resort import exit_after
 from startracker_ros.ros.messages import (
     camera_from_message, MessageError, ns_from_stamp, rate_from_imu)
 from startracker_ros.ros.shared_memory import remove_left_behind
+from std_srvs.srv import Trigger
 
 
 _END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -43,7 +42,8 @@ class StartError(RuntimeError):
 
 
 class PipelineNode(Node):
-    """A node whose work is configured by options and reported on /diagnostics.
+    """
+    A node whose work is configured by options and reported on /diagnostics.
 
     Subclasses name their options classes in `option_classes`, their diagnostics task in
     `task`, and build the core in configure(), which runs at start and after each change
@@ -130,7 +130,8 @@ class PipelineNode(Node):
 
 
 class CameraNode(PipelineNode):
-    """A node that needs to know the camera and the date: keeps the newest camera_info.
+    """
+    A node that needs to know the camera and the date: keeps the newest camera_info.
 
     A message is in order when its stamp is newer than the last one of its topic. A jump
     back of more than RESTART_NS is a restarted simulation or a looped bag: state is forgotten.
@@ -154,15 +155,16 @@ class CameraNode(PipelineNode):
         self.take(CameraInfo, 'camera_info', self._take_camera, qos.LIST)
         self.diagnostics.report(WARN, 'waiting for camera_info')
 
-    def has_camera(self) -> bool:
-        """Return whether the camera is known; counts and reports the dropped message if not."""
+    def known_camera(self) -> Camera | None:
+        """Return the camera; counts and reports the dropped message where none is known."""
         if self.camera is None:
             self.diagnostics.counts['dropped without camera_info'] += 1
             self.diagnostics.report(WARN, 'no valid camera_info received')
-        return self.camera is not None
+        return self.camera
 
     def take_rates(self, add: Callable[[int, np.ndarray], bool]) -> None:
-        """Hand the rates of imu on to add(stamp_ns, rate_rad_s), which is False for a useless one.
+        """
+        Hand the rates of imu on to add(stamp_ns, rate_rad_s), which is False for a useless one.
 
         sensor_frame_id, once it is known, is the only frame that rates are taken in.
         """
@@ -229,7 +231,7 @@ class CameraNode(PipelineNode):
             self.configure()
 
 
-def run(node_class: type[PipelineNode], args: list[str] | None = None) -> int:
+def run(node_class: Callable[[], PipelineNode], args: list[str] | None = None) -> int:
     """Run one node until SIGINT or SIGTERM; return 0, or 2 when it cannot start as asked."""
     # The nodes of a pipeline share the cores; OpenCV's threads would only wait for each other.
     cv2.setNumThreads(1)
@@ -270,7 +272,7 @@ def run(node_class: type[PipelineNode], args: list[str] | None = None) -> int:
     return code
 
 
-def main_of(node_class: type[PipelineNode]) -> Callable[..., None]:
+def main_of(node_class: Callable[[], PipelineNode]) -> Callable[..., None]:
     """Return the main function of a node's executable."""
     def main(args: list[str] | None = None) -> None:
         sys.exit(run(node_class, args))

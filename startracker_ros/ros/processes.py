@@ -1,16 +1,14 @@
 """Nodes as processes of their own, with the environment that makes DDS fast."""
 
 from collections.abc import Sequence
-from importlib.util import find_spec
 import os
 from pathlib import Path
 import signal
 import subprocess
 import sys
 
-import yaml
-
 from startracker_ros.executables import NODES
+import yaml
 
 
 def share_folder() -> Path:
@@ -19,11 +17,12 @@ def share_folder() -> Path:
         share = Path(prefix) / 'share' / 'startracker_ros'
         if prefix and share.is_dir():
             return share
-    return Path(find_spec('startracker_ros').origin).parents[1]
+    return Path(__file__).parents[2]
 
 
 def node_environment() -> dict[str, str]:
-    """Return this process's environment with what the nodes need.
+    """
+    Return this process's environment with what the nodes need.
 
     Image messages want a shared-memory segment larger than the stock one, and fresh
     2 MiB buffers without page faults; NumPy's threads would only fight over the cores.

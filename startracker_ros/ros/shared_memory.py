@@ -13,7 +13,8 @@ _YOUNG_S = 10.0
 
 
 def remove_left_behind(folder: Path = _FOLDER) -> int:
-    """Remove the segments of processes that are gone; return their size in bytes.
+    """
+    Remove the segments of processes that are gone; return their size in bytes.
 
     A process holds a lock (flock) on <segment>_el as long as it lives, and the system frees it
     however it ends. Killed nodes would fill /dev/shm by 70 MB each: Fast DDS removes a segment

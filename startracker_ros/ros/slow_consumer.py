@@ -6,7 +6,6 @@ import time
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-
 from startracker_ros.ros.messages import message_class
 
 _ASLEEP_S = 5.0

@@ -2,17 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime, timezone
+from datetime import datetime, UTC
 
 import numpy as np
+from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo, Image
-from std_msgs.msg import Header
-
 from startracker_ros.camera import Camera, load_camera
 from startracker_ros.options import option, Options
 from startracker_ros.ros import messages, qos
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.node import PipelineNode, StartError
+from std_msgs.msg import Header
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class SourceOptions(Options):
             raise StartError(f'start_time_utc = {self.start_time_utc!r} is not an ISO 8601 '
                              'time like 2019-07-29T20:47:26') from error
         if moment.tzinfo is None:
-            moment = moment.replace(tzinfo=timezone.utc)
+            moment = moment.replace(tzinfo=UTC)
         return round(moment.timestamp() * 1e6) * 1000
 
 
@@ -60,7 +60,8 @@ class CameraOptions(Options):
 
 
 class SourceNode(PipelineNode):
-    """Publishes image after image at the wanted rate, once enough subscribers listen.
+    """
+    Publishes image after image at the wanted rate, once enough subscribers listen.
 
     Until then camera_info alone is published, so that every node knows the camera before
     the first image. On a machine that is too slow images come late, which is counted, but
@@ -69,7 +70,7 @@ class SourceNode(PipelineNode):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        self._timer = None
+        self._timer: Timer | None = None
         self._image = self.give(Image, 'image_raw', qos.IMAGE)
         self._camera_info = self.give(CameraInfo, 'camera_info', qos.LIST)
 

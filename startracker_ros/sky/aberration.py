@@ -6,7 +6,8 @@ _LIGHT_M_S = 299_792_458.0
 
 
 def aberrate(directions: np.ndarray, velocity_m_s: np.ndarray) -> np.ndarray:
-    """Return unit vectors (N, 3) as seen at velocity_m_s (3,), of directions (N, 3) seen at rest.
+    """
+    Return unit vectors (N, 3) as seen at velocity_m_s (3,), of directions (N, 3) seen at rest.
 
     Special relativity, Explanatory Supplement to the Astronomical Almanac (3rd ed.), 7.41.
     """

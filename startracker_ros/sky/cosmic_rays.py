@@ -14,7 +14,8 @@ _LONGEST_PX = 200.0
 
 def add_cosmic_rays(light: np.ndarray, hits_mean: float, pitch_um: float,
                     rng: np.random.Generator) -> None:
-    """Add to light (H, W) the electrons of a Poisson number of particles.
+    """
+    Add to light (H, W) the electrons of a Poisson number of particles.
 
     They come from all sides alike, so many cross the sensor steeply and a few graze it. The
     charge of a length follows the distribution of Moyal (1955), which approximates Landau's.

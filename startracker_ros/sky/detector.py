@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.options import option, Options
 from startracker_ros.sky.cosmic_rays import add_cosmic_rays
@@ -15,7 +14,8 @@ from startracker_ros.sky.stray_light import stray_light
 
 @dataclass(frozen=True)
 class DetectorOptions(Options):
-    """Optics and image sensor of a small-satellite star tracker.
+    """
+    Optics and image sensor of a small-satellite star tracker.
 
     A star of V = 0 sends 1000 photons s^-1 cm^-2 A^-1 near 5500 A (Bessell, Castelli and
     Plez 1998). An aperture of 15 mm (1.8 cm^2), a band of 3000 A and 0.38 of transmission
@@ -141,7 +141,8 @@ class Detector:
 
     def render(self, uv: np.ndarray, magnitude: np.ndarray, rng: np.random.Generator,
                share: np.ndarray | float = 1.0) -> np.ndarray:
-        """Return the image (H, W), uint8 or uint16, of stars at uv (N, 2) px.
+        """
+        Return the image (H, W), uint8 or uint16, of stars at uv (N, 2) px.
 
         share (N,) is the part of the exposure that each is there: a star that moves is given
         as several.

@@ -3,7 +3,6 @@
 from functools import lru_cache
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.rotation import matrix_from_quaternion
 from startracker_ros.sky.motion import Motion
@@ -28,7 +27,8 @@ def image_places(camera: Camera, sensor: np.ndarray, margin_px: float) -> np.nda
 def image_paths(camera: Camera, motion: Motion, sources: LightSources, time_s: float, *,
                 exposure_s: float, step_px: float, line_time_s: float,
                 margin_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return pixels (K, N, 2) at K instants of the exposure, and the weight (K,) of each.
+    """
+    Return pixels (K, N, 2) at K instants of the exposure, and the weight (K,) of each.
 
     The middle one of the K, an odd number, is the middle of the exposure. time_s is that of
     the image: with a rolling shutter, that of its middle row. Weights and instants are those
@@ -53,7 +53,8 @@ def image_paths(camera: Camera, motion: Motion, sources: LightSources, time_s: f
 def _rows_in_turn(camera: Camera, sensor: np.ndarray, drift_rad_s: np.ndarray,
                   rate_rad_s: np.ndarray, places: np.ndarray, line_time_s: float,
                   margin_px: float) -> np.ndarray:
-    """Return pixels (N, 2) of vectors on sensor axes, each at the time of its own row.
+    """
+    Return pixels (N, 2) of vectors on sensor axes, each at the time of its own row.
 
     places (N, 2) are those at the time of the middle row; while a row waits for its turn the
     sensor turns at rate_rad_s (3,) and the sources drift (N, 3).

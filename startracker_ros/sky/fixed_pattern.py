@@ -16,7 +16,8 @@ class FixedPattern:
 def fixed_pattern(shape: tuple[int, int], rng: np.random.Generator, *,
                   flat_field_percent: float, dark_current_e_s: float,
                   hot_pixel_fraction: float, hot_pixel_e_s: float) -> FixedPattern:
-    """Return the pattern of one sensor.
+    """
+    Return the pattern of one sensor.
 
     Sensitivities are normal about 1. Each pixel is hot with the same probability; the dark
     current of hot pixels is exponentially distributed, most of them mild and a few glaring.

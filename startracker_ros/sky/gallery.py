@@ -1,4 +1,5 @@
-"""Pictures of every effect of the simulator: python -m startracker_ros.sky.gallery [FOLDER].
+"""
+Pictures of every effect of the simulator: python -m startracker_ros.sky.gallery [FOLDER].
 
 Each picture shows the same part of the same sky without and with the effect, left and right,
 or one over the other: red without, cyan with, white where both agree. FOLDER is docs/pictures
@@ -12,7 +13,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.rotation import radec_from_unit
@@ -33,7 +33,8 @@ Options = dict[str, Any]
 
 @dataclass(frozen=True)
 class Picture:
-    """One effect: options that both halves share and those that make the effect.
+    """
+    One effect: options that both halves share and those that make the effect.
 
     Option values are those of MotionOptions, SkyOptions and DetectorOptions. corner (u, v) and
     size_px are the part of the image that is shown, white_e the electrons above the background
@@ -96,7 +97,7 @@ PICTURES = {
 }
 
 
-def _pick(cls: type, values: Options) -> Any:
+def _pick(cls: Any, values: Options) -> Any:
     return cls(**{row.name: values[row.name] for row in cls.table() if row.name in values})
 
 

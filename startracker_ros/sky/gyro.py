@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.options import option, Options
 
 _DEG_H = np.radians(1 / 3600)
@@ -38,7 +37,8 @@ class Gyro:
         self.bias_rad_s = np.array(options.gyro_bias_deg_h) * _DEG_H
 
     def measure(self, rate_rad_s: np.ndarray, dt_s: float) -> np.ndarray:
-        """Return the mean rate (3,) in rad/s over the last dt_s, given the true one.
+        """
+        Return the mean rate (3,) in rad/s over the last dt_s, given the true one.
 
         Discrete form of the model of Farrenkopf (1978): white noise and bias random walk.
         """

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-
 from startracker_ros.options import option, Options
 from startracker_ros.rotation import (
     conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
@@ -13,7 +12,8 @@ from startracker_ros.sky.orbit import CircularOrbit, EARTH_RADIUS_M
 
 @dataclass(frozen=True)
 class MotionState:
-    """Truth at one instant.
+    """
+    Truth at one instant.
 
     q_icrf_from_sensor (4,); rate_rad_s (3,), the angular velocity with respect to ICRF
     on sensor axes; position_m and velocity_m_s (3,), geocentric on ICRF axes.
@@ -34,7 +34,8 @@ class Motion(Protocol):
 
 @dataclass(frozen=True)
 class SteadyMotion:
-    """A turn at constant rate about a fixed axis, carried along an orbit.
+    """
+    A turn at constant rate about a fixed axis, carried along an orbit.
 
     q_start (4,) is q_icrf_from_sensor at time 0, rate_rad_s (3,) is on sensor axes.
     """
@@ -52,7 +53,8 @@ class SteadyMotion:
 
 @dataclass(frozen=True)
 class RollJitter:
-    """A motion with a random roll about the boresight on top, from time 0 on.
+    """
+    A motion with a random roll about the boresight on top, from time 0 on.
 
     The jitter of Sadeghi, Sabahi and Saberali: a rate uniform in +-peak_rad_s that is
     constant over each block, so that the roll never jumps.
@@ -65,7 +67,7 @@ class RollJitter:
 
     @property
     def orbit(self) -> CircularOrbit:
-        """The orbit beneath."""
+        """Return the orbit beneath."""
         return self.steady.orbit
 
     def at(self, time_s: float) -> MotionState:

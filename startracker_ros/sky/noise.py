@@ -1,4 +1,5 @@
-"""Photon and read noise of a whole image: exact distributions, compiled, one pass.
+"""
+Photon and read noise of a whole image: exact distributions, compiled, one pass.
 
 Each random number is a hash of a key and the index of its pixel (splitmix64 of Steele, Lea
 and Flood 2014, read by counter), so that no draw waits for the one before and the
@@ -11,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaln, xlogy
-
 from startracker_ros.compiled import compiled, inlined
 
 # Cells of every table, chosen with 8 bits.
@@ -27,7 +27,8 @@ _U, _F = np.uint64, np.float32
 
 
 class NoiseTables(NamedTuple):
-    """Alias tables: normal (256,) of the cells of the normal distribution, poisson (65536,).
+    """
+    Alias tables: normal (256,) of the cells of the normal distribution, poisson (65536,).
 
     An entry keeps the probability to stay in its cell in its upper 24 bits, and in the lower 8
     the cell to go to otherwise (Walker 1977, Vose 1991).
@@ -38,7 +39,8 @@ class NoiseTables(NamedTuple):
 
 
 class _Draw(NamedTuple):
-    """Random words of a block, (_BLOCK,) uint32 each: their halves, and entries of a table.
+    """
+    Random words of a block, (_BLOCK,) uint32 each: their halves, and entries of a table.
 
     To read a table takes a loop of its own: the processor does the others for several pixels
     at once.
@@ -52,11 +54,11 @@ class _Draw(NamedTuple):
 class Readout(NamedTuple):
     """What the amplifier does: e-, e-, DN/e-, DN, DN; all float32."""
 
-    full_well_e: float
-    read_noise_e: float
-    dn_per_e: float
-    bias_dn: float
-    top_dn: float
+    full_well_e: np.float32
+    read_noise_e: np.float32
+    dn_per_e: np.float32
+    bias_dn: np.float32
+    top_dn: np.float32
 
 
 @lru_cache(maxsize=1)
@@ -91,7 +93,8 @@ def _alias_tables(weights: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def read_out(mean, key, readout, tables, image):
+def read_out(mean: np.ndarray, key: np.uint64, readout: Readout, tables: NoiseTables,
+             image: np.ndarray) -> None:
     """Fill image (N,) uint16 with what a sensor reads where mean (N,) float32 e- fall."""
     count, normal = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
     draw = _Draw(np.empty(_BLOCK, np.uint32), np.empty(_BLOCK, np.uint32),
@@ -118,7 +121,7 @@ def read_out(mean, key, readout, tables, image):
 
 
 @compiled
-def _many(mean):
+def _many(mean: np.ndarray) -> int:
     """Return how many of the means are 64 or more."""
     many = 0
     for i in range(len(mean)):
@@ -127,7 +130,7 @@ def _many(mean):
 
 
 @compiled
-def digitise(electrons, readout, image):
+def digitise(electrons: np.ndarray, readout: Readout, image: np.ndarray) -> None:
     """Fill image (N,) uint16 with the digital numbers of electrons (N,) float32."""
     for i in range(len(electrons)):
         dn = electrons[i] * readout.dn_per_e + (readout.bias_dn + _F(0.5))
@@ -136,7 +139,7 @@ def digitise(electrons, readout, image):
 
 
 @inlined
-def _word(key, index):
+def _word(key: np.uint64, index: np.uint64) -> np.uint64:
     """Return 64 random bits: element index of the sequence splitmix64 that starts at key."""
     z = key + (index + _U(1)) * _U(0x9E3779B97F4A7C15)
     z = (z ^ (z >> _U(30))) * _U(0xBF58476D1CE4E5B9)
@@ -145,7 +148,7 @@ def _word(key, index):
 
 
 @compiled
-def _draw_words(key, first, draw, count):
+def _draw_words(key: np.uint64, first: np.uint64, draw: _Draw, count: int) -> None:
     """Fill the halves of draw with count words."""
     for i in range(count):
         word = _word(key, first + _U(i))
@@ -153,27 +156,28 @@ def _draw_words(key, first, draw, count):
 
 
 @compiled
-def _look_up(table, entry, count):
+def _look_up(table: np.ndarray, entry: np.ndarray, count: int) -> None:
     """Replace places in a table by what stands there."""
     for i in range(count):
         entry[i] = table[entry[i]]
 
 
 @inlined
-def _cell(low):
+def _cell(low: np.uint32) -> np.uint32:
     """Return the cell (uint32) that the lowest 8 bits of a word choose."""
     return low & np.uint32(_CELLS - 1)
 
 
 @inlined
-def _picked(low, high, entry):
+def _picked(low: np.uint32, high: np.uint32, entry: np.uint32) -> np.int32:
     """Return that cell, or where its entry says to go, by the highest 24 bits."""
     stays = high < (entry & np.uint32(0xffffff00))
     return np.int32(_cell(low) if stays else entry & np.uint32(0xff))
 
 
 @compiled
-def _few_counts(key, first, mean, table, draw, count):
+def _few_counts(key: np.uint64, first: np.uint64, mean: np.ndarray, table: np.ndarray, draw: _Draw,
+                count: np.ndarray) -> None:
     """Fill count with Poisson draws of the tabled means at or below the means (under 64)."""
     low, high, entry = draw
     _draw_words(key, first, draw, len(count))
@@ -187,8 +191,9 @@ def _few_counts(key, first, mean, table, draw, count):
 
 
 @compiled
-def _add_rest(key, first, mean, count):
-    """Add Poisson draws of what the means exceed the tabled ones by: sums are Poisson again.
+def _add_rest(key: np.uint64, first: np.uint64, mean: np.ndarray, count: np.ndarray) -> None:
+    """
+    Add Poisson draws of what the means exceed the tabled ones by: sums are Poisson again.
 
     That is less than 1/4, so counts above 5 (1e-8) are left out.
     """
@@ -210,8 +215,9 @@ def _add_rest(key, first, mean, count):
 
 
 @inlined
-def _inverse_poisson(mean, normal):
-    """Return the Poisson draw of a mean of 64 or more that a standard normal draw stands for.
+def _inverse_poisson(mean: float, normal: float) -> int:
+    """
+    Return the Poisson draw of a mean of 64 or more that a standard normal draw stands for.
 
     Asymptotic expansion of Giles (2016), ACM Trans. Math. Softw. 42(1), Q_N2.
     """
@@ -223,7 +229,7 @@ def _inverse_poisson(mean, normal):
 
 
 @compiled
-def _many_counts(mean, normal, count):
+def _many_counts(mean: np.ndarray, normal: np.ndarray, count: np.ndarray) -> None:
     """Overwrite count where mean is 64 or more."""
     for i in range(len(count)):
         value = _inverse_poisson(np.float64(mean[i]), np.float64(normal[i]))
@@ -231,7 +237,8 @@ def _many_counts(mean, normal, count):
 
 
 @compiled
-def _few_many_counts(key, first, mean, table, count):
+def _few_many_counts(key: np.uint64, first: np.uint64, mean: np.ndarray, table: np.ndarray,
+                     count: np.ndarray) -> None:
     """Do the same where that is a few of the pixels."""
     for i in range(len(count)):
         if mean[i] >= _F(_FEW):
@@ -242,7 +249,8 @@ def _few_many_counts(key, first, mean, table, count):
 
 
 @compiled
-def _normals(key, first, table, draw, normal):
+def _normals(key: np.uint64, first: np.uint64, table: np.ndarray, draw: _Draw,
+             normal: np.ndarray) -> None:
     """Fill normal with standard normal draws."""
     low, high, entry = draw
     _draw_words(key, first, draw, len(normal))
@@ -254,8 +262,9 @@ def _normals(key, first, table, draw, normal):
 
 
 @inlined
-def _normal(low, high, entry):
-    """Return the standard normal draw that a word stands for, whose entry is that of its cell.
+def _normal(low: np.uint32, high: np.uint32, entry: np.uint32) -> np.float32:
+    """
+    Return the standard normal draw that a word stands for, whose entry is that of its cell.
 
     A cell, drawn with its probability, is spread by a triangle twice its width: the density
     is linear in between. It errs by 2e-4 of itself, the fourth moment by 1e-7.

@@ -33,19 +33,19 @@ class CircularOrbit:
 
     @cached_property
     def node(self) -> np.ndarray:
-        """Unit vector (3,) to the ascending node."""
+        """Return the unit vector (3,) to the ascending node."""
         return np.array([np.cos(self.node_rad), np.sin(self.node_rad), 0.0])
 
     @cached_property
     def normal(self) -> np.ndarray:
-        """Unit vector (3,) of the orbital angular momentum."""
+        """Return the unit vector (3,) of the orbital angular momentum."""
         tilt = np.sin(self.inclination_rad)
         return np.array([tilt * np.sin(self.node_rad), -tilt * np.cos(self.node_rad),
                          np.cos(self.inclination_rad)])
 
     @cached_property
     def _ahead(self) -> np.ndarray:
-        """Unit vector (3,) in the plane, a quarter of a revolution past the node."""
+        """Return the unit vector (3,) in the plane, a quarter of a revolution past the node."""
         return np.cross(self.normal, self.node)
 
     def at(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:

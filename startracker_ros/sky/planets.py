@@ -44,7 +44,8 @@ _PHASE_MAGNITUDE = np.array([
 
 
 def heliocentric_au(year: float | np.ndarray) -> np.ndarray:
-    """Return places (8, 3) from the Sun on ICRF axes, the planets and last the Earth.
+    """
+    Return places (8, 3) from the Sun on ICRF axes, the planets and last the Earth.
 
     year is a Julian year TDB, one for all or one for each (8,). Right to 75 arcsec for the
     inner planets and Mars, to 15 arcmin for the others, seen from the Sun.
@@ -72,7 +73,8 @@ def heliocentric_au(year: float | np.ndarray) -> np.ndarray:
 
 
 def planets_seen(year: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return directions (7, 3) from the Earth, ICRF axes, and V (7,), at a Julian year.
+    """
+    Return directions (7, 3) from the Earth, ICRF axes, and V (7,), at a Julian year.
 
     With light time and without aberration, as star places are. From the ground or from low
     orbit planets are seen up to half an arcminute (Venus) elsewhere.
@@ -90,7 +92,8 @@ def planets_seen(year: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def earth_velocity_m_s(year: float) -> np.ndarray:
-    """Return the velocity (3,) of the Earth about the Sun on ICRF axes, right to 30 m/s.
+    """
+    Return the velocity (3,) of the Earth about the Sun on ICRF axes, right to 30 m/s.
 
     That is 0.02 arcsec of aberration: the Sun's own motion and that of the Earth about the
     barycentre with the Moon are left out.

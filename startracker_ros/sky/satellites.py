@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.rotation import rotate
 from startracker_ros.sky.motion import Motion
 
 
 @dataclass(frozen=True)
 class SatelliteTraffic:
-    """So many satellites near the field at any time, each on a great circle of its own.
+    """
+    So many satellites near the field at any time, each on a great circle of its own.
 
     When one has crossed the field the next one comes, from another side. Each passes the
     boresight within half field_rad, at an even rate_rad_s among the stars.
@@ -23,7 +23,7 @@ class SatelliteTraffic:
     seed: int
 
     def at(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return unit vectors (count, 3) on ICRF axes and their change (count, 3) in rad/s."""
+        """Return the unit vectors (count, 3) on ICRF axes and their change (count, 3) in rad/s."""
         places = [self._passing(index, time_s) for index in range(self.count)]
         direction, drift = np.reshape(places, (self.count, 2, 3)).swapaxes(0, 1)
         return direction, drift

@@ -7,7 +7,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class SceneStars:
-    """What shines in an image, catalogue stars first, brightest first.
+    """
+    What shines in an image, catalogue stars first, brightest first.
 
     hip (N,) int32, 0 for planets and satellites; uv (N, 2) in px; magnitude (N,) V. Close
     pairs stay apart: their images blend on the detector as they do in the sky.

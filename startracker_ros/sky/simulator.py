@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.sky.detector import Detector, DetectorOptions
@@ -20,7 +19,8 @@ _FRAMES, _GYRO, _NAVIGATION = 0, 1, 2
 
 @dataclass(frozen=True)
 class Frame:
-    """One image (H, W) and the truth behind it, at the middle of the exposure.
+    """
+    One image (H, W) and the truth behind it, at the middle of the exposure.
 
     stars holds those whose centre lies in the image, at the middle of the exposure of their
     row, planets and satellites included; flux_dn (N,) is the light of each.
@@ -33,7 +33,8 @@ class Frame:
 
 
 class SkySimulator:
-    """Images, gyro rates and navigation along a motion; target is None where there is none.
+    """
+    Images, gyro rates and navigation along a motion; target is None where there is none.
 
     A frame depends on seed and time alone, not on the frames made before it. Stars stand at
     their barycentric ICRS places of epoch_year, without parallax; aberration is an option.
@@ -65,7 +66,7 @@ class SkySimulator:
         exposure_s = options.exposure_s if options.motion_smear else 0.0
         line_time_s = options.line_time_us * 1e-6
         # What comes into view before the last row is read, and margin enough for distortion.
-        turned_rad = np.linalg.norm(state.rate_rad_s) * (
+        turned_rad = float(np.linalg.norm(state.rate_rad_s)) * (
             exposure_s + self._camera.height * line_time_s) / 2
         radius_rad = min(np.pi, self._camera.corner_angle_rad + turned_rad
                          + 2 * margin_px * self._camera.pixel_rad)
@@ -87,7 +88,8 @@ class SkySimulator:
         return Frame(image, state, stars, self._detector.flux_dn(stars.magnitude))
 
     def gyro(self, time_s: float) -> np.ndarray:
-        """Return the measured rate (3,) in rad/s on sensor axes.
+        """
+        Return the measured rate (3,) in rad/s on sensor axes.
 
         The bias walks over the time since the measurement before; the same sequence of times
         gives the same rates, and a step back in time starts the sequence anew.

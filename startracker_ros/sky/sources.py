@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.options import option, Options
 from startracker_ros.rotation import rotate
@@ -32,7 +31,8 @@ class SkyOptions(Options):
 
 @dataclass(frozen=True)
 class LightSources:
-    """Points of light as an observer sees them at one instant.
+    """
+    Points of light as an observer sees them at one instant.
 
     hip (N,) int32, 0 for what is no star; direction (N, 3) on ICRF axes; drift_rad_s (N, 3),
     its change among the stars; magnitude (N,) V.
@@ -61,7 +61,8 @@ class Sky:
 
     def around(self, state: MotionState, time_s: float,
                radius_rad: float) -> tuple[LightSources, ...]:
-        """Return what is seen within radius_rad of the boresight, and all false stars.
+        """
+        Return what is seen within radius_rad of the boresight, and all false stars.
 
         The first group stands still, the second moves among the stars.
         """

@@ -1,7 +1,6 @@
 """Lists of star positions without an image: what the identification campaigns look at."""
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
@@ -17,7 +16,8 @@ def random_attitude(rng: np.random.Generator) -> np.ndarray:
 def star_list(places: StarPlaces, camera: Camera, q: np.ndarray, sigma_px: float,
               rng: np.random.Generator, *, magnitude_sigma: float = 0.1, missing: float = 0.0,
               false: int = 0, brightest_false: float = 1.0) -> tuple[Centroids, np.ndarray]:
-    """Return the centroids that a camera would give at attitude q, and their hip (N,).
+    """
+    Return the centroids that a camera would give at attitude q, and their hip (N,).
 
     Each axis has Gaussian noise of sigma_px; each star is missing with the given
     probability. False stars, hip 0, are uniform over the image and in magnitude from

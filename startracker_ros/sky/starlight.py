@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 
 _REACH = 5
@@ -11,14 +10,16 @@ _REACH = 5
 
 
 @compiled
-def reach_px(sigma_px):
+def reach_px(sigma_px: float) -> int:
     """Return how far, in px, a source of width sigma_px sheds light."""
     return math.ceil(_REACH * sigma_px)
 
 
 @compiled
-def add_starlight(uv, electrons, sigma_px, response, light):
-    """Add sources at uv (N, 2) px of electrons (N,) and sigma_px (N,) to light (H, W) float32.
+def add_starlight(uv: np.ndarray, electrons: np.ndarray, sigma_px: np.ndarray,
+                  response: np.ndarray, light: np.ndarray) -> None:
+    """
+    Add sources at uv (N, 2) px of electrons (N,) and sigma_px (N,) to light (H, W) float32.
 
     response (H, W) float32 is the sensitivity of each pixel.
     """
@@ -27,7 +28,7 @@ def add_starlight(uv, electrons, sigma_px, response, light):
     across, down = np.empty(2 * half + 1), np.empty(2 * half + 1)
     for n in range(len(uv)):
         half = reach_px(sigma_px[n])
-        left, top = np.int64(np.rint(uv[n, 0])) - half, np.int64(np.rint(uv[n, 1])) - half
+        left, top = int(np.rint(uv[n, 0])) - half, int(np.rint(uv[n, 1])) - half
         size = 2 * half + 1
         _share(left - uv[n, 0], sigma_px[n], size, across)
         _share(top - uv[n, 1], sigma_px[n], size, down)
@@ -40,7 +41,7 @@ def add_starlight(uv, electrons, sigma_px, response, light):
 
 
 @compiled
-def _share(first, sigma, size, share):
+def _share(first: float, sigma: float, size: int, share: np.ndarray) -> None:
     """Fill share with what falls into size pixels, the first with its centre at first."""
     scale = 1 / (sigma * math.sqrt(2.0))
     before = math.erf((first - 0.5) * scale)

@@ -1,13 +1,13 @@
 """Glow of the Earth, the Moon or the Sun that the baffle lets in from one side."""
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 
 
 def stray_light(camera: Camera, *, peak_e: float, angle_deg: float,
                 falloff_deg: float) -> np.ndarray:
-    """Return electrons (H, W) float32 that fall off exponentially away from the source.
+    """
+    Return electrons (H, W) float32 that fall off exponentially away from the source.
 
     The source lies outside the image, in the direction angle_deg from +u towards +v. peak_e
     is reached where the image comes closest to it; over falloff_deg it drops by a factor e.

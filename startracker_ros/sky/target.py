@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.locate.orbit import Elements, propagate, state_from_elements
 from startracker_ros.options import option, Options
 from startracker_ros.sky.aberration import aberrate
@@ -65,7 +64,8 @@ class Target:
 
     def seen_from(self, observer: MotionState, time_s: float, *,
                   aberration: bool) -> TargetView | None:
-        """Return what an observer sees; None in the shadow of the Earth or behind it.
+        """
+        Return what an observer sees; None in the shadow of the Earth or behind it.
 
         With aberration the light takes its time as well.
         """
@@ -91,12 +91,12 @@ class Target:
     def _in_shadow(self, position_m: np.ndarray) -> bool:
         """Return whether the Earth, as a cylinder of shadow, hides the Sun."""
         along = position_m @ self._sun
-        return along < 0 and position_m @ position_m - along ** 2 < EARTH_RADIUS_M ** 2
+        return bool(along < 0 and position_m @ position_m - along ** 2 < EARTH_RADIUS_M ** 2)
 
 
 def _behind_earth(observer_m: np.ndarray, line: np.ndarray) -> bool:
     share = np.clip(-observer_m @ line / (line @ line), 0, 1)
-    return np.linalg.norm(observer_m + share * line) < EARTH_RADIUS_M
+    return bool(np.linalg.norm(observer_m + share * line) < EARTH_RADIUS_M)
 
 
 def _lit(phase_rad: float) -> float:

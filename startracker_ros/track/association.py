@@ -1,4 +1,5 @@
-"""Joint probabilistic data association (JPDA): which centroid belongs to which track.
+"""
+Joint probabilistic data association (JPDA): which centroid belongs to which track.
 
 Weights and probabilities are (tracks, centroids + 1): column 0 is the hypothesis that the
 star was missed. Steps 2 to 6 of the filter of Sadeghi, Sabahi and Saberali, with false
@@ -7,7 +8,6 @@ of phi! / V^phi: then clusters of tracks without a common centroid are independe
 """
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 from startracker_ros.track.joint_events import marginals
 
@@ -25,7 +25,8 @@ def gate_size(probability: float) -> float:
 
 def gated_density(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray,
                   variance: np.ndarray, gate: float) -> np.ndarray:
-    """Return the density (N, M) per px^2 of centroids about predictions, 0 outside the gate.
+    """
+    Return the density (N, M) per px^2 of centroids about predictions, 0 outside the gate.
 
     predicted (N, 2) px with covariance (N, 2, 2); centroids uv (M, 2) with variance (M,)
     per axis; gate is a squared Mahalanobis distance. All finite, variances positive,
@@ -36,7 +37,8 @@ def gated_density(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray,
 
 
 @compiled
-def _gated_density(predicted, covariance, uv, variance, gate):
+def _gated_density(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray,
+                   variance: np.ndarray, gate: float) -> np.ndarray:
     density = np.zeros((len(predicted), len(uv)))
     for track in range(len(predicted)):
         cross = covariance[track, 0, 1]
@@ -60,7 +62,8 @@ def _gated_density(predicted, covariance, uv, variance, gate):
 
 def event_weights(density: np.ndarray, detection_probability: float, gate_probability: float,
                   clutter_px2: float) -> np.ndarray:
-    """Return the factors (N, M + 1) of joint events, relative to every centroid being false.
+    """
+    Return the factors (N, M + 1) of joint events, relative to every centroid being false.
 
     clutter_px2 > 0 is the density of false centroids per px^2; both probabilities are below 1.
     """
@@ -71,7 +74,8 @@ def event_weights(density: np.ndarray, detection_probability: float, gate_probab
 
 
 def joint_probabilities(weight: np.ndarray) -> np.ndarray:
-    """Return the association probabilities (N, M + 1) of event weights (N, M + 1).
+    """
+    Return the association probabilities (N, M + 1) of event weights (N, M + 1).
 
     A joint event gives each track one centroid or none and each centroid to one track at
     most; its probability is proportional to the product of its weights. Exact, up to

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-
 from startracker_ros.attitude.attitude_state import AttitudeState
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.attitude.gyro import Gyro
@@ -58,7 +57,8 @@ class _Outcome(NamedTuple):
 
 
 class AttitudeModel(StarModel):
-    """Attitude and body rate, or with a gyro attitude and its drift, predict every star.
+    """
+    Attitude and body rate, or with a gyro attitude and its drift, predict every star.
 
     gyro_trouble says in words why the rates of a gyro are not used, empty when all is well.
     """
@@ -90,7 +90,8 @@ class AttitudeModel(StarModel):
         self._level, self._manoeuvre_frames = 1.0, 0
 
     def follow(self, stamp_ns: int, frame: Centroids) -> Followed:
-        nominal, dark = None, self.is_dark(frame)
+        nominal: tuple[bool, _Outcome] | None = None
+        dark = self.is_dark(frame)
         for uses_gyro, level, predicted in self._predictions(stamp_ns, dark):
             outcome = self._outcome(predicted, frame)
             mean = self._unforeseen + MEMORY * (outcome.unforeseen - self._unforeseen)
@@ -108,13 +109,15 @@ class AttitudeModel(StarModel):
             nominal = nominal or (uses_gyro, outcome)
             if dark:
                 break
+        assert nominal is not None, 'there is always a prediction'
         uses_gyro, outcome = nominal
         self._coast(uses_gyro, outcome.predicted)
         return Followed(False, None, outcome.unclaimed)
 
     def _predictions(self, stamp_ns: int, dark: bool
                      ) -> Iterator[tuple[bool, float, AttitudeState]]:
-        """Yield whether a gyro is used, the acceleration, and the attitude that they predict.
+        """
+        Yield whether a gyro is used, the acceleration, and the attitude that they predict.
 
         The first is what is expected, the others are manoeuvres.
         """
@@ -175,8 +178,8 @@ class AttitudeModel(StarModel):
             distance[inlier] * self._camera.pixel_rad, float(np.sum(normalised[inlier] ** 2)))
         fit = RotationFit(attitude, normalised, self._scale.value, inlier,
                           float(np.sqrt(np.mean(distance[inlier] ** 2))))
-        good = unforeseen @ unforeseen <= SURPRISE and fit.is_good(
-            np.count_nonzero(bank.confirmed), options.min_stars, options.max_residual_px)
+        good = bool(unforeseen @ unforeseen <= SURPRISE) and fit.is_good(
+            int(np.count_nonzero(bank.confirmed)), options.min_stars, options.max_residual_px)
         return _Outcome(good, unforeseen, predicted, state, bank, fit, unclaimed)
 
     def _directions(self, bank: TrackBank, state: AttitudeState) -> np.ndarray:
@@ -194,7 +197,8 @@ class AttitudeModel(StarModel):
         before_ns = self._state.stamp_ns
         self._go_to(outcome.state, uses_gyro)
         self.bank = outcome.bank
-        self._scale.add(outcome.fit)
+        if outcome.fit is not None:
+            self._scale.add(outcome.fit)
         if not self.uses_gyro:
             self._consider_gyro(before_ns, level)
         self._place_tracks()
@@ -215,11 +219,11 @@ class AttitudeModel(StarModel):
         self._state, self.uses_gyro = state, uses_gyro
 
     @property
-    def rate_rad_s(self) -> np.ndarray:
+    def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # it stands in the state
         return self._state.rate
 
     @property
-    def rate_covariance(self) -> np.ndarray:
+    def rate_covariance(self) -> np.ndarray:  # type: ignore[override]  # the same
         return self._state.covariance[3:6, 3:6]
 
     def _place_tracks(self) -> None:
@@ -234,7 +238,8 @@ class AttitudeModel(StarModel):
             covariance=effect @ self._state.covariance[:6, :6] @ np.swapaxes(effect, 1, 2))
 
     def _consider_gyro(self, before_ns: int, level: float) -> None:
-        """Use the gyro once it has agreed with the stars for some frames, and say if it does not.
+        """
+        Use the gyro once it has agreed with the stars for some frames, and say if it does not.
 
         A wrong unit or axis gives other rates than the stars have: such a gyro would lose them.
         """
@@ -260,7 +265,8 @@ class AttitudeModel(StarModel):
 
 
 class _ErrorScale:
-    """How many times larger than promised the errors of centroids are: a lens not calibrated.
+    """
+    How many times larger than promised the errors of centroids are: a lens not calibrated.
 
     Never below one, and above it only when that is no chance.
     """

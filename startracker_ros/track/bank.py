@@ -3,7 +3,6 @@
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.track.motion_models import POSITION, VELOCITY
@@ -12,7 +11,8 @@ from startracker_ros.track.tracks import Tracks
 
 @dataclass(frozen=True)
 class TrackBank:
-    """Tracks in the order in which they were started.
+    """
+    Tracks in the order in which they were started.
 
     track_id (N,); place (N,) index into the StarPlaces; state (N, 4) and covariance
     (N, 4, 4) as in motion_models; variance (N,) px^2 per axis of the last centroid seen;
@@ -71,12 +71,12 @@ class TrackBank:
 
     @property
     def sigma_uv(self) -> np.ndarray:
-        """The 1-sigma errors (N,) of uv in px per axis, the mean of both axes."""
+        """Return the 1-sigma errors (N,) of uv in px per axis, the mean of both axes."""
         return np.sqrt((self.covariance[:, 0, 0] + self.covariance[:, 2, 2]) / 2)
 
     @property
     def seen(self) -> np.ndarray:
-        """True (N,) for confirmed tracks that had a centroid in the last frame."""
+        """Return True (N,) for confirmed tracks that had a centroid in the last frame."""
         return self.confirmed & (self.missed == 0)
 
     def select(self, chosen: np.ndarray) -> 'TrackBank':
@@ -92,7 +92,8 @@ class TrackBank:
 
     def observed(self, state: np.ndarray, covariance: np.ndarray, probability: np.ndarray,
                  centroids: Centroids, variance: np.ndarray) -> 'TrackBank':
-        """Return the bank after a frame, from the updated state and covariance.
+        """
+        Return the bank after a frame, from the updated state and covariance.
 
         variance (M,) of the centroids; probability (N, M + 1) as of joint_probabilities. A
         track counts as missed when that is its more probable fate.

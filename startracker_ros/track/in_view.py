@@ -1,7 +1,6 @@
 """Which catalogue stars an attitude puts into the image, and where: compiled."""
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
@@ -25,7 +24,8 @@ class StarsInView:
         self._cos_radius = float(np.cos(camera.corner_angle_rad))
 
     def of(self, attitude: AttitudeEstimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return indices (M,) of places, brightest first, directions (M, 3) and pixels (M, 2).
+        """
+        Return indices (M,) of places, brightest first, directions (M, 3) and pixels (M, 2).
 
         Directions are on sensor axes. The stars are all in the cone around the image.
         """
@@ -39,7 +39,8 @@ class StarsInView:
 
 
 @compiled
-def _in_view(near, direction, matrix, cos_radius, lens):
+def _in_view(near: np.ndarray, direction: np.ndarray, matrix: np.ndarray, cos_radius: float,
+             lens: Lens) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return those of near (N,), of direction (N, 3), that are in the cone; as StarsInView.of."""
     count = 0
     index = np.empty(len(near), np.int64)
@@ -58,7 +59,7 @@ def _in_view(near, direction, matrix, cos_radius, lens):
 
 
 @compiled
-def _project(lens, directions, uv):
+def _project(lens: Lens, directions: np.ndarray, uv: np.ndarray) -> None:
     """Fill uv (N, 2) px with where directions (N, 3) on sensor axes are seen; NaN behind."""
     for i in range(len(directions)):
         z = directions[i, 2]
@@ -70,7 +71,7 @@ def _project(lens, directions, uv):
 
 
 def project(lens: Lens, directions: np.ndarray) -> np.ndarray:
-    """Return Camera.project() of directions (N, 3), in a tenth of the time for a few stars."""
+    """Return pixels of directions (N, 3) as the camera does, in a tenth of its time for few."""
     uv = np.empty((len(directions), 2))
     _project(lens, np.ascontiguousarray(directions), uv)
     return uv

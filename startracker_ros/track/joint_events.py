@@ -1,4 +1,5 @@
-"""Exact sums over the joint events of a cluster of tracks that share centroids.
+"""
+Exact sums over the joint events of a cluster of tracks that share centroids.
 
 A joint event gives each track one centroid or none and each centroid to one track at most.
 The events are never listed. Tracks are taken one after another, and of all that was
@@ -10,7 +11,6 @@ first (backward); both together give the marginals, as in the forward-backward a
 """
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 
 OPEN_CENTROIDS = 64
@@ -20,8 +20,9 @@ _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
 
 @compiled
-def marginals(weight, max_steps):
-    """Return the association probabilities (N, M + 1) of event weights (N, M + 1).
+def marginals(weight: np.ndarray, max_steps: int) -> np.ndarray:
+    """
+    Return the association probabilities (N, M + 1) of event weights (N, M + 1).
 
     max_steps bounds the states held after each track times the pairings of all clusters.
     """
@@ -59,7 +60,7 @@ def marginals(weight, max_steps):
 
 
 @compiled
-def _root(parent, track):
+def _root(parent: np.ndarray, track: int) -> int:
     """Return the representative of the cluster of a track, the path to it halved."""
     while parent[track] != track:
         parent[track] = parent[parent[track]]
@@ -68,7 +69,8 @@ def _root(parent, track):
 
 
 @compiled
-def _share_out(probability, cluster, claims, most_states):
+def _share_out(probability: np.ndarray, cluster: np.ndarray, claims: np.ndarray, most_states: int
+               ) -> None:
     """Turn the rows of a cluster (T,) from weights into marginal probabilities."""
     layers = len(cluster)
     start, column = _pairings(probability, cluster, claims)
@@ -103,7 +105,8 @@ def _share_out(probability, cluster, claims, most_states):
 
 
 @compiled
-def _pairings(probability, cluster, claims):
+def _pairings(probability: np.ndarray, cluster: np.ndarray, claims: np.ndarray
+              ) -> tuple[np.ndarray, np.ndarray]:
     """Return the shared centroids of each track as start (T + 1,) into columns (K,)."""
     start = np.zeros(len(cluster) + 1, np.int64)
     columns = probability.shape[1]
@@ -119,7 +122,7 @@ def _pairings(probability, cluster, claims):
 
 
 @compiled
-def _free(row, claims):
+def _free(row: np.ndarray, claims: np.ndarray) -> float:
     """Return the weight of all that does not hinder another track: missed, or not shared."""
     total = row[0]
     for choice in range(1, len(row)):
@@ -129,8 +132,9 @@ def _free(row, claims):
 
 
 @compiled
-def _order(start, column, claims):
-    """Return an order (T,) of the tracks with few shared centroids open at a time.
+def _order(start: np.ndarray, column: np.ndarray, claims: np.ndarray) -> np.ndarray:
+    """
+    Return an order (T,) of the tracks with few shared centroids open at a time.
 
     The next track is the one after which fewest are open.
     """
@@ -156,8 +160,10 @@ def _order(start, column, claims):
 
 
 @compiled
-def _bits(probability, cluster, order, start, column, claims):
-    """Return the bit (K,) of each pairing and the bits (T,) that close with each track.
+def _bits(probability: np.ndarray, cluster: np.ndarray, order: np.ndarray, start: np.ndarray,
+          column: np.ndarray, claims: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the bit (K,) of each pairing and the bits (T,) that close with each track.
 
     A bit is used again after the last track of its centroid. Where all are in use the least
     probable pairing has none: it is 0.
@@ -186,8 +192,10 @@ def _bits(probability, cluster, order, start, column, claims):
 
 
 @compiled
-def _step(taken, forward, row, free, column, bit, leaving, most_states):
-    """Return the states after a track: what is taken (S,) and the sum of its events (S,).
+def _step(taken: np.ndarray, forward: np.ndarray, row: np.ndarray, free: float, column: np.ndarray,
+          bit: np.ndarray, leaving: int, most_states: int) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the states after a track: what is taken (S,) and the sum of its events (S,).
 
     No more than most_states of them, the most probable ones.
     """
@@ -219,7 +227,9 @@ def _step(taken, forward, row, free, column, bit, leaving, most_states):
 
 
 @compiled
-def _step_back(taken, forward, next_taken, next_backward, row, free, claims, column, bit, leaving):
+def _step_back(taken: np.ndarray, forward: np.ndarray, next_taken: np.ndarray,
+               next_backward: np.ndarray, row: np.ndarray, free: float, claims: np.ndarray,
+               column: np.ndarray, bit: np.ndarray, leaving: int) -> np.ndarray:
     """Return what the tracks from here on can do (S,), and make row the marginals of its track."""
     table, shift = _table(len(next_taken))
     for state in range(len(next_taken)):
@@ -257,7 +267,7 @@ def _step_back(taken, forward, next_taken, next_backward, row, free, claims, col
 
 
 @compiled
-def _table(entries):
+def _table(entries: int) -> tuple[np.ndarray, np.uint64]:
     """Return an empty hash table, at most half full with entries, and the shift of its hash."""
     bits = 1
     while (1 << bits) < 2 * entries:
@@ -269,7 +279,7 @@ def _table(entries):
 
 
 @compiled
-def _slot(table, shift, keys, key):
+def _slot(table: np.ndarray, shift: np.uint64, keys: np.ndarray, key: np.uint64) -> np.int64:
     """Return where a key is in the table of indices into keys, or where it has to go."""
     slot = np.int64((key * _GOLDEN) >> shift)
     while table[slot] >= 0 and keys[table[slot]] != key:

@@ -1,4 +1,5 @@
-"""The JPDA filter: prediction and update of many tracks at once.
+"""
+The JPDA filter: prediction and update of many tracks at once.
 
 state (N, 4) is [u, u_rate, v, v_rate], covariance (N, 4, 4); steps 1 and 7 to 9 of the
 filter of Sadeghi, Sabahi and Saberali. All is finite and covariances are positive semidefinite,
@@ -6,13 +7,13 @@ variances positive: that is for the caller to check, and what comes out is so, t
 """
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 
 
 def predict(state: np.ndarray, covariance: np.ndarray, transition: np.ndarray,
             noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return state and covariance one step on, by transition (4, 4) and its noise (4, 4).
+    """
+    Return state and covariance one step on, by transition (4, 4) and its noise (4, 4).
 
     noise (N, 4, 4) gives each track its own.
     """
@@ -22,7 +23,8 @@ def predict(state: np.ndarray, covariance: np.ndarray, transition: np.ndarray,
 
 
 @compiled
-def _predict(state, covariance, transition, noise):
+def _predict(state: np.ndarray, covariance: np.ndarray, transition: np.ndarray, noise: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray]:
     new_state, new_covariance = np.zeros_like(state), np.empty_like(covariance)
     half = np.empty((4, 4))
     for track in range(len(state)):
@@ -45,7 +47,8 @@ def _predict(state, covariance, transition, noise):
 
 def update(state: np.ndarray, covariance: np.ndarray, uv: np.ndarray, variance: np.ndarray,
            probability: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return state and covariance after centroids uv (M, 2) of variance (M,) px^2 per axis.
+    """
+    Return state and covariance after centroids uv (M, 2) of variance (M,) px^2 per axis.
 
     probability (N, M + 1) as of joint_probabilities. Each track becomes the mean and
     covariance of the mixture of its single-centroid updates: with one variance for all
@@ -58,7 +61,8 @@ def update(state: np.ndarray, covariance: np.ndarray, uv: np.ndarray, variance: 
 
 
 @compiled
-def _update(state, covariance, uv, variance, probability):
+def _update(state: np.ndarray, covariance: np.ndarray, uv: np.ndarray, variance: np.ndarray,
+            probability: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     new_state, new_covariance = state.copy(), np.empty_like(covariance)
     gain, rest, half = np.empty((4, 2)), np.empty((4, 2)), np.empty((4, 4))
     mean_step, offset = np.empty(4), np.empty(4)

@@ -4,7 +4,6 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
@@ -38,7 +37,8 @@ def rate_between(before_ns: int, before: AttitudeEstimate, after_ns: int,
 
 @dataclass(frozen=True)
 class Followed:
-    """What a frame said: whether its stars agree, on what, and which centroids (M,) are over.
+    """
+    What a frame said: whether its stars agree, on what, and which centroids (M,) are over.
 
     fit has a row for each track of the bank; it is None where no stars agree on anything.
     """
@@ -49,7 +49,8 @@ class Followed:
 
 
 class StarModel(ABC):
-    """Predicts the followed stars, and takes a frame of centroids.
+    """
+    Predicts the followed stars, and takes a frame of centroids.
 
     bank holds the tracks; from the start on rate_rad_s (3,) and rate_covariance (3, 3) are the
     body rate; uses_gyro says whether a gyro supports it, gyro_trouble why one does not.
@@ -89,12 +90,13 @@ class StarModel(ABC):
 
     def _associate(self, uv: np.ndarray, covariance: np.ndarray, frame: Centroids,
                    variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the probabilities (N, M + 1) of centroids, and those (M,) in no gate.
+        """
+        Return the probabilities (N, M + 1) of centroids, and those (M,) in no gate.
 
         uv (N, 2) and covariance (N, 2, 2) are predictions, variance (M,) of the centroids.
         """
         density = gated_density(uv, covariance, frame.uv, variance, self._gate)
-        unclaimed = ~(density > 0).any(axis=0)
+        unclaimed = np.logical_not((density > 0).any(axis=0))
         # One more than counted: a frame without false centroids does not prove there are none.
         clutter_px2 = (1 + unclaimed.sum()) / (self._camera.width * self._camera.height)
         return joint_probabilities(event_weights(

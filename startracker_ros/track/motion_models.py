@@ -1,4 +1,5 @@
-"""How star images move: constant velocity, coordinated turn, and under a turn of the camera.
+"""
+How star images move: constant velocity, coordinated turn, and under a turn of the camera.
 
 The state of one star is [u, u_rate, v, v_rate] in px and px/s. Under the body rate w
 (rad/s, sensor axes) a direction d in the sensor frame changes by -w x d.
@@ -7,10 +8,9 @@ The state of one star is [u, u_rate, v, v_rate] in px and px/s. Under the body r
 from math import cos, factorial, sin
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.compiled import compiled
-from startracker_ros.lens import distort, distortion_jacobian, undistort
+from startracker_ros.lens import distort, distortion_jacobian, Lens, undistort
 
 POSITION = [0, 2]
 VELOCITY = [1, 3]
@@ -21,7 +21,8 @@ _SERIES = [1 / factorial(power) for power in range(27, 4, -2)]
 
 def constant_velocity(dt_s: float, acceleration_px_s2: tuple[float, float]
                       ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the transition (4, 4) and process noise (4, 4) of the CV model.
+    """
+    Return the transition (4, 4) and process noise (4, 4) of the CV model.
 
     White acceleration of 1-sigma (u, v), constant within the step: Q = E diag(s^2) E^T
     (Sadeghi, Sabahi and Saberali). dt_s > 0.
@@ -34,7 +35,8 @@ def constant_velocity(dt_s: float, acceleration_px_s2: tuple[float, float]
 
 def coordinated_turn(dt_s: float, rate_rad_s: float, acceleration: tuple[float, float]
                      ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the transition (4, 4) and process noise (4, 4) of the CT model.
+    """
+    Return the transition (4, 4) and process noise (4, 4) of the CT model.
 
     The velocity turns by rate_rad_s from u towards v, as that of all stars does when the
     camera turns about its boresight by -rate_rad_s (body rate z). acceleration are the
@@ -59,7 +61,8 @@ def coordinated_turn(dt_s: float, rate_rad_s: float, acceleration: tuple[float, 
 
 
 def _turned_noise(dt_s: float, angle: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the integrals (2, 2) of a a^T, b b^T and a b^T over the step.
+    """
+    Return the integrals (2, 2) of a a^T, b b^T and a b^T over the step.
 
     A push at time t before its end leaves, along itself, a = [sin(wt) / w, cos(wt)] in
     position and velocity and, across, b = [(1 - cos(wt)) / w, sin(wt)]; angle is w dt_s.
@@ -94,7 +97,8 @@ def _fifth_remainder(x: float) -> float:
 
 
 def image_jacobian(camera: Camera, directions: np.ndarray) -> np.ndarray:
-    """Return d(u, v)/dt per body rate, (N, 2, 3) in px/rad, of directions (N, 3).
+    """
+    Return d(u, v)/dt per body rate, (N, 2, 3) in px/rad, of directions (N, 3).
 
     NaN for a direction behind the camera.
     """
@@ -102,7 +106,7 @@ def image_jacobian(camera: Camera, directions: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def _image_jacobian(lens, directions):
+def _image_jacobian(lens: Lens, directions: np.ndarray) -> np.ndarray:
     jacobian = np.full((len(directions), 2, 3), np.nan)
     for star in range(len(directions)):
         z = directions[star, 2]
@@ -112,7 +116,7 @@ def _image_jacobian(lens, directions):
 
 
 @compiled
-def image_flow(lens, a, b, jacobian):
+def image_flow(lens: Lens, a: float, b: float, jacobian: np.ndarray) -> None:
     """Fill the jacobian (2, 3) of image motion per body rate at x / z = a, y / z = b."""
     xx, cross, yy = distortion_jacobian(lens, a, b)
     for axis in range(3):
@@ -129,7 +133,8 @@ def image_flow(lens, a, b, jacobian):
 
 def turn_curvature(camera: Camera, uv: np.ndarray, rate_rad_s: np.ndarray, dt_s: float
                    ) -> np.ndarray:
-    """Return what a steady turn adds (N, 4) to a constant velocity prediction of uv (N, 2).
+    """
+    Return what a steady turn adds (N, 4) to a constant velocity prediction of uv (N, 2).
 
     Stars run on curves across the image, most of all under roll: without this term a
     filter lags behind them. NaN for a star that the turn puts behind the camera.
@@ -139,7 +144,7 @@ def turn_curvature(camera: Camera, uv: np.ndarray, rate_rad_s: np.ndarray, dt_s:
 
 
 @compiled
-def _turn_curvature(lens, uv, rate_rad_s, dt_s):
+def _turn_curvature(lens: Lens, uv: np.ndarray, rate_rad_s: np.ndarray, dt_s: float) -> np.ndarray:
     curvature = np.full((len(uv), 4), np.nan)
     flow = np.empty((2, 3))
     turn_x, turn_y, turn_z = rate_rad_s * dt_s
@@ -170,7 +175,7 @@ def _turn_curvature(lens, uv, rate_rad_s, dt_s):
 
 
 @compiled
-def _times(flow, rate):
+def _times(flow: np.ndarray, rate: np.ndarray) -> tuple[float, float]:
     """Return flow (2, 3) times rate (3,)."""
     return (flow[0, 0] * rate[0] + flow[0, 1] * rate[1] + flow[0, 2] * rate[2],
             flow[1, 0] * rate[0] + flow[1, 1] * rate[1] + flow[1, 2] * rate[2])
@@ -178,7 +183,8 @@ def _times(flow, rate):
 
 def body_rate(jacobian: np.ndarray, velocity: np.ndarray, covariance: np.ndarray
               ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the body rate (3,) rad/s that moves stars at velocity (N, 2), and its covariance.
+    """
+    Return the body rate (3,) rad/s that moves stars at velocity (N, 2), and its covariance.
 
     jacobian (N, 2, 3) as of image_jacobian, covariance (N, 2, 2) of the velocities, positive
     definite; weighted least squares. numpy.linalg.LinAlgError when less than two stars fix it.
@@ -191,7 +197,8 @@ def body_rate(jacobian: np.ndarray, velocity: np.ndarray, covariance: np.ndarray
 
 
 @compiled
-def _rate_information(jacobian, velocity, covariance):
+def _rate_information(jacobian: np.ndarray, velocity: np.ndarray, covariance: np.ndarray
+                      ) -> tuple[np.ndarray, np.ndarray]:
     """Return the normal matrix (3, 3) and vector (3,) of body_rate."""
     information, vector = np.zeros((3, 3)), np.zeros(3)
     for star in range(len(jacobian)):

@@ -1,10 +1,10 @@
-"""The star neighbourhood approach (SNA): known stars found again by place, or by neighbours.
+"""
+The star neighbourhood approach (SNA): known stars found again by place, or by neighbours.
 
 Samaan, Mortari and Junkins 2005, as Sadeghi, Sabahi and Saberali take it for their baseline.
 """
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.rotation import matrix_from_quaternion, quaternion_from_rotation_vector
 
@@ -29,7 +29,8 @@ def carried(camera: Camera, uv: np.ndarray, rate_rad_s: np.ndarray, dt_s: float)
 
 def star_neighbourhood(camera: Camera, predicted: np.ndarray, icrf: np.ndarray, uv: np.ndarray,
                        sigma_px: np.ndarray) -> np.ndarray:
-    """Return the index (N,) of each star's centroid, -1 where it is missing or ambiguous.
+    """
+    Return the index (N,) of each star's centroid, -1 where it is missing or ambiguous.
 
     predicted (N, 2) px and the catalogue's directions icrf (N, 3) are of the known stars, uv
     (M, 2) px and sigma_px (M,) per axis of the centroids. A centroid that is alone in the

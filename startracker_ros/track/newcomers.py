@@ -3,10 +3,10 @@
 import math
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.compiled import compiled
+from startracker_ros.lens import Lens
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.motion_models import image_flow
 
@@ -20,7 +20,8 @@ MAX_DISTANCE_PX = 5.0
 def match_newcomers(stars: StarsInView, attitude: AttitudeEstimate, centroids: Centroids,
                     sigma_px: np.ndarray, zero_point: float, magnitude_tolerance: float
                     ) -> tuple[np.ndarray, np.ndarray]:
-    """Return indices (K,) of places and (K,) of centroids that belong to each other alone.
+    """
+    Return indices (K,) of places and (K,) of centroids that belong to each other alone.
 
     sigma_px (M,) is the error of the centroids per axis; zero_point the magnitude of
     1 DN. A pair is taken when place and brightness agree and nothing else does for
@@ -35,8 +36,10 @@ def match_newcomers(stars: StarsInView, attitude: AttitudeEstimate, centroids: C
 
 
 @compiled
-def _match(near, sensor, uv, magnitude, crowded, centroid_uv, flux, sigma_px, covariance, lens,
-           zero_point, magnitude_tolerance):
+def _match(near: np.ndarray, sensor: np.ndarray, uv: np.ndarray, magnitude: np.ndarray,
+           crowded: np.ndarray, centroid_uv: np.ndarray, flux: np.ndarray, sigma_px: np.ndarray,
+           covariance: np.ndarray, lens: Lens, zero_point: float, magnitude_tolerance: float
+           ) -> tuple[np.ndarray, np.ndarray]:
     place, centroid = [], []
     of_place, of_centroid = np.zeros(len(near), np.int64), np.zeros(len(flux), np.int64)
     jacobian = np.empty((2, 3))

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import AttitudeEstimate, estimate_attitude
 from startracker_ros.camera import Camera
 from startracker_ros.rotation import conjugate, rotate
@@ -17,7 +16,7 @@ RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
 
 
 def median(values: np.ndarray) -> float:
-    """Return numpy.median() of (N,), NaN for none or where one is NaN, in a fifth of its time."""
+    """Return NumPy's median of (N,) in a fifth of its time, NaN for none or where one is NaN."""
     ranked = sorted(values.tolist())
     middle = len(ranked) // 2
     if not ranked or np.isnan(values).any():
@@ -27,7 +26,8 @@ def median(values: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class RotationFit:
-    """An attitude and how the stars keep to it.
+    """
+    An attitude and how the stars keep to it.
 
     normalised (N,) is the distance of each star from its place in units of its own
     sigma times scale; scale is at least 1, and larger where a lens that is not calibrated
@@ -42,13 +42,14 @@ class RotationFit:
 
     def is_good(self, stars: int, min_stars: int, max_residual_px: float) -> bool:
         """Return whether enough of so many stars agree, and well enough."""
-        return (np.count_nonzero(self.inlier) >= max(min_stars, math.ceil(stars / 3))
-                and self.residual_px <= max_residual_px)
+        agree = int(np.count_nonzero(self.inlier)) >= max(min_stars, math.ceil(stars / 3))
+        return agree and self.residual_px <= max_residual_px
 
 
 def fit_rotation(camera: Camera, icrf: np.ndarray, uv: np.ndarray, sigma_px: np.ndarray,
                  candidate: np.ndarray) -> RotationFit:
-    """Return the attitude of the candidates (N,) without outliers; all stars are judged by it.
+    """
+    Return the attitude of the candidates (N,) without outliers; all stars are judged by it.
 
     icrf (N, 3), uv (N, 2) px, sigma_px (N,) per axis. The worst outlier leaves first: it
     bends the fit and makes others look bad. AttitudeError when too few are left.

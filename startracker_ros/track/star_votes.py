@@ -1,13 +1,14 @@
 """What all centroids together say about the common rotation of their stars: compiled."""
 
 import numpy as np
-
 from startracker_ros.compiled import compiled
 
 
 @compiled
-def expected(uv, frame_uv, variance, probability):
-    """Return the mean (N, 2) and spread (N, 3) of a star's centroid about its prediction (N, 2).
+def expected(uv: np.ndarray, frame_uv: np.ndarray, variance: np.ndarray, probability: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the mean (N, 2) and spread (N, 3) of a star's centroid about its prediction (N, 2).
 
     Those of the mixture of the centroids (M, 2) of variance (M,) that it may have, given that
     it has one, by the probabilities (N, M + 1): what the JPDA filter does to one star, as a
@@ -33,8 +34,10 @@ def expected(uv, frame_uv, variance, probability):
 
 
 @compiled
-def turn_asked_for(jacobian, mean, spread, weight, votes):
-    """Return the information (3, 3) and vector (3,) of AttitudeState.with_attitude.
+def turn_asked_for(jacobian: np.ndarray, mean: np.ndarray, spread: np.ndarray, weight: np.ndarray,
+                   votes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the information (3, 3) and vector (3,) of AttitudeState.with_attitude.
 
     jacobian (N, 2, 3) in px/rad, mean and spread of expected(), weight (N,); only the stars
     that votes (N,) count.

@@ -4,7 +4,6 @@ from dataclasses import replace
 import math
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.track.jpdaf import predict, update
@@ -37,12 +36,12 @@ class StarwiseModel(StarModel):
         self._stamp_ns = stamp_ns
         unclaimed = self._update(frame)
         fit = self._fit()
-        good = fit is not None and fit.is_good(
-            np.count_nonzero(self.bank.confirmed), self._options.min_stars,
-            self._options.max_residual_px)
-        if good:
-            self._estimate_rate(fit)
-        return Followed(good, fit, unclaimed)
+        if fit is None or not fit.is_good(
+                int(np.count_nonzero(self.bank.confirmed)), self._options.min_stars,
+                self._options.max_residual_px):
+            return Followed(False, fit, unclaimed)
+        self._estimate_rate(fit)
+        return Followed(True, fit, unclaimed)
 
     def _predict(self, dt_s: float) -> None:
         bank, turns = self.bank, self._options.model == 'coordinated_turn'
@@ -69,7 +68,8 @@ class StarwiseModel(StarModel):
         return unclaimed
 
     def _shares(self) -> np.ndarray:
-        """Return how many times (N,) the camera's process noise each track is given.
+        """
+        Return how many times (N,) the camera's process noise each track is given.
 
         An acceleration of the camera moves all stars alike, so it does not average out over
         them as centroid errors do: once per track would make the attitude of all tracks

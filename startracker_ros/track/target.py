@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
@@ -54,7 +53,8 @@ class TargetTrackOptions(Options):
 
 @dataclass
 class _Spot:
-    """A track: direction (3,) on ICRF axes, its rate (3,) in rad/s, across it.
+    """
+    A track: direction (3,) on ICRF axes, its rate (3,) in rad/s, across it.
 
     basis (2, 3) spans the plane across the direction, covariance (4, 4) is that of place
     and rate along either, in the order of constant_velocity(). It was first seen age_s ago at
@@ -108,7 +108,7 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def _unexplained(uv, sigma_px, stars):
+def _unexplained(uv: np.ndarray, sigma_px: np.ndarray, stars: np.ndarray) -> np.ndarray:
     """Return which centroids (M, 2) of sigma (M,) are finite and near none of stars (N, 2)."""
     left = np.empty(len(uv), np.bool_)
     for i in range(len(uv)):
@@ -121,7 +121,8 @@ def _unexplained(uv, sigma_px, stars):
 
 @dataclass(frozen=True)
 class TargetSpot:
-    """The target in a frame: its centroid as measured, a list of one, and how it moves.
+    """
+    The target in a frame: its centroid as measured, a list of one, and how it moves.
 
     rate_deg_s against the stars, frames since it was first seen.
     """
@@ -132,7 +133,8 @@ class TargetSpot:
 
 
 class TargetTracker:
-    """Follows what no star explains from frame to frame; feed update() with every frame.
+    """
+    Follows what no star explains from frame to frame; feed update() with every frame.
 
     spots counts the unexplained centroids of the last frame.
     """
@@ -158,7 +160,8 @@ class TargetTracker:
 
     def update(self, stamp_ns: int, attitude: AttitudeEstimate,
                centroids: Centroids) -> TargetSpot | None:
-        """Take a frame with its attitude; return the target if it is seen in it.
+        """
+        Take a frame with its attitude; return the target if it is seen in it.
 
         Stamps ascend. Frames without an attitude are left out.
         """
@@ -192,9 +195,9 @@ class TargetTracker:
         if self._target is not None and all(track is not self._target for track in kept):
             self._target = None
         self._before = left.select(free), directions[free], variance[free]
-        if target is None:
+        if target is None or self._target is None:
             return None
-        return TargetSpot(left.select([seen[target]]),
+        return TargetSpot(left.select(np.array([seen[target]])),
                           float(np.degrees(np.linalg.norm(self._target.rate))),
                           self._target.hits)
 

@@ -2,11 +2,10 @@
 
 from collections import deque
 from dataclasses import replace
-from enum import Enum
+from enum import StrEnum
 import math
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.camera import Camera
@@ -36,7 +35,7 @@ DISAGREEMENT_SIGMA = 10.0
 the lens can do, far below the degrees of a wrong identification."""
 
 
-class TrackerState(str, Enum):
+class TrackerState(StrEnum):
     """What the tracker can be relied on for."""
 
     LOST = 'LOST'
@@ -45,7 +44,8 @@ class TrackerState(str, Enum):
 
 
 class StarTracker:
-    """Follows identified stars through frames of centroids.
+    """
+    Follows identified stars through frames of centroids.
 
     state and reason say how things stand; frames_since_fix counts frames since the stars
     last agreed on an attitude, stars_matched the stars that did, residual_px is their rms
@@ -81,7 +81,7 @@ class StarTracker:
 
     @property
     def attitude(self) -> TrackedAttitude | None:
-        """The attitude of the newest frame, None unless its stars agree on one."""
+        """Return the attitude of the newest frame, None unless its stars agree on one."""
         if not self._history or self._history[-1][0] != self._stamp_ns:
             return None
         return TrackedAttitude(self._history[-1][1], self._model.rate_rad_s,
@@ -102,7 +102,8 @@ class StarTracker:
         return self._gyro.add(stamp_ns, rate_rad_s)
 
     def update(self, stamp_ns: int, centroids: Centroids) -> Tracks | None:
-        """Take the centroids of a frame and return the tracks, empty unless TRACKING.
+        """
+        Take the centroids of a frame and return the tracks, empty unless TRACKING.
 
         Return None, and count a late frame, when its stamp is not newer than the last one.
         """
@@ -128,7 +129,8 @@ class StarTracker:
             self._places, self._good_stamp_ns == self._bank_stamp_ns)
 
     def identified(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray) -> None:
-        """Take an identified frame: hip (N,) of each centroid, 0 where it is not known.
+        """
+        Take an identified frame: hip (N,) of each centroid, 0 where it is not known.
 
         Two that agree start the tracks. While TRACKING one that contradicts the tracks
         throws everything out. Frames with too few stars or a poor fit are passed over.
@@ -249,7 +251,7 @@ class StarTracker:
             self.stars_matched, self.residual_px = 0, math.nan
         else:
             self.stars_matched, self.residual_px = int(fit.inlier.sum()), fit.residual_px
-        if not followed.good:
+        if fit is None or not followed.good:
             # A dark image says nothing of the stars; one with others contradicts them.
             self._bad_frames += not model.is_dark(frame)
             self._drop(bank.missed > self._allowed_to_miss(frame))
@@ -270,7 +272,7 @@ class StarTracker:
         self._find_newcomers(fit, frame.select(followed.unclaimed))
 
     def _allowed_to_miss(self, frame: Centroids) -> np.ndarray:
-        """A star not yet confirmed must be seen in every frame, the others now and then."""
+        """Return how often (N,) a star may be missed: not yet confirmed ones never."""
         most = np.inf if self._model.is_dark(frame) else self._options.max_missed
         return np.where(self._model.bank.confirmed, most, 0)
 

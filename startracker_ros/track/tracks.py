@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.attitude.estimate import AttitudeEstimate
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """Filtered star images of one frame, in the order in which they were started.
+    """
+    Filtered star images of one frame, in the order in which they were started.
 
     hip (N,) int32, 0 while the tracker is not sure of the star; magnitude (N,) of the
     catalogue, NaN where hip is 0; uv (N, 2) px, filtered; flux (N,) DN, snr (N,) and sigma_px
@@ -50,18 +50,19 @@ class Tracks:
 
     @property
     def usable(self) -> np.ndarray:
-        """True (N,) for stars that may vote on the attitude: sure of, and seen just now."""
+        """Return True (N,) for stars that may vote on the attitude: sure of, and seen just now."""
         return (self.hip > 0) & (self.missed == 0)
 
     @property
     def position_sigma_px(self) -> np.ndarray:
-        """The 1-sigma error (N,) of uv per axis, the mean of both axes."""
+        """Return the 1-sigma error (N,) of uv per axis, the mean of both axes."""
         return np.sqrt((self.covariance[:, 0, 0] + self.covariance[:, 1, 1]) / 2)
 
 
 @dataclass(frozen=True)
 class TrackedAttitude:
-    """The attitude that the stars of a frame agree on, and the body rate, as filtered.
+    """
+    The attitude that the stars of a frame agree on, and the body rate, as filtered.
 
     rate_rad_s (3,) about sensor axes and its covariance (3, 3).
     """

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from scipy.special import erf
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.background import TILE_PX

@@ -1,7 +1,6 @@
 """Gaps, silence and jumps of time, told from the stamps and arrivals of frames."""
 
 import pytest
-
 from startracker_ros.ros.cadence import Cadence
 
 STEP_NS = 100_000_000

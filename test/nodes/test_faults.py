@@ -1,7 +1,6 @@
 """Every fault of the matrix, shorter than the campaign has it, on one running pipeline."""
 
 import pytest
-
 from startracker_ros.ros.faults import faults, row_of, Times
 from startracker_ros.ros.flight import Flight
 from startracker_ros.ros.processes import share_folder

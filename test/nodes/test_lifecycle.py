@@ -179,18 +179,19 @@ def test_every_node_talks_on_the_topics_of_the_readme_is_reset_and_ends(nodes, p
     assert publishes.keys() == subscribes.keys() == set(NODES)
     for node, place in places.items():
         space = place.removesuffix(node)
+        where = space.rstrip('/') or '/'
 
         def names(topics, space=space):
-            own = {name.removeprefix(space) for name, _ in topics} - {
+            own = {name for name, _ in topics} - {
                 '/diagnostics', '/rosout', '/parameter_events', '/clock'}
-            return {re.sub('^(/?tracker_[12]/|/)', '', name) for name in own}
+            return {re.sub('^tracker_[12]/', '', name.removeprefix(space)) for name in own}
         if node != 'bag_player':
             assert names(probe.get_publisher_names_and_types_by_node(
-                node, space)) == publishes[node], node
+                node, where)) == publishes[node], node
         if node != 'bag_recorder':
             assert names(probe.get_subscriber_names_and_types_by_node(
-                node, space)) <= subscribes[node], node
-        services = {name for name, _ in probe.get_service_names_and_types_by_node(node, space)}
+                node, where)) <= subscribes[node], node
+        services = {name for name, _ in probe.get_service_names_and_types_by_node(node, where)}
         assert (f'{place}/reset' in services) == (node in RESETTABLE), node
         if node in RESETTABLE:
             answer = ask_once(probe, Trigger, f'{place}/reset', Trigger.Request())

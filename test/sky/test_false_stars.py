@@ -5,7 +5,6 @@ from dataclasses import replace
 import erfa
 import numpy as np
 import pytest
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.rotation import ARCSEC, conjugate, radec_from_unit, rotate

@@ -5,7 +5,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-
 from startracker_ros.sky.gallery import draw, PICTURES
 
 DOCS = Path(__file__).parents[2] / 'docs'

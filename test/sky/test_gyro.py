@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from startracker_ros.sky.gyro import Gyro, GyroOptions
 
 DEG_H = np.radians(1 / 3600)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.stats import kstest
-
 from startracker_ros.rotation import attitude_error, conjugate, multiply
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.stats import chisquare, kurtosis, norm, poisson
-
 from startracker_ros.sky.noise import noise_tables, read_out, Readout
 
 TABLES = noise_tables()

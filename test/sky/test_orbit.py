@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from startracker_ros.sky.orbit import CircularOrbit, EARTH_MU_M3_S2, EARTH_RADIUS_M
 
 ORBIT = CircularOrbit(EARTH_RADIUS_M + 700e3, *np.radians([30.0, 50.0, 20.0]))

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from skyfield.api import load, Star
 from skyfield.positionlib import Barycentric
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.rotation import (

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import kstest, poisson
-
 from startracker_ros.camera import Camera
 from startracker_ros.sky.cosmic_rays import add_cosmic_rays, DEPTH_UM
 from startracker_ros.sky.detector import Detector, DetectorOptions
@@ -36,7 +35,7 @@ def test_star_images_widen_towards_the_corner():
     uv = np.round([centre + 0.001, centre * 1.5 + 0.001, centre * 1.84])
     image = image_of(change, uv, [3.0, 3.0, 3.0])
     for place in uv.astype(int):
-        distance2 = ((place - centre) ** 2).sum() / ((128 ** 2 + 96 ** 2))
+        distance2 = ((place - centre) ** 2).sum() / (128 ** 2 + 96 ** 2)
         sigma = 0.8 + 1.2 * distance2
         assert second_moment(image, *place) == pytest.approx(sigma ** 2 + 1 / 12, rel=4e-3)
     plain = image_of({'psf_sigma_px': 0.8}, uv, [3.0, 3.0, 3.0])
@@ -124,8 +123,12 @@ def test_cosmic_rays_hit_as_often_as_told():
 
 
 def test_cosmic_rays_leave_the_charge_of_their_path():
-    """Half of an isotropic flux comes in steeper than 45 deg: the median track is as long
-    as the silicon is deep. The median of the Moyal distribution lies 0.788 above its mode."""
+    """
+    Half of an isotropic flux comes in steeper than 45 deg.
+
+    So the median track is as long as the silicon is deep. The median of the Moyal distribution
+    lies 0.788 above its mode.
+    """
     length_um, e_per_um = [], []
     for seed in range(3000):
         light = tracks(0.1, seed, pitch_um=0.5)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.rotation import conjugate, rotate

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.extraction import CentroidExtractor
@@ -71,6 +70,7 @@ def test_brightness_by_range_and_phase():
     place, velocity = made.at(0.0)
 
     class Fixed(Target):
+
         def at(self, time_s):
             return place, velocity
 

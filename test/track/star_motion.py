@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places, StarPlaces
 from startracker_ros.catalog.stars import load_catalog
@@ -22,7 +21,8 @@ def sky(magnitude_limit: float = 6.0, camera: Camera = CAMERA) -> StarPlaces:
 
 @dataclass
 class Motion:
-    """A camera that turns at a constant rate and sees stars with noise.
+    """
+    A camera that turns at a constant rate and sees stars with noise.
 
     The error of a star of magnitude 5 is sigma_px; sigma_per_magnitude is the decimal
     logarithm of the ratio of the next fainter magnitude.

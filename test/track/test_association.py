@@ -7,7 +7,6 @@ from hypothesis.extra.numpy import arrays
 import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
-
 from startracker_ros.track.association import (
     event_weights, gate_size, gated_density, joint_probabilities)
 from startracker_ros.track.joint_events import marginals, OPEN_CENTROIDS

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 from star_motion import CAMERA, Motion, sky, START_NS, STEP_NS
-
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.rotation import (
@@ -52,7 +51,8 @@ class Turns(Motion):
 
 
 def follow(motion, *, gyro=None, dark=(), **options):
-    """Run a tracker over a motion; yield the frame and the tracker once it tracks.
+    """
+    Run a tracker over a motion; yield the frame and the tracker once it tracks.
 
     gyro turns a true measurement into what imu says; frames in dark have no stars.
     """
@@ -179,8 +179,7 @@ def test_the_published_covariance_is_true(gyro):
         rng = np.random.default_rng(1000 + seed)
         motion = Turns(PLACES, rates=random_turns(rng, 6.0, 0.005), seed=seed, missed=0.05,
                        pointing_deg=(rng.uniform(60, 120), rng.uniform(-20, 40), 0.0))
-        for _, tracker in follow(motion, gyro=gyro):
-            pass
+        *_, (_, tracker) = follow(motion, gyro=gyro)
         total += squared(tracker, motion, motion.frames - 1)
         tracked = tracker.attitude
         offset = tracked.rate_rad_s - np.radians(motion.rates[PER_FRAME * (motion.frames - 1) - 1])

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.stats import chi2
-
 from startracker_ros.track.association import (
     event_weights, gate_size, gated_density, joint_probabilities)
 from startracker_ros.track.jpdaf import predict, update

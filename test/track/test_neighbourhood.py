@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-
 from startracker_ros.camera import Camera
 from startracker_ros.rotation import conjugate, quaternion_from_rotation_vector, rotate
 from startracker_ros.sky.star_lists import random_attitude

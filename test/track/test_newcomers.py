@@ -2,7 +2,6 @@
 
 import numpy as np
 from star_motion import CAMERA
-
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids

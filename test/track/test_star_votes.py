@@ -2,7 +2,6 @@
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
-
 from startracker_ros.track.star_votes import expected, turn_asked_for
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
@@ -77,7 +76,7 @@ def test_target_is_found_and_measured(rate_deg_s):
 def test_nothing_moves_nothing_is_said():
     """False spots everywhere, a star that no catalogue has, and a hot pixel."""
     sky, tracker = Sky(), TargetTracker(CAMERA, PLACES)
-    for frame in range(60):
+    for _ in range(60):
         q, _ = sky.attitude()
         hot = rotate(q, CAMERA.unproject(np.array([[300.0, 200.0]])))
         unknown = moving(0.0, 0)

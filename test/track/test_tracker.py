@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from star_motion import CAMERA, Motion, sky, START_NS, STEP_NS
-
 from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.camera import Camera
 from startracker_ros.centroid.centroids import Centroids
@@ -412,15 +411,14 @@ def test_time_jumps():
     tracker = tracking(motion, 10)
     assert len(tracker.update(*motion.frame(70)[:2])) == 0
     assert tracker.state is TrackerState.LOST and 'no stars' in tracker.reason
-    for k, _ in run(tracker, motion, range(71, 80)):
+    for _ in run(tracker, motion, range(71, 80)):
         pass
     assert tracker.state is TrackerState.TRACKING
     assert len(tracker.update(*motion.frame(5)[:2])) == 0
     assert tracker.state is TrackerState.LOST and 'jumped back' in tracker.reason
     # What was still on its way from before the jump does not hold up the new start.
     tracker.identified(*motion.frame(79))
-    for k, tracks in run(tracker, motion, range(6, 12)):
-        pass
+    *_, (_, tracks) = run(tracker, motion, range(6, 12))
     assert tracker.state is TrackerState.TRACKING and worst_px(motion, 11, tracks) < 0.6
 
 
@@ -454,8 +452,7 @@ def test_reset():
     tracker = tracking(motion, 10)
     tracker.reset()
     assert tracker.state is TrackerState.LOST and 'waiting' in tracker.reason
-    for k, tracks in run(tracker, motion, range(5, 12)):
-        pass
+    *_, (_, tracks) = run(tracker, motion, range(5, 12))
     assert len(tracks) > 20
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, TransformStamped
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
-
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.attitude.trusted import AttitudeTrust, TrustedAttitude, TrustOptions
 from startracker_ros.catalog.places import camera_places
@@ -74,7 +73,7 @@ class AttitudeEstimatorNode(CameraNode):
             self._solve_tracks(waiting)
 
     def _take_tracks(self, message: PointCloud2) -> None:
-        if not self.has_camera() or not self.in_order('tracks', message.header.stamp):
+        if self.known_camera() is None or not self.in_order('tracks', message.header.stamp):
             return
         if self._waiting is not None:
             self.diagnostics.counts['tracks without tracked_attitude'] += 1
@@ -102,7 +101,7 @@ class AttitudeEstimatorNode(CameraNode):
     def _take_stars(self, message: PointCloud2) -> None:
         rows = messages.read_cloud(message, messages.STAR_DTYPE)
         centroids = messages.centroids_from_rows(rows)
-        if self.has_camera() and self.in_order('stars', message.header.stamp):
+        if self.known_camera() is not None and self.in_order('stars', message.header.stamp):
             self._publish(messages.ns_from_stamp(message.header.stamp), self._trust.solve(
                 centroids.uv, rows['hip'].astype(np.int32), centroids.sigma_px))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 import sys
 import time
@@ -13,8 +14,6 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
-from std_srvs.srv import Trigger
-
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.patterns import matches
 from startracker_ros.bag.playback import Playback, PlaybackOptions
@@ -26,6 +25,7 @@ from startracker_ros.options import option, Options
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages import message_class, stamp_from_ns
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
+from std_srvs.srv import Trigger
 
 # What history and depth are unknown of; DDS tells no subscriber of them.
 _DEPTH = 100
@@ -82,20 +82,20 @@ class BagPlayerNode(PipelineNode):
         self._players = {topic.name: self._publisher(topic) for topic in chosen}
         if self.options(PlaybackOptions).clock_rate_hz:
             self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
-        self._playback = Playback(
+        playback = self._playback = Playback(
             self._messages, span_ns, self.options(PlaybackOptions), publish=self._publish_message,
             tick=self._tick, finished=self._finish)
         for name, act, words in (
-                ('pause', self._playback.pause, 'paused'),
-                ('resume', self._playback.resume, 'playing'),
-                ('step', self._playback.step, 'one message more')):
+                ('pause', playback.pause, 'paused'),
+                ('resume', playback.resume, 'playing'),
+                ('step', playback.step, 'one message more')):
             self._offer(name, act, words)
         if not self._problems:
             self.diagnostics.report(OK, f'playing {len(chosen)} topics')
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._begin_timer = self.create_timer(
-            max(options.start_delay_s, 1e-3), self._begin, clock=steady)
-        self.create_timer(0.5, self._report, clock=steady)
+            max(options.start_delay_s, 1e-3), partial(self._begin, playback), clock=steady)
+        self.create_timer(0.5, partial(self._report, playback), clock=steady)
 
     def close(self) -> None:
         """End the playback."""
@@ -158,9 +158,9 @@ class BagPlayerNode(PipelineNode):
             return response
         self.create_service(Trigger, f'~/{name}', answer)
 
-    def _begin(self) -> None:
+    def _begin(self, playback: Playback) -> None:
         self.destroy_timer(self._begin_timer)
-        self._playback.start()
+        playback.start()
 
     def _messages(self, start_ns: int) -> Iterator[BagMessage]:
         return read_messages(self._bag, topics=tuple(self._players), start_ns=start_ns,
@@ -176,8 +176,7 @@ class BagPlayerNode(PipelineNode):
     def _tick(self, time_ns: int) -> None:
         self._clock_publisher.publish(ClockMessage(clock=stamp_from_ns(time_ns)))
 
-    def _report(self) -> None:
-        playback = self._playback
+    def _report(self, playback: Playback) -> None:
         median, p95, _ = playback.pacing_ms()
         self.diagnostics.values.update({
             'bag_time': f'{playback.time_ns * 1e-9:.3f}',
@@ -200,7 +199,8 @@ class BagPlayerNode(PipelineNode):
 
 
 def playback_qos(offers: Sequence[QosProfile]) -> QoSProfile:
-    """Return a profile that serves every subscriber the recorded publishers served.
+    """
+    Return a profile that serves every subscriber the recorded publishers served.
 
     Deadline, lifespan and lease are promises of one publisher: they are kept if all gave the same.
     """

@@ -5,13 +5,13 @@ from pathlib import Path
 import shutil
 import sys
 import time
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-
 from startracker_ros.bag.background import BackgroundWriter
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.patterns import matches
@@ -47,7 +47,8 @@ class RecordOptions(Options):
 
 
 class BagRecorderNode(PipelineNode):
-    """Takes each message as the bytes it came in and writes them with both its times.
+    """
+    Takes each message as the bytes it came in and writes them with both its times.
 
     After a failure of the disk the recording goes on in a new bag, <folder>_2 and so on, once
     the disk has room for the queue again.
@@ -151,16 +152,17 @@ class BagRecorderNode(PipelineNode):
                                   info['source_timestamp']):
                 self.diagnostics.counts['messages'] += 1
 
-        def lose(event: object) -> None:
+        def lose(event: Any) -> None:
             self.diagnostics.counts['messages lost before the recorder'] += (
                 event.total_count_change)
 
         # A publisher that offers less came later: the next look adapts to all there are.
         events = SubscriptionEventCallbacks(
             message_lost=lose, incompatible_qos=lambda event: self._outdated.add(topic))
+        # rclpy hands the info to whoever takes two arguments, its hint knows of one.
         return self.create_subscription(
-            message_type, topic, write, self._matching_qos(offers), raw=True,
-            event_callbacks=events)
+            message_type, topic, write,  # type: ignore[arg-type]
+            self._matching_qos(offers), raw=True, event_callbacks=events)
 
     def _matching_qos(self, offers: list[TopicEndpointInfo]) -> QoSProfile:
         """Return the strictest profile that hears every publisher there is."""

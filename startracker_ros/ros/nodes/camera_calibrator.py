@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2
-from std_srvs.srv import Trigger
-
 from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude
 from startracker_ros.calibration.adjustment import CalibrationError
 from startracker_ros.calibration.collection import CollectionOptions, ViewCollection
@@ -20,6 +18,7 @@ from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages import centroids_from_rows, read_cloud, STAR_DTYPE
 from startracker_ros.ros.node import CameraNode, main_of
+from std_srvs.srv import Trigger
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,8 @@ class CameraCalibratorNode(CameraNode):
 
     def _take_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)
-        if not self.has_camera() or not self.in_order('stars', message.header.stamp):
+        camera = self.known_camera()
+        if camera is None or not self.in_order('stars', message.header.stamp):
             return
         centroids = centroids_from_rows(rows)
         index = self._places.index_of(rows['hip'].astype(np.int32))
@@ -63,8 +63,8 @@ class CameraCalibratorNode(CameraNode):
             return
         try:
             attitude = estimate_attitude(
-                self.camera.unproject(centroids.uv[known]), self._places.direction[index[known]],
-                centroids.sigma_px[known] * self.camera.pixel_rad)
+                camera.unproject(centroids.uv[known]), self._places.direction[index[known]],
+                centroids.sigma_px[known] * camera.pixel_rad)
         except AttitudeError as error:
             self.diagnostics.report(WARN, f'no attitude: {error}')
             return

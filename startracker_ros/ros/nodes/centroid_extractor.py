@@ -1,8 +1,6 @@
 """centroid_extractor: image_raw, camera_info -> centroids, image_annotated, image_markers."""
 
 from sensor_msgs.msg import Image, PointCloud2
-from visualization_msgs.msg import ImageMarker
-
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.report.annotate import annotate
 from startracker_ros.ros import qos
@@ -11,6 +9,7 @@ from startracker_ros.ros.image_marker import centroids_to_image_marker
 from startracker_ros.ros.messages import (
     centroids_to_message, image_from_message, image_to_message, MessageError)
 from startracker_ros.ros.node import CameraNode, main_of
+from visualization_msgs.msg import ImageMarker
 
 
 class CentroidExtractorNode(CameraNode):
@@ -38,16 +37,16 @@ class CentroidExtractorNode(CameraNode):
 
     def _take_image(self, message: Image) -> None:
         image = image_from_message(message)
-        if not self.has_camera() or not self.in_order(
-                'image_raw', message.header.stamp):
+        camera = self.known_camera()
+        if camera is None or not self.in_order('image_raw', message.header.stamp):
             return
-        if image.shape != (self.camera.height, self.camera.width):
+        if image.shape != (camera.height, camera.width):
             raise MessageError(
                 f'image of {message.width} x {message.height} px does not fit camera_info of '
-                f'{self.camera.width} x {self.camera.height} px')
+                f'{camera.width} x {camera.height} px')
         extraction = self._extractor.extract(image)
         self._centroids.publish(centroids_to_message(
-            extraction.centroids, self.camera, message.header))
+            extraction.centroids, camera, message.header))
         if self._annotated.get_subscription_count():
             self._annotated.publish(image_to_message(
                 annotate(image, extraction.centroids.uv), message.header))

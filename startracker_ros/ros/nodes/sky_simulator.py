@@ -6,7 +6,6 @@ from geometry_msgs.msg import QuaternionStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
-
 from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.locate.observer import State

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import PointCloud2
-
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.identify.extended_grid import (
     ExtendedGridIdentifier, ExtendedGridOptions, RecursiveIdentifier)
@@ -19,6 +18,8 @@ from startracker_ros.ros.messages import (
 from startracker_ros.ros.node import CameraNode, main_of
 from startracker_ros.track.tracker import TrackerState
 
+_RESTING = 'resting while the star tracker tracks'
+
 
 @dataclass(frozen=True)
 class CheckOptions(Options):
@@ -31,7 +32,8 @@ class CheckOptions(Options):
 
 
 class StarIdentifierNode(CameraNode):
-    """Identifies stars lost-in-space; now and then while a star tracker says that it is tracking.
+    """
+    Identifies stars lost-in-space; now and then while a star tracker says that it is tracking.
 
     Method extended_grid carries the attitude from frame to frame by the rates of imu. It goes
     on while the star tracker tracks: where the field becomes poor the tracker loses it,
@@ -84,7 +86,8 @@ class StarIdentifierNode(CameraNode):
 
     def _take_centroids(self, message: PointCloud2) -> None:
         centroids = centroids_from_message(message)
-        if not self.has_camera() or not self.in_order('centroids', message.header.stamp):
+        camera = self.known_camera()
+        if camera is None or not self.in_order('centroids', message.header.stamp):
             return
         self.sensor_frame_id = message.header.frame_id
         stamp_ns = ns_from_stamp(message.header.stamp)
@@ -92,13 +95,13 @@ class StarIdentifierNode(CameraNode):
             result = self._recursive.identify(stamp_ns, centroids)
             self.diagnostics.values['prediction'] = self._recursive.condition
         elif self._tracking and not self._check_is_due(stamp_ns):
-            self.diagnostics.report(OK, 'resting while the star tracker tracks')
+            self.diagnostics.report(OK, _RESTING)
             return
         else:
             result = self._identifier.identify(centroids)
         self._identified_ns = stamp_ns
         self._stars.publish(identification_to_message(
-            centroids, result, self.camera, message.header))
+            centroids, result, camera, message.header))
         self.diagnostics.counts[result.status] += 1
         self.diagnostics.values.update({
             'matched': result.matched,
@@ -109,7 +112,8 @@ class StarIdentifierNode(CameraNode):
         elif self._recursive is not None and not self._recursive.has_rates:
             self.diagnostics.report(WARN, 'no imu: identifying lost-in-space only')
         else:
-            self.diagnostics.report(OK, 'identifying stars')
+            # A check now and then while the star tracker tracks is no news.
+            self.diagnostics.report(OK, _RESTING if self._tracking else 'identifying stars')
 
 
 main = main_of(StarIdentifierNode)

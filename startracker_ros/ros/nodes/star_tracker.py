@@ -3,9 +3,8 @@
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
-from std_msgs.msg import Header
-
 from startracker_ros.attitude.gyro import GyroErrorOptions
+from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
@@ -18,6 +17,7 @@ from startracker_ros.ros.node import CameraNode, main_of
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.target import TargetTracker, TargetTrackOptions
 from startracker_ros.track.tracker import StarTracker, TrackerState
+from std_msgs.msg import Header
 
 
 class StarTrackerNode(CameraNode):
@@ -53,7 +53,8 @@ class StarTrackerNode(CameraNode):
 
     def _take_centroids(self, message: PointCloud2) -> None:
         centroids = centroids_from_message(message)
-        if not self.has_camera() or not self.in_order('centroids', message.header.stamp):
+        camera = self.known_camera()
+        if camera is None or not self.in_order('centroids', message.header.stamp):
             return
         self.sensor_frame_id = message.header.frame_id
         tracks = self._tracker.update(ns_from_stamp(message.header.stamp), centroids)
@@ -61,25 +62,25 @@ class StarTrackerNode(CameraNode):
             return
         # Before the tracks: who needs both has both when these come.
         self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, message.header))
-        self._tracks.publish(tracks_to_message(tracks, self.camera, message.header))
+        self._tracks.publish(tracks_to_message(tracks, camera, message.header))
         self._publish_state()
-        self._look_for_target(message.header, centroids)
+        self._look_for_target(message.header, camera, centroids)
 
-    def _look_for_target(self, header: Header, centroids: Centroids) -> None:
+    def _look_for_target(self, header: Header, camera: Camera, centroids: Centroids) -> None:
         """Publish the target of a frame, an empty cloud where stars are all there is."""
         if self._tracker.attitude is None:
             return
         target = self._targets.update(
             ns_from_stamp(header.stamp), self._tracker.attitude.attitude, centroids)
         self._target.publish(centroids_to_message(
-            Centroids.empty() if target is None else target.centroid, self.camera, header))
+            Centroids.empty() if target is None else target.centroid, camera, header))
         self.diagnostics.values.update(
             spots_without_star=self._targets.spots,
             target='none' if target is None else f'{target.rate_deg_s:.4f} deg/s')
 
     def _take_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)
-        if not self.has_camera() or not self.in_order('stars', message.header.stamp):
+        if self.known_camera() is None or not self.in_order('stars', message.header.stamp):
             return
         self._tracker.identified(
             ns_from_stamp(message.header.stamp), centroids_from_rows(rows), rows['hip'])

@@ -8,8 +8,6 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from visualization_msgs.msg import MarkerArray
-
 from startracker_ros.camera import CameraError
 from startracker_ros.locate.location import LocationOptions
 from startracker_ros.locate.locator import Located, TargetLocator
@@ -19,6 +17,7 @@ from startracker_ros.ros import messages, qos
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.markers import lines_to_markers
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
+from visualization_msgs.msg import MarkerArray
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ class TargetLocatorNode(PipelineNode):
         self._names = pair.observer_1, pair.observer_2
         if pair.observer_1 == pair.observer_2:
             raise StartError(f'observer_1 and observer_2 are both {pair.observer_1!r}')
-        self._locator: TargetLocator | None = None
+        self._locator = self._new_locator()
         for index, name in enumerate(self._names):
             for message_type, topic, callback in (
                     (CameraInfo, 'camera_info', self._take_camera),
@@ -58,13 +57,15 @@ class TargetLocatorNode(PipelineNode):
         self.create_timer(2.0, self._tell_silence, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def configure(self) -> None:
-        cameras = (None, None) if self._locator is None else [
-            one.camera for one in self._locator.observers]
-        self._locator = TargetLocator(self._names, self.options(ObserverOptions),
-                                      self.options(LocationOptions))
+        cameras = [one.camera for one in self._locator.observers]
+        self._locator = self._new_locator()
         for one, camera in zip(self._locator.observers, cameras):
             one.camera = camera
         self._answers = 0
+
+    def _new_locator(self) -> TargetLocator:
+        return TargetLocator(self._names, self.options(ObserverOptions),
+                             self.options(LocationOptions))
 
     def _observer(self, index: int) -> Observer:
         return self._locator.observers[index]
