@@ -308,11 +308,14 @@ def export(bag: Path, output: Path, formats: tuple[str, ...], originator: str, o
               help='Camera YAML to look at, too.')
 @click.option('--listen', 'listen_s', type=click.FloatRange(0.5, 600), metavar='SECONDS',
               help='Listen to image_raw and camera_info for so long.')
+@click.option('--namespace', default='', help='That of the camera, as tracker_1.')
 @_json
-def doctor(camera_file: Path | None, listen_s: float | None, as_json: bool) -> None:
+def doctor(camera_file: Path | None, listen_s: float | None, namespace: str, as_json: bool
+           ) -> None:
     """Look at install, DDS, caches, disk and camera; say what to mend."""
     from startracker_ros.doctor.examination import examine
-    _finish(examine(camera_file=camera_file, listen_s=listen_s or 0.0), as_json)
+    _finish(examine(camera_file=camera_file, listen_s=listen_s or 0.0, namespace=namespace),
+            as_json)
 
 
 @main.group()

@@ -57,13 +57,9 @@ class AttitudeTrust:
         Stars that the catalogue does not hold (hip 0) are left out. The covariance is
         scaled up when the residuals are larger than chance makes those of sigma_px.
         """
-        index = self._places.index_of(hip)
-        known = index >= 0
-        count = int(known.sum())
-        if count < self._options.min_stars:
-            return TrustedAttitude(
-                None, f'{count} identified stars, min_stars is {self._options.min_stars}')
-        icrf = self._places.direction[index[known]]
+        known, icrf = self._known(hip)
+        if len(icrf) < self._options.min_stars:
+            return self._too_few(len(icrf), 'identified')
         sigma_rad = sigma_px[known] * self._camera.pixel_rad
         try:
             attitude = estimate_attitude(self._camera.unproject(uv[known]), icrf, sigma_rad,
@@ -89,14 +85,10 @@ class AttitudeTrust:
 
         uv (N, 2) px is where the tracker has the stars.
         """
-        index = self._places.index_of(hip)
-        known = index >= 0
-        count = int(known.sum())
-        if count < self._options.min_stars:
-            return TrustedAttitude(
-                None, f'{count} tracked stars, min_stars is {self._options.min_stars}')
-        place = self._camera.project(
-            rotate(conjugate(tracked.quaternion), self._places.direction[index[known]]))
+        known, icrf = self._known(hip)
+        if len(icrf) < self._options.min_stars:
+            return self._too_few(len(icrf), 'tracked')
+        place = self._camera.project(rotate(conjugate(tracked.quaternion), icrf))
         distance_px = np.hypot(*(uv[known] - place).T)
         residual_px = np.sqrt(np.mean(distance_px ** 2))
         if not residual_px <= self._options.max_residual_px:
@@ -105,5 +97,14 @@ class AttitudeTrust:
                 f'max_residual_px is {self._options.max_residual_px:g}')
         self._previous = sign_continuous(tracked.quaternion, self._previous)
         return TrustedAttitude(replace(
-            tracked, quaternion=self._previous, stars=count,
+            tracked, quaternion=self._previous, stars=len(icrf),
             residual_rad=distance_px * self._camera.pixel_rad), 'trusted')
+
+    def _known(self, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return which stars (N,) the catalogue holds, and the directions (K, 3) of these."""
+        index = self._places.index_of(hip)
+        return index >= 0, self._places.direction[index[index >= 0]]
+
+    def _too_few(self, count: int, kind: str) -> TrustedAttitude:
+        return TrustedAttitude(
+            None, f'{count} {kind} stars, min_stars is {self._options.min_stars}')

@@ -23,7 +23,8 @@ _YEARS = (2000.0, 2100.0)
 _ENCODINGS = ('mono8', 'mono16', '8UC1', '16UC1')
 
 
-def check_camera(camera_file: Path | None, listen_s: float) -> Iterator[Check]:
+def check_camera(camera_file: Path | None, listen_s: float, namespace: str = ''
+                 ) -> Iterator[Check]:
     """Yield the checks of a camera file, of a live camera, and whether they agree."""
     of_file = live = None
     if camera_file is not None:
@@ -36,7 +37,7 @@ def check_camera(camera_file: Path | None, listen_s: float) -> Iterator[Check]:
             yield from check_geometry('camera file', of_file)
     if listen_s:
         done = subprocess.run(
-            [sys.executable, '-m', 'startracker_ros.ros.listening', str(listen_s)],
+            [sys.executable, '-m', 'startracker_ros.ros.listening', str(listen_s), namespace],
             env=node_environment(), capture_output=True, text=True)
         if done.returncode != 0:
             lines = done.stderr.strip().splitlines() or [f'status {done.returncode}']

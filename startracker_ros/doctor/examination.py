@@ -12,10 +12,11 @@ from startracker_ros.doctor.storage import check_storage
 from startracker_ros.table import Result
 
 
-def examine(*, camera_file: Path | None = None, listen_s: float = 0.0) -> Result:
+def examine(*, camera_file: Path | None = None, listen_s: float = 0.0,
+            namespace: str = '') -> Result:
     """Return one row for each check; a camera is looked at when a file or a time is given."""
     checks = [*check_install(), *check_dds(), *check_storage(),
-              *check_camera(camera_file, listen_s)]
+              *check_camera(camera_file, listen_s, namespace)]
     return Result('doctor', [asdict(check) for check in checks], {
         'package': f'startracker_ros {__version__} in {Path(__file__).parents[1]}',
         'machine': f'{platform.system()} {platform.machine()}',

@@ -21,8 +21,8 @@ _ANY = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 class Listener(Node):
     """Keeps the newest camera_info and image_raw, and the stamps of all images."""
 
-    def __init__(self) -> None:
-        super().__init__('startracker_doctor')
+    def __init__(self, namespace: str) -> None:
+        super().__init__('startracker_doctor', namespace=namespace)
         self.heard: dict[str, dict] = {'camera_info': {'count': 0}, 'image_raw': {'count': 0}}
         self._stamps_ns: list[int] = []
         self.create_subscription(CameraInfo, 'camera_info', self._take_camera, _ANY)
@@ -64,10 +64,10 @@ class Listener(Node):
         return self.heard
 
 
-def main(seconds: float) -> None:
+def main(seconds: float, namespace: str) -> None:
     """Listen, then print."""
     rclpy.init()
-    node = Listener()
+    node = Listener(namespace)
     deadline_s = time.monotonic() + seconds
     while time.monotonic() < deadline_s:
         rclpy.spin_once(node, timeout_sec=0.1)
@@ -77,4 +77,4 @@ def main(seconds: float) -> None:
 
 
 if __name__ == '__main__':
-    main(float(sys.argv[1]))
+    main(float(sys.argv[1]), sys.argv[2])

@@ -9,12 +9,13 @@ from startracker_ros.camera import Camera, save_camera
 
 
 def test_doctor_finds_a_live_camera_sound_and_another_file_different(nodes, probe, tmp_path):
-    nodes.start('sky_simulator', {'width': 256, 'height': 256, 'fov_deg': 20.0})
-    probe.wait(lambda: probe.count_publishers('image_raw'), 'the simulator')
+    nodes.start('sky_simulator', {'width': 256, 'height': 256, 'fov_deg': 20.0},
+                namespace='tracker_1')
+    probe.wait(lambda: probe.count_publishers('tracker_1/image_raw'), 'the simulator')
     save_camera(Camera.from_fov(256, 256, 21.0), tmp_path / 'camera.yaml')
     done = subprocess.run(
         [sys.executable, '-m', 'startracker_ros', 'doctor', '--json', '--listen', '3',
-         '--camera', str(tmp_path / 'camera.yaml')],
+         '--namespace', 'tracker_1', '--camera', str(tmp_path / 'camera.yaml')],
         capture_output=True, text=True, timeout=120, env=os.environ)
     rows = {row['check']: row for row in json.loads(done.stdout)['rows']}
     assert done.returncode == 1
