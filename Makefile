@@ -43,5 +43,5 @@ test: .venv/package
 	touch $@
 
 clean:
-	rm -rf .venv build install log demo *.egg-info .pytest_cache .hypothesis
+	rm -rf .venv build install log demo *.egg-info .pytest_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

