@@ -9,7 +9,7 @@ from setuptools import Command, Distribution, find_packages, setup
 
 PACKAGE = 'startracker_ros'
 # By path: importing the package would need its dependencies.
-NODES = runpy.run_path(f'{PACKAGE}/executables.py')['NODES']
+EXECUTABLES = runpy.run_path(f'{PACKAGE}/executables.py')['EXECUTABLES']
 SCRIPT = """\
 #!/usr/bin/env python3
 from {module} import main
@@ -28,7 +28,7 @@ class InstallNodes(install_data):
         super().run()
         folder = Path(self.install_dir, 'lib', PACKAGE)
         self.mkpath(str(folder))
-        for node, module in NODES.items():
+        for node, module in EXECUTABLES.items():
             script = folder / node
             script.write_text(SCRIPT.format(module=module))
             script.chmod(0o755)
@@ -39,7 +39,7 @@ console_scripts = ['startracker = startracker_ros.cli:main']
 cmdclass = {}
 if {'install', 'develop'} & set(sys.argv):
     # colcon: entry points go to lib/startracker_ros, as setup.cfg says, with a fixed interpreter.
-    console_scripts += [f'{node} = {module}:main' for node, module in NODES.items()]
+    console_scripts += [f'{node} = {module}:main' for node, module in EXECUTABLES.items()]
 else:
     # pip: entry points can only go to bin, so a wheel brings the scripts as data.
     cmdclass['install_data'] = InstallNodes

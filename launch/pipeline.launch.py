@@ -10,9 +10,10 @@ import os
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition
+from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
+from startracker_ros.executables import STAGES
 from startracker_ros.ros.processes import node_environment
 
 
@@ -26,21 +27,29 @@ def generate_launch_description() -> LaunchDescription:
             'config', default_value=os.path.join(share, 'config'),
             description='folder with one parameter file <node>.yaml for each node'),
         DeclareLaunchArgument(
+            'composed', default_value='false',
+            description='run the four stages in one process: faster, but they fall together'),
+        DeclareLaunchArgument(
             'record', default_value='false', description='record all topics into a bag'),
     ]
 
-    def node(name: str, **options: object) -> Node:
+    def parameter_file(name: str) -> PathJoinSubstitution:
+        return PathJoinSubstitution([LaunchConfiguration('config'), f'{name}.yaml'])
+
+    def node(name: str, condition: IfCondition | UnlessCondition) -> Node:
         return Node(
             package='startracker_ros', executable=name, name=name, output='screen',
-            namespace=LaunchConfiguration('namespace'),
-            parameters=[PathJoinSubstitution([LaunchConfiguration('config'), f'{name}.yaml'])],
-            additional_env=node_environment(), **options)
+            namespace=LaunchConfiguration('namespace'), parameters=[parameter_file(name)],
+            additional_env=node_environment(), condition=condition)
 
+    composed = LaunchConfiguration('composed')
     return LaunchDescription([
         *arguments,
-        node('bag_recorder', condition=IfCondition(LaunchConfiguration('record'))),
-        node('centroid_extractor'),
-        node('star_identifier'),
-        node('star_tracker'),
-        node('attitude_estimator'),
+        node('bag_recorder', IfCondition(LaunchConfiguration('record'))),
+        *(node(name, UnlessCondition(composed)) for name in STAGES),
+        # Without a name, which all of its nodes would take.
+        Node(package='startracker_ros', executable='composed_pipeline', output='screen',
+             namespace=LaunchConfiguration('namespace'),
+             parameters=[parameter_file(name) for name in STAGES],
+             additional_env=node_environment(), condition=IfCondition(composed)),
     ])

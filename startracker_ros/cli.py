@@ -46,10 +46,10 @@ def main() -> None:
 @click.argument('arguments', nargs=-1, type=click.UNPROCESSED)
 def run(node: str, arguments: tuple[str, ...]) -> None:
     """Run one NODE, as `ros2 run startracker_ros NODE` does; takes --ros-args."""
-    from startracker_ros.executables import NODES
+    from startracker_ros.executables import EXECUTABLES
     from startracker_ros.ros.processes import node_command, node_environment
-    if node not in NODES:
-        raise click.UsageError(f'no node {node!r}; there are {", ".join(NODES)}')
+    if node not in EXECUTABLES:
+        raise click.UsageError(f'no node {node!r}; there are {", ".join(EXECUTABLES)}')
     command = node_command(node, arguments)
     os.execve(command[0], command, node_environment())
 

@@ -12,3 +12,9 @@ NODES = {name: f'startracker_ros.ros.nodes.{name}' for name in (
     'bag_recorder',
     'bag_player',
 )}
+
+EXECUTABLES = {**NODES, 'composed_pipeline': 'startracker_ros.ros.composed_pipeline'}
+"""All that `ros2 run` finds: the nodes, and what runs several of them in one process."""
+
+STAGES = ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_estimator')
+"""The nodes between images and attitude."""

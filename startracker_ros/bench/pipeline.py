@@ -36,13 +36,28 @@ FULL_CAMERA = Camera.from_fov(1024, 1024, 12.0)
 SMALL_CAMERA = Camera.from_fov(512, 512, 12.0)
 """The two cameras of the published figures: 42 and 84 arcsec a pixel."""
 
+_LATENCY_GOALS = {'processes': (6.0, 10.0, 100.0), 'composed': (4.0, np.inf, 200.0)}
+"""p50 and p95 in ms, and images a second, at 1024 px."""
+
+_LATENCY_RATE_HZ = {512: 100.0, 1024: 100.0, 2048: 20.0}
+
 Row = dict[str, object]
 
 
 def _row(case: str, ours: float, unit: str, bound: str, holds: bool, peer: str = '',
-         ratio: float | None = None) -> Row:
-    return {'case': case, 'ours': ours, 'unit': unit, 'peer': peer, 'ratio': ratio,
-            'bound': bound, 'holds': bool(holds)}
+         ratio: float | None = None, p95: float | None = None, p99: float | None = None) -> Row:
+    return {'case': case, 'ours': ours, 'p95': p95, 'p99': p99, 'unit': unit, 'peer': peer,
+            'ratio': ratio, 'bound': bound, 'holds': bool(holds)}
+
+
+def _times_row(case: str, times_ms: np.ndarray, p50_ms: float = np.inf,
+               p95_ms: float = np.inf) -> Row:
+    """Return a row of p50, p95 and p99, and whether the first two are within their bounds."""
+    p50, p95, p99 = np.percentile(times_ms, [50, 95, 99])
+    bounds = (f'{name} <= {limit:g}' for name, limit in (('p50', p50_ms), ('p95', p95_ms))
+              if np.isfinite(limit))
+    return _row(case, p50, 'ms', ', '.join(bounds), p50 <= p50_ms and p95 <= p95_ms,
+                p95=p95, p99=p99)
 
 
 @contextmanager
@@ -228,9 +243,38 @@ def processes(trials: int, seed: int) -> Iterator[Row]:
                 yield _row(f'processes, {run} run: {case}', figures[case], 'ms', '', True)
 
 
+def latency(trials: int, seed: int) -> Iterator[Row]:
+    """Image to attitude through the nodes, stage by stage, and how many images a second."""
+    from startracker_ros.ros.latency import decoding_ms, measure
+    for size in (512, 1024, 2048):
+        camera = Camera.from_fov(size, size, 12.0)
+        simulator = SkySimulator(camera, motion_from_options(MotionOptions(motion='inertial')),
+                                 load_catalog(), EPOCH_YEAR, seed=seed)
+        yield _times_row(f'{size} px: decoding alone, of the transport',
+                         decoding_ms(simulator.frame(0.0).image, min(trials, 200)))
+        for composed in (False, True):
+            mode = 'composed' if composed else 'processes'
+            case = f'{size} px, {mode}'
+            goals = _LATENCY_GOALS if size == 1024 else {}
+            p50_ms, p95_ms, least_hz = goals.get(mode, (np.inf, np.inf, 0.0))
+            with tempfile.TemporaryDirectory() as folder:
+                images = Path(folder, 'images')
+                images.mkdir()
+                for index in range(8):
+                    cv2.imwrite(str(images / f'{index}.png'), simulator.frame(0.0).image)
+                result = measure(images, 12.0, Path(folder), composed=composed,
+                                 rate_hz=_LATENCY_RATE_HZ[size], count=min(trials, 1000))
+            for stage, times_ms in result.stages_ms.items():
+                yield _times_row(f'{case}: {stage}', times_ms)
+            yield _times_row(f'{case}: image to attitude', result.total_ms, p50_ms, p95_ms)
+            yield _row(f'{case}: images a second', result.highest_hz, 'Hz',
+                       f'>= {least_hz:g}' if least_hz else '', result.highest_hz >= least_hz)
+
+
 CASES: dict[str, Callable[[int, int], Iterator[Row]]] = {
     'noise-free': noise_free, 'cramer-rao': cramer_rao_ratio, 'pyramid': pyramid,
-    'database': database, 'rendering': rendering, 'core-work': core_work, 'processes': processes}
+    'database': database, 'rendering': rendering, 'core-work': core_work, 'processes': processes,
+    'latency': latency}
 
 
 def run_pipeline_bench(*, trials: int, seed: int, only: tuple[str, ...]) -> Result:

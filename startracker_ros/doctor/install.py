@@ -8,7 +8,7 @@ import shutil
 import sys
 
 from startracker_ros.doctor.check import Check
-from startracker_ros.executables import NODES
+from startracker_ros.executables import EXECUTABLES
 
 # Module and the distribution that tells its version; Debian packages may tell none.
 PACKAGES = (
@@ -68,18 +68,18 @@ def check_ament(prefixes: Sequence[str]) -> Iterator[Check]:
         return
     yield Check('ament marker', str(prefix))
     folder = prefix / 'lib' / 'startracker_ros'
-    missing = [node for node in NODES if not os.access(folder / node, os.X_OK)]
+    missing = [node for node in EXECUTABLES if not os.access(folder / node, os.X_OK)]
     if missing:
         yield Check('executables', f'missing in {folder}: {", ".join(missing)}', False,
                     'install the package again')
         return
     found = shutil.which('python3')
-    if ((folder / next(iter(NODES))).read_bytes().startswith(_ENV_SHEBANG)
+    if ((folder / next(iter(EXECUTABLES))).read_bytes().startswith(_ENV_SHEBANG)
             and (found is None or not Path(found).parent.samefile(Path(sys.executable).parent))):
-        yield Check('executables', f'{len(NODES)} nodes, but python3 on PATH is {found}', False,
+        yield Check('executables', f'{len(EXECUTABLES)}, but python3 on PATH is {found}', False,
                     f'source {sys.prefix}/bin/activate before ros2 run')
         return
-    yield Check('executables', f'{len(NODES)} nodes in {folder}')
+    yield Check('executables', f'{len(EXECUTABLES)} in {folder}')
 
 
 def check_catalog() -> Check:

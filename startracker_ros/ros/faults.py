@@ -10,7 +10,8 @@ import time
 import numpy as np
 from startracker_ros.bag.reader import read_messages
 from startracker_ros.camera import Camera
-from startracker_ros.ros.flight import CAMERA, Flight, FlightError, Frame, in_white, STAGES
+from startracker_ros.executables import STAGES
+from startracker_ros.ros.flight import CAMERA, Flight, FlightError, Frame, in_white
 
 _CONSUMED = ('image_raw:sensor_msgs/msg/Image', 'centroids:sensor_msgs/msg/PointCloud2',
              'tracks:sensor_msgs/msg/PointCloud2', 'attitude:geometry_msgs/msg/QuaternionStamped',

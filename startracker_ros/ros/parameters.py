@@ -85,17 +85,19 @@ def read(node: Node, cls: type[Options], changes: dict[str, object] | None = Non
     return cls(**{name: _from_ros(value) for name, value in values.items()})
 
 
-def refuse_unknown(node: Node) -> None:
+def refuse_unknown(nodes: Sequence[Node]) -> None:
     """
-    Raise ParameterError for an override that no part of the node declared.
+    Raise ParameterError for an override that was given to no node that declared it.
 
     A misspelt safety limit that is silently ignored is worse than a node that does not start.
+    Of several nodes in a process each may get what is meant for another.
     """
     # rclpy has no public list of the overrides that were given.
-    for name in node._parameter_overrides:
-        known = node.has_parameter(name) or name in _RCLPY_PARAMETERS
-        if not known and not name.startswith('qos_overrides.'):
-            declared = [row for row in node._parameters if '.' not in row]
+    taken = {name for node in nodes for name in node._parameter_overrides
+             if node.has_parameter(name)}
+    for name in (name for node in nodes for name in node._parameter_overrides):
+        if not (name in taken or name in _RCLPY_PARAMETERS or name.startswith('qos_overrides.')):
+            declared = [row for node in nodes for row in node._parameters if '.' not in row]
             near = difflib.get_close_matches(name, declared, 1)
             hint = f'; did you mean {near[0]}?' if near else f'; known: {", ".join(declared)}'
             raise ParameterError(f'unknown parameter {name}{hint}')

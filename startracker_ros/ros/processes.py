@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 
-from startracker_ros.executables import NODES
+from startracker_ros.executables import EXECUTABLES
 import yaml
 
 
@@ -45,7 +45,7 @@ def node_environment() -> dict[str, str]:
 
 def node_command(node: str, arguments: Sequence[str] = ()) -> list[str]:
     """Return the command that runs one node; KeyError for an unknown name."""
-    return [sys.executable, '-m', NODES[node], *arguments]
+    return [sys.executable, '-m', EXECUTABLES[node], *arguments]
 
 
 def yaml_value(value: object) -> str:

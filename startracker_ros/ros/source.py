@@ -111,11 +111,25 @@ class SourceNode(PipelineNode):
                     self._waiting_camera, self.sensor_header(now_ns + self._stamp_offset_ns)))
                 return
             self._begin_ns = now_ns
+        self._publish_next(now_ns)
+        # A tick that was missed is made up for: else all later images would be as late.
+        if self._late_ns(now_ns) >= 0:
+            self._publish_next(now_ns)
+
+    def _late_ns(self, now_ns: int) -> int:
+        """Return for how long the next image has been due."""
+        return now_ns - self._begin_ns - self._elapsed_ns()
+
+    def _elapsed_ns(self) -> int:
+        """Return the time of the next image, counted from the first one."""
+        return round(self._next_index / self.options(SourceOptions).frame_rate_hz * 1e9)
+
+    def _publish_next(self, now_ns: int) -> None:
+        options = self.options(SourceOptions)
         if options.frame_count and self._next_index >= options.frame_count:
             return
-        index, self._next_index = self._next_index, self._next_index + 1
-        elapsed_ns = round(index / options.frame_rate_hz * 1e9)
-        late_ns = now_ns - self._begin_ns - elapsed_ns
+        late_ns, elapsed_ns = self._late_ns(now_ns), self._elapsed_ns()
         self.diagnostics.counts['frames late'] += late_ns > 1e9 / options.frame_rate_hz
+        index, self._next_index = self._next_index, self._next_index + 1
         self._publish(index, self._begin_ns + self._stamp_offset_ns + elapsed_ns,
                       elapsed_ns / 1e9)

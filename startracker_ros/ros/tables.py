@@ -4,13 +4,12 @@ Annotated YAML and documentation out of the option tables: python -m startracker
 Writes config/<node>.yaml and docs/parameters.md of the source tree it is started in.
 """
 
-from importlib import import_module
 from pathlib import Path
 import textwrap
 
 from startracker_ros.executables import NODES
 from startracker_ros.options import Option
-from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.node import node_class_of
 from startracker_ros.ros.processes import yaml_value
 
 _COMMAND = 'python -m startracker_ros.ros.tables'
@@ -18,10 +17,7 @@ _COMMAND = 'python -m startracker_ros.ros.tables'
 
 def node_rows(node: str) -> list[Option]:
     """Return the parameter table of one node."""
-    module = import_module(NODES[node])
-    cls = next(value for value in vars(module).values() if isinstance(value, type)
-               and issubclass(value, PipelineNode) and value.__module__ == module.__name__)
-    return [row for options in cls.option_classes for row in options.table()]
+    return [row for options in node_class_of(node).option_classes for row in options.table()]
 
 
 def _facts(row: Option) -> str:
@@ -31,8 +27,8 @@ def _facts(row: Option) -> str:
 
 def yaml_text(node: str) -> str:
     """Return the annotated parameter file of one node."""
-    lines = [f'# Every parameter of {node} with its default. Made by `{_COMMAND}`.', '/**:',
-             '  ros__parameters:']
+    lines = [f'# Every parameter of {node} with its default. Made by `{_COMMAND}`.',
+             f'/**/{node}:', '  ros__parameters:']
     for row in node_rows(node):
         note = f'{row.description} ({_facts(row)})' if _facts(row) else row.description
         lines += [f'    # {line}' for line in textwrap.wrap(note, 92)]

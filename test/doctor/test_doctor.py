@@ -10,7 +10,7 @@ import sys
 import pytest
 from startracker_ros.camera import Camera, save_camera
 from startracker_ros.doctor import camera, dds, install, storage
-from startracker_ros.executables import NODES
+from startracker_ros.executables import EXECUTABLES
 
 ROOT = Path(__file__).parents[2]
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
@@ -81,7 +81,7 @@ def test_ament_marker_and_executables(tmp_path, monkeypatch):
     assert found.holds and not executables.holds and 'star_tracker' in executables.result
     folder = tmp_path / 'lib/startracker_ros'
     folder.mkdir(parents=True)
-    for node in NODES:
+    for node in EXECUTABLES:
         (folder / node).write_text('#!/usr/bin/env python3\n')
         (folder / node).chmod(0o755)
     monkeypatch.setenv('PATH', str(Path(sys.executable).parent))

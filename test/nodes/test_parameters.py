@@ -20,7 +20,7 @@ def test_generated_files_are_current(path):
 def test_every_name_stands_once_and_yaml_holds_the_defaults(node):
     rows = tables.node_rows(node)
     assert len({row.name for row in rows}) == len(rows)
-    parameters = yaml.safe_load(tables.yaml_text(node))['/**']['ros__parameters']
+    parameters = yaml.safe_load(tables.yaml_text(node))[f'/**/{node}']['ros__parameters']
     assert parameters == {row.name: list(row.default) if isinstance(row.default, tuple)
                           else row.default for row in rows}
 

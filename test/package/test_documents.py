@@ -16,7 +16,7 @@ from docutils.core import publish_doctree
 from docutils.utils import Reporter
 import pytest
 from startracker_ros.cli import main
-from startracker_ros.executables import NODES
+from startracker_ros.executables import EXECUTABLES, NODES
 from startracker_ros.ros.node import PipelineNode
 
 ROOT = Path(__file__).parents[2]
@@ -60,7 +60,7 @@ def test_every_command_and_option_in_a_document_exists(document, text):
     command, depth = sub_command(words)
     shown = CliRunner().invoke(main, [*words[:depth], '--help'])
     if words[0] == 'run':
-        assert len(words) == 1 or words[1] in NODES, text
+        assert len(words) == 1 or words[1] in EXECUTABLES, text
         return
     assert shown.exit_code == 0, (document, text)
     known = {name for parameter in command.params for name in (
@@ -91,7 +91,7 @@ def test_modules_nodes_and_targets_named_in_documents_exist():
     for module in set(re.findall(r'python -m (startracker_ros[a-z_.]*[a-z_])', everything)):
         assert find_spec(module), module
     for node in re.findall(r'^ros2 run startracker_ros ([a-z_]+)', everything, re.MULTILINE):
-        assert node in NODES
+        assert node in EXECUTABLES
     for file in re.findall(r'^ros2 launch startracker_ros (\S+)', everything, re.MULTILINE):
         assert (ROOT / 'launch' / file).is_file()
     for node, name in re.findall(r'^ros2 param set /([a-z_]+) ([a-z_]+)', everything,
@@ -180,7 +180,7 @@ def test_parameters_named_in_the_tuning_exist():
         if len(cells) != 4 or cells[0].startswith(('| symptom', '|---')):
             continue
         for word in re.findall('`([a-z_0-9]+)(?:: [^`]*)?`', cells[1]):
-            assert word in known or word in NODES, line
+            assert word in known or word in EXECUTABLES, line
             named += 1
         pairs = re.findall('`([a-z_0-9]+)(?:: [^`]*)?` of `([a-z_]+)`', cells[1])
         assert all(name in parameters()[node] for name, node in pairs), line

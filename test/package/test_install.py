@@ -14,7 +14,7 @@ import venv
 
 import pytest
 from startracker_ros import __version__
-from startracker_ros.executables import NODES
+from startracker_ros.executables import EXECUTABLES
 
 SOURCE = Path(__file__).parents[2]
 PARTS = ('LICENSE', 'config', 'launch', 'package.xml', 'pyproject.toml', 'resource', 'setup.cfg',
@@ -127,10 +127,10 @@ def test_all_modules_and_data_are_installed(install):
 
 def test_every_node_is_an_executable_of_the_package(install):
     scripts = {path.name for path in (install.prefix / LIB).iterdir()}
-    assert scripts == set(NODES) | ({'startracker'} if install.route == 'colcon' else set())
+    assert scripts == set(EXECUTABLES) | ({'startracker'} if install.route == 'colcon' else set())
     assert all(os.access(install.prefix / LIB / name, os.X_OK) for name in scripts)
     if install.route == 'pip':
-        assert not {path.name for path in (install.prefix / 'bin').iterdir()} & set(NODES)
+        assert not {path.name for path in (install.prefix / 'bin').iterdir()} & set(EXECUTABLES)
 
 
 def test_command_line_runs(install):

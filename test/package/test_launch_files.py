@@ -10,15 +10,14 @@ import sys
 from types import ModuleType
 
 import pytest
-from startracker_ros.executables import NODES
+from startracker_ros.executables import EXECUTABLES, STAGES
 
 SOURCE = Path(__file__).parents[2]
-PIPELINE = ['bag_recorder', 'centroid_extractor', 'star_identifier', 'star_tracker',
-            'attitude_estimator']
+PIPELINE = ['bag_recorder', *STAGES, 'composed_pipeline']
 CLASSES = {
     'launch': ['LaunchDescription'],
     'launch.actions': ['DeclareLaunchArgument', 'IncludeLaunchDescription'],
-    'launch.conditions': ['IfCondition'],
+    'launch.conditions': ['IfCondition', 'UnlessCondition'],
     'launch.launch_description_sources': ['PythonLaunchDescriptionSource'],
     'launch.substitutions': ['LaunchConfiguration', 'PathJoinSubstitution'],
     'launch_ros': [],
@@ -83,10 +82,11 @@ def launched(monkeypatch, tmp_path):
 def check_nodes(launch):
     for node in launch.nodes:
         assert node['package'] == 'startracker_ros'
-        assert node['executable'] in NODES
+        assert node['executable'] in EXECUTABLES
         assert launch.text(node['namespace']) == ''
         files = [Path(launch.text(file)) for file in node['parameters']]
-        assert [file.name for file in files] == [f'{node["executable"]}.yaml']
+        names = STAGES if node['executable'] == 'composed_pipeline' else [node['executable']]
+        assert [file.name for file in files] == [f'{name}.yaml' for name in names]
         assert all(file.is_file() for file in files)
         environment = node['additional_env']
         assert Path(environment['FASTRTPS_DEFAULT_PROFILES_FILE']).is_file()
@@ -96,8 +96,13 @@ def check_nodes(launch):
 def test_pipeline(launched):
     launch = launched('pipeline.launch.py')
     assert [node['executable'] for node in launch.nodes] == PIPELINE
-    assert {node['executable'] for node in launch.nodes if 'condition' in node} == {'bag_recorder'}
-    assert launch.arguments['record'] == 'false'
+    assert launch.arguments['record'] == launch.arguments['composed'] == 'false'
+    conditions = {node['executable']: node['condition'] for node in launch.nodes}
+    assert type(conditions['composed_pipeline']).__name__ == 'IfCondition'
+    assert {type(conditions[name]).__name__ for name in STAGES} == {'UnlessCondition'}
+    assert {conditions[name].value.value for name in (*STAGES, 'composed_pipeline')} == {
+        'composed'}
+    assert conditions['bag_recorder'].value.value == 'record'
     check_nodes(launch)
 
 
@@ -108,7 +113,7 @@ def test_demo_is_the_pipeline_under_a_simulated_sky(launched):
     check_nodes(launch)
     pipeline, = launch.included
     assert [node['executable'] for node in pipeline.nodes] == PIPELINE
-    assert pipeline.arguments.keys() == launch.arguments.keys()
+    assert pipeline.arguments.keys() - {'composed'} == launch.arguments.keys()
 
 
 def test_two_satellites(launched):
@@ -120,13 +125,13 @@ def test_two_satellites(launched):
     assert Path(launch.text(file)).resolve() == SOURCE / 'config' / 'target_locator.yaml'
     assert {name: launch.text(value) for name, value in names.items()} == {
         'observer_1': 'tracker_1', 'observer_2': 'tracker_2'}
-    assert locator['executable'] in NODES
+    assert locator['executable'] in EXECUTABLES
 
 
 def test_replay_is_the_pipeline_behind_a_bag(launched):
     launch = launched('replay.launch.py')
     player, = launch.nodes
-    assert player['executable'] == 'bag_player' in NODES
+    assert player['executable'] == 'bag_player' in EXECUTABLES
     file, given = player['parameters']
     assert Path(launch.text(file)).name == 'bag_player.yaml' and Path(launch.text(file)).is_file()
     assert launch.text(given['path']) == launch.arguments['bag']

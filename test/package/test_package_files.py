@@ -9,7 +9,7 @@ import sys
 
 from catkin_pkg.package import parse_package
 import startracker_ros
-from startracker_ros.executables import NODES
+from startracker_ros.executables import EXECUTABLES
 
 SOURCE = Path(__file__).parents[2]
 
@@ -47,7 +47,7 @@ def test_every_ros_package_imported_is_a_dependency():
 
 
 def test_every_node_can_be_called_with_and_without_arguments():
-    for module in NODES.values():
+    for module in EXECUTABLES.values():
         signature = inspect.signature(importlib.import_module(module).main)
         signature.bind()
         signature.bind(['--ros-args'])

@@ -109,24 +109,26 @@ class AttitudeEstimatorNode(CameraNode):
                  tracked: TrackedAttitude | None = None) -> None:
         """Publish the attitude of a frame, with the body rate where a tracker knows it."""
         frames = self.options(FrameOptions)
+        attitude, header = result.attitude, messages.make_header(
+            stamp_ns, frames.inertial_frame_id)
+        if attitude is not None:
+            # First, as a control loop may wait for it.
+            self._attitude.publish(messages.quaternion_to_message(attitude.quaternion, header))
+            self._attitude_cov.publish(messages.attitude_to_pose(attitude, header))
+            self._attitude_transform.publish(messages.attitude_to_transform(
+                attitude, header, frames.sensor_frame_id))
         sensor_header = messages.make_header(stamp_ns, frames.sensor_frame_id)
         self._attitude_imu.publish(
-            messages.attitude_to_imu(result.attitude, sensor_header)
-            if tracked is None or result.attitude is None
+            messages.attitude_to_imu(attitude, sensor_header)
+            if tracked is None or attitude is None
             else messages.tracked_attitude_to_imu(
-                replace(tracked, attitude=result.attitude), sensor_header))
-        if result.attitude is None:
+                replace(tracked, attitude=attitude), sensor_header))
+        if attitude is None:
             self.diagnostics.counts['frames without attitude'] += 1
             self.diagnostics.report(WARN, f'no attitude: {result.reason}')
             return
-        header = messages.make_header(stamp_ns, frames.inertial_frame_id)
-        self._attitude.publish(messages.quaternion_to_message(
-            result.attitude.quaternion, header))
-        self._attitude_cov.publish(messages.attitude_to_pose(result.attitude, header))
-        self._attitude_transform.publish(messages.attitude_to_transform(
-            result.attitude, header, frames.sensor_frame_id))
         self.diagnostics.counts['attitudes'] += 1
-        self.diagnostics.values.update(_describe(result.attitude))
+        self.diagnostics.values.update(_describe(attitude))
         self.diagnostics.report(OK, 'publishing attitude')
 
 

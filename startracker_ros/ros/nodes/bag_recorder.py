@@ -55,6 +55,7 @@ class BagRecorderNode(PipelineNode):
     """
 
     option_classes = (RecordOptions, BagOptions)
+    takes_message_info = True
     task = 'recording'
 
     def __init__(self) -> None:

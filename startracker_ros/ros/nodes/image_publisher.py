@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from startracker_ros.images import ImageError, read_image
 from startracker_ros.options import option, Options
 from startracker_ros.ros.diagnostics import ERROR, OK
@@ -10,6 +12,7 @@ from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.node import main_of, StartError
 from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
 
+_KEPT_BYTES = 256 * 2 ** 20
 _SUFFIXES = {'.png', '.tif', '.tiff', '.jpg', '.jpeg', '.bmp', '.pgm'}
 
 
@@ -37,13 +40,18 @@ class FileOptions(Options):
 
 
 class ImagePublisherNode(SourceNode):
-    """Publishes image files with the camera they were taken with."""
+    """Publishes image files with the camera they were taken with.
+
+    Images that are published again and again are kept, up to _KEPT_BYTES: reading a file takes
+    longer than all the stages behind it.
+    """
 
     option_classes = (SourceOptions, CameraOptions, FileOptions, FrameOptions)
     task = 'images'
 
     def __init__(self) -> None:
         super().__init__('image_publisher')
+        self._kept: dict[tuple[Path, int], np.ndarray] = {}
 
     def configure(self) -> None:
         self._files = self.options(FileOptions).files()
@@ -66,7 +74,7 @@ class ImagePublisherNode(SourceNode):
             return
         path = self._files[index % len(self._files)]
         try:
-            image = read_image(path)
+            image = self._read(path)
         except ImageError as error:
             self.diagnostics.counts['unreadable files'] += 1
             self.diagnostics.report(ERROR, str(error))
@@ -75,6 +83,20 @@ class ImagePublisherNode(SourceNode):
             self._use_camera_for(image.shape)
         self.publish_image(image, self._camera, self.sensor_header(stamp_ns))
         self.diagnostics.report(OK, 'publishing images')
+
+    def _read(self, path: Path) -> np.ndarray:
+        if not self.options(FileOptions).loop:
+            return read_image(path)
+        try:
+            key = path, path.stat().st_mtime_ns
+        except OSError as error:
+            raise ImageError(f'{path}: {error.strerror}') from error
+        if key not in self._kept:
+            image = read_image(path)
+            if sum(kept.nbytes for kept in self._kept.values()) + image.nbytes > _KEPT_BYTES:
+                return image
+            self._kept[key] = image
+        return self._kept[key]
 
 
 main = main_of(ImagePublisherNode)

@@ -85,18 +85,19 @@ class StarIdentifierNode(CameraNode):
         return 0 < period_s <= abs(stamp_ns - self._identified_ns) * 1e-9
 
     def _take_centroids(self, message: PointCloud2) -> None:
-        centroids = centroids_from_message(message)
         camera = self.known_camera()
         if camera is None or not self.in_order('centroids', message.header.stamp):
             return
         self.sensor_frame_id = message.header.frame_id
         stamp_ns = ns_from_stamp(message.header.stamp)
+        if self._recursive is None and self._tracking and not self._check_is_due(stamp_ns):
+            # Before the centroids are even read: the tracker works on them at the same time.
+            self.diagnostics.report(OK, _RESTING)
+            return
+        centroids = centroids_from_message(message)
         if self._recursive is not None:
             result = self._recursive.identify(stamp_ns, centroids)
             self.diagnostics.values['prediction'] = self._recursive.condition
-        elif self._tracking and not self._check_is_due(stamp_ns):
-            self.diagnostics.report(OK, _RESTING)
-            return
         else:
             result = self._identifier.identify(centroids)
         self._identified_ns = stamp_ns

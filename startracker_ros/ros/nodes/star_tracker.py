@@ -68,7 +68,7 @@ class StarTrackerNode(CameraNode):
 
     def _look_for_target(self, header: Header, camera: Camera, centroids: Centroids) -> None:
         """Publish the target of a frame, an empty cloud where stars are all there is."""
-        if self._tracker.attitude is None:
+        if self._tracker.attitude is None or not self._target.get_subscription_count():
             return
         target = self._targets.update(
             ns_from_stamp(header.stamp), self._tracker.attitude.attitude, centroids)

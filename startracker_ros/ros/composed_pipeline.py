@@ -1,0 +1,22 @@
+"""composed_pipeline [NODE ...]: nodes of the pipeline in one process, images never copied."""
+
+import sys
+
+from rclpy.utilities import remove_ros_args
+
+from startracker_ros.executables import NODES, STAGES
+from startracker_ros.ros.node import node_class_of, run
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the named nodes, or the four stages behind a camera, in this order."""
+    arguments = sys.argv if args is None else ['composed_pipeline', *args]
+    names = remove_ros_args(arguments)[1:] or STAGES
+    unknown = [name for name in names if name not in NODES]
+    if unknown:
+        sys.exit(f'composed_pipeline: no node {unknown[0]!r}; there are {", ".join(NODES)}')
+    sys.exit(run([node_class_of(name) for name in names], args))
+
+
+if __name__ == '__main__':
+    main()

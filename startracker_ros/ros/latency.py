@@ -1,0 +1,194 @@
+"""From image to attitude through real nodes, in separate processes or composed into one."""
+
+from dataclasses import dataclass
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from types import TracebackType
+
+from geometry_msgs.msg import QuaternionStamped
+import numpy as np
+from rcl_interfaces.srv import SetParametersAtomically
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import Image, Imu
+
+from startracker_ros.executables import STAGES
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages import (
+    image_from_message, image_to_message, make_header, ns_from_stamp)
+from startracker_ros.ros.processes import node_environment, parameter_arguments
+
+_SOURCE = 'image_publisher'
+_PATIENCE_S = 30.0
+_PLACES = {
+    'transport and decoding': f'{STAGES[0]} image_raw',
+    'centroids': f'{STAGES[2]} centroids', 'tracking': f'{STAGES[3]} tracks'}
+"""Where each stage ends and the next one begins; the last one ends with the subscriber."""
+
+_LADDER_HZ = (10, 15, 20, 25, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120, 130, 140, 150, 160, 180,
+              200, 220, 240, 260, 280, 300)
+_LADDER_S = 3.0
+_SLACK_S = 0.03
+
+
+class LatencyError(RuntimeError):
+    """The pipeline did not run; the text says where its log is."""
+
+
+@dataclass(frozen=True)
+class Latency:
+    """Times of frames in ms, and the highest rate at which none was lost or late.
+
+    stages_ms holds the transport with decoding, centroids, tracking and estimate, each with the
+    way to the next one.
+    """
+
+    total_ms: np.ndarray
+    stages_ms: dict[str, np.ndarray]
+    highest_hz: float
+
+
+class _Listener(Node):
+    """Takes what a GNC process would take, and asks the source for images."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__('latency_listener', context=context)
+        self.arrived_ns: dict[int, int] = {}
+        self.through_ns: dict[int, int] = {}
+        self.create_subscription(QuaternionStamped, 'attitude', self._take, qos.LIST)
+        # This one also comes for a frame that has no attitude.
+        self.create_subscription(Imu, 'attitude_imu', self._count, qos.LIST)
+        self.source = self.create_client(
+            SetParametersAtomically, f'{_SOURCE}/set_parameters_atomically')
+
+    def _take(self, message: QuaternionStamped, info: dict[str, int]) -> None:
+        self.arrived_ns[ns_from_stamp(message.header.stamp)] = info['received_timestamp']
+
+    def _count(self, message: Imu, info: dict[str, int]) -> None:
+        self.through_ns[ns_from_stamp(message.header.stamp)] = info['received_timestamp']
+
+
+class TimedPipeline:
+    """An image source and the four stages behind it, started once and fed at several rates."""
+
+    def __init__(self, images: Path, fov_deg: float, folder: Path, *, composed: bool) -> None:
+        groups = [(_SOURCE, *STAGES)] if composed else [(name,) for name in (*STAGES, _SOURCE)]
+        self.files = [folder / f'{group[0]}.npy' for group in groups]
+        source = {
+            f'{_SOURCE}:path': str(images), f'{_SOURCE}:fov_deg': fov_deg,
+            f'{_SOURCE}:loop': True, f'{_SOURCE}:frame_count': 1,
+            f'{_SOURCE}:wait_for_camera_users': len(STAGES),
+            'qos_overrides./image_raw.publisher.depth': 10,
+            'qos_overrides./image_raw.subscription.depth': 10}
+        arguments = parameter_arguments(source)
+        self._log = open(folder / 'nodes.log', 'w')
+        self._processes = [subprocess.Popen(
+            [sys.executable, '-m', 'startracker_ros.ros.stage_times', str(file), *group,
+             *arguments], stdin=subprocess.DEVNULL, stdout=self._log, stderr=self._log,
+            env=node_environment()) for file, group in zip(self.files, groups)]
+        self._context = Context()
+        rclpy.init(context=self._context)
+        self._listener = _Listener(self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._listener)
+
+    def __enter__(self) -> 'TimedPipeline':
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        for process in self._processes:
+            process.send_signal(signal.SIGTERM)
+        for process in self._processes:
+            process.wait(timeout=20)
+        self._executor.shutdown()
+        self._listener.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+        self._log.close()
+
+    def run(self, rate_hz: float, count: int) -> tuple[dict[int, int], dict[int, int]]:
+        """Send so many images; return stamps and arrivals in ns.
+
+        The first are those of attitudes, the second those of all frames that came through.
+        """
+        arrived_ns, through_ns = self._listener.arrived_ns, self._listener.through_ns
+        arrived_ns.clear()
+        through_ns.clear()
+        self._ask({'frame_rate_hz': float(rate_hz), 'frame_count': count})
+        newest_s, seen = time.monotonic(), 0
+        # Done when all are through, or when nothing has come for a while.
+        while seen < count and time.monotonic() < newest_s + (2.0 if seen else _PATIENCE_S):
+            self._executor.spin_once(timeout_sec=0.1)
+            if len(through_ns) > seen:
+                newest_s, seen = time.monotonic(), len(through_ns)
+        if not seen:
+            raise LatencyError(f'nothing comes through within {_PATIENCE_S:g} s: see '
+                               f'{self._log.name}')
+        return dict(arrived_ns), dict(through_ns)
+
+    def _ask(self, parameters: dict[str, object]) -> None:
+        request = SetParametersAtomically.Request(parameters=[
+            Parameter(name, value=value).to_parameter_msg()
+            for name, value in parameters.items()])
+        deadline_s = time.monotonic() + _PATIENCE_S
+        while time.monotonic() < deadline_s:
+            if not self._listener.source.service_is_ready():
+                self._executor.spin_once(timeout_sec=0.1)
+                continue
+            future = self._listener.source.call_async(request)
+            self._executor.spin_until_future_complete(future, timeout_sec=3.0)
+            if future.done():
+                return
+        raise LatencyError(f'the image source does not answer: see {self._log.name}')
+
+
+def _holds(through_ns: dict[int, int], rate_hz: float, count: int) -> bool:
+    """Return whether every frame came through, the second half at the pace of the source."""
+    if len(through_ns) < count:
+        return False
+    second_ns = list(through_ns.values())[count // 2:]
+    return (second_ns[-1] - second_ns[0]) * 1e-9 < (len(second_ns) - 1) / rate_hz + _SLACK_S
+
+
+def decoding_ms(image: np.ndarray, trials: int) -> np.ndarray:
+    """Return times (trials,) that it takes to make a message out of the bytes of an image."""
+    data = serialize_message(image_to_message(image, make_header(0, '')))
+    times_ns = []
+    for _ in range(trials):
+        start_ns = time.perf_counter_ns()
+        image_from_message(deserialize_message(data, Image))
+        times_ns.append(time.perf_counter_ns() - start_ns)
+    return np.array(times_ns) * 1e-6
+
+
+def measure(images: Path, fov_deg: float, folder: Path, *, composed: bool, rate_hz: float,
+            count: int) -> Latency:
+    """Feed a pipeline the image files of a folder, in a loop; LatencyError if it does not run."""
+    highest_hz = 0.0
+    with TimedPipeline(images, fov_deg, folder, composed=composed) as pipeline:
+        # Until it tracks, and all files are read and all code is compiled.
+        pipeline.run(20, 40)
+        arrived_ns, _ = pipeline.run(rate_hz, count)
+        for step_hz in _LADDER_HZ:
+            frames = round(step_hz * _LADDER_S)
+            if not _holds(pipeline.run(step_hz, frames)[1], step_hz, frames):
+                break
+            highest_hz = float(step_hz)
+    passed: dict[str, dict[int, int]] = {}
+    for place, stamp_ns, time_ns in np.concatenate([np.load(f) for f in pipeline.files]).tolist():
+        passed.setdefault(place, {})[stamp_ns] = time_ns
+    passed['arrived'] = arrived_ns
+    stages = {name: place for name, place in _PLACES.items() if place in passed}
+    places = [f'{_SOURCE} sends', *stages.values(), 'arrived']
+    times_ns = np.array([[passed[place][stamp_ns] for place in places]
+                         for stamp_ns in arrived_ns
+                         if all(stamp_ns in passed[place] for place in places)])
+    steps_ms = np.diff(times_ns, axis=1) * 1e-6
+    return Latency(steps_ms.sum(axis=1), dict(zip((*stages, 'estimate'), steps_ms.T)), highest_hz)

@@ -1,0 +1,140 @@
+"""Nodes in one process: what goes from hand to hand, and that it is the same pipeline."""
+
+import subprocess
+
+from geometry_msgs.msg import QuaternionStamped
+import numpy as np
+import pytest
+from std_srvs.srv import Trigger
+
+from startracker_ros.executables import STAGES
+from startracker_ros.ros import qos
+from startracker_ros.ros.composition import Composition
+from startracker_ros.ros.messages import ns_from_stamp, quaternion_from_message
+from startracker_ros.ros.processes import node_command, node_environment
+from startracker_ros.rotation import ARCSEC, attitude_error
+
+SKY = {'sky_simulator:width': 512, 'sky_simulator:height': 512,
+       'sky_simulator:motion': 'constant_rate', 'sky_simulator:rate_deg_s': [0.05, 0.1, 0.02],
+       'sky_simulator:wait_for_camera_users': 4}
+
+
+class Line:
+    """A publisher that keeps what DDS would get."""
+
+    def __init__(self, topic, subscribers=0):
+        self.topic_name, self.subscribers, self.sent = topic, subscribers, []
+
+    def publish(self, message):
+        self.sent.append(message)
+
+    def get_subscription_count(self):
+        return self.subscribers
+
+
+def test_messages_go_from_hand_to_hand_in_the_order_they_were_given():
+    composition, order, message = Composition(), [], object()
+    first, second = Line('/first'), Line('/second')
+    give_first, give_second = composition.give(first, False), composition.give(second, False)
+
+    def answer(taken):
+        assert taken is message
+        order.append('begin')
+        give_second.publish('answer')
+        order.append('end')
+    composition.take('/first', answer, pytest.fail)
+    composition.take('/first', lambda taken: order.append('other'), pytest.fail)
+    composition.take('/second', order.append, pytest.fail)
+    composition.connect()
+    give_first.publish(message)
+    assert order == ['begin', 'end', 'other', 'answer']
+    assert give_first.get_subscription_count() == 2
+    assert not first.sent and not second.sent
+
+
+def test_who_listens_elsewhere_hears_too():
+    composition = Composition()
+    heard, last = Line('/heard', subscribers=1), Line('/last')
+    composition.give(heard, False).publish(1)
+    composition.give(last, True).publish(2)
+    assert heard.sent == [1]
+    assert last.sent == [2], 'who comes later wants the last message'
+
+
+def test_only_what_no_node_gives_is_subscribed_to():
+    composition, subscribed = Composition(), []
+    composition.take('/own', print, lambda: subscribed.append('/own'))
+    composition.take('/foreign', print, lambda: subscribed.append('/foreign'))
+    composition.give(Line('/own'), False)
+    assert not subscribed, 'a node that gives it may still come'
+    composition.connect()
+    composition.take('/late', print, lambda: subscribed.append('/late'))
+    composition.take('/own', print, lambda: subscribed.append('/own'))
+    assert subscribed == ['/foreign', '/late']
+
+
+def test_an_error_does_not_leave_messages_behind():
+    composition, taken = Composition(), []
+    give = composition.give(Line('/topic'), False)
+
+    def fail(message):
+        raise RuntimeError(message)
+    composition.take('/topic', fail, pytest.fail)
+    composition.take('/topic', taken.append, pytest.fail)
+    with pytest.raises(RuntimeError, match='first'):
+        give.publish('first')
+    with pytest.raises(RuntimeError, match='second'):
+        give.publish('second')
+    assert not taken
+
+
+def right_attitudes(probe, count):
+    """Wait for attitudes and hold them against the truth, which comes after them."""
+    def of_both():
+        truth, answers = ({ns_from_stamp(message.header.stamp): quaternion_from_message(message)
+                           for message in probe.received[topic]}
+                          for topic in ('truth/attitude', 'attitude'))
+        return [(answers[stamp_ns], truth[stamp_ns]) for stamp_ns in answers if stamp_ns in truth]
+    probe.wait(lambda: len(of_both()) >= count, f'{count} attitudes with their truth')
+    for answer, truth in of_both():
+        assert np.hypot(*attitude_error(answer, truth)[:2]) < 30 * ARCSEC
+
+
+def test_a_composed_pipeline_finds_the_attitude(nodes, probe):
+    probe.listen(QuaternionStamped, 'truth/attitude', qos.LIST)
+    probe.listen(QuaternionStamped, 'attitude', qos.LIST)
+    # The simulator and the stages, images never on DDS; names and services as ever.
+    nodes.start('composed_pipeline', SKY, ['--', 'sky_simulator', *STAGES])
+    right_attitudes(probe, 20)
+    assert {'sky_simulator', *STAGES} <= set(probe.get_node_names())
+    assert probe.count_publishers('image_raw') == 1
+    assert probe.count_subscribers('image_raw') == 0
+    assert probe.ask(Trigger, 'star_tracker/reset', Trigger.Request()).success
+    before = len(probe.received['attitude'])
+    right_attitudes(probe, before + 10)
+    told = {status.name for status in probe.statuses()}
+    assert {'centroid_extractor: centroids', 'star_tracker: tracking'} <= told
+
+
+def test_the_four_stages_take_a_camera_of_another_process(nodes, probe):
+    probe.listen(QuaternionStamped, 'truth/attitude', qos.LIST)
+    probe.listen(QuaternionStamped, 'attitude', qos.LIST)
+    nodes.start('composed_pipeline')
+    nodes.start('sky_simulator', {name.partition(':')[2]: value for name, value in SKY.items()})
+    right_attitudes(probe, 10)
+    assert probe.count_subscribers('image_raw') == 1
+    assert probe.count_subscribers('centroids') == 0
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    (['star_traker'], "no node 'star_traker'"),
+    (['star_tracker', 'star_identifier', '--ros-args', '-p', 'magnitude_limitt:=6.0'],
+     'unknown parameter magnitude_limitt; did you mean magnitude_limit?'),
+    (['star_tracker', 'sky_simulator', '--ros-args', '-p', 'star_tracker:fov_deg:=6.0'],
+     'unknown parameter fov_deg'),
+])
+def test_what_cannot_be_composed_is_refused(arguments, words):
+    done = subprocess.run(node_command('composed_pipeline', arguments), timeout=30,
+                          env=node_environment(), capture_output=True, text=True)
+    assert done.returncode != 0
+    assert words in done.stderr + done.stdout
