@@ -134,17 +134,20 @@ def play(*arguments, timeout_s=60):
                           timeout=timeout_s, env=dict(os.environ))
 
 
-def test_what_is_whole_of_a_cut_bag_is_played(probe, tmp_path):
+def test_what_is_whole_of_a_cut_bag_is_played(nodes, probe, tmp_path):
     write_bag(tmp_path / 'bag', mode=CompressionMode.STORAGE)
     whole = next((tmp_path / 'bag').glob('*.mcap')).read_bytes()
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(whole[:-200])
     probe.listen(String, '/state', LATCHED)
-    done = play(cut, '--rate', 10)
+    player = nodes.start('bag_player', {'path': str(cut), 'rate': 10.0, 'start_paused': True})
+    probe.wait(lambda: probe.count_publishers('/state'), 'the player')
     probe.spin_for(0.5)
-    assert done.returncode == 0 and 'Traceback' not in done.stderr
+    assert ask(probe, 'resume').success
+    probe.wait(lambda: player.poll() is not None, 'the end of the bag')
+    probe.spin_for(0.5)
     assert re.search(r'cut.mcap was not finished: .* whole records end at byte \d+ of '
-                     f'{len(whole) - 200}', done.stdout + done.stderr)
+                     f'{len(whole) - 200}', (tmp_path / 'bag_player.log').read_text())
     assert texts(probe, '/state') == [f's{number}' for number in range(COUNT)]
 
 
