@@ -8,7 +8,8 @@ from rclpy.publisher import Publisher
 
 
 class SharedPublisher:
-    """A publisher whose messages the other nodes of the process get as they are, uncopied.
+    """
+    A publisher whose messages the other nodes of the process get as they are, uncopied.
 
     DDS gets them too where anybody outside listens, or may come later and still want the last.
     """
@@ -32,7 +33,8 @@ class SharedPublisher:
 
 
 class Composition:
-    """Who gives and who takes which topic in this process; all of it runs in one thread.
+    """
+    Who gives and who takes which topic in this process; all of it runs in one thread.
 
     A topic that a node of the process gives is taken from that node alone. As messages go
     through a queue, a callback is through before what it gave is taken, as over DDS.

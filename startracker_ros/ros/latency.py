@@ -44,7 +44,8 @@ class LatencyError(RuntimeError):
 
 @dataclass(frozen=True)
 class Latency:
-    """Times of frames in ms, and the highest rate at which none was lost or late.
+    """
+    Times of frames in ms, and the highest rate at which none was lost or late.
 
     stages_ms holds the transport with decoding, centroids, tracking and estimate, each with the
     way to the next one.
@@ -62,9 +63,12 @@ class _Listener(Node):
         super().__init__('latency_listener', context=context)
         self.arrived_ns: dict[int, int] = {}
         self.through_ns: dict[int, int] = {}
-        self.create_subscription(QuaternionStamped, 'attitude', self._take, qos.LIST)
+        # rclpy hands the info to whoever takes two arguments, its hint knows of one.
+        self.create_subscription(
+            QuaternionStamped, 'attitude', self._take, qos.LIST)  # type: ignore[arg-type]
         # This one also comes for a frame that has no attitude.
-        self.create_subscription(Imu, 'attitude_imu', self._count, qos.LIST)
+        self.create_subscription(
+            Imu, 'attitude_imu', self._count, qos.LIST)  # type: ignore[arg-type]
         self.source = self.create_client(
             SetParametersAtomically, f'{_SOURCE}/set_parameters_atomically')
 
@@ -114,7 +118,8 @@ class TimedPipeline:
         self._log.close()
 
     def run(self, rate_hz: float, count: int) -> tuple[dict[int, int], dict[int, int]]:
-        """Send so many images; return stamps and arrivals in ns.
+        """
+        Send so many images; return stamps and arrivals in ns.
 
         The first are those of attitudes, the second those of all frames that came through.
         """

@@ -275,9 +275,10 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
         if len(node_classes) > 1:
             PipelineNode.composition = Composition()
         for node_class in node_classes:
-            nodes.append(node_class())
+            nodes.append(node_class())  # type: ignore[call-arg]  # each knows its name
         parameters.refuse_unknown(nodes)
-        for node_class, node in zip(node_classes, nodes):
+        for node in nodes:
+            node_class = type(node)
             node.begin()
         if PipelineNode.composition is not None:
             PipelineNode.composition.connect()
@@ -312,7 +313,8 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
 
 
 def _collect_between_frames(node: PipelineNode) -> None:
-    """Collect garbage once a second, and not when the middle of a frame happens to fill it up.
+    """
+    Collect garbage once a second, and not when the middle of a frame happens to fill it up.
 
     Long-lived objects leave the collector's view, so that a pass stays short.
     """

@@ -111,25 +111,22 @@ class SourceNode(PipelineNode):
                     self._waiting_camera, self.sensor_header(now_ns + self._stamp_offset_ns)))
                 return
             self._begin_ns = now_ns
-        self._publish_next(now_ns)
+        since_ns = now_ns - self._begin_ns
+        self._publish_next(self._begin_ns, since_ns)
         # A tick that was missed is made up for: else all later images would be as late.
-        if self._late_ns(now_ns) >= 0:
-            self._publish_next(now_ns)
+        if since_ns >= self._due_ns():
+            self._publish_next(self._begin_ns, since_ns)
 
-    def _late_ns(self, now_ns: int) -> int:
-        """Return for how long the next image has been due."""
-        return now_ns - self._begin_ns - self._elapsed_ns()
-
-    def _elapsed_ns(self) -> int:
-        """Return the time of the next image, counted from the first one."""
+    def _due_ns(self) -> int:
+        """Return when the next image is due, counted from the first one."""
         return round(self._next_index / self.options(SourceOptions).frame_rate_hz * 1e9)
 
-    def _publish_next(self, now_ns: int) -> None:
+    def _publish_next(self, begin_ns: int, since_ns: int) -> None:
+        """Publish an image, since_ns after the first one at begin_ns."""
         options = self.options(SourceOptions)
         if options.frame_count and self._next_index >= options.frame_count:
             return
-        late_ns, elapsed_ns = self._late_ns(now_ns), self._elapsed_ns()
-        self.diagnostics.counts['frames late'] += late_ns > 1e9 / options.frame_rate_hz
+        due_ns = self._due_ns()
+        self.diagnostics.counts['frames late'] += since_ns - due_ns > 1e9 / options.frame_rate_hz
         index, self._next_index = self._next_index, self._next_index + 1
-        self._publish(index, self._begin_ns + self._stamp_offset_ns + elapsed_ns,
-                      elapsed_ns / 1e9)
+        self._publish(index, begin_ns + self._stamp_offset_ns + due_ns, due_ns / 1e9)

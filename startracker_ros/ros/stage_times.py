@@ -1,4 +1,5 @@
-"""Nodes that note when each frame passes: python -m startracker_ros.ros.stage_times FILE NODE ...
+"""
+Nodes that note when each frame passes: python -m startracker_ros.ros.stage_times FILE NODE ...
 
 Several nodes run composed in the one process. FILE becomes a .npy of (place, stamp, time).
 """
@@ -22,7 +23,10 @@ PASSAGE_DTYPE = np.dtype([('place', 'U32'), ('stamp_ns', 'i8'), ('time_ns', 'i8'
 def timed(node_class: type[PipelineNode], passages: list[tuple[str, int, int]], file: Path
           ) -> type[PipelineNode]:
     """Return a node class that appends to passages, and writes them to a file when it ends."""
-    class Timed(node_class):
+    # mypy knows no base class that is chosen at run time.
+    class Timed(node_class):  # type: ignore[misc, valid-type]
+        """Notes the time of what it takes and of the images that it sends."""
+
         def take(self, message_type: type, topic: str, callback: Callable, profile: Any) -> None:
             place = f'{self.get_name()} {topic}'
 

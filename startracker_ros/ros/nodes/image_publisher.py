@@ -40,7 +40,8 @@ class FileOptions(Options):
 
 
 class ImagePublisherNode(SourceNode):
-    """Publishes image files with the camera they were taken with.
+    """
+    Publishes image files with the camera they were taken with.
 
     Images that are published again and again are kept, up to _KEPT_BYTES: reading a file takes
     longer than all the stages behind it.
