@@ -1,0 +1,54 @@
+"""The time from image to attitude, measured through real nodes."""
+
+import cv2
+import numpy as np
+import pytest
+from startracker_ros.camera import Camera
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.ros import latency
+from startracker_ros.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sky.simulator import SkySimulator
+
+
+@pytest.fixture
+def images(tmp_path):
+    """Return a folder with images of one field."""
+    folder = tmp_path / 'images'
+    folder.mkdir()
+    simulator = SkySimulator(
+        Camera.from_fov(512, 512, 12.0), motion_from_options(MotionOptions(motion='inertial')),
+        load_catalog(), 2026.5)
+    for index in range(4):
+        cv2.imwrite(str(folder / f'{index}.png'), simulator.frame(0.0).image)
+    return folder
+
+
+@pytest.mark.parametrize('composed', [False, True], ids=['processes', 'composed'])
+def test_every_stage_is_timed(images, tmp_path, monkeypatch, composed):
+    monkeypatch.setattr(latency, '_LADDER_HZ', (5,))
+    result = latency.measure(images, 12.0, tmp_path, composed=composed, rate_hz=10, count=30)
+    assert list(result.stages_ms) == [
+        'transport and decoding', 'centroids', 'tracking', 'estimate']
+    times_ms = np.array(list(result.stages_ms.values()))
+    assert times_ms.shape[1] >= 20
+    # The clock of DDS and ours are one: each stage takes some time, and all of them the whole.
+    assert (times_ms > 0).all() and times_ms.max() < 5000
+    np.testing.assert_allclose(times_ms.sum(axis=0), result.total_ms)
+    assert result.highest_hz in (0, 5)
+
+
+def test_a_rate_holds_where_all_come_through_at_the_pace_of_the_source():
+    steady = {index: index * 100_000_000 for index in range(20)}
+    assert latency._holds(steady, 10, 20)
+    assert not latency._holds(steady, 10, 21), 'one is lost'
+    slow = {index: index * 110_000_000 for index in range(20)}
+    assert not latency._holds(slow, 10, 20)
+    late_start = {index: time_ns + 10 ** 9 * (index > 3) for index, time_ns in steady.items()}
+    assert latency._holds(late_start, 10, 20), 'a source makes up for a missed tick'
+
+
+def test_without_nodes_there_is_a_reason(tmp_path, monkeypatch):
+    monkeypatch.setattr(latency, '_PATIENCE_S', 5.0)
+    (tmp_path / 'images').mkdir()
+    with pytest.raises(latency.LatencyError, match='does not answer: see '):
+        latency.measure(tmp_path / 'images', 12.0, tmp_path, composed=True, rate_hz=10, count=3)

@@ -1,0 +1,45 @@
+"""What the two nodes that make images promise of their pace and of their files."""
+
+import signal
+import time
+
+import cv2
+import numpy as np
+from sensor_msgs.msg import CameraInfo, Image
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages import image_from_message, ns_from_stamp
+
+
+def test_a_source_makes_up_for_the_time_that_it_stood_still(nodes, probe):
+    probe.listen(CameraInfo, 'camera_info', qos.LIST)
+    source = nodes.start('sky_simulator', {'width': 64, 'height': 64, 'frame_rate_hz': 10.0})
+    heard = probe.received['camera_info']
+    probe.wait(lambda: len(heard) >= 10, 'images')
+    source.send_signal(signal.SIGSTOP)
+    time.sleep(1.5)
+    source.send_signal(signal.SIGCONT)
+    probe.wait(lambda: time.time() - ns_from_stamp(heard[-1].header.stamp) * 1e-9 < 0.5,
+               'an image that is not late')
+    steps_ns = np.diff([ns_from_stamp(message.header.stamp) for message in heard])
+    assert np.abs(steps_ns - 100_000_000).max() <= 1, 'none is left out'
+
+
+def test_looped_files_are_read_again_when_they_change(nodes, probe, tmp_path):
+    folder = tmp_path / 'images'
+    folder.mkdir()
+    cv2.imwrite(str(folder / 'a.png'), np.full((32, 32), 10, np.uint8))
+    cv2.imwrite(str(folder / 'b.png'), np.full((32, 32), 20, np.uint8))
+    probe.listen(Image, 'image_raw', qos.IMAGE)
+    nodes.start('image_publisher', {'path': str(folder), 'loop': True, 'frame_rate_hz': 20.0})
+
+    def levels():
+        return [int(image_from_message(message)[0, 0]) for message in probe.received['image_raw']]
+    probe.wait(lambda: {10, 20} <= set(levels()), 'both images')
+    before = len(levels())
+    probe.wait(lambda: len(levels()) >= before + 6, 'more images')
+    assert set(levels()[before:]) == {10, 20}
+    cv2.imwrite(str(tmp_path / 'new.png'), np.full((32, 32), 30, np.uint8))
+    (tmp_path / 'new.png').rename(folder / 'b.png')
+    probe.wait(lambda: 30 in levels(), 'the new image')
+    (folder / 'b.png').unlink()
+    probe.wait_condition('b.png: No such file')
