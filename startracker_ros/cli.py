@@ -418,14 +418,30 @@ def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed:
 def campaign_faults(only: tuple[str, ...], seed: int, as_json: bool) -> None:
     """Kill and stop processes, send bad images, clocks and disks: see how the nodes recover."""
     from startracker_ros.campaign.faults import NAMES, run_faults_campaign
-    from startracker_ros.ros.flight import FlightError
+    from startracker_ros.ros.rig import RigError
     unknown = set(only) - set(NAMES)
     if unknown:
         raise click.UsageError(f'no fault {", ".join(sorted(unknown))}; there are '
                                f'{", ".join(NAMES)}')
     try:
         result = run_faults_campaign(seed=seed, only=only)
-    except FlightError as error:
+    except RigError as error:
+        _fail(str(error))
+    _finish(result, as_json)
+
+
+@campaign.command('soak')
+@click.option('--frames', type=click.IntRange(500), default=100_000, show_default=True,
+              help='Frames to send.')
+@_seed
+@_json
+def campaign_soak(frames: int, seed: int, as_json: bool) -> None:
+    """Many frames through the nodes: memory, handles, processor time and latency stay flat."""
+    from startracker_ros.campaign.soak import run_soak_campaign
+    from startracker_ros.ros.rig import RigError
+    try:
+        result = run_soak_campaign(frames=frames, seed=seed)
+    except RigError as error:
         _fail(str(error))
     _finish(result, as_json)
 

@@ -8,10 +8,11 @@ import signal
 import time
 
 import numpy as np
+
 from startracker_ros.bag.reader import read_messages
 from startracker_ros.camera import Camera
-from startracker_ros.executables import STAGES
-from startracker_ros.ros.flight import CAMERA, Flight, FlightError, Frame, in_white
+from startracker_ros.ros.flight import CAMERA, Flight, Frame, in_white, STAGES
+from startracker_ros.ros.rig import RigError
 
 _CONSUMED = ('image_raw:sensor_msgs/msg/Image', 'centroids:sensor_msgs/msg/PointCloud2',
              'tracks:sensor_msgs/msg/PointCloud2', 'attitude:geometry_msgs/msg/QuaternionStamped',
@@ -33,8 +34,7 @@ class Times:
 
 @dataclass(frozen=True)
 class Expected:
-    """
-    How a fault should end.
+    """How a fault should end.
 
     Recovery is measured from undone_s, of which undone says what it was; one of the
     diagnostics (node, words) must be heard; recovered, where attitudes do not tell it, returns
@@ -108,7 +108,7 @@ def _unreadable(bag: Path) -> str:
 def _full_disk(flight: Flight, times: Times, rng: np.random.Generator) -> Expected:
     """Let no file of the recorder grow any more; its shared memory has its size already."""
     bag, since_s = flight.bag, time.monotonic()
-    pid = flight.process('bag_recorder').pid
+    pid = flight.pid('bag_recorder')
     hard = resource.prlimit(pid, resource.RLIMIT_FSIZE)[1]
     size = max(path.stat().st_size for path in bag.glob('*.mcap'))
     resource.prlimit(pid, resource.RLIMIT_FSIZE, (size, hard))
@@ -331,12 +331,11 @@ def _undo(flight: Flight) -> None:
 def _make_well(flight: Flight, patience_s: float) -> None:
     """Wait until all runs well."""
     for node in (*STAGES, 'bag_recorder'):
-        process = flight.processes.processes.get(node)
-        if process is None or process.poll() is not None:
+        if not flight.runs(node):
             flight.start(node)
     since_s = time.monotonic()
     # The first time ever the nodes compile their kernels.
     if (flight.wait_recovered(since_s, 8 * patience_s) is None or not flight.fly(
             patience_s, lambda: flight.heard(
                 'bag_recorder', 'recording', flight.started_s['bag_recorder']) is not None)):
-        raise FlightError(f'the nodes do not work: see {flight.folder}')
+        raise RigError(f'the nodes do not work: see {flight.folder}')

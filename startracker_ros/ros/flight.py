@@ -2,30 +2,26 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-import os
 from pathlib import Path
-import signal
-import subprocess
-import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped
 import numpy as np
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
+
 from startracker_ros.attitude.wrong import error_over_bound
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
 from startracker_ros.ros import messages, qos
-from startracker_ros.ros.processes import node_environment, NodeProcesses
+from startracker_ros.ros.rig import Rig
 from startracker_ros.rotation import (
     matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
+
+STAGES = ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_estimator')
+"""The nodes between the images and the attitude."""
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
 FRAME_RATE_HZ = 10.0
@@ -36,10 +32,6 @@ _STREAK = 5
 """Frames in a row that must have an attitude to count as recovered."""
 _NEAR = 10
 """Frames within which a truth that was not heard is made up; restarts are further apart."""
-
-
-class FlightError(RuntimeError):
-    """The pipeline did not come up; the text says where the logs are."""
 
 
 @dataclass(frozen=True)
@@ -72,38 +64,28 @@ class Said:
     message: str
 
 
-class Flight:
-    """
-    Publishes images at a steady pace, unless a sky_simulator does, and keeps what comes back.
+class Flight(Rig):
+    """Publishes images at a steady pace, unless a sky_simulator does, and keeps what comes back.
 
     disturb turns a frame into those that are sent in its place; clock_ns is added to the
-    stamps. Times are those of the steady clock in s. To be used as a context manager.
+    stamps. Times are those of the steady clock in s.
     """
 
     def __init__(self, folder: Path, *, seed: int, environment: dict[str, str] | None = None
                  ) -> None:
-        os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        os.environ.update(node_environment())
-        domain = 1 + os.getpid() % 100
-        self.folder, self.seed = folder, seed
-        self._environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain), **(environment or {})}
-        self.processes = NodeProcesses(folder, self._environment)
-        self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain)
-        self._node = Node('flight', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        super().__init__(folder, environment)
+        self.seed = seed
         self.sent_s: dict[int, float] = {}
         self._truth: dict[int, np.ndarray] = {}
         self.attitudes: list[Attitude] = []
         self._alone: dict[int, np.ndarray] = {}
         self.said: list[Said] = []
-        self._listen(DiagnosticArray, '/diagnostics', self._take_diagnostics)
-        self._listen(PoseWithCovarianceStamped, 'attitude_cov', self._take_attitude_cov)
-        self._listen(QuaternionStamped, 'attitude', self._take_attitude)
-        self._listen(QuaternionStamped, 'truth/attitude', self._take_truth)
-        self._camera_info = self._node.create_publisher(CameraInfo, 'camera_info', qos.LIST)
-        self._image = self._node.create_publisher(Image, 'image_raw', qos.IMAGE)
+        self.listen(DiagnosticArray, '/diagnostics', self._take_diagnostics)
+        self.listen(PoseWithCovarianceStamped, 'attitude_cov', self._take_attitude_cov)
+        self.listen(QuaternionStamped, 'attitude', self._take_attitude)
+        self.listen(QuaternionStamped, 'truth/attitude', self._take_truth)
+        self._camera_info = self.node.create_publisher(CameraInfo, 'camera_info', qos.LIST)
+        self._image = self.node.create_publisher(Image, 'image_raw', qos.IMAGE)
         self.started_s: dict[str, float] = {}
         self.sends_images = True
         self.disturb: Callable[[Frame], list[Frame]] = lambda frame: [frame]
@@ -134,7 +116,7 @@ class Flight:
     # --- processes ---
 
     def start(self, node: str) -> None:
-        """Start a node, or start it again."""
+        """Start a node, or start it again, with the parameters that suit the flight."""
         parameters: dict[str, object] = {}
         if node == 'sky_simulator':
             parameters = {'width': CAMERA.width, 'height': CAMERA.height, 'fov_deg': 12.0,
@@ -145,27 +127,7 @@ class Flight:
             parameters = {'folder': str(self.folder / f'bag_{number}'),
                           'exclude': ['/image_raw', '*/image_annotated']}
         self.started_s[node] = time.monotonic()
-        self.processes.start(node, parameters)
-
-    def process(self, node: str) -> subprocess.Popen:
-        """Return the process of a node."""
-        return self.processes.processes[node]
-
-    def kill(self, *nodes: str) -> None:
-        """End processes as the kernel does, at once."""
-        for node in nodes:
-            self.process(node).kill()
-            self.process(node).wait()
-
-    def signal(self, number: signal.Signals, *nodes: str) -> None:
-        """Send a signal, as SIGSTOP, to nodes."""
-        for node in nodes:
-            self.process(node).send_signal(number)
-
-    def run_module(self, module: str, *arguments: str) -> subprocess.Popen:
-        """Start a Python module in the environment of the nodes."""
-        return subprocess.Popen([sys.executable, '-m', module, *arguments],
-                                env=self._environment, stdin=subprocess.DEVNULL)
+        self.start_node(node, parameters)
 
     # --- time goes on ---
 
@@ -181,7 +143,7 @@ class Flight:
                 if self.sends_images:
                     self._send()
             wait_s = min(self._next_s, deadline_s) - time.monotonic()
-            self._executor.spin_once(timeout_sec=max(0.0, min(wait_s, 0.05)))
+            self.spin(max(0.0, min(wait_s, 0.05)))
         return True
 
     def _send(self) -> None:
@@ -194,9 +156,6 @@ class Flight:
             self.sent_s[frame.stamp_ns] = time.monotonic()
             self._camera_info.publish(messages.camera_to_message(frame.camera, header))
             self._image.publish(messages.image_to_message(frame.image, header))
-
-    def _listen(self, message_type: type, topic: str, take: Callable) -> None:
-        self._node.create_subscription(message_type, topic, take, qos.LIST)
 
     def _take_truth(self, message: QuaternionStamped) -> None:
         stamp_ns = messages.ns_from_stamp(message.header.stamp)
@@ -222,8 +181,7 @@ class Flight:
     # --- what was seen ---
 
     def recovered_s(self, since_s: float) -> float | None:
-        """
-        Return when the first of some frames in a row had its attitude, None for not yet.
+        """Return when the first of some frames in a row had its attitude, None for not yet.
 
         Frames sent since then count.
         """
@@ -260,12 +218,8 @@ class Flight:
         return len(chosen), wrong
 
     def _truth_at(self, stamp_ns: int) -> np.ndarray | None:
-        """
-        Return the true attitude of a frame.
-
-        Where a starting or dying simulator did not tell it, that of a frame near by is turned
-        at the constant rate.
-        """
+        """Return the true attitude; where a starting or dying simulator did not tell it, that
+        of a frame near by, turned at the constant rate."""
         for step in sorted(range(-_NEAR, _NEAR + 1), key=abs):
             truth = self._truth.get(stamp_ns + step * STEP_NS)
             if truth is not None:
@@ -278,22 +232,6 @@ class Flight:
         times_s = [since_s, *(attitude.received_s for attitude in self.attitudes
                               if since_s <= attitude.received_s < until_s), until_s]
         return float(np.diff(times_s).max())
-
-    def close(self) -> None:
-        """End all that was started."""
-        self.signal(signal.SIGCONT, *(
-            name for name, process in self.processes.processes.items()
-            if process.poll() is None))
-        self.processes.stop()
-        self._executor.remove_node(self._node)
-        self._node.destroy_node()
-        rclpy.try_shutdown(context=self._context)
-
-    def __enter__(self) -> 'Flight':
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
 
 def in_white(frame: Frame) -> Frame:

@@ -1,0 +1,41 @@
+"""A short soak: nothing is lost, nothing is wrong, no handle more at the end."""
+
+import numpy as np
+import pytest
+
+from startracker_ros.campaign.soak import growth, rows_of
+from startracker_ros.ros.soak import NODES, Soak
+
+
+@pytest.fixture(scope='module')
+def result(tmp_path_factory):
+    """Return what two thousand frames through the nodes showed."""
+    with Soak(tmp_path_factory.mktemp('soak'), seed=3) as soak:
+        return soak.run(2000)
+
+
+def test_every_frame_is_answered_and_none_wrong(result):
+    assert (result.frames, result.answered, result.lost, result.wrong) == (2000, 2000, 0, 0)
+    assert result.attitudes >= 1980
+
+
+def test_no_handle_and_no_thread_is_left_behind(result):
+    for node in NODES:
+        first, last = result.samples[node][1], result.samples[node][-1]
+        assert last.handles <= first.handles and last.threads <= first.threads, (node, result)
+        assert 1 < last.private_mib < 1000 and last.cpu_s > first.cpu_s
+
+
+def test_the_table_has_a_row_for_each_figure(result):
+    rows = {row['case']: row for row in rows_of(result)}
+    assert all(f'{node}: growth in 100,000 frames' in rows for node in NODES)
+    assert rows['wrong attitudes']['holds'] and rows['frames without answer']['holds']
+
+
+def test_growth_is_found_where_there_is_some():
+    frames = np.arange(0, 100_000, 500)
+    noise = np.random.default_rng(1).normal(0, 1, len(frames))
+    slope, error = growth(frames, 150 + 20 * frames / 1e5 + noise)
+    assert abs(slope - 20) < 2 * error < 4
+    slope, error = growth(frames, 150 + noise)
+    assert abs(slope) < 2 * error
