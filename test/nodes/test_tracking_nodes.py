@@ -120,6 +120,31 @@ def test_a_camera_turned_away_is_lost_and_found(nodes, probe):
     assert 'LOST' in states[states.index('TRACKING'):]
 
 
+def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
+    nodes.start('star_identifier')
+    probe.listen(PointCloud2, 'stars', qos.LIST)
+    probe.speak(CameraInfo, 'camera_info', qos.LIST).publish(
+        messages.camera_to_message(CAMERA, messages.make_header(START_NS, FRAME)))
+    state = probe.speak(DiagnosticStatus, 'tracker_state', qos.STATE)
+    state.publish(DiagnosticStatus(message='TRACKING'))
+    centroids = probe.speak(PointCloud2, 'centroids', qos.LIST)
+    q = quaternion_from_pointing(*np.radians([84.0, 0.0, 20.0]))
+    seen, _ = star_list(PLACES, CAMERA, q, 0.1, np.random.default_rng(1))
+
+    def send(index):
+        centroids.publish(messages.centroids_to_message(
+            seen, CAMERA, messages.make_header(START_NS + index * STEP_NS, FRAME)))
+    send(0)
+    probe.wait(lambda: len(probe.received['stars']) == 1, 'the first check')
+    send(1)
+    probe.wait_condition('resting while the star tracker tracks')
+    assert len(probe.received['stars']) == 1
+    probe.destroy_publisher(state)
+    probe.spin_for(0.5)
+    send(2)
+    probe.wait(lambda: len(probe.received['stars']) == 2, 'another identification')
+
+
 @pytest.mark.parametrize('solver', ['quest', 'triad'])
 def test_tracks_alone_are_solved(nodes, probe, solver):
     nodes.start('attitude_estimator', {'solver': solver})

@@ -90,7 +90,9 @@ class StarIdentifierNode(CameraNode):
             return
         self.sensor_frame_id = message.header.frame_id
         stamp_ns = ns_from_stamp(message.header.stamp)
-        if self._recursive is None and self._tracking and not self._check_is_due(stamp_ns):
+        if (self._recursive is None and self._tracking and not self._check_is_due(stamp_ns)
+                # A tracker that was killed cannot take its word back.
+                and self.count_publishers('tracker_state')):
             # Before the centroids are even read: the tracker works on them at the same time.
             self.diagnostics.report(OK, _RESTING)
             return
