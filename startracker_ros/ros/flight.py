@@ -17,6 +17,7 @@ from startracker_ros.ros import messages, qos
 from startracker_ros.ros.rig import Rig
 from startracker_ros.rotation import (
     matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
+from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 
@@ -236,4 +237,5 @@ class Flight(Rig):
 
 def in_white(frame: Frame) -> Frame:
     """Return a frame with every pixel at full scale."""
-    return replace(frame, image=np.full_like(frame.image, frame.image.max()))
+    return replace(frame, image=np.full_like(
+        frame.image, 2 ** DetectorOptions().bit_depth - 1))
