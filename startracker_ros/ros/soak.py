@@ -33,6 +33,7 @@ BAG_FILE_MB = 64.0
 _SAMPLE_PERIOD_S = 2.0
 _START_PATIENCE_S = 600.0
 _LOST_S = 5.0
+_WAIT_S = 0.25
 _AMPLITUDE_RAD = np.radians(2.0)
 
 
@@ -104,6 +105,7 @@ class Soak(Rig):
         self._begin_ns = time.time_ns()
         self._index = 0
         self._under_way: dict[int, tuple[int, float]] = {}
+        self._waits = 0
         self._result = SoakResult()
 
     def run(self, frames: int) -> SoakResult:
@@ -117,8 +119,7 @@ class Soak(Rig):
                 while len(self._under_way) < IN_FLIGHT and result.frames < frames:
                     self._send()
                     result.frames += 1
-                self.spin(0.5)
-                self._count_lost()
+                self._wait()
                 if time.monotonic() >= next_sample_s:
                     self._sample()
                     next_sample_s = time.monotonic() + _SAMPLE_PERIOD_S
@@ -142,11 +143,8 @@ class Soak(Rig):
 
     def _settle(self) -> None:
         """Wait for the frames under way."""
-        deadline_s = time.monotonic() + _LOST_S
-        while self._under_way and time.monotonic() < deadline_s:
-            self.spin(0.1)
-        self._result.lost += len(self._under_way)
-        self._under_way.clear()
+        while self._under_way:
+            self._wait()
 
     def _send(self) -> None:
         index = self._index % LOOP_FRAMES
@@ -158,11 +156,16 @@ class Soak(Rig):
         self._image.publish(messages.image_to_message(self._loop[index][0], header))
 
     def _take_answer(self, message: Imu) -> None:
-        sent = self._under_way.pop(messages.ns_from_stamp(message.header.stamp), None)
+        stamp_ns = messages.ns_from_stamp(message.header.stamp)
+        sent = self._under_way.pop(stamp_ns, None)
         if sent is None:
             return
         index, sent_s = sent
         result = self._result
+        # Answers come in the order of the frames.
+        for passed_over in [under_way for under_way in self._under_way if under_way < stamp_ns]:
+            del self._under_way[passed_over]
+            result.lost += 1
         result.answered += 1
         result.latency_s.append(time.monotonic() - sent_s)
         tracked = messages.tracked_attitude_from_imu(message)
@@ -172,13 +175,18 @@ class Soak(Rig):
             result.wrong += error_over_bound(
                 attitude.quaternion, attitude.covariance_sensor, self._loop[index][1]) > 1
 
-    def _count_lost(self) -> None:
-        """Give up frames that are not answered: a later one was, or none for long."""
-        now_s = time.monotonic()
-        for stamp_ns, (_, sent_s) in list(self._under_way.items()):
-            if now_s - sent_s > _LOST_S:
-                del self._under_way[stamp_ns]
-                self._result.lost += 1
+    def _wait(self) -> None:
+        """Take an answer; frames are lost when many waits in a row have brought none.
+
+        Waits are counted and not the time, of which any amount passes when all is stopped.
+        """
+        answered = self._result.answered
+        self.spin(_WAIT_S)
+        self._waits = 0 if self._result.answered > answered else self._waits + 1
+        if self._waits > _LOST_S / _WAIT_S:
+            self._result.lost += len(self._under_way)
+            self._under_way.clear()
+            self._waits = 0
 
     def _sample(self) -> None:
         result = self._result
