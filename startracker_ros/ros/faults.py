@@ -17,6 +17,9 @@ from startracker_ros.ros.rig import RigError
 _CONSUMED = ('image_raw:sensor_msgs/msg/Image', 'centroids:sensor_msgs/msg/PointCloud2',
              'tracks:sensor_msgs/msg/PointCloud2', 'attitude:geometry_msgs/msg/QuaternionStamped',
              'attitude_cov:geometry_msgs/msg/PoseWithCovarianceStamped')
+_STALE = 'no diagnostics for'
+"""What an aggregator of diagnostics would say of a node from which none come."""
+_STALE_S = 2.0
 _PROCESS_BOUND_S = 10.0
 _ALL_BOUND_S = 20.0
 _FRAMES_BOUND_S = 2.0
@@ -59,9 +62,9 @@ def _killed(node: str) -> Fault:
     """Kill a stage and start it again; the node behind it hears nothing meanwhile."""
     told = {'sky_simulator': ('centroid_extractor', 'image_raw: nothing comes in'),
             'centroid_extractor': ('star_tracker', 'centroids: nothing comes in'),
-            'star_identifier': ('star_identifier', 'waiting for camera_info'),
+            'star_identifier': ('star_identifier', _STALE),
             'star_tracker': ('attitude_estimator', 'tracks: nothing comes in'),
-            'attitude_estimator': ('attitude_estimator', 'waiting for camera_info')}
+            'attitude_estimator': ('attitude_estimator', _STALE)}
 
     def kill(flight: Flight, times: Times, rng: np.random.Generator) -> Expected:
         flight.kill(node)
@@ -88,7 +91,7 @@ def _killed_recorder(flight: Flight, times: Times, rng: np.random.Generator) -> 
     flight.fly(times.dead_s)
     flight.start('bag_recorder')
     return Expected('bag_recorder started again', time.monotonic(),
-                    (('bag_recorder', 'nothing received yet'),), _PROCESS_BOUND_S,
+                    (('bag_recorder', _STALE),), _PROCESS_BOUND_S,
                     _saying(flight, 'bag_recorder', 'recording'), _unreadable(bag))
 
 
@@ -151,8 +154,9 @@ def _started_in_order(number: int) -> Fault:
     """Start all nodes anew, first from the attitude to the images, then in random orders."""
     def start(flight: Flight, times: Times, rng: np.random.Generator) -> Expected:
         nodes = [*reversed(STAGES), 'sky_simulator']
-        if number:
-            nodes = [str(name) for name in rng.permutation(nodes)]
+        orders = np.random.default_rng(flight.seed)
+        for _ in range(number):
+            nodes = [str(name) for name in orders.permutation(nodes)]
         flight.sends_images = False
         flight.kill(*STAGES)
         for node in nodes:
@@ -316,8 +320,13 @@ def _heard(flight: Flight, expected: Expected, begin_s: float) -> str | None:
     """Return the expected diagnostic, empty where none is expected, None while not heard."""
     if not expected.diagnostics:
         return ''
-    heard = [flight.heard(node, words, begin_s) for node, words in expected.diagnostics]
-    return next((f'{said.node}: {said.message}' for said in heard if said is not None), None)
+    for node, words in expected.diagnostics:
+        said, stale_s = flight.heard(node, words, begin_s), flight.stale_s(node, begin_s)
+        if said is not None:
+            return f'{node}: {said.message}'
+        if words == _STALE and stale_s > _STALE_S:
+            return f'{node}: {_STALE} {stale_s:.1f} s'
+    return None
 
 
 def _undo(flight: Flight) -> None:

@@ -206,6 +206,12 @@ class Flight(Rig):
         return next((said for said in self.said if said.received_s >= since_s
                      and said.node == node and words in said.message), None)
 
+    def stale_s(self, node: str, since_s: float) -> float:
+        """Return the longest time without a diagnostic of a node."""
+        times_s = [since_s, *(said.received_s for said in self.said
+                              if said.received_s >= since_s and said.node == node)]
+        return float(np.diff([*times_s, time.monotonic()]).max())
+
     def judge(self, since_s: float, until_s: float) -> tuple[int, int]:
         """Return how many attitudes were published in a time, and how many of them were wrong."""
         chosen = [attitude for attitude in self.attitudes
