@@ -1,4 +1,4 @@
-"""The soak: does anything grow over many frames?"""
+"""The soak: whether anything grows over many frames."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +19,8 @@ Row = dict[str, object]
 
 
 def growth(frames: Sequence[int], values: Sequence[float]) -> tuple[float, float]:
-    """Return the slope of values per 100,000 frames and its error, 2 sigma.
+    """
+    Return the slope of values per 100,000 frames and its error, 2 sigma.
 
     Neighbouring samples are not independent: the error is that of the means of ten blocks.
     """
@@ -39,7 +40,7 @@ def _row(case: str, ours: float, unit: str, bound: str = '', holds: bool = True,
             'holds': bool(holds)}
 
 
-def _tenths(values: Sequence[float]) -> tuple[float, float]:
+def _tenths(values: Sequence[float] | np.ndarray) -> tuple[float, float]:
     """Return the medians of the first tenth and of the last."""
     tenth = max(len(values) // 10, 1)
     return float(np.median(values[:tenth])), float(np.median(values[-tenth:]))

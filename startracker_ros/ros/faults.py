@@ -38,7 +38,8 @@ class Times:
 
 @dataclass(frozen=True)
 class Expected:
-    """How a fault should end.
+    """
+    How a fault should end.
 
     Recovery is measured from undone_s, of which undone says what it was; one of the
     diagnostics (node, words) must be heard; recovered, where attitudes do not tell it, returns

@@ -66,7 +66,8 @@ class Said:
 
 
 class Flight(Rig):
-    """Publishes images at a steady pace, unless a sky_simulator does, and keeps what comes back.
+    """
+    Publishes images at a steady pace, unless a sky_simulator does, and keeps what comes back.
 
     disturb turns a frame into those that are sent in its place; clock_ns is added to the
     stamps. Times are those of the steady clock in s.
@@ -182,7 +183,8 @@ class Flight(Rig):
     # --- what was seen ---
 
     def recovered_s(self, since_s: float) -> float | None:
-        """Return when the first of some frames in a row had its attitude, None for not yet.
+        """
+        Return when the first of some frames in a row had its attitude, None for not yet.
 
         Frames sent since then count.
         """
@@ -225,8 +227,12 @@ class Flight(Rig):
         return len(chosen), wrong
 
     def _truth_at(self, stamp_ns: int) -> np.ndarray | None:
-        """Return the true attitude; where a starting or dying simulator did not tell it, that
-        of a frame near by, turned at the constant rate."""
+        """
+        Return the true attitude, None where it is not known.
+
+        Where a starting or dying simulator did not tell it, that of a frame near by is taken and
+        turned at the constant rate.
+        """
         for step in sorted(range(-_NEAR, _NEAR + 1), key=abs):
             truth = self._truth.get(stamp_ns + step * STEP_NS)
             if truth is not None:

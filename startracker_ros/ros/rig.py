@@ -23,7 +23,8 @@ class RigError(RuntimeError):
 
 
 class Rig:
-    """Starts, signals and kills nodes, and listens; to be used as a context manager.
+    """
+    Starts, signals and kills nodes, and listens; to be used as a context manager.
 
     folder takes the logs; environment is added to that of the nodes.
     """

@@ -19,7 +19,7 @@ from startracker_ros.ros.rig import Rig, RigError
 from startracker_ros.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotation_vector_from_quaternion)
 from startracker_ros.sky.motion import (
-    motion_from_options, MotionOptions, MotionState, SteadyMotion)
+    Motion, motion_from_options, MotionOptions, MotionState)
 from startracker_ros.sky.simulator import SkySimulator
 
 CAMERA = Camera.from_fov(256, 256, 12.0)
@@ -41,23 +41,18 @@ _AMPLITUDE_RAD = np.radians(2.0)
 class Nutation:
     """A boresight on a circle, once round in a loop of frames, so that images can be repeated."""
 
-    steady: SteadyMotion
+    centre: Motion
     period_s: float
-
-    @property
-    def orbit(self) -> object:
-        """The orbit beneath."""
-        return self.steady.orbit
 
     def at(self, time_s: float) -> MotionState:
         """Return the state; the rate is the difference of two attitudes a ms apart."""
         before, now, after = (self._attitude(time_s + step_s) for step_s in (-5e-4, 0.0, 5e-4))
         rate_rad_s = rotation_vector_from_quaternion(multiply(conjugate(before), after)) / 1e-3
-        return replace(self.steady.at(0.0), q_icrf_from_sensor=now, rate_rad_s=rate_rad_s)
+        return replace(self.centre.at(0.0), q_icrf_from_sensor=now, rate_rad_s=rate_rad_s)
 
     def _attitude(self, time_s: float) -> np.ndarray:
         phase = 2 * np.pi * time_s / self.period_s
-        return multiply(self.steady.q_start, quaternion_from_rotation_vector(
+        return multiply(self.centre.at(0.0).q_icrf_from_sensor, quaternion_from_rotation_vector(
             _AMPLITUDE_RAD * np.array([np.sin(phase), np.cos(phase), 0.0])))
 
 
@@ -80,8 +75,8 @@ class SoakResult:
 
 def loop_of_frames(seed: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield image (H, W) and true attitude (4,) of the frames of a closed motion."""
-    motion = Nutation(motion_from_options(MotionOptions(motion='inertial')),
-                      LOOP_FRAMES * STEP_NS * 1e-9)
+    motion = Nutation(
+        motion_from_options(MotionOptions(motion='inertial')), LOOP_FRAMES * STEP_NS * 1e-9)
     simulator = SkySimulator(CAMERA, motion, load_catalog(),
                              epoch_year_from_stamp(time.time_ns()), seed=seed)
     for index in range(LOOP_FRAMES):
@@ -176,7 +171,8 @@ class Soak(Rig):
                 attitude.quaternion, attitude.covariance_sensor, self._loop[index][1]) > 1
 
     def _wait(self) -> None:
-        """Take an answer; frames are lost when many waits in a row have brought none.
+        """
+        Take an answer; frames are lost when many waits in a row have brought none.
 
         Waits are counted and not the time, of which any amount passes when all is stopped.
         """
