@@ -11,7 +11,8 @@ import numpy as np
 
 from startracker_ros.bag.reader import read_messages
 from startracker_ros.camera import Camera
-from startracker_ros.ros.flight import CAMERA, Flight, Frame, in_white, STAGES
+from startracker_ros.executables import STAGES
+from startracker_ros.ros.flight import CAMERA, Flight, Frame, in_white
 from startracker_ros.ros.rig import RigError
 
 _CONSUMED = ('image_raw:sensor_msgs/msg/Image', 'centroids:sensor_msgs/msg/PointCloud2',

@@ -21,9 +21,6 @@ from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 
-STAGES = ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_estimator')
-"""The nodes between the images and the attitude."""
-
 CAMERA = Camera.from_fov(512, 512, 12.0)
 FRAME_RATE_HZ = 10.0
 STEP_NS = round(1e9 / FRAME_RATE_HZ)

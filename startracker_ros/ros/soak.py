@@ -12,8 +12,8 @@ from sensor_msgs.msg import CameraInfo, Image, Imu
 from startracker_ros.attitude.wrong import error_over_bound
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
+from startracker_ros.executables import STAGES
 from startracker_ros.ros import messages, qos
-from startracker_ros.ros.flight import STAGES
 from startracker_ros.ros.process_sample import ProcessSample, sample_process, shared_memory_mib
 from startracker_ros.ros.rig import Rig, RigError
 from startracker_ros.rotation import (
