@@ -32,7 +32,7 @@ BAG_FILE_MB = 64.0
 """The index of a file is held until its end, so that long recordings are split."""
 _SAMPLE_PERIOD_S = 2.0
 _START_PATIENCE_S = 600.0
-_LOST_S = 5.0
+_LOST_S = 30.0
 _WAIT_S = 0.25
 _AMPLITUDE_RAD = np.radians(2.0)
 
