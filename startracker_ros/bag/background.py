@@ -34,7 +34,7 @@ class BackgroundWriter:
         self._thread = threading.Thread(target=self._work, name='bag writer', daemon=True)
         self._thread.start()
 
-    def add_topic(self, name: str, type_name: str, qos: Sequence[QosProfile]) -> None:
+    def add_topic(self, name: str, type_name: str, qos: Sequence[QosProfile] = ()) -> None:
         """Take up a topic, as the writer does."""
         with self._writer_lock:
             self._writer.add_topic(name, type_name, qos)

@@ -1,6 +1,5 @@
 """NumPy and stage results to ROS messages and back: every layout stands here once."""
 
-from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -136,16 +135,11 @@ def camera_from_message(message: CameraInfo) -> Camera:
     return Camera(message.width, message.height, k[0], k[4], k[2], k[5], distortion)
 
 
-@cache
-def _point_fields(dtype: np.dtype) -> list[PointField]:
-    return [PointField(name=name, offset=offset, count=1,
-                       datatype=_POINT_FIELD_TYPES[kind.str[1:]])
-            for name, (kind, offset, *_) in (dtype.fields or {}).items()]
-
-
 def _cloud(rows: np.ndarray, header: Header) -> PointCloud2:
-    message = PointCloud2(header=header, height=1, width=len(rows),
-                          fields=_point_fields(rows.dtype),
+    fields = [PointField(name=name, offset=offset, count=1,
+                         datatype=_POINT_FIELD_TYPES[dtype.str[1:]])
+              for name, (dtype, offset, *_) in (rows.dtype.fields or {}).items()]
+    message = PointCloud2(header=header, height=1, width=len(rows), fields=fields,
                           is_bigendian=False, point_step=rows.dtype.itemsize,
                           row_step=rows.nbytes, is_dense=True)
     if len(rows):
