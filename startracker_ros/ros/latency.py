@@ -1,6 +1,7 @@
 """From image to attitude through real nodes, in separate processes or composed into one."""
 
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 import signal
 import subprocess
@@ -32,9 +33,8 @@ _PLACES = {
     'centroids': f'{STAGES[2]} centroids', 'tracking': f'{STAGES[3]} tracks'}
 """Where each stage ends and the next one begins; the last one ends with the subscriber."""
 
-_LADDER_HZ = (10, 15, 20, 25, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120, 130, 140, 150, 160, 180,
-              200, 220, 240, 260, 280, 300)
-_LADDER_S = 3.0
+_LADDER_HZ = (5, 10, 15, 20, 25, 30, 40, 50, 60, 80, 100, 120, 150, 200, 250, 300)
+_LADDER_S = 2.0
 _SLACK_S = 0.03
 
 
@@ -176,16 +176,20 @@ def decoding_ms(image: np.ndarray, trials: int) -> np.ndarray:
 def measure(images: Path, fov_deg: float, folder: Path, *, composed: bool, rate_hz: float,
             count: int) -> Latency:
     """Feed a pipeline the image files of a folder, in a loop; LatencyError if it does not run."""
-    highest_hz = 0.0
     with TimedPipeline(images, fov_deg, folder, composed=composed) as pipeline:
         # Until it tracks, and all files are read and all code is compiled.
         pipeline.run(20, 40)
-        arrived_ns, _ = pipeline.run(rate_hz, count)
-        for step_hz in _LADDER_HZ:
+        arrived_ns, through_ns = pipeline.run(rate_hz, count)
+
+        def holds(step_hz: float) -> bool:
             frames = round(step_hz * _LADDER_S)
-            if not _holds(pipeline.run(step_hz, frames)[1], step_hz, frames):
-                break
-            highest_hz = float(step_hz)
+            return _holds(pipeline.run(step_hz, frames)[1], step_hz, frames)
+        if _holds(through_ns, rate_hz, count):
+            above = takewhile(holds, (step for step in _LADDER_HZ if step > rate_hz))
+            highest_hz = max((rate_hz, *above))
+        else:
+            below = (step for step in reversed(_LADDER_HZ) if step < rate_hz)
+            highest_hz = next(filter(holds, below), 0)
     passed: dict[str, dict[int, int]] = {}
     for place, stamp_ns, time_ns in np.concatenate([np.load(f) for f in pipeline.files]).tolist():
         passed.setdefault(place, {})[stamp_ns] = time_ns
@@ -196,4 +200,5 @@ def measure(images: Path, fov_deg: float, folder: Path, *, composed: bool, rate_
                          for stamp_ns in arrived_ns
                          if all(stamp_ns in passed[place] for place in places)])
     steps_ms = np.diff(times_ns, axis=1) * 1e-6
-    return Latency(steps_ms.sum(axis=1), dict(zip((*stages, 'estimate'), steps_ms.T)), highest_hz)
+    return Latency(steps_ms.sum(axis=1), dict(zip((*stages, 'estimate'), steps_ms.T)),
+                   float(highest_hz))
