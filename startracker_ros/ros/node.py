@@ -268,6 +268,7 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
     rclpy.init(args=args)
     nodes: list[PipelineNode] = []
     code = 1
+    executor: Any = None
     try:
         # The events executor of rclpy 7.1.6 fails where a callback takes the message info.
         executor = (SingleThreadedExecutor if any(c.takes_message_info for c in node_classes)
@@ -306,6 +307,11 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
             node.close()
         if nodes:
             exit_after(END_S, code)
+        # The events executor aborts when it goes while callbacks of a node are left in it.
+        if executor is not None:
+            for node in nodes:
+                executor.remove_node(node)
+            executor.shutdown()
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
