@@ -3,28 +3,20 @@
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
-import signal
-import subprocess
-import sys
 import time
-from types import TracebackType
 
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 from rcl_interfaces.srv import SetParametersAtomically
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image, Imu
 
 from startracker_ros.executables import STAGES
-from startracker_ros.ros import qos
 from startracker_ros.ros.messages import (
     image_from_message, image_to_message, make_header, ns_from_stamp)
-from startracker_ros.ros.processes import node_environment, parameter_arguments
+from startracker_ros.ros.processes import parameter_arguments
+from startracker_ros.ros.rig import Rig, RigError
 
 _SOURCE = 'image_publisher'
 _PATIENCE_S = 30.0
@@ -36,10 +28,6 @@ _PLACES = {
 _LADDER_HZ = (5, 10, 15, 20, 25, 30, 40, 50, 60, 80, 100, 120, 150, 200, 250, 300)
 _LADDER_S = 2.0
 _SLACK_S = 0.03
-
-
-class LatencyError(RuntimeError):
-    """The pipeline did not run; the text says where its log is."""
 
 
 @dataclass(frozen=True)
@@ -56,66 +44,35 @@ class Latency:
     highest_hz: float
 
 
-class _Listener(Node):
-    """Takes what a GNC process would take, and asks the source for images."""
-
-    def __init__(self, context: Context) -> None:
-        super().__init__('latency_listener', context=context)
-        self.arrived_ns: dict[int, int] = {}
-        self.through_ns: dict[int, int] = {}
-        # rclpy hands the info to whoever takes two arguments, its hint knows of one.
-        self.create_subscription(
-            QuaternionStamped, 'attitude', self._take, qos.LIST)  # type: ignore[arg-type]
-        # This one also comes for a frame that has no attitude.
-        self.create_subscription(
-            Imu, 'attitude_imu', self._count, qos.LIST)  # type: ignore[arg-type]
-        self.source = self.create_client(
-            SetParametersAtomically, f'{_SOURCE}/set_parameters_atomically')
-
-    def _take(self, message: QuaternionStamped, info: dict[str, int]) -> None:
-        self.arrived_ns[ns_from_stamp(message.header.stamp)] = info['received_timestamp']
-
-    def _count(self, message: Imu, info: dict[str, int]) -> None:
-        self.through_ns[ns_from_stamp(message.header.stamp)] = info['received_timestamp']
-
-
-class TimedPipeline:
+class TimedPipeline(Rig):
     """An image source and the four stages behind it, started once and fed at several rates."""
 
     def __init__(self, images: Path, fov_deg: float, folder: Path, *, composed: bool) -> None:
+        super().__init__(folder)
+        self._arrived_ns: dict[int, int] = {}
+        self._through_ns: dict[int, int] = {}
+        self.listen(QuaternionStamped, 'attitude', self._take)
+        # This one also comes for a frame that has no attitude.
+        self.listen(Imu, 'attitude_imu', self._count)
+        self._source = self.node.create_client(
+            SetParametersAtomically, f'{_SOURCE}/set_parameters_atomically')
         groups = [(_SOURCE, *STAGES)] if composed else [(name,) for name in (*STAGES, _SOURCE)]
         self.files = [folder / f'{group[0]}.npy' for group in groups]
-        source = {
+        arguments = parameter_arguments({
             f'{_SOURCE}:path': str(images), f'{_SOURCE}:fov_deg': fov_deg,
             f'{_SOURCE}:loop': True, f'{_SOURCE}:frame_count': 1,
             f'{_SOURCE}:wait_for_camera_users': len(STAGES),
             'qos_overrides./image_raw.publisher.depth': 10,
-            'qos_overrides./image_raw.subscription.depth': 10}
-        arguments = parameter_arguments(source)
-        self._log = open(folder / 'nodes.log', 'w')
-        self._processes = [subprocess.Popen(
-            [sys.executable, '-m', 'startracker_ros.ros.stage_times', str(file), *group,
-             *arguments], stdin=subprocess.DEVNULL, stdout=self._log, stderr=self._log,
-            env=node_environment()) for file, group in zip(self.files, groups)]
-        self._context = Context()
-        rclpy.init(context=self._context)
-        self._listener = _Listener(self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._listener)
+            'qos_overrides./image_raw.subscription.depth': 10})
+        for file, group in zip(self.files, groups):
+            self.start_module(group[0], 'startracker_ros.ros.stage_times',
+                              [str(file), *group, *arguments])
 
-    def __enter__(self) -> 'TimedPipeline':
-        return self
+    def _take(self, message: QuaternionStamped, info: dict[str, int]) -> None:
+        self._arrived_ns[ns_from_stamp(message.header.stamp)] = info['received_timestamp']
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
-        for process in self._processes:
-            process.send_signal(signal.SIGTERM)
-        for process in self._processes:
-            process.wait(timeout=20)
-        self._executor.shutdown()
-        self._listener.destroy_node()
-        rclpy.try_shutdown(context=self._context)
-        self._log.close()
+    def _count(self, message: Imu, info: dict[str, int]) -> None:
+        self._through_ns[ns_from_stamp(message.header.stamp)] = info['received_timestamp']
 
     def run(self, rate_hz: float, count: int) -> tuple[dict[int, int], dict[int, int]]:
         """
@@ -123,19 +80,18 @@ class TimedPipeline:
 
         The first are those of attitudes, the second those of all frames that came through.
         """
-        arrived_ns, through_ns = self._listener.arrived_ns, self._listener.through_ns
+        arrived_ns, through_ns = self._arrived_ns, self._through_ns
         arrived_ns.clear()
         through_ns.clear()
         self._ask({'frame_rate_hz': float(rate_hz), 'frame_count': count})
         newest_s, seen = time.monotonic(), 0
         # Done when all are through, or when nothing has come for a while.
         while seen < count and time.monotonic() < newest_s + (2.0 if seen else _PATIENCE_S):
-            self._executor.spin_once(timeout_sec=0.1)
+            self.spin(0.1)
             if len(through_ns) > seen:
                 newest_s, seen = time.monotonic(), len(through_ns)
         if not seen:
-            raise LatencyError(f'nothing comes through within {_PATIENCE_S:g} s: see '
-                               f'{self._log.name}')
+            raise RigError(f'nothing comes through within {_PATIENCE_S:g} s: see {self.folder}')
         return dict(arrived_ns), dict(through_ns)
 
     def _ask(self, parameters: dict[str, object]) -> None:
@@ -144,14 +100,16 @@ class TimedPipeline:
             for name, value in parameters.items()])
         deadline_s = time.monotonic() + _PATIENCE_S
         while time.monotonic() < deadline_s:
-            if not self._listener.source.service_is_ready():
-                self._executor.spin_once(timeout_sec=0.1)
+            if not self._source.service_is_ready():
+                self.spin(0.1)
                 continue
-            future = self._listener.source.call_async(request)
-            self._executor.spin_until_future_complete(future, timeout_sec=3.0)
+            future = self._source.call_async(request)
+            again_s = time.monotonic() + 3.0
+            while not future.done() and time.monotonic() < again_s:
+                self.spin(0.1)
             if future.done():
                 return
-        raise LatencyError(f'the image source does not answer: see {self._log.name}')
+        raise RigError(f'the image source does not answer: see {self.folder}')
 
 
 def _holds(through_ns: dict[int, int], rate_hz: float, count: int) -> bool:
@@ -175,7 +133,7 @@ def decoding_ms(image: np.ndarray, trials: int) -> np.ndarray:
 
 def measure(images: Path, fov_deg: float, folder: Path, *, composed: bool, rate_hz: float,
             count: int) -> Latency:
-    """Feed a pipeline the image files of a folder, in a loop; LatencyError if it does not run."""
+    """Feed a pipeline the image files of a folder, in a loop; RigError if it does not run."""
     with TimedPipeline(images, fov_deg, folder, composed=composed) as pipeline:
         # Until it tracks, and all files are read and all code is compiled.
         pipeline.run(20, 40)

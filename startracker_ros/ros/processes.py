@@ -79,9 +79,13 @@ class NodeProcesses:
         if namespace:
             name = f'{namespace}.{node}'
             arguments += ['-r', f'__ns:=/{namespace}']
+        return self.run(name, node_command(node, arguments))
+
+    def run(self, name: str, command: Sequence[str]) -> subprocess.Popen:
+        """Run a command under a name; what it prints goes into the log folder."""
         with open(self.log_folder / f'{name}.log', 'ab') as log:
-            process = subprocess.Popen(node_command(node, arguments), stdin=subprocess.DEVNULL,
-                                       stdout=log, stderr=log, env=self._environment)
+            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                                       env=self._environment)
         self.processes[name] = process
         return process
 

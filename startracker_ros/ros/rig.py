@@ -1,6 +1,6 @@
 """Nodes as processes in a domain of their own, and a node here that talks with them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import os
 from pathlib import Path
 import signal
@@ -45,6 +45,10 @@ class Rig:
     def start_node(self, node: str, parameters: dict[str, object] | None = None) -> None:
         """Start a node, or start it again."""
         self._processes.start(node, parameters)
+
+    def start_module(self, name: str, module: str, arguments: Sequence[str]) -> None:
+        """Start a Python module in the place of a node, under a name."""
+        self._processes.run(name, [sys.executable, '-m', module, *arguments])
 
     def run_module(self, module: str, *arguments: str) -> subprocess.Popen:
         """Start a Python module in the environment of the nodes."""

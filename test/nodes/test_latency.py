@@ -6,6 +6,7 @@ import pytest
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.ros import latency
+from startracker_ros.ros.rig import RigError
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 
@@ -50,5 +51,5 @@ def test_a_rate_holds_where_all_come_through_at_the_pace_of_the_source():
 def test_without_nodes_there_is_a_reason(tmp_path, monkeypatch):
     monkeypatch.setattr(latency, '_PATIENCE_S', 5.0)
     (tmp_path / 'images').mkdir()
-    with pytest.raises(latency.LatencyError, match='does not answer: see '):
+    with pytest.raises(RigError, match='does not answer: see '):
         latency.measure(tmp_path / 'images', 12.0, tmp_path, composed=True, rate_hz=10, count=3)
