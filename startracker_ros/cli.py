@@ -1,6 +1,7 @@
 """The command line: parses, calls, prints. Heavy imports wait until a command needs them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 import os
 from pathlib import Path
 import sys
@@ -33,6 +34,26 @@ def _fail(message: str) -> None:
     """End with status 1: the work failed."""
     click.echo(f'startracker: {message}', err=True)
     sys.exit(1)
+
+
+@contextmanager
+def _told(*errors: type[Exception], output: Path | None = None) -> Iterator[None]:
+    """End with status 1 on these errors, and on those of the system where output is written."""
+    try:
+        yield
+    except errors as error:
+        _fail(str(error))
+    except OSError as error:
+        if output is None:
+            raise
+        _fail(f'{output}: {error.strerror}')
+
+
+def _check_names(kind: str, named: Iterable[str], known: Iterable[str]) -> None:
+    unknown = set(named) - set(known)
+    if unknown:
+        raise click.UsageError(f'no {kind} {", ".join(sorted(unknown))}; there are '
+                               f'{", ".join(known)}')
 
 
 @click.group(context_settings={'help_option_names': ['-h', '--help']})
@@ -111,14 +132,11 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
     if (fov_deg is None) == (camera_file is None):
         raise click.UsageError('give either --fov-deg or --camera')
     try:
-        result = calibrate_files(images, output, fov_deg=fov_deg, camera_file=camera_file,
-                                 epoch_year=epoch_year, terms=terms)
+        with _told(CalibrationError, output=output):
+            result = calibrate_files(images, output, fov_deg=fov_deg, camera_file=camera_file,
+                                     epoch_year=epoch_year, terms=terms)
     except CameraError as error:
         raise click.UsageError(str(error)) from error
-    except CalibrationError as error:
-        _fail(str(error))
-    except OSError as error:
-        _fail(f'{output}: {error.strerror}')
     show(result, as_json)
 
 
@@ -135,10 +153,8 @@ def demo(context: click.Context, output: Path, seconds: float, seed: int, as_jso
     if context.invoked_subcommand is not None:
         return
     from startracker_ros.ros.demo import DemoError, run_demo
-    try:
+    with _told(DemoError):
         result = run_demo(output, seconds=seconds, seed=seed)
-    except DemoError as error:
-        _fail(str(error))
     _finish(result, as_json)
 
 
@@ -154,10 +170,8 @@ def demo_two_satellite(output: Path, seconds: float, seed: int, as_json: bool) -
     """Two satellites, each with a star tracker of its own, locate a third."""
     from startracker_ros.ros.demo import DemoError
     from startracker_ros.ros.two_satellite_demo import run_two_satellite_demo
-    try:
+    with _told(DemoError):
         result = run_two_satellite_demo(output, seconds=seconds, seed=seed)
-    except DemoError as error:
-        _fail(str(error))
     _finish(result, as_json)
 
 
@@ -236,13 +250,11 @@ def info(bag: Path, output: Path | None, as_json: bool) -> None:
     from startracker_ros.bag.info import describe
     from startracker_ros.bag.recovery import recover
     from startracker_ros.table import show
-    try:
+    with _told(BagError):
         if output is not None:
             recover(bag, output, report=lambda problem: click.echo(problem, err=True))
             bag = output
         result, problems = describe(bag)
-    except BagError as error:
-        _fail(str(error))
     show(result, as_json)
     for problem in problems:
         click.echo(f'startracker: {problem}', err=True)
@@ -261,12 +273,8 @@ def report(bag: Path, output: Path, namespace: str | None, as_json: bool) -> Non
     from startracker_ros.bag.errors import BagError
     from startracker_ros.report.page import write_report
     from startracker_ros.table import show
-    try:
+    with _told(BagError, output=output):
         result = write_report(bag, output, namespace)
-    except BagError as error:
-        _fail(str(error))
-    except OSError as error:
-        _fail(f'{output}: {error.strerror}')
     show(result, as_json)
 
 
@@ -294,12 +302,8 @@ def export(bag: Path, output: Path, formats: tuple[str, ...], originator: str, o
         labels = AemLabels(originator, object_name, object_id)
     except AemError as error:
         raise click.UsageError(str(error)) from error
-    try:
+    with _told(BagError, AemError, MissingLibraryError, output=output):
         result = export_bag(bag, output, formats, labels, namespace)
-    except (BagError, AemError, MissingLibraryError) as error:
-        _fail(str(error))
-    except OSError as error:
-        _fail(f'{output}: {error.strerror}')
     show(result, as_json)
 
 
@@ -403,10 +407,7 @@ def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed:
                        as_json: bool) -> None:
     """Wrong attitudes counted in slews, darkness, false stars, lying gyros, wrong cameras."""
     from startracker_ros.campaign.integrity import CONDITIONS, run_integrity_campaign
-    unknown = set(only) - set(CONDITIONS)
-    if unknown:
-        raise click.UsageError(f'no condition {", ".join(sorted(unknown))}; there are '
-                               f'{", ".join(CONDITIONS)}')
+    _check_names('condition', only, CONDITIONS)
     _finish(run_integrity_campaign(trials=trials, seed=seed, only=only, scheduler=scheduler),
             as_json)
 
@@ -418,15 +419,10 @@ def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed:
 def campaign_faults(only: tuple[str, ...], seed: int, as_json: bool) -> None:
     """Kill and stop processes, send bad images, clocks and disks: see how the nodes recover."""
     from startracker_ros.campaign.faults import NAMES, run_faults_campaign
-    from startracker_ros.ros.rig import RigError
-    unknown = set(only) - set(NAMES)
-    if unknown:
-        raise click.UsageError(f'no fault {", ".join(sorted(unknown))}; there are '
-                               f'{", ".join(NAMES)}')
-    try:
+    from startracker_ros.ros.processes import RigError
+    _check_names('fault', only, NAMES)
+    with _told(RigError):
         result = run_faults_campaign(seed=seed, only=only)
-    except RigError as error:
-        _fail(str(error))
     _finish(result, as_json)
 
 
@@ -438,11 +434,9 @@ def campaign_faults(only: tuple[str, ...], seed: int, as_json: bool) -> None:
 def campaign_soak(frames: int, seed: int, as_json: bool) -> None:
     """Many frames through the nodes: memory, handles, processor time and latency stay flat."""
     from startracker_ros.campaign.soak import run_soak_campaign
-    from startracker_ros.ros.rig import RigError
-    try:
+    from startracker_ros.ros.processes import RigError
+    with _told(RigError):
         result = run_soak_campaign(frames=frames, seed=seed)
-    except RigError as error:
-        _fail(str(error))
     _finish(result, as_json)
 
 
@@ -454,10 +448,8 @@ def campaign_soak(frames: int, seed: int, as_json: bool) -> None:
 def campaign_centroid(folder: Path | None, as_json: bool) -> None:
     """Weighted means at right and wrong thresholds on real photographs."""
     from startracker_ros.campaign.centroid import DataError, run_centroid_campaign
-    try:
+    with _told(DataError):
         result = run_centroid_campaign(folder)
-    except DataError as error:
-        _fail(str(error))
     _finish(result, as_json)
 
 
@@ -478,11 +470,10 @@ def _bench(function: Callable[..., None]) -> Callable[..., None]:
 def bench_pipeline(trials: int, seed: int, only: tuple[str, ...], as_json: bool) -> None:
     """Accuracy against the Cramer-Rao bound, identification, start-up, frame times."""
     from startracker_ros.bench.pipeline import CASES, run_pipeline_bench
-    unknown = set(only) - set(CASES)
-    if unknown:
-        raise click.UsageError(f'no case {", ".join(sorted(unknown))}; there are '
-                               f'{", ".join(CASES)}')
-    result = run_pipeline_bench(trials=trials, seed=seed, only=only or tuple(CASES))
+    from startracker_ros.ros.processes import RigError
+    _check_names('case', only, CASES)
+    with _told(RigError):
+        result = run_pipeline_bench(trials=trials, seed=seed, only=only or tuple(CASES))
     _finish(result, as_json)
 
 
@@ -501,19 +492,14 @@ def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python:
     from startracker_ros.bench.lost_in_space import DATABASE, run_lost_in_space_bench
     from startracker_ros.bench.peers import PeerError
     for kind, named, known in (('case', only, (DATABASE, *ALL_CELLS)), ('camera', cameras, VIEWS)):
-        unknown = set(named) - set(known)
-        if unknown:
-            raise click.UsageError(f'no {kind} {", ".join(sorted(unknown))}; there are '
-                                   f'{", ".join(known)}')
+        _check_names(kind, named, known)
     if cedar_python and scheduler:
         raise click.UsageError('cedar-solve runs on this machine, without --scheduler')
     chosen = only or (DATABASE, *(ALL_CELLS if all_cells else CELLS))
-    try:
+    with _told(PeerError):
         result = run_lost_in_space_bench(
             trials=trials, seed=seed, only=chosen, cameras=cameras or tuple(VIEWS),
             cedar_python=cedar_python or '', scheduler=scheduler)
-    except PeerError as error:
-        _fail(str(error))
     _finish(result, as_json)
 
 

@@ -246,6 +246,7 @@ def processes(trials: int, seed: int) -> Iterator[Row]:
 def latency(trials: int, seed: int) -> Iterator[Row]:
     """Image to attitude through the nodes, stage by stage, and how many images a second."""
     from startracker_ros.ros.latency import decoding_ms, measure
+    from startracker_ros.ros.rig import log_folder
     for size in (512, 1024, 2048):
         camera = Camera.from_fov(size, size, 12.0)
         simulator = SkySimulator(camera, motion_from_options(MotionOptions(motion='inertial')),
@@ -257,12 +258,12 @@ def latency(trials: int, seed: int) -> Iterator[Row]:
             case = f'{size} px, {mode}'
             goals = _LATENCY_GOALS if size == 1024 else {}
             p50_ms, p95_ms, least_hz = goals.get(mode, (np.inf, np.inf, 0.0))
-            with tempfile.TemporaryDirectory() as folder:
-                images = Path(folder, 'images')
+            with log_folder('latency') as folder:
+                images = folder / 'images'
                 images.mkdir()
                 for index in range(8):
                     cv2.imwrite(str(images / f'{index}.png'), simulator.frame(0.0).image)
-                result = measure(images, 12.0, Path(folder), composed=composed,
+                result = measure(images, 12.0, folder, composed=composed,
                                  rate_hz=_LATENCY_RATE_HZ[size], count=min(trials, 1000))
             for stage, times_ms in result.stages_ms.items():
                 yield _times_row(f'{case}: {stage}', times_ms)

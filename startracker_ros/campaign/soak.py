@@ -1,12 +1,9 @@
 """The soak: whether anything grows over many frames."""
 
 from collections.abc import Sequence
-from pathlib import Path
-import shutil
-import tempfile
 
 import numpy as np
-
+from startracker_ros.ros.rig import log_folder
 from startracker_ros.ros.soak import BAG_FILE_MB, CAMERA, IN_FLIGHT, NODES, Soak, SoakResult
 from startracker_ros.table import Result
 
@@ -92,11 +89,8 @@ def _cpu_row(node: str, frames: Sequence[int], cpu_s: list[float]) -> Row:
 
 def run_soak_campaign(*, frames: int, seed: int) -> Result:
     """Send the frames through the nodes; RigError when these do not come up."""
-    # Kept when something fails: the logs of the nodes are in it.
-    folder = Path(tempfile.mkdtemp(prefix='startracker_soak_'))
-    with Soak(folder, seed=seed) as soak:
+    with log_folder('soak') as folder, Soak(folder, seed=seed) as soak:
         result = soak.run(frames)
-    shutil.rmtree(folder)
     return Result('campaign soak', rows_of(result), {
         'pipeline': f'four stages and a recorder, a process each; images of {CAMERA.width} x '
                     f'{CAMERA.height} px, stamps of 10 Hz, sent as fast as answered, '

@@ -15,8 +15,8 @@ from sensor_msgs.msg import Image, Imu
 from startracker_ros.executables import STAGES
 from startracker_ros.ros.messages import (
     image_from_message, image_to_message, make_header, ns_from_stamp)
-from startracker_ros.ros.processes import parameter_arguments
-from startracker_ros.ros.rig import Rig, RigError
+from startracker_ros.ros.processes import parameter_arguments, RigError
+from startracker_ros.ros.rig import Rig
 
 _SOURCE = 'image_publisher'
 _PATIENCE_S = 30.0

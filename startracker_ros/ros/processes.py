@@ -11,6 +11,10 @@ from startracker_ros.executables import EXECUTABLES
 import yaml
 
 
+class RigError(RuntimeError):
+    """The nodes did not come up; the text says where their logs are."""
+
+
 def share_folder() -> Path:
     """Return share/startracker_ros of the install, or the source tree when run from there."""
     for prefix in (*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix):

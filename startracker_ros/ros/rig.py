@@ -1,11 +1,14 @@
 """Nodes as processes in a domain of their own, and a node here that talks with them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 import os
 from pathlib import Path
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from types import TracebackType
 from typing import Self
 
@@ -18,8 +21,12 @@ from startracker_ros.ros import qos
 from startracker_ros.ros.processes import node_environment, NodeProcesses
 
 
-class RigError(RuntimeError):
-    """The nodes did not come up; the text says where their logs are."""
+@contextmanager
+def log_folder(purpose: str) -> Iterator[Path]:
+    """Lend a folder for logs, which stays where an error leaves it."""
+    folder = Path(tempfile.mkdtemp(prefix=f'startracker_{purpose}_'))
+    yield folder
+    shutil.rmtree(folder)
 
 
 class Rig:

@@ -15,7 +15,8 @@ from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
 from startracker_ros.executables import STAGES
 from startracker_ros.ros import messages, qos
 from startracker_ros.ros.process_sample import ProcessSample, sample_process, shared_memory_mib
-from startracker_ros.ros.rig import Rig, RigError
+from startracker_ros.ros.processes import RigError
+from startracker_ros.ros.rig import Rig
 from startracker_ros.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotation_vector_from_quaternion)
 from startracker_ros.sky.motion import (

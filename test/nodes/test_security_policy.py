@@ -1,6 +1,5 @@
 """The SROS 2 policies allow each node what it opens, and nothing else."""
 
-from importlib import import_module
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -9,7 +8,7 @@ import rclpy
 from startracker_ros.camera import Camera
 from startracker_ros.executables import NODES
 from startracker_ros.ros.messages import camera_to_message, make_header
-from startracker_ros.ros.node import CameraNode, PipelineNode
+from startracker_ros.ros.node import CameraNode, node_class_of, PipelineNode
 from startracker_ros.ros.processes import parameter_arguments
 
 CONFIG = Path(__file__).parents[2] / 'config'
@@ -71,11 +70,7 @@ def start(name: str, parameters: dict[str, object]) -> dict[tuple[str, str], set
     """Return what a node opens once it knows its camera."""
     rclpy.init(args=parameter_arguments(parameters) if parameters else None)
     try:
-        module = import_module(NODES[name])
-        node_class, = (value for value in vars(module).values()
-                       if isinstance(value, type) and issubclass(value, PipelineNode)
-                       and value.__module__ == module.__name__)
-        node = node_class()
+        node = node_class_of(name)()
         node.begin()
         if isinstance(node, CameraNode):
             node._take_camera(camera_to_message(
