@@ -11,7 +11,8 @@ class SharedPublisher:
     """
     A publisher whose messages the other nodes of the process get as they are, uncopied.
 
-    DDS gets them too where anybody outside listens, or may come later and still want the last.
+    DDS gets them too where anybody outside listens, or may come later and still want the last:
+    after those here, who may be on the way to an attitude.
     """
 
     def __init__(self, publisher: Publisher, composition: 'Composition', durable: bool) -> None:
@@ -22,8 +23,11 @@ class SharedPublisher:
 
     def publish(self, message: Any) -> None:
         """Give a message, which nobody may change from now on."""
-        self._composition.hand_over(self._topic, message)
-        if self._durable or self._publisher.get_subscription_count():
+        outside = self._durable or self._publisher.get_subscription_count()
+        if self._composition.takers(self._topic):
+            self._composition.hand_over(
+                self._topic, message, self._publisher.publish if outside else None)
+        elif outside:
             self._publisher.publish(message)
 
     def get_subscription_count(self) -> int:
@@ -45,6 +49,7 @@ class Composition:
         self._callbacks: dict[str, list[Callable[[Any], None]]] = defaultdict(list)
         self._subscribe: dict[str, list[Callable[[], None]]] | None = defaultdict(list)
         self._queue: deque[tuple[Callable[[Any], None], Any]] = deque()
+        self._outside: deque[tuple[Callable[[Any], None], Any]] = deque()
         self._at_work = False
 
     def give(self, publisher: Publisher, durable: bool) -> SharedPublisher:
@@ -73,16 +78,20 @@ class Composition:
         """Return how many callbacks of this process take a topic."""
         return len(self._callbacks.get(topic, ()))
 
-    def hand_over(self, topic: str, message: Any) -> None:
-        """Call all who take a topic, after those whose messages came before."""
-        self._queue.extend((callback, message) for callback in self._callbacks.get(topic, ()))
+    def hand_over(self, topic: str, message: Any,
+                  publish: Callable[[Any], None] | None) -> None:
+        """Call all who take a topic, after those whose messages came before, then publish."""
+        self._queue.extend((callback, message) for callback in self._callbacks[topic])
+        if publish is not None:
+            self._outside.append((publish, message))
         if self._at_work:
             return
         self._at_work = True
         try:
-            while self._queue:
-                callback, waiting = self._queue.popleft()
-                callback(waiting)
+            while waiting := self._queue or self._outside:
+                callback, message = waiting.popleft()
+                callback(message)
         finally:
             self._at_work = False
             self._queue.clear()
+            self._outside.clear()

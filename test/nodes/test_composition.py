@@ -60,6 +60,18 @@ def test_who_listens_elsewhere_hears_too():
     assert last.sent == [2], 'who comes later wants the last message'
 
 
+def test_who_listens_elsewhere_hears_after_those_here():
+    composition, order = Composition(), []
+    first, second = Line('/first', subscribers=1), Line('/second', subscribers=1)
+    first.publish = second.publish = order.append
+    give_first, give_second = composition.give(first, False), composition.give(second, False)
+    composition.take('/first', lambda taken: give_second.publish('second out'), pytest.fail)
+    composition.take('/second', lambda taken: order.append('second in'), pytest.fail)
+    composition.connect()
+    give_first.publish('first out')
+    assert order == ['second in', 'first out', 'second out']
+
+
 def test_only_what_no_node_gives_is_subscribed_to():
     composition, subscribed = Composition(), []
     composition.take('/own', print, lambda: subscribed.append('/own'))
