@@ -7,7 +7,9 @@ import cv2
 import numpy as np
 import pytest
 from startracker_ros.campaign import jpdaf as campaign
-from startracker_ros.campaign.jpdaf import CAMERA, Cell, DT_S, FRAMES, PUBLISHED
+from startracker_ros.campaign.jpdaf_methods import METHODS, star_model
+from startracker_ros.campaign.jpdaf_runs import (
+    CAMERA, Cell, DT_S, FALSE_POINTS, FRAMES, make_run, PUBLISHED)
 from startracker_ros.cli import main
 from startracker_ros.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotate)
@@ -46,14 +48,14 @@ def test_sna_is_that_of_the_paper_and_jpdaf_beats_its_ratio(found):
         assert coupled < min(optimal, 0.4 * sna)
         rows = list(campaign.cell_rows(cell, one))
         assert [row['case'] for row in rows] == [
-            f'{cell}: {method}' for method in campaign.METHODS]
+            f'{cell}: {method}' for method in METHODS]
         assert rows[1]['ratio'] == triad / sna and all(
             row['holds'] for row in rows[1:])
 
 
 def test_no_method_is_better_than_the_bound_and_the_best_filter_comes_near(found):
     sna, triad, optimal, coupled = (found[STILL].over_bound(method)
-                                    for method in campaign.METHODS)
+                                    for method in METHODS)
     assert coupled < optimal < triad < sna
     # Four runs, each of few independent errors.
     assert 0.7 < coupled < 1.4 and optimal < 2
@@ -61,7 +63,7 @@ def test_no_method_is_better_than_the_bound_and_the_best_filter_comes_near(found
 
 
 def test_the_bound_is_that_of_all_frames_adjusted_together():
-    run = campaign.make_run(STILL, np.random.default_rng(4))
+    run = make_run(STILL, np.random.default_rng(4))
     last = FRAMES // 8
     bound = campaign.cramer_rao_bound(run)[last]
 
@@ -85,8 +87,8 @@ def test_the_bound_is_that_of_all_frames_adjusted_together():
 
 def test_a_coordinated_turn_is_the_turning_image_and_a_straight_line_nearly_the_linear_one():
     for cell, tolerance_px in ((TURNING, 1e-7), (STILL, 1e-4)):
-        state = states(campaign.make_run(cell, np.random.default_rng(6)))
-        transition, _ = campaign.star_model(cell)
+        state = states(make_run(cell, np.random.default_rng(6)))
+        transition, _ = star_model(cell)
         ahead = state[:-1] @ transition.T
         np.testing.assert_allclose(ahead[..., ::2], state[1:, :, ::2], rtol=0, atol=tolerance_px)
 
@@ -94,10 +96,10 @@ def test_a_coordinated_turn_is_the_turning_image_and_a_straight_line_nearly_the_
 @pytest.mark.parametrize('motion', ['turning', 'linear'])
 def test_process_noise_is_as_large_as_the_changes_of_velocity(motion):
     cell = Cell(motion, 0.5, 0.01)
-    transition, noise = campaign.star_model(cell)
+    transition, noise = star_model(cell)
     whitened = []
     for seed in range(8):
-        state = states(campaign.make_run(cell, np.random.default_rng(seed)))
+        state = states(make_run(cell, np.random.default_rng(seed)))
         change = (state[1:] - state[:-1] @ transition.T)[..., 1::2]
         for row, each in zip(change, state[:-1]):
             covariance = noise(each[:, ::2])[:, 1::2, 1::2]
@@ -108,11 +110,11 @@ def test_process_noise_is_as_large_as_the_changes_of_velocity(motion):
 
 
 def test_false_points_and_missing_stars_are_as_many_as_said():
-    run = campaign.make_run(STILL, np.random.default_rng(7))
+    run = make_run(STILL, np.random.default_rng(7))
     assert (run.seen[0] >= 0).all()
     assert 0.97 < (run.seen >= 0).mean() < 1
     false = [len(uv) - (seen >= 0).sum() for uv, seen in zip(run.centroids, run.seen)]
-    assert abs(np.mean(false) - campaign.FALSE_POINTS) < 3
+    assert abs(np.mean(false) - FALSE_POINTS) < 3
     truth = states(run)[..., ::2]
     off = np.concatenate([uv[seen[seen >= 0]] - place[seen >= 0] for uv, seen, place in zip(
         run.centroids, run.seen, truth)])
