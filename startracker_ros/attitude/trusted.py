@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 from startracker_ros.attitude.estimate import (
     AttitudeError, AttitudeEstimate, estimate_attitude, mean_chi2, SOLVERS)
 from startracker_ros.camera import Camera
@@ -71,6 +70,9 @@ class AttitudeTrust:
             return TrustedAttitude(
                 None, f'residual of {residual_px:.2f} px is above max_residual_px = '
                 f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
+        # Here, as a node that takes the attitudes of a star tracker never comes here: SciPy would
+        # be a fifth of its start.
+        from scipy.special import chdtri
         mean = mean_chi2(attitude, icrf, sigma_rad)
         excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, CHANCE) else 1.0
         self._previous = sign_continuous(attitude.quaternion, self._previous)

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 from startracker_ros.camera import Camera
+from startracker_ros.catalog.sky_grid import count_near, sky_grid
 from startracker_ros.catalog.stars import StarCatalog
 
 MERGE_PX = 2.0
@@ -45,14 +43,12 @@ class StarPlaces:
 
     def within(self, center: np.ndarray, radius_rad: float) -> np.ndarray:
         """Return indices (M,) of the stars up to radius_rad from center (3,), brightest first."""
-        found = self._tree.query_ball_point(
-            center, _chord(min(radius_rad, np.pi)), return_sorted=True)
-        return np.asarray(found, int)
+        return np.flatnonzero(self.direction @ center >= np.cos(min(radius_rad, np.pi)))
 
     def count_within(self, centers: np.ndarray, radius_rad: float) -> np.ndarray:
         """Return how many stars (M,) are up to radius_rad from each of centers (M, 3)."""
-        return self._tree.query_ball_point(
-            centers, _chord(min(radius_rad, np.pi)), return_length=True)
+        return count_near(sky_grid(self.direction), np.ascontiguousarray(centers),
+                          _chord(min(radius_rad, np.pi)))
 
     def index_of(self, hip: np.ndarray) -> np.ndarray:
         """Return the index (M,) of each Hipparcos number (M,), -1 where it is not here."""
@@ -62,10 +58,6 @@ class StarPlaces:
             return np.full(hip.shape, -1)
         rank = np.minimum(np.searchsorted(ranked, hip), len(ranked) - 1)
         return np.where(ranked[rank] == hip, order[rank], -1)
-
-    @cached_property
-    def _tree(self) -> cKDTree:
-        return cKDTree(self.direction)
 
     @cached_property
     def _by_hip(self) -> tuple[np.ndarray, np.ndarray]:
@@ -84,8 +76,7 @@ def star_places(catalog: StarCatalog, epoch_year: float, *, magnitude_limit: flo
     at the same place whatever the limit.
     """
     star = catalog.directions(epoch_year)
-    pairs = cKDTree(star, balanced_tree=False, compact_nodes=False).query_pairs(
-        _chord(max(merge_rad, crowd_rad)), output_type='ndarray')
+    pairs = _close_pairs(star, _chord(max(merge_rad, crowd_rad)))
     gap = np.linalg.norm(star[pairs[:, 0]] - star[pairs[:, 1]], axis=1)
     count, image = _components(pairs[gap <= _chord(merge_rad)], len(catalog))
     flux = 10 ** (-0.4 * catalog.magnitude.astype(float))
@@ -111,10 +102,44 @@ def camera_places(catalog: StarCatalog, camera: Camera, epoch_year: float,
                        crowd_rad=CROWD_PX * camera.pixel_rad)
 
 
+def _close_pairs(direction: np.ndarray, chord: float) -> np.ndarray:
+    """
+    Return the pairs (P, 2) of unit vectors (N, 3) that are no further than chord apart.
+
+    The space around the sphere is cut into cells of edge chord, numbered along the third axis
+    first: partners stand in three cells in a row, of the own row and of the eight around it.
+    Four of these and the way ahead in the own one meet each pair once. This is as fast as
+    SciPy's tree, whose import would cost each node more than all else here.
+    """
+    edge = max(chord, 1e-5)
+    cells = int(2 / edge) + 3
+    place = ((direction + 1) / edge).astype(np.int64) + 1
+    cell = (place[:, 0] * cells + place[:, 1]) * cells + place[:, 2]
+    order = np.argsort(cell, kind='stable')
+    cell = cell[order]
+    rank = np.arange(len(cell))
+    pairs = []
+    for row in (0, 1, cells - 1, cells, cells + 1):
+        begin = np.searchsorted(cell, cell + row * cells - 1) if row else rank + 1
+        count = np.searchsorted(cell, cell + row * cells + 1, side='right') - begin
+        # All partners of the first star, those of the second and so on, in a row.
+        passed = np.repeat(np.cumsum(count) - count - begin, count)
+        first, second = order[np.repeat(rank, count)], order[np.arange(len(passed)) - passed]
+        gap = direction[first] - direction[second]
+        near = np.einsum('ij,ij->i', gap, gap) <= chord ** 2
+        pairs.append(np.stack([first[near], second[near]], -1))
+    return np.concatenate(pairs)
+
+
 def _components(pairs: np.ndarray, size: int) -> tuple[int, np.ndarray]:
     """Return how many groups pairs (P, 2) join size stars into, and each star's group."""
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
-    return connected_components(graph, directed=False)
+    lowest = np.arange(size)
+    while (lowest[pairs[:, 0]] != lowest[pairs[:, 1]]).any():
+        # Each star takes over the lowest member that its partners know of, and what that knows.
+        np.minimum.at(lowest, pairs, lowest[pairs].min(axis=1, keepdims=True))
+        lowest = lowest[lowest]
+    members, group = np.unique(lowest, return_inverse=True)
+    return len(members), group
 
 
 def _crowded(pairs: np.ndarray, magnitude: np.ndarray) -> np.ndarray:

@@ -69,6 +69,28 @@ def nearest(grid: SkyGrid, x: float, y: float, z: float, chord: float) -> tuple[
 
 
 @compiled
+def count_near(grid: SkyGrid, centers: np.ndarray, chord: float) -> np.ndarray:
+    """Return how many stars (M,) are within chord of each of the unit vectors centers (M, 3)."""
+    counts = np.zeros(len(centers), np.int64)
+    limit = chord * chord
+    for c in range(len(centers)):
+        x, y, z = centers[c, 0], centers[c, 1], centers[c, 2]
+        first_x, last_x = _cells_about(grid, x, chord)
+        first_y, last_y = _cells_about(grid, y, chord)
+        first_z, last_z = _cells_about(grid, z, chord)
+        for i in range(first_x, last_x + 1):
+            for j in range(first_y, last_y + 1):
+                row = (i * grid.cells + j) * grid.cells
+                for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
+                    star = grid.member[m]
+                    dx = grid.direction[star, 0] - x
+                    dy = grid.direction[star, 1] - y
+                    dz = grid.direction[star, 2] - z
+                    counts[c] += dx * dx + dy * dy + dz * dz <= limit
+    return counts
+
+
+@compiled
 def count_in_image(grid: SkyGrid, matrix: np.ndarray, chord: float, low_x: float, high_x: float,
                    low_y: float, high_y: float) -> int:
     """

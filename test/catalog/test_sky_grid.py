@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
-from startracker_ros.catalog.sky_grid import count_in_image, nearest, sky_grid
+from startracker_ros.catalog.sky_grid import count_in_image, count_near, nearest, sky_grid
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.rotation import matrix_from_quaternion
 from startracker_ros.sky.star_lists import random_attitude
@@ -33,6 +33,14 @@ def test_the_nearest_star_is_found(directions, chord):
             assert np.sqrt(square) == pytest.approx(distance.min(), abs=1e-12)
         else:
             assert star == -1
+
+
+@pytest.mark.parametrize('chord', [0.0, 0.003, 0.5, 1.9])
+def test_stars_near_are_counted(directions, chord):
+    centers = np.concatenate([directions[:20], -directions[:20], np.eye(3)])
+    distance = np.linalg.norm(directions - centers[:, None], axis=2)
+    np.testing.assert_array_equal(
+        count_near(sky_grid(directions), centers, chord), (distance <= chord).sum(axis=1))
 
 
 def test_stars_in_an_image_are_counted(directions):
