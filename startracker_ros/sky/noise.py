@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaln, xlogy
 from startracker_ros.compiled import compiled, inlined
 
 # Cells of every table, chosen with 8 bits.
@@ -23,7 +22,7 @@ _STEPS = 4
 _FEW = 64
 # Pixels that are handled together: few enough that light and dark parts take their own way.
 _BLOCK = 256
-_U, _F = np.uint64, np.float32
+_U, _U32, _F = np.uint64, np.uint32, np.float32
 
 
 class NoiseTables(NamedTuple):
@@ -63,32 +62,49 @@ class Readout(NamedTuple):
 
 @lru_cache(maxsize=1)
 def noise_tables() -> NoiseTables:
-    """Return the tables, which are the same for every sensor: 60 ms once."""
+    """Return the tables, which are the same for every sensor."""
     # The triangles of _normals() add 1/6 of a squared cell to the variance.
     cell = np.arange(_CELLS)[None]
     variance = 1 - 1 / (6 * _PER_SIGMA ** 2)
     bell = np.exp(-(cell / _PER_SIGMA - 8) ** 2 / (2 * variance))
     mean = np.arange(_FEW * _STEPS)[:, None] / _STEPS
-    poisson = np.exp(xlogy(cell, mean) - mean - gammaln(cell + 1))
-    return NoiseTables(_alias_tables(bell)[0], _alias_tables(poisson).ravel())
+    log_factorial = np.array([math.lgamma(count + 1) for count in range(_CELLS)])
+    # A mean of zero counts as the least there is, to have a logarithm.
+    poisson = np.exp(cell * np.log(np.maximum(mean, 1e-300)) - mean - log_factorial)
+    return NoiseTables(_alias_tables(_shares(bell))[0], _alias_tables(_shares(poisson)).ravel())
 
 
-def _alias_tables(weights: np.ndarray) -> np.ndarray:
-    """Return alias tables (M, 256) uint32 of weights (M, 256)."""
-    table = np.empty(weights.shape, np.uint32)
-    for row, weight in zip(table, weights):
-        share = (weight / weight.sum() * _CELLS).tolist()
-        stay, other = [1.0] * _CELLS, list(range(_CELLS))
-        poor = [cell for cell in other if share[cell] < 1]
-        rich = [cell for cell in other if share[cell] >= 1]
-        while poor and rich:
-            taker, giver = poor.pop(), rich[-1]
-            stay[taker], other[taker] = share[taker], giver
+def _shares(weights: np.ndarray) -> np.ndarray:
+    """Return weights (M, 256) with a mean of 1 to the row."""
+    return weights / weights.sum(axis=1, keepdims=True) * _CELLS
+
+
+@compiled
+def _alias_tables(shares: np.ndarray) -> np.ndarray:
+    """Return alias tables (M, 256) uint32 of shares (M, 256), which are used up."""
+    table = np.empty(shares.shape, np.uint32)
+    poor, rich = np.empty(_CELLS, np.uint32), np.empty(_CELLS, np.uint32)
+    for row in range(len(shares)):
+        share = shares[row]
+        poor_count = rich_count = 0
+        for cell in range(_CELLS):
+            table[row, cell] = (2 ** 24 - 1) << 8 | cell
+            if share[cell] < 1:
+                poor[poor_count] = cell
+                poor_count += 1
+            else:
+                rich[rich_count] = cell
+                rich_count += 1
+        while poor_count and rich_count:
+            taker, giver = poor[poor_count - 1], rich[rich_count - 1]
+            poor_count -= 1
+            stay_24 = min(np.rint(share[taker] * 2 ** 24), 2 ** 24 - 1)
+            table[row, taker] = np.uint32(stay_24) << _U32(8) | giver
             share[giver] -= 1 - share[taker]
             if share[giver] < 1:
-                poor.append(rich.pop())
-        stay_24 = np.minimum(np.rint(np.array(stay) * 2 ** 24), 2 ** 24 - 1)
-        row[:] = stay_24.astype(np.uint32) << 8 | np.array(other, np.uint32)
+                poor[poor_count] = giver
+                poor_count += 1
+                rich_count -= 1
     return table
 
 

@@ -12,6 +12,8 @@ def stray_light(camera: Camera, *, peak_e: float, angle_deg: float,
     The source lies outside the image, in the direction angle_deg from +u towards +v. peak_e
     is reached where the image comes closest to it; over falloff_deg it drops by a factor e.
     """
+    if not peak_e:
+        return np.zeros((camera.height, camera.width), np.float32)
     angle = np.radians(angle_deg)
     towards = (np.cos(angle) * np.arange(camera.width)
                + np.sin(angle) * np.arange(camera.height)[:, None])
