@@ -21,8 +21,9 @@ from startracker_ros.report.picture import draw_run
 from startracker_ros.report.recording import load_recording, Recording
 from startracker_ros.report.summary import summarise
 from startracker_ros.ros import qos
+from startracker_ros.ros.message_types import message_class
 from startracker_ros.ros.messages import (
-    image_from_message, message_class, ns_from_stamp, quaternion_from_message, tracks_from_message)
+    image_from_message, ns_from_stamp, quaternion_from_message, tracks_from_message)
 from startracker_ros.ros.processes import node_environment, NodeProcesses
 from startracker_ros.rotation import ARCSEC, attitude_error, pointing_from_quaternion
 from startracker_ros.table import Result

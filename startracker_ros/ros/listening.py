@@ -11,8 +11,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 from startracker_ros.camera import CameraError
-from startracker_ros.ros.messages import (
-    camera_from_message, image_from_message, MessageError, ns_from_stamp)
+from startracker_ros.ros.message_types import MessageError
+from startracker_ros.ros.messages import camera_from_message, image_from_message, ns_from_stamp
 
 # Hears reliable and best-effort cameras alike.
 _ANY = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)

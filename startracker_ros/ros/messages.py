@@ -1,10 +1,7 @@
 """NumPy and stage results to ROS messages and back: every layout stands here once."""
 
-from importlib import import_module
-from importlib.util import find_spec
-from pathlib import Path
-import re
 import sys
+from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
@@ -15,17 +12,15 @@ from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2, PointField
 from startracker_ros.attitude.estimate import AttitudeEstimate, covariance_icrf
 from startracker_ros.camera import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.identify.identification import Identification
-from startracker_ros.locate.location import Location
 from startracker_ros.locate.observer import State
+from startracker_ros.ros.message_types import MessageError
 from startracker_ros.rotation import conjugate, matrix_from_quaternion, rotate
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 from std_msgs.msg import Header
 
-
-class MessageError(ValueError):
-    """A message that cannot be what its topic promises; the text names the field."""
-
+if TYPE_CHECKING:
+    from startracker_ros.identify.identification import Identification
+    from startracker_ros.locate.location import Location
 
 _CENTROID_FIELDS = [(name, 'f4') for name in ('x', 'y', 'z', 'u', 'v', 'flux', 'snr', 'sigma_px')]
 _STAR_FIELDS = [*_CENTROID_FIELDS, ('hip', 'u4'), ('magnitude', 'f4'), ('residual_px', 'f4')]
@@ -43,32 +38,9 @@ _POINT_FIELD_TYPES = {
     'i1': PointField.INT8, 'u1': PointField.UINT8, 'i2': PointField.INT16,
     'u2': PointField.UINT16, 'i4': PointField.INT32, 'u4': PointField.UINT32,
     'f4': PointField.FLOAT32, 'f8': PointField.FLOAT64}
-_TYPE_NAME = re.compile('([a-z][a-z0-9_]*)/(msg|srv|action)/([A-Z][A-Za-z0-9_]*)')
 _NUMPY_TYPES = {number: name for name, number in _POINT_FIELD_TYPES.items()}
 # Fields that may be NaN by their meaning: not identified, not observed in this frame.
 _MAY_BE_NAN = {'magnitude', 'residual_px', 'flux', 'snr', 'sigma_px'}
-
-
-def message_class(type_name: str) -> type:
-    """
-    Return the class of a name like sensor_msgs/msg/Image; ImportError if not installed.
-
-    Names come out of bags and from other processes, and importing runs code: only packages
-    that were generated from message definitions are imported.
-    """
-    match = _TYPE_NAME.fullmatch(type_name)
-    if match is None:
-        raise ImportError(f'{type_name!r} is not the name of a message type')
-    package, kind, name = match.groups()
-    spec = find_spec(package)
-    folders = spec.submodule_search_locations if spec is not None else None
-    if not any(any(Path(folder).glob(f'{package}_s__rosidl_typesupport_c*'))
-               for folder in folders or ()):
-        raise ImportError(f'{package} is not an installed message package')
-    try:
-        return getattr(import_module(f'{package}.{kind}'), name)
-    except AttributeError as error:
-        raise ImportError(f'{package} has no message {name}') from error
 
 
 def stamp_from_ns(stamp_ns: int) -> Time:
@@ -217,7 +189,7 @@ def stars_to_message(centroids: Centroids, hip: np.ndarray, magnitude: np.ndarra
     return _cloud(rows, header)
 
 
-def identification_to_message(centroids: Centroids, identification: Identification,
+def identification_to_message(centroids: Centroids, identification: 'Identification',
                               camera: Camera, header: Header) -> PointCloud2:
     """Return the `stars` cloud of an identified frame."""
     return stars_to_message(centroids, identification.hip, identification.magnitude,
@@ -431,7 +403,7 @@ def _unit_quaternion(q: Quaternion) -> np.ndarray:
     return quaternion
 
 
-def location_to_pose(location: Location, header: Header) -> PoseWithCovarianceStamped:
+def location_to_pose(location: 'Location', header: Header) -> PoseWithCovarianceStamped:
     """Return `target/position`: position filled, no rotation and no rotation block."""
     message = PoseWithCovarianceStamped(header=header)
     position = message.pose.pose.position

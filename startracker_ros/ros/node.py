@@ -1,16 +1,13 @@
-"""What every node shares: options from parameters, diagnostics, the camera, a clean end."""
+"""What every node shares: options from parameters, diagnostics, a clean end."""
 
 from collections.abc import Callable, Sequence
 import gc
 from importlib import import_module
 import signal
 import sys
-import time
 from typing import Any
 
-from builtin_interfaces.msg import Time
 import cv2
-import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
@@ -19,18 +16,14 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import CameraInfo, Imu
-from startracker_ros.camera import Camera, CameraError
-from startracker_ros.catalog.stars import epoch_year_from_stamp
+from startracker_ros.camera import CameraError
 from startracker_ros.executables import NODES
 from startracker_ros.options import Options
 from startracker_ros.ros import parameters, qos
-from startracker_ros.ros.cadence import Cadence
 from startracker_ros.ros.composition import Composition
-from startracker_ros.ros.diagnostics import Diagnostics, ERROR, WARN
+from startracker_ros.ros.diagnostics import Diagnostics, ERROR
 from startracker_ros.ros.last_resort import exit_after
-from startracker_ros.ros.messages import (
-    camera_from_message, MessageError, ns_from_stamp, rate_from_imu)
+from startracker_ros.ros.message_types import MessageError
 from startracker_ros.ros.shared_memory import remove_left_behind
 from std_srvs.srv import Trigger
 
@@ -153,108 +146,6 @@ class PipelineNode(Node):
             self.configure()
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
-
-
-class CameraNode(PipelineNode):
-    """
-    A node that needs to know the camera and the date: keeps the newest camera_info.
-
-    A message is in order when its stamp is newer than the last one of its topic. A jump
-    back of more than RESTART_NS is a restarted simulation or a looped bag: state is forgotten.
-    sensor_frame_id is that of the centroids, for subclasses to set; steady_topic the one that
-    brings a message for each frame, whose gaps and silence are told.
-    """
-
-    RESTART_NS = 1_000_000_000
-    # No star of the catalogue moves by more than 0.2 arcsec in this time, in years.
-    EPOCH_TOLERANCE = 0.05
-
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
-        self.camera: Camera | None = None
-        self.epoch_year = 0.0
-        self.sensor_frame_id = ''
-        self.steady_topic = ''
-        self._cadence = Cadence()
-        self._newest_ns: dict[str, int] = {}
-        self.diagnostics.checks.append(self._check_silence)
-        self.take(CameraInfo, 'camera_info', self._take_camera, qos.LIST)
-        self.diagnostics.report(WARN, 'waiting for camera_info')
-
-    def known_camera(self) -> Camera | None:
-        """Return the camera; counts and reports the dropped message where none is known."""
-        if self.camera is None:
-            self.diagnostics.counts['dropped without camera_info'] += 1
-            self.diagnostics.report(WARN, 'no valid camera_info received')
-        return self.camera
-
-    def take_rates(self, add: Callable[[int, np.ndarray], bool]) -> None:
-        """
-        Hand the rates of imu on to add(stamp_ns, rate_rad_s), which is False for a useless one.
-
-        sensor_frame_id, once it is known, is the only frame that rates are taken in.
-        """
-        def take_imu(message: Imu) -> None:
-            rate = rate_from_imu(message)
-            if self.sensor_frame_id not in ('', message.header.frame_id):
-                raise MessageError(f'frame {message.header.frame_id!r} is not that of the '
-                                   f'centroids, {self.sensor_frame_id!r}')
-            if (self.in_order('imu', message.header.stamp)
-                    and not add(ns_from_stamp(message.header.stamp), rate)):
-                raise MessageError(f'angular velocity {rate.tolist()} rad/s cannot be right')
-        self.take(Imu, 'imu', take_imu, qos.IMU)
-
-    def in_order(self, topic: str, stamp: Time) -> bool:
-        """Return whether a stamp is newer than the last of its topic; counts it if not."""
-        stamp_ns = ns_from_stamp(stamp)
-        newest_ns = self._newest_ns.get(topic, stamp_ns - 1)
-        if newest_ns - stamp_ns > self.RESTART_NS:
-            self.diagnostics.note(
-                f'{topic}: time went back by {(newest_ns - stamp_ns) / 1e9:.1f} s, '
-                'state forgotten')
-            self._newest_ns.clear()
-            self._cadence = Cadence()
-            self.configure()
-        elif stamp_ns <= newest_ns:
-            self.diagnostics.counts[f'{topic} out of order'] += 1
-            self.diagnostics.report(WARN, f'{topic}: frame out of order dropped')
-            return False
-        self._newest_ns[topic] = stamp_ns
-        if topic == self.steady_topic:
-            self._follow_cadence(stamp_ns)
-        return True
-
-    def _follow_cadence(self, stamp_ns: int) -> None:
-        topic = self.steady_topic
-        missing, ahead_s = self._cadence.arrived(stamp_ns, time.monotonic())
-        if missing:
-            self.diagnostics.counts[f'{topic} missing'] += missing
-            self.diagnostics.note(f'{topic}: frames are missing')
-        elif ahead_s:
-            self.diagnostics.note(f'{topic}: time went ahead by {ahead_s:.1f} s')
-
-    def _check_silence(self) -> None:
-        if self._cadence.is_silent(time.monotonic()):
-            self.diagnostics.report(WARN, f'{self.steady_topic}: nothing comes in')
-
-    def _take_camera(self, message: CameraInfo) -> None:
-        try:
-            camera = camera_from_message(message)
-        except CameraError:
-            # The lens is not what it was: nothing goes out until a sound camera_info comes.
-            self.camera = None
-            raise
-        epoch_year = epoch_year_from_stamp(ns_from_stamp(message.header.stamp))
-        if self.camera is not None and camera != self.camera:
-            self.diagnostics.note(
-                f'another camera: {camera.width} x {camera.height} px, '
-                f'{np.degrees(camera.fov_x_rad):.2f} deg wide')
-        if camera != self.camera or abs(epoch_year - self.epoch_year) > self.EPOCH_TOLERANCE:
-            self.camera, self.epoch_year = camera, epoch_year
-            self.get_logger().info(
-                f'camera {camera.width} x {camera.height} px, '
-                f'{np.degrees(camera.fov_x_rad):.2f} deg wide, epoch J{epoch_year:.2f}')
-            self.configure()
 
 
 def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = None) -> int:

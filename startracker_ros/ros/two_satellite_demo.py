@@ -18,8 +18,9 @@ from startracker_ros.locate.orbit import orbit_frame
 from startracker_ros.report.target import draw_target, load_target, summarise_target
 from startracker_ros.ros import qos
 from startracker_ros.ros.demo import DemoError, end, Monitor, prepare, process_start_s, watch
+from startracker_ros.ros.message_types import message_class
 from startracker_ros.ros.messages import (
-    centroids_from_message, image_from_message, message_class, ns_from_stamp, tracks_from_message)
+    centroids_from_message, image_from_message, ns_from_stamp, tracks_from_message)
 from startracker_ros.ros.processes import NodeProcesses
 from startracker_ros.rotation import radec_from_unit
 from startracker_ros.sky.orbit import CircularOrbit, EARTH_RADIUS_M

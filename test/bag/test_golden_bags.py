@@ -18,6 +18,7 @@ from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.replay import Replay, ReplayedFrame
 from startracker_ros.ros import messages
+from startracker_ros.ros.message_types import message_class
 from startracker_ros.rotation import attitude_error, matrix_from_quaternion
 
 FOLDER = Path(__file__).parents[2] / 'bags'
@@ -35,7 +36,7 @@ def recorded(name: str) -> dict[str, list]:
     """Return the messages of a bag by topic, and all of them in order under ''."""
     topics = defaultdict(list)
     for record in read_messages(FOLDER / name):
-        message = deserialize_message(record.data, messages.message_class(record.type_name))
+        message = deserialize_message(record.data, message_class(record.type_name))
         topics[record.topic].append(message)
         topics[''].append((record.topic, message))
     return topics

@@ -7,8 +7,9 @@ import pytest
 import rclpy
 from startracker_ros.camera import Camera
 from startracker_ros.executables import NODES
+from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.messages import camera_to_message, make_header
-from startracker_ros.ros.node import CameraNode, node_class_of, PipelineNode
+from startracker_ros.ros.node import node_class_of, PipelineNode
 from startracker_ros.ros.processes import parameter_arguments
 
 CONFIG = Path(__file__).parents[2] / 'config'

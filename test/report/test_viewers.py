@@ -11,8 +11,9 @@ import pytest
 from run_bag import write_run
 from startracker_ros.report.viewer_picture import draw_viewer
 from startracker_ros.ros.image_marker import centroids_to_image_marker
+from startracker_ros.ros.message_types import message_class
 from startracker_ros.ros.messages import (
-    CENTROID_DTYPE, make_header, message_class, STAR_DTYPE, TRACK_DTYPE)
+    CENTROID_DTYPE, make_header, STAR_DTYPE, TRACK_DTYPE)
 from visualization_msgs.msg import ImageMarker
 import yaml
 

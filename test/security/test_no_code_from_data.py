@@ -7,7 +7,7 @@ import sys
 import pytest
 from startracker_ros.camera import CameraError, load_camera
 from startracker_ros.images import ImageError, read_image
-from startracker_ros.ros.messages import message_class
+from startracker_ros.ros.message_types import message_class
 
 ROOT = Path(__file__).parents[2]
 SOURCES = sorted([*ROOT.glob('startracker_ros/**/*.py'), *ROOT.glob('launch/*.py')])
@@ -17,9 +17,10 @@ UNSAFE_CALLS = {
     'subprocess.getstatusoutput', 'yaml.full_load', 'yaml.unsafe_load', 'yaml.load_all',
     'yaml.full_load_all', 'yaml.unsafe_load_all', 'pandas.read_pickle'}
 SAFE_LOADERS = {'yaml.SafeLoader', 'yaml.CSafeLoader'}
-# Modules named by a table in the code or, in messages.py, by data that is checked: tests below.
+# Modules named by a table in the code or, in message_types.py, by data that is checked below.
 MAY_IMPORT_BY_NAME = {
-    'ros/messages.py', 'ros/node.py', 'doctor/install.py', 'bench/centroid.py', 'bench/jpda.py'}
+    'ros/message_types.py', 'ros/node.py', 'doctor/install.py', 'bench/centroid.py',
+    'bench/jpda.py'}
 
 
 def unsafe(source: str) -> list[str]:

@@ -11,9 +11,10 @@ from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.options import option, Options
 from startracker_ros.ros import messages, qos
+from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.frames import FrameOptions
-from startracker_ros.ros.node import CameraNode, main_of
+from startracker_ros.ros.node import main_of
 from startracker_ros.rotation import ARCSEC
 from startracker_ros.track.tracks import TrackedAttitude
 

@@ -4,11 +4,13 @@ from sensor_msgs.msg import Image, PointCloud2
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.report.annotate import annotate
 from startracker_ros.ros import qos
+from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.image_marker import centroids_to_image_marker
+from startracker_ros.ros.message_types import MessageError
 from startracker_ros.ros.messages import (
-    centroids_to_message, image_from_message, image_to_message, MessageError)
-from startracker_ros.ros.node import CameraNode, main_of
+    centroids_to_message, image_from_message, image_to_message)
+from startracker_ros.ros.node import main_of
 from visualization_msgs.msg import ImageMarker
 
 

@@ -12,10 +12,11 @@ from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
+from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages import (
     centroids_from_message, identification_to_message, ns_from_stamp)
-from startracker_ros.ros.node import CameraNode, main_of
+from startracker_ros.ros.node import main_of
 from startracker_ros.track.tracker import TrackerState
 
 _RESTING = 'resting while the star tracker tracks'

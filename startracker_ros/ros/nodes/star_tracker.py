@@ -9,11 +9,12 @@ from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.ros import qos
+from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
 from startracker_ros.ros.messages import (
     centroids_from_message, centroids_from_rows, centroids_to_message, ns_from_stamp, read_cloud,
     STAR_DTYPE, tracked_attitude_to_imu, tracks_to_message)
-from startracker_ros.ros.node import CameraNode, main_of
+from startracker_ros.ros.node import main_of
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.target import TargetTracker, TargetTrackOptions
 from startracker_ros.track.tracker import StarTracker, TrackerState
