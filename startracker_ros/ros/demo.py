@@ -5,21 +5,17 @@ import os
 from pathlib import Path
 import shutil
 import time
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import rclpy
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from sensor_msgs.msg import CameraInfo
-from startracker_ros.bag.reader import read_messages
-from startracker_ros.report.picture import draw_run
-from startracker_ros.report.recording import load_recording, Recording
-from startracker_ros.report.summary import summarise
 from startracker_ros.ros import qos
 from startracker_ros.ros.message_types import message_class
 from startracker_ros.ros.messages import (
@@ -27,6 +23,9 @@ from startracker_ros.ros.messages import (
 from startracker_ros.ros.processes import node_environment, NodeProcesses
 from startracker_ros.rotation import ARCSEC, attitude_error, pointing_from_quaternion
 from startracker_ros.table import Result
+
+if TYPE_CHECKING:
+    from startracker_ros.report.recording import Recording
 
 FRAME_RATE_HZ = 10.0
 _SIMULATOR = {
@@ -190,6 +189,9 @@ def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
             monitor.destroy_node()
             rclpy.try_shutdown()
         end(nodes)
+    # Not before the nodes have started, which would wait for it.
+    from startracker_ros.report.recording import load_recording
+    from startracker_ros.report.summary import summarise
     recording = load_recording(bag)
     rows = summarise(recording)
     start_s = float('nan') if monitor.first_attitude_s is None else (
@@ -230,8 +232,11 @@ def watch(monitor: Monitor, nodes: NodeProcesses, frames: int, *,
         rclpy.spin_once(monitor, timeout_sec=0.1)
 
 
-def _draw(path: Path, bag: Path, recording: Recording) -> None:
+def _draw(path: Path, bag: Path, recording: 'Recording') -> None:
     """Draw the last frame that has both an image and tracks, and all errors."""
+    from rclpy.serialization import deserialize_message
+    from startracker_ros.bag.reader import read_messages
+    from startracker_ros.report.picture import draw_run
     last_ns = int(np.intersect1d(recording.image_ns, recording.attitude_ns)[-1])
     image = tracks = None
     for record in read_messages(bag, topics=('/image_raw', '/tracks'),
