@@ -213,9 +213,9 @@ def _collect_between_frames(node: PipelineNode) -> None:
     """
     Collect garbage once a second, and not when the middle of a frame happens to fill it up.
 
-    Long-lived objects leave the collector's view, so that a pass stays short.
+    Long-lived objects leave the collector's view, so that a pass stays short; what little garbage
+    the start has left goes with them.
     """
-    gc.collect()
     gc.freeze()
     gc.disable()
     node.create_timer(1.0, gc.collect, clock=Clock(clock_type=ClockType.STEADY_TIME))
