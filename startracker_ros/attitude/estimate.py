@@ -1,37 +1,16 @@
 """The best attitude of one frame of identified stars, and how good it is."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from startracker_ros.attitude import solution
 from startracker_ros.attitude.refinement import inverse_information
-from startracker_ros.rotation import matrix_from_quaternion
+from startracker_ros.attitude.result import AttitudeEstimate, covariance_icrf, SOLVERS
 
-SOLVERS = {'quest': solution.QUEST, 'davenport': solution.DAVENPORT, 'svd': solution.SVD,
+_SOLVER = {'quest': solution.QUEST, 'davenport': solution.DAVENPORT, 'svd': solution.SVD,
            'triad': solution.TRIAD}
-"""The solvers by name: three of the same best fit, and the two best stars alone."""
 
 
 class AttitudeError(ValueError):
     """Directions from which no attitude follows; the text says why."""
-
-
-@dataclass(frozen=True)
-class AttitudeEstimate:
-    """
-    An attitude and its statistics.
-
-    quaternion (4,) is q_icrf_from_sensor with w >= 0; covariance_sensor (3, 3) rad^2 is that
-    of rotation.attitude_error, a rotation vector about sensor axes; residual_rad (N,) is the
-    angle between each star and its catalogue place; chi2 sums the squares of residual over
-    sigma: of the best fit with 2 N - 3 degrees of freedom, else with mean_chi2() as its mean.
-    """
-
-    quaternion: np.ndarray
-    covariance_sensor: np.ndarray
-    stars: int
-    residual_rad: np.ndarray
-    chi2: float
 
 
 def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarray,
@@ -59,7 +38,7 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
     if solver not in SOLVERS:
         raise ValueError(f'no solver {solver!r}; there are {", ".join(SOLVERS)}')
     ended, star, twin, quaternion, covariance, residual_rad, chi2 = solution.solve(
-        SOLVERS[solver], sensor, icrf, sigma_rad)
+        _SOLVER[solver], sensor, icrf, sigma_rad)
     if ended != solution.SOLVED:
         raise AttitudeError({
             solution.NOT_FINITE: 'NaN or infinity among the directions or their sigma',
@@ -88,12 +67,6 @@ def cramer_rao(sensor: np.ndarray, sigma_rad: np.ndarray) -> np.ndarray:
         raise AttitudeError('the directions are parallel: they have no information about '
                             'the rotation about them')
     return covariance * least ** 2
-
-
-def covariance_icrf(q_icrf_from_sensor: np.ndarray, covariance_sensor: np.ndarray) -> np.ndarray:
-    """Return the covariance (3, 3) of a rotation vector about sensor axes on ICRF axes."""
-    matrix = matrix_from_quaternion(q_icrf_from_sensor)
-    return matrix @ covariance_sensor @ matrix.T
 
 
 def mean_chi2(estimate: AttitudeEstimate, icrf: np.ndarray, sigma_rad: np.ndarray) -> float:

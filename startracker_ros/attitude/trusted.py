@@ -3,8 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from startracker_ros.attitude.estimate import (
-    AttitudeError, AttitudeEstimate, estimate_attitude, mean_chi2, SOLVERS)
+from startracker_ros.attitude.result import AttitudeEstimate, SOLVERS
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.options import option, Options
@@ -22,7 +21,7 @@ class TrustOptions(Options):
     solver: str = option(
         'quest', 'quest, davenport and svd find the same best fit of all stars, triad takes the '
         'two that determine the attitude best',
-        choices=tuple(SOLVERS))
+        choices=SOLVERS)
     min_stars: int = option(
         4, 'fewest stars of a trusted attitude; three or fewer leave no room to notice a wrong '
         'one',
@@ -56,6 +55,11 @@ class AttitudeTrust:
         Stars that the catalogue does not hold (hip 0) are left out. The covariance is
         scaled up when the residuals are larger than chance makes those of sigma_px.
         """
+        # Compiled code and SciPy take half a second to import: who takes the attitudes of a star
+        # tracker never comes here.
+        from scipy.special import chdtri
+        from startracker_ros.attitude.estimate import (
+            AttitudeError, estimate_attitude, mean_chi2)
         known, icrf = self._known(hip)
         if len(icrf) < self._options.min_stars:
             return self._too_few(len(icrf), 'identified')
@@ -70,9 +74,6 @@ class AttitudeTrust:
             return TrustedAttitude(
                 None, f'residual of {residual_px:.2f} px is above max_residual_px = '
                 f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
-        # Here, as a node that takes the attitudes of a star tracker never comes here: SciPy would
-        # be a fifth of its start.
-        from scipy.special import chdtri
         mean = mean_chi2(attitude, icrf, sigma_rad)
         excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, CHANCE) else 1.0
         self._previous = sign_continuous(attitude.quaternion, self._previous)

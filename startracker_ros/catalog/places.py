@@ -5,7 +5,6 @@ from functools import cached_property
 
 import numpy as np
 from startracker_ros.camera import Camera
-from startracker_ros.catalog.sky_grid import count_near, sky_grid
 from startracker_ros.catalog.stars import StarCatalog
 
 MERGE_PX = 2.0
@@ -47,6 +46,8 @@ class StarPlaces:
 
     def count_within(self, centers: np.ndarray, radius_rad: float) -> np.ndarray:
         """Return how many stars (M,) are up to radius_rad from each of centers (M, 3)."""
+        # Compiled code takes a third of a second to import: only who counts waits.
+        from startracker_ros.catalog.sky_grid import count_near, sky_grid
         return count_near(sky_grid(self.direction), np.ascontiguousarray(centers),
                           _chord(min(radius_rad, np.pi)))
 

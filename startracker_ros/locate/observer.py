@@ -8,6 +8,7 @@ import numpy as np
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.locate.sight import Sight, sight, without_aberration
+from startracker_ros.locate.state import State
 from startracker_ros.options import option, Options
 from startracker_ros.rotation import rotate
 from startracker_ros.sky.planets import earth_velocity_m_s
@@ -39,14 +40,6 @@ class ObserverOptions(Options):
         unit='m', low=1e-3, high=1e6)
     timing_sigma_s: float = option(
         1e-3, 'error of the stamps of an observer, 1 sigma', unit='s', low=0.0, high=10.0)
-
-
-class State(NamedTuple):
-    """Position (3,) in m, velocity (3,) in m/s, covariance (3, 3) of the position in m^2."""
-
-    position_m: np.ndarray
-    velocity_m_s: np.ndarray
-    covariance_m2: np.ndarray
 
 
 class TimedSight(NamedTuple):

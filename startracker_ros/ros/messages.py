@@ -9,10 +9,10 @@ from geometry_msgs.msg import (
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2, PointField
-from startracker_ros.attitude.estimate import AttitudeEstimate, covariance_icrf
+from startracker_ros.attitude.result import AttitudeEstimate, covariance_icrf
 from startracker_ros.camera import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.locate.observer import State
+from startracker_ros.locate.state import State
 from startracker_ros.ros.message_types import MessageError
 from startracker_ros.rotation import conjugate, matrix_from_quaternion, rotate
 from startracker_ros.track.tracks import TrackedAttitude, Tracks

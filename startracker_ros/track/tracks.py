@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.attitude.result import AttitudeEstimate
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, TransformStamped
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
-from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.attitude.result import AttitudeEstimate
 from startracker_ros.attitude.trusted import AttitudeTrust, TrustedAttitude, TrustOptions
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog

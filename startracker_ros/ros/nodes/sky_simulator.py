@@ -8,7 +8,7 @@ import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.locate.observer import State
+from startracker_ros.locate.state import State
 from startracker_ros.options import option, Options
 from startracker_ros.ros import messages, qos
 from startracker_ros.ros.diagnostics import OK
