@@ -8,7 +8,7 @@ the areas of their gates over the area of the image. One such pair leaves little
 uncertainty but a turn about the star; each of the other n - 1 stars falls into one of the
 gates that are left with a probability p, their areas over that of the image, and m - 1 of
 them or more do so with the probability of a binomial tail. The product is the false-alarm
-probability, as in verification.py but with the area that the prediction leaves to search
+probability, as in chance.py but with the area that the prediction leaves to search
 instead of the whole sky.
 
 All places are x / z, y / z in the sensor frame. The state is the error of the prediction,

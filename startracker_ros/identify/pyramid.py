@@ -22,10 +22,11 @@ from startracker_ros.identify.cache import cached_pairs
 from startracker_ros.identify.identification import (
     Identification, IdentificationOptions, Identifier, spread, usable_stars)
 from startracker_ros.identify.kvector import first_beyond, first_from, KVectorTable
+from startracker_ros.identify.pairing import fit, matches
 from startracker_ros.identify.pairs import PairDatabase
+from startracker_ros.identify.support import support, support_weights, volume
 from startracker_ros.identify.verification import (
-    Court, fit, judge, JUDGED, matches, refuted, same_attitude, support, support_weights, tangent,
-    volume)
+    Court, judge, JUDGED, refuted, same_attitude, tangent)
 from startracker_ros.lens import Lens
 
 # Sides of a triangle shorter than this say little beside their noise.
@@ -398,7 +399,7 @@ def _candidates(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarra
                         tested[0] += 1
                         a, b, c = pairs.star[meet], pairs.star[second], pairs.star[third]
                         _keep(best, votes, a, b, c,
-                              support(court, weights, support_reach, a, b, c))
+                              support(court.sky, weights, support_reach, a, b, c))
                 entry = pairs.following[entry]
     # Far less support than the best one has is chance.
     count = 0

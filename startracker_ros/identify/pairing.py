@@ -1,0 +1,171 @@
+"""Image stars beside the catalogue stars they may be, and the attitude and scale that fit."""
+
+import numpy as np
+from startracker_ros.attitude.refinement import (
+    quaternion_from_matrix, refine, residuals, sensor_directions)
+from startracker_ros.attitude.triad import triad
+from startracker_ros.catalog.sky_grid import nearest, SkyGrid
+from startracker_ros.compiled import compiled, inlined
+
+
+@compiled
+def matches(matched: np.ndarray) -> int:
+    """Return how many of the image stars (N,) have a catalogue star."""
+    count = 0
+    for star in matched:
+        count += star >= 0
+    return count
+
+
+@compiled
+def equal(matched: np.ndarray, other: np.ndarray) -> bool:
+    """Return whether two answers are the same."""
+    for i in range(len(matched)):
+        if matched[i] != other[i]:
+            return False
+    return True
+
+
+@compiled
+def contains(matched: np.ndarray, star: int) -> bool:
+    """Return whether a catalogue star is among the matched ones."""
+    for other in matched:
+        if other == star:
+            return True
+    return False
+
+
+@inlined
+def star_at(sky: SkyGrid, matrix: np.ndarray, x: float, y: float, radius: float
+             ) -> tuple[int, float]:
+    """Return the catalogue star nearest to x / z, y / z in the sensor frame, as nearest()."""
+    length = np.sqrt(x * x + y * y + 1)
+    return nearest(sky, (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / length,
+                   (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]) / length,
+                   (matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]) / length, radius)
+
+
+@compiled
+def pair_up(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float, radius: float
+             ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the catalogue star (N,) nearest to each image star and its distance (N,) in x / z.
+
+    One to one: of several image stars at one star the nearest has it. -1 and NaN beyond the
+    radius.
+    """
+    count = len(seen)
+    matched = np.full(count, -1)
+    distance = np.full(count, np.nan)
+    for i in range(count):
+        x, y = seen[i, 0] / ratio, seen[i, 1] / ratio
+        star, _ = star_at(sky, matrix, x, y, radius)
+        if star < 0:
+            continue
+        c = sky.direction[star]
+        z = matrix[0, 2] * c[0] + matrix[1, 2] * c[1] + matrix[2, 2] * c[2]
+        dx = (matrix[0, 0] * c[0] + matrix[1, 0] * c[1] + matrix[2, 0] * c[2]) / z - x
+        dy = (matrix[0, 1] * c[0] + matrix[1, 1] * c[1] + matrix[2, 1] * c[2]) / z - y
+        gap = np.sqrt(dx * dx + dy * dy)
+        if gap > radius:
+            continue
+        for other in range(i):
+            if matched[other] == star:
+                if distance[other] <= gap:
+                    star = -1
+                else:
+                    matched[other], distance[other] = -1, np.nan
+                break
+        if star >= 0:
+            matched[i], distance[i] = star, gap
+    return matched, distance
+
+
+@compiled
+def chosen(seen: np.ndarray, sigma: np.ndarray, ratio: float, matched: np.ndarray, sky: SkyGrid
+            ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return sensor (M, 3) and ICRF (M, 3) directions and weights (M,) of the matched stars."""
+    count = matches(matched)
+    sensor, icrf, weight = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
+    row = 0
+    for i in range(len(matched)):
+        if matched[i] < 0:
+            continue
+        x, y = seen[i, 0] / ratio, seen[i, 1] / ratio
+        length = np.sqrt(x * x + y * y + 1)
+        sensor[row, 0], sensor[row, 1], sensor[row, 2] = x / length, y / length, 1 / length
+        for k in range(3):
+            icrf[row, k] = sky.direction[matched[i], k]
+        weight[row] = 1 / sigma[i] ** 2
+        row += 1
+    return sensor, icrf, weight
+
+
+@compiled
+def farthest(vectors: np.ndarray) -> int:
+    """Return the vector (N, 3) that is farthest from the first."""
+    chosen, most = 0, -1.0
+    for i in range(1, len(vectors)):
+        square = ((vectors[i, 0] - vectors[0, 0]) ** 2 + (vectors[i, 1] - vectors[0, 1]) ** 2
+                  + (vectors[i, 2] - vectors[0, 2]) ** 2)
+        if square > most:
+            chosen, most = i, square
+    return chosen
+
+
+@compiled
+def scale(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray) -> float:
+    """
+    Return the focal length that fits over the one of the sensor directions (M, 3).
+
+    Taken from the distances of the stars from their own centre: were they taken from the
+    axis, stars on one side of the image would hide a wrong scale in a wrong attitude.
+    """
+    count = len(sensor)
+    expected = np.empty((count, 2))
+    seen = np.empty((count, 2))
+    centre = np.zeros(4)
+    for i in range(count):
+        c = icrf[i]
+        z = matrix[0, 2] * c[0] + matrix[1, 2] * c[1] + matrix[2, 2] * c[2]
+        for k in range(2):
+            expected[i, k] = (matrix[0, k] * c[0] + matrix[1, k] * c[1] + matrix[2, k] * c[2]) / z
+            seen[i, k] = sensor[i, k] / sensor[i, 2]
+            centre[k] += seen[i, k] / count
+            centre[2 + k] += expected[i, k] / count
+    both = square = 0.0
+    for i in range(count):
+        for k in range(2):
+            away = expected[i, k] - centre[2 + k]
+            both += (seen[i, k] - centre[k]) * away
+            square += away * away
+    return both / square
+
+
+@compiled
+def spread(seen: np.ndarray, matched: np.ndarray) -> float:
+    """Return the root of the summed square distances of the matched stars from their centre."""
+    count = 0
+    x = y = xx = yy = 0.0
+    for i in range(len(seen)):
+        if matched[i] >= 0:
+            count += 1
+            x += seen[i, 0]
+            y += seen[i, 1]
+            xx += seen[i, 0] ** 2
+            yy += seen[i, 1] ** 2
+    return np.sqrt(max(xx + yy - (x * x + y * y) / count, 0.0))
+
+
+@compiled
+def fit(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, ratio: float, star: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Return quaternion (4,), covariance (3, 3), residual_rad (M,) and chi2 of a match."""
+    sensor, icrf, weight = chosen(seen, sigma, ratio, star, sky)
+    if len(weight) < 2:
+        return np.zeros(4), np.full((3, 3), np.inf), np.zeros(len(weight)), np.inf
+    matrix = triad(sensor, icrf, 0, farthest(sensor))
+    covariance, _ = refine(matrix, sensor, icrf, weight)
+    residual = residuals(sensor, sensor_directions(matrix, icrf))
+    chi2 = np.sum(residual ** 2 * weight)
+    return quaternion_from_matrix(matrix), covariance, residual, chi2
