@@ -4,8 +4,8 @@ import numpy as np
 from startracker_ros.compiled import compiled
 
 
-# Each step doubles the digits; a few arcseconds become rounding in two.
-_MOST_STEPS = 5
+CONVERGED = 5
+"""Steps in which any nearly right rotation converges: each doubles the digits."""
 
 MIN_GAP = 1e-12
 """Least gap of the eigenvalues, as of davenport(), that is observable. Below it double precision
@@ -14,17 +14,17 @@ stars of equal weight reach it 0.3 arcsec apart."""
 
 
 @compiled
-def refine(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray, weight: np.ndarray
-           ) -> tuple[np.ndarray, float]:
+def refine(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray, weight: np.ndarray,
+           most_steps: int) -> tuple[np.ndarray, float]:
     """
     Turn a nearly right matrix (3, 3) to the best fit; return the covariance at unit weight.
 
-    Gauss-Newton on sum w |sensor - matrix^T icrf|^2 (Wahba's problem) over unit vectors
+    At most so many steps of Gauss-Newton on sum w |sensor - matrix^T icrf|^2 (Wahba's problem) over unit vectors
     (N, 3) and weights (N,). Covariance and determinant are those of inverse_information().
     """
     covariance = np.empty((3, 3))
     determinant = 0.0
-    for _ in range(_MOST_STEPS):
+    for _ in range(most_steps):
         place = sensor_directions(matrix, icrf)
         covariance, determinant = inverse_information(place, weight)
         if determinant <= 0:

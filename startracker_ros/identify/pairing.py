@@ -2,7 +2,7 @@
 
 import numpy as np
 from startracker_ros.attitude.refinement import (
-    quaternion_from_matrix, refine, residuals, sensor_directions)
+    CONVERGED, quaternion_from_matrix, refine, residuals, sensor_directions)
 from startracker_ros.attitude.triad import triad
 from startracker_ros.catalog.sky_grid import nearest, SkyGrid
 from startracker_ros.compiled import compiled, inlined
@@ -18,7 +18,7 @@ def matches(matched: np.ndarray) -> int:
 
 
 @compiled
-def equal(matched: np.ndarray, other: np.ndarray) -> bool:
+def _equal(matched: np.ndarray, other: np.ndarray) -> bool:
     """Return whether two answers are the same."""
     for i in range(len(matched)):
         if matched[i] != other[i]:
@@ -45,8 +45,17 @@ def star_at(sky: SkyGrid, matrix: np.ndarray, x: float, y: float, radius: float
                    (matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]) / length, radius)
 
 
+@inlined
+def _gap(matrix: np.ndarray, star: np.ndarray, x: float, y: float) -> float:
+    """Return the distance of a catalogue star (3,) from x / z, y / z in the sensor frame."""
+    z = matrix[0, 2] * star[0] + matrix[1, 2] * star[1] + matrix[2, 2] * star[2]
+    dx = (matrix[0, 0] * star[0] + matrix[1, 0] * star[1] + matrix[2, 0] * star[2]) / z - x
+    dy = (matrix[0, 1] * star[0] + matrix[1, 1] * star[1] + matrix[2, 1] * star[2]) / z - y
+    return np.sqrt(dx * dx + dy * dy)
+
+
 @compiled
-def pair_up(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float, radius: float
+def _pair_up(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float, radius: float
              ) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the catalogue star (N,) nearest to each image star and its distance (N,) in x / z.
@@ -62,11 +71,7 @@ def pair_up(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float, ra
         star, _ = star_at(sky, matrix, x, y, radius)
         if star < 0:
             continue
-        c = sky.direction[star]
-        z = matrix[0, 2] * c[0] + matrix[1, 2] * c[1] + matrix[2, 2] * c[2]
-        dx = (matrix[0, 0] * c[0] + matrix[1, 0] * c[1] + matrix[2, 0] * c[2]) / z - x
-        dy = (matrix[0, 1] * c[0] + matrix[1, 1] * c[1] + matrix[2, 1] * c[2]) / z - y
-        gap = np.sqrt(dx * dx + dy * dy)
+        gap = _gap(matrix, sky.direction[star], x, y)
         if gap > radius:
             continue
         for other in range(i):
@@ -82,7 +87,7 @@ def pair_up(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float, ra
 
 
 @compiled
-def chosen(seen: np.ndarray, sigma: np.ndarray, ratio: float, matched: np.ndarray, sky: SkyGrid
+def _chosen(seen: np.ndarray, sigma: np.ndarray, ratio: float, matched: np.ndarray, sky: SkyGrid
             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return sensor (M, 3) and ICRF (M, 3) directions and weights (M,) of the matched stars."""
     count = matches(matched)
@@ -102,7 +107,7 @@ def chosen(seen: np.ndarray, sigma: np.ndarray, ratio: float, matched: np.ndarra
 
 
 @compiled
-def farthest(vectors: np.ndarray) -> int:
+def _farthest(vectors: np.ndarray) -> int:
     """Return the vector (N, 3) that is farthest from the first."""
     chosen, most = 0, -1.0
     for i in range(1, len(vectors)):
@@ -114,7 +119,7 @@ def farthest(vectors: np.ndarray) -> int:
 
 
 @compiled
-def scale(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray) -> float:
+def _scale(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray) -> float:
     """
     Return the focal length that fits over the one of the sensor directions (M, 3).
 
@@ -143,7 +148,7 @@ def scale(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray) -> float:
 
 
 @compiled
-def spread(seen: np.ndarray, matched: np.ndarray) -> float:
+def _spread(seen: np.ndarray, matched: np.ndarray) -> float:
     """Return the root of the summed square distances of the matched stars from their centre."""
     count = 0
     x = y = xx = yy = 0.0
@@ -158,14 +163,76 @@ def spread(seen: np.ndarray, matched: np.ndarray) -> float:
 
 
 @compiled
-def fit(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, ratio: float, star: np.ndarray
-        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return quaternion (4,), covariance (3, 3), residual_rad (M,) and chi2 of a match."""
-    sensor, icrf, weight = chosen(seen, sigma, ratio, star, sky)
+def align(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray, star: np.ndarray,
+          radius: float, scale_error: float
+          ) -> tuple[bool, float, np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Pair up all image stars when those of base (B,) are the catalogue stars star (B,).
+
+    seen (N, 2) are the image stars in x / z, y / z, where radius is measured, too; sigma (N,)
+    is in rad. Return whether four stars or more agree with an attitude and a scale within
+    scale_error, the focal ratio, the pairs as _pair_up() and the matrix (3, 3) to ICRF.
+    """
+    matched = np.full(len(seen), -1)
+    for i in range(len(base)):
+        matched[base[i]] = star[i]
+    distance = np.full(len(seen), np.nan)
+    matrix = np.eye(3)
+    ratio = fitted = 1.0
+    # The first radius allows for the attitude that three close stars extrapolate; looked at
+    # twice, because the stars found first lead to those at the far side of the image.
+    for attempt in range(4):
+        before = matched
+        sensor, icrf, weight = _chosen(seen, sigma, ratio, matched, sky)
+        if attempt == 0:
+            matrix = triad(sensor, icrf, 0, _farthest(sensor))
+        # What one step leaves is little beside the radius, and more steps follow.
+        if not refine(matrix, sensor, icrf, weight, 1)[1] > 0:
+            return False, ratio, matched, distance, matrix
+        fitted = ratio * _scale(matrix, sensor, icrf)
+        # Close stars may know the scale less well than it was known before.
+        ratio = min(max(fitted, 1 - scale_error), 1 + scale_error)
+        matched, distance = _pair_up(sky, matrix, seen, ratio,
+                                     3 * radius if attempt < 2 else radius)
+        if matches(matched) < 4:
+            return False, ratio, matched, distance, matrix
+        if attempt > 0 and _equal(matched, before):
+            # The same pairs with the focal length that they have led to.
+            sensor, icrf, weight = _chosen(seen, sigma, ratio, matched, sky)
+            refine(matrix, sensor, icrf, weight, 1)
+            # A narrower radius would leave them as they are.
+            if _measure(sky, matrix, seen, ratio, matched, distance) <= radius:
+                break
+    holds = abs(fitted - 1) <= scale_error + radius / _spread(seen, matched)
+    return holds, ratio, matched, distance, matrix
+
+
+@compiled
+def _measure(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float,
+             matched: np.ndarray, distance: np.ndarray) -> float:
+    """Put the distances of the pairs, as of _pair_up(), into distance (N,); return the largest."""
+    largest = 0.0
+    for i in range(len(matched)):
+        if matched[i] >= 0:
+            distance[i] = _gap(matrix, sky.direction[matched[i]], seen[i, 0] / ratio,
+                               seen[i, 1] / ratio)
+            largest = max(largest, distance[i])
+    return largest
+
+
+@compiled
+def fit(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, ratio: float, star: np.ndarray,
+        start: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """
+    Return quaternion (4,), covariance (3, 3), residual_rad (M,) and chi2 of a match.
+
+    start (3, 3) is a nearly right matrix to ICRF.
+    """
+    sensor, icrf, weight = _chosen(seen, sigma, ratio, star, sky)
     if len(weight) < 2:
         return np.zeros(4), np.full((3, 3), np.inf), np.zeros(len(weight)), np.inf
-    matrix = triad(sensor, icrf, 0, farthest(sensor))
-    covariance, _ = refine(matrix, sensor, icrf, weight)
+    matrix = start.copy()
+    covariance, _ = refine(matrix, sensor, icrf, weight, CONVERGED)
     residual = residuals(sensor, sensor_directions(matrix, icrf))
     chi2 = np.sum(residual ** 2 * weight)
     return quaternion_from_matrix(matrix), covariance, residual, chi2

@@ -142,7 +142,7 @@ class PyramidIdentifier(Identifier):
         """Return the answer of the first believed triangle."""
         options = self.options
         outcome, used, tested, chance, ratio, matched, found, fitted = _identify(
-            self._sky, centroids.uv, np.argsort(-centroids.flux), centroids.sigma_px,
+            self._sky, centroids.uv, -centroids.flux, centroids.sigma_px,
             options.max_image_stars, options.sigma_floor_px, options.false_alarm_max,
             time.perf_counter() + options.time_limit_s)
         if outcome == _BELIEVED:
@@ -160,19 +160,21 @@ class PyramidIdentifier(Identifier):
 
 
 @compiled
-def _identify(constant: _Sky, uv: np.ndarray, order: np.ndarray, sigma_px: np.ndarray, most: int,
-              sigma_floor_px: float, false_alarm_max: float, deadline_s: float
+def _identify(constant: _Sky, uv: np.ndarray, faintness: np.ndarray, sigma_px: np.ndarray,
+              most: int, sigma_floor_px: float, false_alarm_max: float, deadline_s: float
               ) -> tuple[int, int, int, float, float, int, tuple, tuple]:
     """
     Test triangle after triangle until one is believed, none is left or time is up.
 
+    The centroids at uv (N, 2) come in the order of faintness (N,), any ascending measure.
     Return the outcome, how many stars were used, candidates tested, chance, focal ratio,
     number of matched stars, (hip, magnitude, residual_px) of all centroids and fit().
     """
     court, lens = constant.court, constant.lens
-    index, image, sigma = usable_stars(lens, uv, order, sigma_px, most, sigma_floor_px)
+    index, image, sigma = usable_stars(lens, uv, np.argsort(faintness), sigma_px, most,
+                                       sigma_floor_px)
     seen = tangent(image)
-    chance, ratio, star, distance = refuted(len(image))
+    chance, ratio, star, distance, matrix = refuted(len(image))
     tested = np.zeros(1, np.int64)
     base = np.empty(3, np.int64)
     outcome = _TOO_FEW if len(image) < 4 else _EXHAUSTED
@@ -191,7 +193,7 @@ def _identify(constant: _Sky, uv: np.ndarray, order: np.ndarray, sigma_px: np.nd
                         not believed or not same_attitude(verdict[2], star)):
                     believed += 1
                 if verdict[0] < chance:
-                    chance, ratio, star, distance = verdict
+                    chance, ratio, star, distance, matrix = verdict
             if believed:
                 outcome = _AMBIGUOUS if believed > 1 else _BELIEVED
                 break
@@ -204,8 +206,8 @@ def _identify(constant: _Sky, uv: np.ndarray, order: np.ndarray, sigma_px: np.nd
                     outcome = _TIME_LIMIT
     residual_px = distance * np.sqrt(lens.fx * lens.fy)
     return (outcome, len(index), tested[0], chance, ratio, matches(star),
-            spread(len(order), index, star, residual_px, court.hip, court.magnitude),
-            fit(court.sky, seen, sigma, ratio, star))
+            spread(len(uv), index, star, residual_px, court.hip, court.magnitude),
+            fit(court.sky, seen, sigma, ratio, star, matrix))
 
 
 @compiled

@@ -12,8 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.attitude.refinement import refine
-from startracker_ros.attitude.triad import triad
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.catalog.sky_grid import count_in_image, sky_grid, SkyGrid
@@ -21,8 +19,7 @@ from startracker_ros.compiled import compiled
 from startracker_ros.identify.chance import (
     binomial_tail, cells, combined, distance_chance, order_chance, up_to)
 from startracker_ros.identify.lens_trace import wrong_lens
-from startracker_ros.identify.pairing import (
-    chosen, equal, farthest, fit, matches, pair_up, scale, spread)
+from startracker_ros.identify.pairing import align, fit
 from startracker_ros.identify.support import support, support_weights
 
 # Candidates that are judged, those with the most support.
@@ -116,10 +113,10 @@ class Verifier:
         candidates there were so far.
         """
         seen = tangent(image)
-        chance, ratio, star, distance = judge(self.court, seen, sigma_rad, np.asarray(base),
-                                              np.asarray(star), tested)
+        chance, ratio, star, distance, matrix = judge(
+            self.court, seen, sigma_rad, np.asarray(base), np.asarray(star), tested)
         return self.match(chance, ratio, star, distance,
-                          fit(self.court.sky, seen, sigma_rad, ratio, star))
+                          fit(self.court.sky, seen, sigma_rad, ratio, star, matrix))
 
     def match(self, chance: float, ratio: float, star: np.ndarray, distance: np.ndarray,
               fitted: tuple) -> Match:
@@ -150,9 +147,9 @@ def same_attitude(star: np.ndarray, other: np.ndarray) -> bool:
 
 
 @compiled
-def refuted(count: int) -> tuple[float, float, np.ndarray, np.ndarray]:
+def refuted(count: int) -> tuple[float, float, np.ndarray, np.ndarray, np.ndarray]:
     """Return the verdict of a candidate that names none of count stars."""
-    return 1.0, 1.0, np.full(count, -1), np.full(count, np.nan)
+    return 1.0, 1.0, np.full(count, -1), np.full(count, np.nan), np.eye(3)
 
 
 @compiled
@@ -181,50 +178,26 @@ def _middle(values: np.ndarray) -> float:
 
 @compiled
 def judge(court: Court, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray, star: np.ndarray,
-          tested: int) -> tuple[float, float, np.ndarray, np.ndarray]:
+          tested: int) -> tuple[float, float, np.ndarray, np.ndarray, np.ndarray]:
     """
-    Return chance, focal ratio, star (N,) and distance (N,) of a candidate.
+    Return chance, focal ratio, star (N,), distance (N,) and matrix (3, 3) of a candidate.
 
-    seen (N, 2) are the image stars in x / z, y / z; distance is measured there. A chance of
-    one stands for a candidate that is refuted.
+    seen (N, 2) are the image stars in x / z, y / z; distance is measured there; the matrix
+    turns sensor vectors to ICRF. A chance of one stands for a candidate that is refuted.
     """
     sky = court.sky
-    count = len(seen)
     radius = court.tolerance_sigmas * _middle(sigma)
-    matched = np.full(count, -1)
-    for i in range(len(base)):
-        matched[base[i]] = star[i]
-    distance = np.full(count, np.nan)
-    ratio = fitted = 1.0
-    matrix = np.empty((3, 3))
-    # The first radius allows for the attitude that three close stars extrapolate; looked at
-    # twice, because the stars found first lead to those at the far side of the image.
-    for attempt in range(4):
-        before = matched
-        sensor, icrf, weight = chosen(seen, sigma, ratio, matched, sky)
-        if attempt == 0:
-            matrix = triad(sensor, icrf, 0, farthest(sensor))
-        determinant = refine(matrix, sensor, icrf, weight)[1]
-        if not determinant > 0:
-            return 1.0, ratio, matched, distance
-        fitted = ratio * scale(matrix, sensor, icrf)
-        # Close stars may know the scale less well than it was known before.
-        ratio = min(max(fitted, 1 - court.scale_error), 1 + court.scale_error)
-        matched, distance = pair_up(sky, matrix, seen, ratio,
-                                    3 * radius if attempt < 2 else radius)
-        if matches(matched) < 4:
-            return 1.0, ratio, matched, distance
-        if attempt > 1 and equal(matched, before):
-            break
-    if abs(fitted - 1) > court.scale_error + radius / spread(seen, matched):
-        return 1.0, ratio, matched, distance
+    holds, ratio, matched, distance, matrix = align(sky, seen, sigma, base, star, radius,
+                                                    court.scale_error)
+    if not holds:
+        return 1.0, ratio, matched, distance, matrix
     low_x, high_x, low_y, high_y, chord = court.field
     in_field = count_in_image(sky, matrix, chord, low_x / ratio, high_x / ratio, low_y / ratio,
                               high_y / ratio)
     every, first = cells(seen, matched, court.area)
     agreeing = 0
-    for i in range(count):
-        agreeing += first[i]
+    for counted in first:
+        agreeing += counted
     # The stars that found the candidate are no evidence for it.
     others = max(agreeing - len(base), 0)
     trials = max(every - len(base), others)
@@ -238,4 +211,4 @@ def judge(court: Court, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray, s
     chance = min(1.0, max(tested, 1) * combined(product))
     if chance < 1 and wrong_lens(sky, matrix, seen, ratio, radius, matched, by_chance):
         chance = 1.0
-    return chance, ratio, matched, distance
+    return chance, ratio, matched, distance, matrix
