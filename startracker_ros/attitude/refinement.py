@@ -31,10 +31,11 @@ def refine(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray, weight: np.
             return covariance, 0.0
         gx = gy = gz = 0.0
         for i in range(len(weight)):
-            v, s, w = sensor[i], place[i], weight[i]
-            gx += w * (v[1] * s[2] - v[2] * s[1])
-            gy += w * (v[2] * s[0] - v[0] * s[2])
-            gz += w * (v[0] * s[1] - v[1] * s[0])
+            # Scalars alone: a view of a row costs more than the arithmetic with it.
+            x, y, z, w = sensor[i, 0], sensor[i, 1], sensor[i, 2], weight[i]
+            gx += w * (y * place[i, 2] - z * place[i, 1])
+            gy += w * (z * place[i, 0] - x * place[i, 2])
+            gz += w * (x * place[i, 1] - y * place[i, 0])
         dx = covariance[0, 0] * gx + covariance[0, 1] * gy + covariance[0, 2] * gz
         dy = covariance[1, 0] * gx + covariance[1, 1] * gy + covariance[1, 2] * gz
         dz = covariance[2, 0] * gx + covariance[2, 1] * gy + covariance[2, 2] * gz
@@ -49,7 +50,7 @@ def sensor_directions(matrix: np.ndarray, icrf: np.ndarray) -> np.ndarray:
     """Return where a matrix (3, 3) to ICRF has the stars icrf (N, 3) in the sensor frame."""
     place = np.empty((len(icrf), 3))
     for i in range(len(icrf)):
-        x, y, z = icrf[i]
+        x, y, z = icrf[i, 0], icrf[i, 1], icrf[i, 2]
         for k in range(3):
             place[i, k] = matrix[0, k] * x + matrix[1, k] * y + matrix[2, k] * z
     return place
@@ -66,7 +67,7 @@ def inverse_information(directions: np.ndarray, weight: np.ndarray) -> tuple[np.
     """
     xx = xy = xz = yy = yz = zz = 0.0
     for i in range(len(weight)):
-        x, y, z = directions[i]
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
         w = weight[i]
         xx += w * (y * y + z * z)
         yy += w * (x * x + z * z)

@@ -41,7 +41,7 @@ def _cells_about(grid: SkyGrid, coordinate: float, chord: float) -> tuple[int, i
     return max(low, 0), min(high, grid.cells - 1)
 
 
-@compiled
+@inlined
 def nearest(grid: SkyGrid, x: float, y: float, z: float, chord: float) -> tuple[int, float]:
     """
     Return the index of the star nearest to a unit vector and its squared chord.
@@ -100,6 +100,7 @@ def count_in_image(grid: SkyGrid, matrix: np.ndarray, chord: float, low_x: float
     to high_x and from low_y to high_y in x / z, y / z, and no further than chord from its axis.
     """
     found = 0
+    direction = grid.direction
     first_x, last_x = _cells_about(grid, matrix[0, 2], chord)
     first_y, last_y = _cells_about(grid, matrix[1, 2], chord)
     first_z, last_z = _cells_about(grid, matrix[2, 2], chord)
@@ -107,11 +108,13 @@ def count_in_image(grid: SkyGrid, matrix: np.ndarray, chord: float, low_x: float
         for j in range(first_y, last_y + 1):
             row = (i * grid.cells + j) * grid.cells
             for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
-                star = grid.direction[grid.member[m]]
-                z = star[0] * matrix[0, 2] + star[1] * matrix[1, 2] + star[2] * matrix[2, 2]
+                star = grid.member[m]
+                # Scalars alone: a view of a row costs more than the arithmetic with it.
+                a, b, c = direction[star, 0], direction[star, 1], direction[star, 2]
+                z = a * matrix[0, 2] + b * matrix[1, 2] + c * matrix[2, 2]
                 if z <= 0:
                     continue
-                x = (star[0] * matrix[0, 0] + star[1] * matrix[1, 0] + star[2] * matrix[2, 0]) / z
-                y = (star[0] * matrix[0, 1] + star[1] * matrix[1, 1] + star[2] * matrix[2, 1]) / z
+                x = (a * matrix[0, 0] + b * matrix[1, 0] + c * matrix[2, 0]) / z
+                y = (a * matrix[0, 1] + b * matrix[1, 1] + c * matrix[2, 1]) / z
                 found += low_x <= x <= high_x and low_y <= y <= high_y
     return found

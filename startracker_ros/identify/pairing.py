@@ -39,18 +39,20 @@ def contains(matched: np.ndarray, star: int) -> bool:
 def star_at(sky: SkyGrid, matrix: np.ndarray, x: float, y: float, radius: float
              ) -> tuple[int, float]:
     """Return the catalogue star nearest to x / z, y / z in the sensor frame, as nearest()."""
-    length = np.sqrt(x * x + y * y + 1)
-    return nearest(sky, (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / length,
-                   (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]) / length,
-                   (matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]) / length, radius)
+    z = 1 / np.sqrt(x * x + y * y + 1)
+    return nearest(sky, z * (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]),
+                   z * (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]),
+                   z * (matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]), radius)
 
 
-@inlined
-def _gap(matrix: np.ndarray, star: np.ndarray, x: float, y: float) -> float:
-    """Return the distance of a catalogue star (3,) from x / z, y / z in the sensor frame."""
-    z = matrix[0, 2] * star[0] + matrix[1, 2] * star[1] + matrix[2, 2] * star[2]
-    dx = (matrix[0, 0] * star[0] + matrix[1, 0] * star[1] + matrix[2, 0] * star[2]) / z - x
-    dy = (matrix[0, 1] * star[0] + matrix[1, 1] * star[1] + matrix[2, 1] * star[2]) / z - y
+@compiled
+def _gap(matrix: np.ndarray, direction: np.ndarray, star: int, x: float, y: float) -> float:
+    """Return how far a star of direction (S, 3) is from x / z, y / z in the sensor frame."""
+    # Scalars alone: a view of a row costs more than the arithmetic with it.
+    a, b, c = direction[star, 0], direction[star, 1], direction[star, 2]
+    z = matrix[0, 2] * a + matrix[1, 2] * b + matrix[2, 2] * c
+    dx = (matrix[0, 0] * a + matrix[1, 0] * b + matrix[2, 0] * c) / z - x
+    dy = (matrix[0, 1] * a + matrix[1, 1] * b + matrix[2, 1] * c) / z - y
     return np.sqrt(dx * dx + dy * dy)
 
 
@@ -71,7 +73,7 @@ def _pair_up(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float, r
         star, _ = star_at(sky, matrix, x, y, radius)
         if star < 0:
             continue
-        gap = _gap(matrix, sky.direction[star], x, y)
+        gap = _gap(matrix, sky.direction, star, x, y)
         if gap > radius:
             continue
         for other in range(i):
@@ -87,8 +89,8 @@ def _pair_up(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float, r
 
 
 @compiled
-def _chosen(seen: np.ndarray, sigma: np.ndarray, ratio: float, matched: np.ndarray, sky: SkyGrid
-            ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _chosen(seen: np.ndarray, sigma: np.ndarray, ratio: float, matched: np.ndarray,
+            direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return sensor (M, 3) and ICRF (M, 3) directions and weights (M,) of the matched stars."""
     count = matches(matched)
     sensor, icrf, weight = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
@@ -100,7 +102,7 @@ def _chosen(seen: np.ndarray, sigma: np.ndarray, ratio: float, matched: np.ndarr
         length = np.sqrt(x * x + y * y + 1)
         sensor[row, 0], sensor[row, 1], sensor[row, 2] = x / length, y / length, 1 / length
         for k in range(3):
-            icrf[row, k] = sky.direction[matched[i], k]
+            icrf[row, k] = direction[matched[i], k]
         weight[row] = 1 / sigma[i] ** 2
         row += 1
     return sensor, icrf, weight
@@ -131,10 +133,10 @@ def _scale(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray) -> float:
     seen = np.empty((count, 2))
     centre = np.zeros(4)
     for i in range(count):
-        c = icrf[i]
-        z = matrix[0, 2] * c[0] + matrix[1, 2] * c[1] + matrix[2, 2] * c[2]
+        a, b, c = icrf[i, 0], icrf[i, 1], icrf[i, 2]
+        z = matrix[0, 2] * a + matrix[1, 2] * b + matrix[2, 2] * c
         for k in range(2):
-            expected[i, k] = (matrix[0, k] * c[0] + matrix[1, k] * c[1] + matrix[2, k] * c[2]) / z
+            expected[i, k] = (matrix[0, k] * a + matrix[1, k] * b + matrix[2, k] * c) / z
             seen[i, k] = sensor[i, k] / sensor[i, 2]
             centre[k] += seen[i, k] / count
             centre[2 + k] += expected[i, k] / count
@@ -183,7 +185,7 @@ def align(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray, s
     # twice, because the stars found first lead to those at the far side of the image.
     for attempt in range(4):
         before = matched
-        sensor, icrf, weight = _chosen(seen, sigma, ratio, matched, sky)
+        sensor, icrf, weight = _chosen(seen, sigma, ratio, matched, sky.direction)
         if attempt == 0:
             matrix = triad(sensor, icrf, 0, _farthest(sensor))
         # What one step leaves is little beside the radius, and more steps follow.
@@ -198,23 +200,23 @@ def align(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray, s
             return False, ratio, matched, distance, matrix
         if attempt > 0 and _equal(matched, before):
             # The same pairs with the focal length that they have led to.
-            sensor, icrf, weight = _chosen(seen, sigma, ratio, matched, sky)
+            sensor, icrf, weight = _chosen(seen, sigma, ratio, matched, sky.direction)
             refine(matrix, sensor, icrf, weight, 1)
             # A narrower radius would leave them as they are.
-            if _measure(sky, matrix, seen, ratio, matched, distance) <= radius:
+            if _measure(sky.direction, matrix, seen, ratio, matched, distance) <= radius:
                 break
     holds = abs(fitted - 1) <= scale_error + radius / _spread(seen, matched)
     return holds, ratio, matched, distance, matrix
 
 
 @compiled
-def _measure(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float,
+def _measure(direction: np.ndarray, matrix: np.ndarray, seen: np.ndarray, ratio: float,
              matched: np.ndarray, distance: np.ndarray) -> float:
     """Put the distances of the pairs, as of _pair_up(), into distance (N,); return the largest."""
     largest = 0.0
     for i in range(len(matched)):
         if matched[i] >= 0:
-            distance[i] = _gap(matrix, sky.direction[matched[i]], seen[i, 0] / ratio,
+            distance[i] = _gap(matrix, direction, matched[i], seen[i, 0] / ratio,
                                seen[i, 1] / ratio)
             largest = max(largest, distance[i])
     return largest
@@ -228,7 +230,7 @@ def fit(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, ratio: float, star: n
 
     start (3, 3) is a nearly right matrix to ICRF.
     """
-    sensor, icrf, weight = _chosen(seen, sigma, ratio, star, sky)
+    sensor, icrf, weight = _chosen(seen, sigma, ratio, star, sky.direction)
     if len(weight) < 2:
         return np.zeros(4), np.full((3, 3), np.inf), np.zeros(len(weight)), np.inf
     matrix = start.copy()

@@ -182,7 +182,8 @@ def _identify(constant: _Sky, uv: np.ndarray, faintness: np.ndarray, sigma_px: n
     for level in constant.levels:
         state = _begin(len(image), level.image_stars)
         for _ in range(level.triangles):
-            cost = _choose(level, court, image, sigma, state, base)
+            cost = _choose(level.table.values, len(level.star), court.tolerance_sigmas,
+                           court.scale_error, image, sigma, state, base)
             if cost < 0 or outcome != _EXHAUSTED:
                 break
             candidates, count = _candidates(level, court, image, sigma, base, tested)
@@ -220,48 +221,34 @@ def _begin(count: int, most: int) -> _State:
     return _State(trust, np.full((n, n), -1.0), np.zeros((n, n, n), np.bool_))
 
 
-@inlined
-def _angle(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the angle between unit vectors."""
-    return 2 * np.arcsin(min(np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2
-                                     + (a[2] - b[2]) ** 2) / 2, 1.0))
-
-
-@inlined
-def _angle_and_noise(court: Court, image: np.ndarray, sigma: np.ndarray, i: int, j: int
-                     ) -> tuple[float, float]:
-    """Return the length of a side and how far noise may take its catalogue pairs off it."""
-    noise = court.tolerance_sigmas * np.sqrt(sigma[i] ** 2 + sigma[j] ** 2)
-    return _angle(image[i], image[j]), noise
-
-
-@inlined
-def _angle_and_reach(court: Court, image: np.ndarray, sigma: np.ndarray, i: int, j: int
-                     ) -> tuple[float, float]:
-    """Return the length of a side and how far its catalogue pairs may be off it."""
-    angle, noise = _angle_and_noise(court, image, sigma, i, j)
-    return angle, noise + court.scale_error * angle
-
-
-@inlined
-def _bands(court: Court) -> int:
-    """Return in how many parts the tolerance of the focal length is searched."""
-    return max(int(np.ceil(court.scale_error / _BAND)), 1)
-
-
 @compiled
-def _expected_pairs(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarray, i: int,
-                    j: int) -> float:
+def _angle_and_noise(image: np.ndarray, sigma: np.ndarray, tolerance_sigmas: float, i: int,
+                     j: int) -> tuple[float, float]:
+    """Return the length of a side and how far noise may take its catalogue pairs off it."""
+    x, y = image[i, 0] - image[j, 0], image[i, 1] - image[j, 1]
+    z = image[i, 2] - image[j, 2]
+    angle = 2 * np.arcsin(min(np.sqrt(x * x + y * y + z * z) / 2, 1.0))
+    return angle, tolerance_sigmas * np.sqrt(sigma[i] ** 2 + sigma[j] ** 2)
+
+
+@inlined
+def _bands(scale_error: float) -> int:
+    """Return in how many parts the tolerance of the focal length is searched."""
+    return max(int(np.ceil(scale_error / _BAND)), 1)
+
+
+@inlined
+def _expected_pairs(separations: np.ndarray, stars: int, angle: float, reach: float) -> float:
     """
     Return how many pairs a side may be, were the stars spread evenly over the sky.
 
     Faster than to look; nothing where the database has no such pairs at all.
     """
-    angle, reach = _angle_and_reach(court, image, sigma, i, j)
-    values = pairs.table.values
-    if not len(values) or angle + reach < values[0] or angle - reach > values[-1]:
-        return 0.0
-    return len(pairs.star) ** 2 / 4 * np.sin(angle) * 2 * reach
+    expected = stars ** 2 / 4 * np.sin(angle) * 2 * reach
+    if (not len(separations) or angle + reach < separations[0]
+            or angle - reach > separations[-1]):
+        expected = 0.0
+    return expected
 
 
 @compiled
@@ -279,10 +266,12 @@ def _descending(values: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def _choose(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarray, state: _State,
-            base: np.ndarray) -> float:
+def _choose(separations: np.ndarray, stars: int, tolerance_sigmas: float, scale_error: float,
+            image: np.ndarray, sigma: np.ndarray, state: _State, base: np.ndarray) -> float:
     """
     Put the next triangle into base (3,) and return its cost, negative when none is left.
+
+    separations (P,) are those of the pairs of so many stars.
 
     The next one has the most trust for its cost. Trust starts a little higher for bright
     stars and halves for the three stars of each triangle that is asked to be followed by
@@ -292,7 +281,7 @@ def _choose(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarray, s
     """
     trust, found, used = state.trust, state.found, state.used
     order = _descending(trust)
-    size = max(len(pairs.star), 1) * _bands(court)
+    size = max(stars, 1) * _bands(scale_error)
     # The triangles of the most trusted stars come first, all others when these are used up.
     for reach in (min(_TRUSTED, len(trust)), len(trust)):
         most, chosen_cost = 0.0, -1.0
@@ -300,7 +289,9 @@ def _choose(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarray, s
             for y in range(x):
                 i, j = order[x], order[y]
                 if found[i, j] < 0:
-                    found[i, j] = found[j, i] = _expected_pairs(pairs, court, image, sigma, i, j)
+                    angle, noise = _angle_and_noise(image, sigma, tolerance_sigmas, i, j)
+                    found[i, j] = found[j, i] = _expected_pairs(
+                        separations, stars, angle, noise + scale_error * angle)
                 if not found[i, j]:
                     continue
                 for z in range(y):
@@ -345,23 +336,24 @@ def _candidates(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarra
     searched in bands: the pairs to be joined are many fewer. tested (1,) counts the fitting
     ones.
     """
+    tolerance_sigmas, scale_error = court.tolerance_sigmas, court.scale_error
     a, b, c = base[0], base[1], base[2]
-    angle0, noise0 = _angle_and_noise(court, image, sigma, a, b)
-    angle1, noise1 = _angle_and_noise(court, image, sigma, a, c)
-    angle2, noise2 = _angle_and_noise(court, image, sigma, b, c)
+    angle0, noise0 = _angle_and_noise(image, sigma, tolerance_sigmas, a, b)
+    angle1, noise1 = _angle_and_noise(image, sigma, tolerance_sigmas, a, c)
+    angle2, noise2 = _angle_and_noise(image, sigma, tolerance_sigmas, b, c)
     weight0, weight1, weight2 = angle0 / noise0 ** 2, angle1 / noise1 ** 2, angle2 / noise2 ** 2
     full = weight0 * angle0 + weight1 * angle1 + weight2 * angle2
-    hand = volume(image[a], image[b], image[c])
-    flat = (abs(hand) < max(noise0, noise1, noise2) / court.tolerance_sigmas * _FLAT_SIGMAS
+    hand = volume(image, a, b, c)
+    flat = (abs(hand) < max(noise0, noise1, noise2) / tolerance_sigmas * _FLAT_SIGMAS
             * max(angle0, angle1, angle2))
-    weights, support_reach = support_weights(image, sigma, base, court.tolerance_sigmas)
+    weights, support_reach = support_weights(image, sigma, base, tolerance_sigmas)
     best = np.empty((JUDGED, 3), np.int64)
     votes = np.zeros(JUDGED, np.int64)
     table = pairs.table
-    bands = _bands(court)
-    half = court.scale_error / bands
+    bands = _bands(scale_error)
+    half = scale_error / bands
     for band in range(bands):
-        middle = 1 - court.scale_error + (2 * band + 1) * half
+        middle = 1 - scale_error + (2 * band + 1) * half
         least = middle - half if band > 0 else 0.0
         most = middle + half if band < bands - 1 else np.inf
         low = 2 * np.sin(max(middle * angle2 - noise2 - half * angle2, 0.0) / 2)
@@ -396,8 +388,7 @@ def _candidates(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarra
                              and abs(side0 - scale * angle0) <= noise0
                              and abs(side1 - scale * angle1) <= noise1
                              and abs(side2 - scale * angle2) <= noise2)
-                    if alike and (flat or volume(direction[meet], direction[second],
-                                                 direction[third]) * hand > 0):
+                    if alike and (flat or volume(direction, meet, second, third) * hand > 0):
                         tested[0] += 1
                         a, b, c = pairs.star[meet], pairs.star[second], pairs.star[third]
                         _keep(best, votes, a, b, c,

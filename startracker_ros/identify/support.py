@@ -6,7 +6,7 @@ Three image stars that are taken for three catalogue stars predict where others 
 
 import numpy as np
 from startracker_ros.catalog.sky_grid import nearest, SkyGrid
-from startracker_ros.compiled import compiled, inlined
+from startracker_ros.compiled import compiled
 
 # Image stars that are looked up for each candidate.
 _SUPPORTERS = 8
@@ -22,18 +22,17 @@ def support_weights(image: np.ndarray, sigma: np.ndarray, base: np.ndarray, tole
     predicted, and a wrong focal length cancels. The stars that the triangle predicts best
     are chosen.
     """
-    a, b, c = image[base[0]], image[base[1]], image[base[2]]
-    whole = volume(a, b, c)
+    a, b, c = base[0], base[1], base[2]
+    whole = volume(image, a, b, c)
     count = len(image)
     weights = np.zeros((count, 3))
     reach = np.full(count, np.inf)
     for i in range(count):
-        if i == base[0] or i == base[1] or i == base[2]:
+        if i == a or i == b or i == c:
             continue
-        star = image[i]
-        weights[i, 0] = volume(star, b, c) / whole
-        weights[i, 1] = volume(a, star, c) / whole
-        weights[i, 2] = volume(a, b, star) / whole
+        weights[i, 0] = volume(image, i, b, c) / whole
+        weights[i, 1] = volume(image, a, i, c) / whole
+        weights[i, 2] = volume(image, a, b, i) / whole
         square = sigma[i] ** 2
         for k in range(3):
             square += (weights[i, k] * sigma[base[k]]) ** 2
@@ -54,23 +53,29 @@ def support_weights(image: np.ndarray, sigma: np.ndarray, base: np.ndarray, tole
     return weights[:kept], reach[:kept]
 
 
-@inlined
-def volume(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    """Return the triple product a . (b x c)."""
-    return (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
-            + a[2] * (b[0] * c[1] - b[1] * c[0]))
+@compiled
+def volume(vectors: np.ndarray, a: int, b: int, c: int) -> float:
+    """Return the triple product a . (b x c) of three of the vectors (N, 3)."""
+    # Scalars alone: a view of a row costs more than the arithmetic with it.
+    x, y, z = vectors[a, 0], vectors[a, 1], vectors[a, 2]
+    return (x * (vectors[b, 1] * vectors[c, 2] - vectors[b, 2] * vectors[c, 1])
+            + y * (vectors[b, 2] * vectors[c, 0] - vectors[b, 0] * vectors[c, 2])
+            + z * (vectors[b, 0] * vectors[c, 1] - vectors[b, 1] * vectors[c, 0]))
 
 
 @compiled
 def support(sky: SkyGrid, weights: np.ndarray, reach: np.ndarray, first: int, second: int,
             third: int) -> int:
     """Return how many predicted image stars are at a catalogue star, if three are these stars."""
-    a, b, c = sky.direction[first], sky.direction[second], sky.direction[third]
+    direction = sky.direction
+    ax, ay, az = direction[first, 0], direction[first, 1], direction[first, 2]
+    bx, by, bz = direction[second, 0], direction[second, 1], direction[second, 2]
+    cx, cy, cz = direction[third, 0], direction[third, 1], direction[third, 2]
     count = 0
     for i in range(len(reach)):
-        x = weights[i, 0] * a[0] + weights[i, 1] * b[0] + weights[i, 2] * c[0]
-        y = weights[i, 0] * a[1] + weights[i, 1] * b[1] + weights[i, 2] * c[1]
-        z = weights[i, 0] * a[2] + weights[i, 1] * b[2] + weights[i, 2] * c[2]
-        length = np.sqrt(x * x + y * y + z * z)
-        count += nearest(sky, x / length, y / length, z / length, reach[i])[0] >= 0
+        x = weights[i, 0] * ax + weights[i, 1] * bx + weights[i, 2] * cx
+        y = weights[i, 0] * ay + weights[i, 1] * by + weights[i, 2] * cy
+        z = weights[i, 0] * az + weights[i, 1] * bz + weights[i, 2] * cz
+        unit = 1 / np.sqrt(x * x + y * y + z * z)
+        count += nearest(sky, unit * x, unit * y, unit * z, reach[i])[0] >= 0
     return count
