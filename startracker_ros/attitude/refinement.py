@@ -4,8 +4,8 @@ import numpy as np
 from startracker_ros.compiled import compiled
 
 
-CONVERGED = 5
-"""Steps in which any nearly right rotation converges: each doubles the digits."""
+# Each step doubles the digits; a few arcseconds become rounding in two.
+_CONVERGED = 5
 
 MIN_GAP = 1e-12
 """Least gap of the eigenvalues, as of davenport(), that is observable. Below it double precision
@@ -15,12 +15,13 @@ stars of equal weight reach it 0.3 arcsec apart."""
 
 @compiled
 def refine(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray, weight: np.ndarray,
-           most_steps: int) -> tuple[np.ndarray, float]:
+           most_steps: int = _CONVERGED) -> tuple[np.ndarray, float]:
     """
     Turn a nearly right matrix (3, 3) to the best fit; return the covariance at unit weight.
 
-    At most so many steps of Gauss-Newton on sum w |sensor - matrix^T icrf|^2 (Wahba's problem) over unit vectors
-    (N, 3) and weights (N,). Covariance and determinant are those of inverse_information().
+    At most so many steps of Gauss-Newton on sum w |sensor - matrix^T icrf|^2 (Wahba's problem)
+    over unit vectors (N, 3) and weights (N,). Covariance and determinant are those of
+    inverse_information().
     """
     covariance = np.empty((3, 3))
     determinant = 0.0

@@ -42,6 +42,6 @@ def _near_misses(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: floa
             continue
         free += 1
         star, _ = star_at(sky, matrix, seen[i, 0] / ratio, seen[i, 1] / ratio,
-                           _NEAR_MISS_RADII * radius)
+                          _NEAR_MISS_RADII * radius)
         near += star >= 0 and not contains(matched, star)
     return free, near

@@ -2,7 +2,7 @@
 
 import numpy as np
 from startracker_ros.attitude.refinement import (
-    CONVERGED, quaternion_from_matrix, refine, residuals, sensor_directions)
+    quaternion_from_matrix, refine, residuals, sensor_directions)
 from startracker_ros.attitude.triad import triad
 from startracker_ros.catalog.sky_grid import nearest, SkyGrid
 from startracker_ros.compiled import compiled, inlined
@@ -37,7 +37,7 @@ def contains(matched: np.ndarray, star: int) -> bool:
 
 @inlined
 def star_at(sky: SkyGrid, matrix: np.ndarray, x: float, y: float, radius: float
-             ) -> tuple[int, float]:
+            ) -> tuple[int, float]:
     """Return the catalogue star nearest to x / z, y / z in the sensor frame, as nearest()."""
     z = 1 / np.sqrt(x * x + y * y + 1)
     return nearest(sky, z * (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]),
@@ -234,7 +234,7 @@ def fit(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, ratio: float, star: n
     if len(weight) < 2:
         return np.zeros(4), np.full((3, 3), np.inf), np.zeros(len(weight)), np.inf
     matrix = start.copy()
-    covariance, _ = refine(matrix, sensor, icrf, weight, CONVERGED)
+    covariance, _ = refine(matrix, sensor, icrf, weight)
     residual = residuals(sensor, sensor_directions(matrix, icrf))
     chi2 = np.sum(residual ** 2 * weight)
     return quaternion_from_matrix(matrix), covariance, residual, chi2

@@ -237,18 +237,17 @@ def _bands(scale_error: float) -> int:
     return max(int(np.ceil(scale_error / _BAND)), 1)
 
 
-@inlined
+@compiled
 def _expected_pairs(separations: np.ndarray, stars: int, angle: float, reach: float) -> float:
     """
     Return how many pairs a side may be, were the stars spread evenly over the sky.
 
     Faster than to look; nothing where the database has no such pairs at all.
     """
-    expected = stars ** 2 / 4 * np.sin(angle) * 2 * reach
     if (not len(separations) or angle + reach < separations[0]
             or angle - reach > separations[-1]):
-        expected = 0.0
-    return expected
+        return 0.0
+    return stars ** 2 / 4 * np.sin(angle) * 2 * reach
 
 
 @compiled
@@ -349,7 +348,10 @@ def _candidates(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarra
     weights, support_reach = support_weights(image, sigma, base, tolerance_sigmas)
     best = np.empty((JUDGED, 3), np.int64)
     votes = np.zeros(JUDGED, np.int64)
-    table = pairs.table
+    # Taken out of the tuples once: each look into them costs more than what is done with it.
+    table, values, sky = pairs.table, pairs.table.values, court.sky
+    first, second, names, direction = pairs.first, pairs.second, pairs.star, pairs.direction
+    head, following = pairs.head, pairs.following
     bands = _bands(scale_error)
     half = scale_error / bands
     for band in range(bands):
@@ -360,40 +362,40 @@ def _candidates(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarra
         high = 2 * np.sin(min(middle * angle2 + noise2 + half * angle2, np.pi) / 2)
         low, high = low * low, high * high
         stamp = _list_partners(
-            pairs, first_from(table, middle * angle0 - noise0 - half * angle0),
+            first, second, head, following,
+            first_from(table, middle * angle0 - noise0 - half * angle0),
             first_beyond(table, middle * angle0 + noise0 + half * angle0))
         begin = first_from(table, middle * angle1 - noise1 - half * angle1)
         end = first_beyond(table, middle * angle1 + noise1 + half * angle1)
         # Scalars alone: a view of a row costs more than the arithmetic with it.
-        direction = pairs.direction
         for place in range(2 * begin, 2 * end):
             pair = place >> 1
-            meet, third = pairs.first[pair], pairs.second[pair]
+            meet, third = first[pair], second[pair]
             if place & 1:
                 meet, third = third, meet
-            if pairs.head[meet] >> 32 != stamp:
+            if head[meet] >> 32 != stamp:
                 continue
             x, y, z = direction[third, 0], direction[third, 1], direction[third, 2]
-            entry = np.int32(pairs.head[meet])
+            entry = np.int32(head[meet])
             while entry >= 0:
-                second = pairs.first[entry >> 1] if entry & 1 else pairs.second[entry >> 1]
-                dx, dy = direction[second, 0] - x, direction[second, 1] - y
-                dz = direction[second, 2] - z
+                other = first[entry >> 1] if entry & 1 else second[entry >> 1]
+                dx, dy = direction[other, 0] - x, direction[other, 1] - y
+                dz = direction[other, 2] - z
                 square = dx * dx + dy * dy + dz * dz
                 if low <= square <= high:
-                    side0, side1 = table.values[entry >> 1], table.values[pair]
+                    side0, side1 = values[entry >> 1], values[pair]
                     side2 = 2 * np.arcsin(np.sqrt(square) / 2)
                     scale = (side0 * weight0 + side1 * weight1 + side2 * weight2) / full
                     alike = (least <= scale < most
                              and abs(side0 - scale * angle0) <= noise0
                              and abs(side1 - scale * angle1) <= noise1
                              and abs(side2 - scale * angle2) <= noise2)
-                    if alike and (flat or volume(direction, meet, second, third) * hand > 0):
+                    if alike and (flat or volume(direction, meet, other, third) * hand > 0):
                         tested[0] += 1
-                        a, b, c = pairs.star[meet], pairs.star[second], pairs.star[third]
+                        a, b, c = names[meet], names[other], names[third]
                         _keep(best, votes, a, b, c,
-                              support(court.sky, weights, support_reach, a, b, c))
-                entry = pairs.following[entry]
+                              support(sky, weights, support_reach, a, b, c))
+                entry = following[entry]
     # Far less support than the best one has is chance.
     count = 0
     while count < JUDGED and votes[count] > votes[0] // 3:
@@ -402,19 +404,20 @@ def _candidates(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarra
 
 
 @compiled
-def _list_partners(pairs: _Pairs, begin: int, end: int) -> int:
+def _list_partners(first: np.ndarray, second: np.ndarray, head: np.ndarray,
+                   following: np.ndarray, begin: int, end: int) -> int:
     """
     List the partners of the stars of some pairs, in both orders; return the stamp.
 
-    Entry 2 p of pair p is its second star, 2 p + 1 its first.
+    Entry 2 p of pair p is its second star, 2 p + 1 its first. The arrays are those of _Pairs.
     """
-    stamp = pairs.head[-1] + 1
-    pairs.head[-1] = stamp
+    stamp = head[-1] + 1
+    head[-1] = stamp
     for entry in range(2 * begin, 2 * end):
-        star = pairs.second[entry >> 1] if entry & 1 else pairs.first[entry >> 1]
-        known = pairs.head[star] >> 32 == stamp
-        pairs.following[entry] = np.int32(pairs.head[star]) if known else -1
-        pairs.head[star] = stamp << 32 | entry
+        star = second[entry >> 1] if entry & 1 else first[entry >> 1]
+        known = head[star] >> 32 == stamp
+        following[entry] = np.int32(head[star]) if known else -1
+        head[star] = stamp << 32 | entry
     return stamp
 
 

@@ -28,7 +28,7 @@ def support_weights(image: np.ndarray, sigma: np.ndarray, base: np.ndarray, tole
     weights = np.zeros((count, 3))
     reach = np.full(count, np.inf)
     for i in range(count):
-        if i == a or i == b or i == c:
+        if i in (a, b, c):
             continue
         weights[i, 0] = volume(image, i, b, c) / whole
         weights[i, 1] = volume(image, a, i, c) / whole
