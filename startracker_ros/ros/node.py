@@ -7,7 +7,6 @@ import signal
 import sys
 from typing import Any
 
-import cv2
 from rcl_interfaces.msg import SetParametersResult
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
@@ -150,8 +149,6 @@ class PipelineNode(Node):
 
 def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = None) -> int:
     """Run nodes until SIGINT or SIGTERM; return 0, or 2 when one cannot start as asked."""
-    # The nodes of a pipeline share the cores; OpenCV's threads would only wait for each other.
-    cv2.setNumThreads(1)
     # A signal that comes early waits until all is in place: rclpy leaves half-made objects
     # behind when its context ends under their construction.
     signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)

@@ -1,5 +1,6 @@
 """centroid_extractor: image_raw, camera_info -> centroids, image_annotated, image_markers."""
 
+import cv2
 from sensor_msgs.msg import Image, PointCloud2
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.report.annotate import annotate
@@ -22,6 +23,9 @@ class CentroidExtractorNode(CameraNode):
 
     def __init__(self) -> None:
         super().__init__('centroid_extractor')
+        # The nodes of a pipeline share the cores; OpenCV's threads, with which images are
+        # annotated, would only wait for each other.
+        cv2.setNumThreads(1)
         self.steady_topic = 'image_raw'
         self._centroids = self.give(PointCloud2, 'centroids', qos.LIST)
         self._annotated = self.give(Image, 'image_annotated', qos.IMAGE)
