@@ -81,6 +81,15 @@ class AttitudeTrust:
             attitude, quaternion=self._previous,
             covariance_sensor=attitude.covariance_sensor * excess), 'trusted')
 
+    def warm_up(self) -> None:
+        """Load what solve() needs, so that the first frame need not wait for it."""
+        hip = self._places.hip[:max(4, self._options.min_stars)]
+        uv = np.random.default_rng(1).uniform(
+            0, [self._camera.width, self._camera.height], (len(hip), 2))
+        # Stars of the whole sky at any places: nothing that could be trusted.
+        self.solve(uv, hip, np.full(len(hip), 0.1))
+        self._previous = None
+
     def take(self, tracked: AttitudeEstimate, uv: np.ndarray, hip: np.ndarray
              ) -> TrustedAttitude:
         """

@@ -61,6 +61,8 @@ class AttitudeEstimatorNode(CameraNode):
             self._tracked.clear()
             self._waiting = None
             self._trust = AttitudeTrust(self.camera, places, self.options(TrustOptions))
+            if self._source == 'stars':
+                self._trust.warm_up()
 
     def _take_tracked(self, message: Imu) -> None:
         """Keep the attitude of a frame until its tracks come, or use it if they are here."""
