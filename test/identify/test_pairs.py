@@ -8,6 +8,7 @@ import pytest
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.identify import cache
 from startracker_ros.identify.cache import cache_folder, cached_pairs
 from startracker_ros.identify.pairs import build_pairs
 
@@ -82,6 +83,16 @@ def test_the_cache_is_keyed_by_what_it_was_built_from(places):
     other = camera_places(load_catalog(), CAMERA, 2027.0, 4.0)
     cached_pairs(other, NEAR, FAR)
     assert len(list(cache_folder().iterdir())) == 3
+
+
+def test_a_database_of_another_version_is_left_alone(places, monkeypatch):
+    built = cached_pairs(places, NEAR, FAR)
+    old, = cache_folder().iterdir()
+    # Whatever another version has put there under its own key.
+    old.write_bytes(b'another layout')
+    monkeypatch.setattr(cache, '_VERSION', cache._VERSION + 1)
+    assert_equal(cached_pairs(places, NEAR, FAR), built)
+    assert old.read_bytes() == b'another layout' and len(list(cache_folder().iterdir())) == 2
 
 
 @pytest.mark.parametrize('damage', [
