@@ -24,7 +24,7 @@ from startracker_ros.identify.identification import (
 from startracker_ros.identify.kvector import first_beyond, first_from, KVectorTable
 from startracker_ros.identify.pairing import fit, matches
 from startracker_ros.identify.pairs import PairDatabase
-from startracker_ros.identify.support import support, support_weights, volume
+from startracker_ros.identify.support import support, support_weights, SUPPORTERS, volume
 from startracker_ros.identify.verification import (
     Court, judge, JUDGED, refuted, same_attitude, tangent)
 from startracker_ros.lens import Lens
@@ -332,8 +332,9 @@ def _candidates(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarra
 
     A triangle fits when its three sides agree with those of the image within the noise, after
     one common scale within its tolerance, and when its handedness agrees. A wide tolerance is
-    searched in bands: the pairs to be joined are many fewer. tested (1,) counts the fitting
-    ones.
+    searched in bands: the pairs to be joined are many fewer. A triangle that all of the
+    SUPPORTERS support is the last one: by chance none has them. tested (1,) counts the
+    fitting ones.
     """
     tolerance_sigmas, scale_error = court.tolerance_sigmas, court.scale_error
     a, b, c = base[0], base[1], base[2]
@@ -352,6 +353,7 @@ def _candidates(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarra
     table, values, sky = pairs.table, pairs.table.values, court.sky
     first, second, names, direction = pairs.first, pairs.second, pairs.star, pairs.direction
     head, following = pairs.head, pairs.following
+    found = 0
     bands = _bands(scale_error)
     half = scale_error / bands
     for band in range(bands):
@@ -393,9 +395,17 @@ def _candidates(pairs: _Pairs, court: Court, image: np.ndarray, sigma: np.ndarra
                     if alike and (flat or volume(direction, meet, other, third) * hand > 0):
                         tested[0] += 1
                         a, b, c = names[meet], names[other], names[third]
-                        _keep(best, votes, a, b, c,
-                              support(sky, weights, support_reach, a, b, c))
+                        # Far less support than the best one has is chance, as below.
+                        found = support(sky, weights, support_reach, a, b, c,
+                                        max(votes[-1], votes[0] // 3))
+                        _keep(best, votes, a, b, c, found)
+                        if found == SUPPORTERS:
+                            break
                 entry = following[entry]
+            if found == SUPPORTERS:
+                break
+        if found == SUPPORTERS:
+            break
     # Far less support than the best one has is chance.
     count = 0
     while count < JUDGED and votes[count] > votes[0] // 3:

@@ -8,8 +8,8 @@ import numpy as np
 from startracker_ros.catalog.sky_grid import nearest, SkyGrid
 from startracker_ros.compiled import compiled
 
-# Image stars that are looked up for each candidate.
-_SUPPORTERS = 8
+SUPPORTERS = 8
+"""Image stars that are looked up for each candidate."""
 
 
 @compiled
@@ -39,7 +39,7 @@ def support_weights(image: np.ndarray, sigma: np.ndarray, base: np.ndarray, tole
         if square < np.inf:
             reach[i] = tolerance_sigmas * np.sqrt(square)
     kept = 0
-    for _ in range(min(_SUPPORTERS, count)):
+    for _ in range(min(SUPPORTERS, count)):
         least = kept
         for i in range(kept, count):
             if reach[i] < reach[least]:
@@ -65,14 +65,20 @@ def volume(vectors: np.ndarray, a: int, b: int, c: int) -> float:
 
 @compiled
 def support(sky: SkyGrid, weights: np.ndarray, reach: np.ndarray, first: int, second: int,
-            third: int) -> int:
-    """Return how many predicted image stars are at a catalogue star, if three are these stars."""
+            third: int, enough: int) -> int:
+    """
+    Return how many predicted image stars are at a catalogue star, if three are these stars.
+
+    Where it cannot be more than enough, the rest is not looked up.
+    """
     direction = sky.direction
     ax, ay, az = direction[first, 0], direction[first, 1], direction[first, 2]
     bx, by, bz = direction[second, 0], direction[second, 1], direction[second, 2]
     cx, cy, cz = direction[third, 0], direction[third, 1], direction[third, 2]
     count = 0
     for i in range(len(reach)):
+        if count + len(reach) - i <= enough:
+            break
         x = weights[i, 0] * ax + weights[i, 1] * bx + weights[i, 2] * cx
         y = weights[i, 0] * ay + weights[i, 1] * by + weights[i, 2] * cy
         z = weights[i, 0] * az + weights[i, 1] * bz + weights[i, 2] * cz
