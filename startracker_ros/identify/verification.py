@@ -98,8 +98,8 @@ class Verifier:
         """
         weights, reach = support_weights(image, sigma_rad, np.asarray(base),
                                          self.court.tolerance_sigmas)
-        count = np.array([support(self.court.sky, weights, reach, *candidate[:3], 0)
-                          for candidate in stars], int)
+        count = np.array([support(self.court.sky, weights, reach, candidate[0], candidate[1],
+                                  candidate[2], 0) for candidate in stars], int)
         order = np.argsort(-count, kind='stable')[:JUDGED]
         # Far less support than the best one has is chance.
         return order[count[order] > count[order[0]] // 3] if len(order) else order
