@@ -1,9 +1,9 @@
 """Gaussian point spread function, integrated over the pixels, fitted to all stars at once."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
 from startracker_ros.centroid.noise import NoiseModel
 from startracker_ros.centroid.windows import Windows
 from startracker_ros.compiled import compiled, fused
@@ -23,7 +23,7 @@ MOST_COLUMNS = 64  # of a window
 S_SUMS = W_S  # from here on for a free sigma
 RIDGE = 1e-12  # a star without usable pixels, or without light, must not divide by zero
 _NODES = np.arange(-TABLE_END * TABLE_STEPS, TABLE_END * TABLE_STEPS + 1) / TABLE_STEPS
-_BELOW = ndtr(_NODES)
+_BELOW = np.array([0.5 * math.erfc(-node * math.sqrt(0.5)) for node in _NODES])
 _DENSITY = np.exp(-0.5 * _NODES ** 2) / np.sqrt(2 * np.pi)
 
 

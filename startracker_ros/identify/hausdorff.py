@@ -17,7 +17,6 @@ from functools import cached_property
 from itertools import combinations, product
 
 import numpy as np
-from scipy.spatial import cKDTree
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.catalog.stars import StarCatalog
@@ -177,6 +176,8 @@ def brightest_around(direction: np.ndarray, pivots: Pivots, radius_rad: float,
     around = np.full((len(pivots.direction), count), -1)
     known = np.zeros(len(around), int)
     unfilled = len(around)
+    # Here, as only who uses this method waits for it.
+    from scipy.spatial import cKDTree
     tree = cKDTree(pivots.direction)
     for star, place in enumerate(direction):
         near = np.array(tree.query_ball_point(place, 2 * np.sin(radius_rad / 2)), int)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import cKDTree
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.identify.kvector import KVector
 
@@ -56,6 +55,8 @@ def build_pairs(places: StarPlaces, min_separation_rad: float,
     most = int(np.sqrt(4 * _MOST_PAIRS / max(1 - np.cos(max_separation_rad), 1e-12)))
     star = np.flatnonzero(~places.crowded)[:most]
     direction = places.direction[star]
+    # Here, as a database out of the cache needs no tree, which takes long to import.
+    from scipy.spatial import cKDTree
     pairs = cKDTree(direction).query_pairs(2 * np.sin(max_separation_rad / 2),
                                            output_type='ndarray')
     chord = np.linalg.norm(direction[pairs[:, 0]] - direction[pairs[:, 1]], axis=1)

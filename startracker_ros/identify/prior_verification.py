@@ -18,7 +18,6 @@ small: a rotation vector about sensor axes in rad and the relative error of the 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import bdtrc
 
 
 @dataclass(frozen=True)
@@ -167,6 +166,8 @@ class PriorVerifier:
 
     def _chance(self, row: np.ndarray, gates: _Gates) -> float:
         """Return the false-alarm probability of an answer that began with these gates."""
+        # Here, as only who predicts the attitude waits for it.
+        from scipy.special import bdtrc
         others = np.count_nonzero(row >= 0) - 1
         if others < 1:
             return 1.0
