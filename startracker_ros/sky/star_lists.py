@@ -31,7 +31,7 @@ def star_list(places: StarPlaces, camera: Camera, q: np.ndarray, sigma_px: float
     uv = np.concatenate([uv, rng.uniform(-0.5, [camera.width - 0.5, camera.height - 0.5],
                                          (false, 2))])
     magnitude = np.concatenate([magnitude, rng.uniform(
-        brightest_false, places.magnitude[-1], false)])
+        brightest_false, places.magnitude.max(initial=brightest_false), false)])
     hip = np.concatenate([places.hip[near], np.zeros(false, np.int32)])
     order = np.argsort(magnitude)
     count = len(order)
