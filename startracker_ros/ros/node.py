@@ -5,6 +5,7 @@ import gc
 from importlib import import_module
 import signal
 import sys
+import time
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -35,6 +36,8 @@ except ImportError:
 
 _END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
+
+_LONG_PASS_S = 0.003
 
 END_S = 5.0
 """Time that DDS is given to end a node, after the node itself has closed what it had open."""
@@ -210,12 +213,17 @@ def _collect_between_frames(node: PipelineNode) -> None:
     """
     Collect garbage once a second, and not when the middle of a frame happens to fill it up.
 
-    Long-lived objects leave the collector's view, so that a pass stays short; what little garbage
-    the start has left goes with them.
+    Long-lived objects leave the collector's view, so that a pass stays short: those of the start
+    with what little garbage there is, and after a long pass those that a camera has brought.
     """
+    def collect() -> None:
+        begin_s = time.perf_counter()
+        gc.collect()
+        if time.perf_counter() - begin_s > _LONG_PASS_S:
+            gc.freeze()
     gc.freeze()
     gc.disable()
-    node.create_timer(1.0, gc.collect, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    node.create_timer(1.0, collect, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def node_class_of(name: str) -> type[PipelineNode]:
