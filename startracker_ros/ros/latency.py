@@ -61,6 +61,8 @@ class TimedPipeline(Rig):
         arguments = parameter_arguments({
             f'{_SOURCE}:path': str(images), f'{_SOURCE}:fov_deg': fov_deg,
             f'{_SOURCE}:loop': True, f'{_SOURCE}:frame_count': 1,
+            # The extractor takes images only once it has loaded what is compiled.
+            f'{_SOURCE}:wait_for_subscribers': 1,
             f'{_SOURCE}:wait_for_camera_users': len(STAGES),
             'qos_overrides./image_raw.publisher.depth': 10,
             'qos_overrides./image_raw.subscription.depth': 10})
