@@ -18,7 +18,7 @@ from startracker_ros.locate.orbit import propagate
 from startracker_ros.locate.sight import sight
 from startracker_ros.rotation import quaternion_from_pointing
 from startracker_ros.sky.detector import Detector
-from startracker_ros.sky.star_lists import random_attitude, star_list
+from startracker_ros.sky.star_lists import some_field
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.newcomers import match_newcomers
 from startracker_ros.track.options import MODELS, TrackerOptions
@@ -33,8 +33,7 @@ EPOCH_YEAR = 2026.0
 def _field() -> tuple[StarPlaces, Centroids, np.ndarray]:
     """Return a sky, the centroids of a field, and their hip (N,)."""
     places = camera_places(load_catalog(), CAMERA, EPOCH_YEAR, 5.0)
-    rng = np.random.default_rng(1)
-    return places, *star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
+    return places, *some_field(places, CAMERA)
 
 
 def extraction() -> None:

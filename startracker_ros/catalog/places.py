@@ -44,13 +44,6 @@ class StarPlaces:
         """Return indices (M,) of the stars up to radius_rad from center (3,), brightest first."""
         return np.flatnonzero(self.direction @ center >= np.cos(min(radius_rad, np.pi)))
 
-    def count_within(self, centers: np.ndarray, radius_rad: float) -> np.ndarray:
-        """Return how many stars (M,) are up to radius_rad from each of centers (M, 3)."""
-        # Compiled code takes a third of a second to import: only who counts waits.
-        from startracker_ros.catalog.sky_grid import count_near, sky_grid
-        return count_near(sky_grid(self.direction), np.ascontiguousarray(centers),
-                          _chord(min(radius_rad, np.pi)))
-
     def index_of(self, hip: np.ndarray) -> np.ndarray:
         """Return the index (M,) of each Hipparcos number (M,), -1 where it is not here."""
         hip = np.asarray(hip)

@@ -14,7 +14,7 @@ import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
-from startracker_ros.catalog.sky_grid import count_in_image, sky_grid, SkyGrid
+from startracker_ros.catalog.sky_grid import count_in_image, count_near, sky_grid, SkyGrid
 from startracker_ros.compiled import compiled
 from startracker_ros.identify.chance import (
     binomial_tail, cells, combined, distance_chance, order_chance, up_to)
@@ -79,14 +79,15 @@ class Verifier:
                  scale_error: float, *, bases_by_brightness: bool = False) -> None:
         self._pixel_rad = camera.pixel_rad
         area = camera.width * camera.height * camera.pixel_rad ** 2
+        sky = sky_grid(places.direction)
         self.court = Court(
-            sky_grid(places.direction), places.hip, places.magnitude, float(tolerance_sigmas),
+            sky, places.hip, places.magnitude, float(tolerance_sigmas),
             float(scale_error),
             ((-0.5 - camera.cx) / camera.fx, (camera.width - 0.5 - camera.cx) / camera.fx,
              (-0.5 - camera.cy) / camera.fy, (camera.height - 0.5 - camera.cy) / camera.fy,
              # A field of view wider than it says lets in stars from a little beyond.
              2 * np.sin(min(1.1 * camera.corner_angle_rad, np.pi) / 2)),
-            area, _field_counts(places, area), bases_by_brightness)
+            area, _field_counts(sky, area), bases_by_brightness)
 
     def supported(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
                   stars: np.ndarray) -> np.ndarray:
@@ -129,12 +130,13 @@ class Verifier:
         return Match(star, distance / self._pixel_rad, attitude, ratio, chance)
 
 
-def _field_counts(places: StarPlaces, area: float) -> np.ndarray:
+def _field_counts(sky: SkyGrid, area: float) -> np.ndarray:
     """Return the sorted numbers of stars in discs of an area in rad^2."""
-    radius = np.arccos(1 - min(area / (2 * np.pi), 2.0))
+    # Archimedes: the cap of a sphere has the area of a disc whose radius is its chord.
+    chord = min(np.sqrt(area / np.pi), 2.0)
     vectors = np.random.default_rng(0).standard_normal((_SAMPLES, 3))
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.sort(places.count_within(vectors, radius))
+    return np.sort(count_near(sky, vectors, chord))
 
 
 @compiled

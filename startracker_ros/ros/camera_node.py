@@ -36,11 +36,15 @@ class CameraNode(PipelineNode):
         self.epoch_year = 0.0
         self.sensor_frame_id = ''
         self.steady_topic = ''
+        self._prepared = False
         self._cadence = Cadence()
         self._newest_ns: dict[str, int] = {}
         self.diagnostics.checks.append(self._check_silence)
         self.take(CameraInfo, 'camera_info', self._take_camera, qos.LIST)
         self.diagnostics.report(WARN, 'waiting for camera_info')
+
+    def prepare(self, camera: Camera) -> None:
+        """Do once, when the first camera is known, what the first frame must not wait for."""
 
     def known_camera(self) -> Camera | None:
         """Return the camera; counts and reports the dropped message where none is known."""
@@ -116,3 +120,6 @@ class CameraNode(PipelineNode):
                 f'camera {camera.width} x {camera.height} px, '
                 f'{np.degrees(camera.fov_x_rad):.2f} deg wide, epoch J{epoch_year:.2f}')
             self.configure()
+            if not self._prepared:
+                self._prepared = True
+                self.prepare(camera)

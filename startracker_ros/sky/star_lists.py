@@ -13,6 +13,12 @@ def random_attitude(rng: np.random.Generator) -> np.ndarray:
     return q / np.linalg.norm(q)
 
 
+def some_field(places: StarPlaces, camera: Camera) -> tuple[Centroids, np.ndarray]:
+    """Return the centroids of one and always the same field, and their hip (N,)."""
+    rng = np.random.default_rng(1)
+    return star_list(places, camera, random_attitude(rng), 0.1, rng)
+
+
 def star_list(places: StarPlaces, camera: Camera, q: np.ndarray, sigma_px: float,
               rng: np.random.Generator, *, magnitude_sigma: float = 0.1, missing: float = 0.0,
               false: int = 0, brightest_false: float = 1.0) -> tuple[Centroids, np.ndarray]:

@@ -7,6 +7,7 @@ import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.attitude.result import AttitudeEstimate
 from startracker_ros.attitude.trusted import AttitudeTrust, TrustedAttitude, TrustOptions
+from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.options import option, Options
@@ -61,8 +62,10 @@ class AttitudeEstimatorNode(CameraNode):
             self._tracked.clear()
             self._waiting = None
             self._trust = AttitudeTrust(self.camera, places, self.options(TrustOptions))
-            if self._source == 'stars':
-                self._trust.warm_up()
+
+    def prepare(self, camera: Camera) -> None:
+        if self._source == 'stars':
+            self._trust.warm_up()
 
     def _take_tracked(self, message: Imu) -> None:
         """Keep the attitude of a frame until its tracks come, or use it if they are here."""

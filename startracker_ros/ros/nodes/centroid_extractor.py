@@ -2,6 +2,7 @@
 
 import cv2
 from sensor_msgs.msg import Image, PointCloud2
+from startracker_ros.camera import Camera
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.report.annotate import annotate
 from startracker_ros.ros import qos
@@ -30,16 +31,14 @@ class CentroidExtractorNode(CameraNode):
         self._centroids = self.give(PointCloud2, 'centroids', qos.LIST)
         self._annotated = self.give(Image, 'image_annotated', qos.IMAGE)
         self._markers = self.give(ImageMarker, 'image_markers', qos.LIST)
-        self._listens = False
 
     def configure(self) -> None:
-        # Images are taken once the camera is known: a source that waits for subscribers
-        # then loses none.
         self._extractor = CentroidExtractor(self.options(ExtractionOptions))
-        if self.camera is not None and not self._listens:
-            self._listens = True
-            self._extractor.warm_up()
-            self.take(Image, 'image_raw', self._take_image, qos.IMAGE)
+
+    def prepare(self, camera: Camera) -> None:
+        self._extractor.warm_up()
+        # Images are taken from here on: a source that waits for subscribers then loses none.
+        self.take(Image, 'image_raw', self._take_image, qos.IMAGE)
 
     def _take_image(self, message: Image) -> None:
         image = image_from_message(message)

@@ -6,6 +6,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import PointCloud2
 from startracker_ros.attitude.gyro import GyroErrorOptions
+from startracker_ros.camera import Camera
 from startracker_ros.identify.extended_grid import (
     ExtendedGridIdentifier, ExtendedGridOptions, RecursiveIdentifier)
 from startracker_ros.identify.identification import IdentificationOptions
@@ -17,10 +18,10 @@ from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages import (
     centroids_from_message, identification_to_message, ns_from_stamp)
 from startracker_ros.ros.node import main_of
-from startracker_ros.sky.star_lists import random_attitude, star_list
+from startracker_ros.sky.star_lists import some_field
 from startracker_ros.track.tracker import TrackerState
 
-_WARM_UP_STARS = 8
+_PREPARED_STARS = 8
 _RESTING = 'resting while the star tracker tracks'
 
 
@@ -76,11 +77,11 @@ class StarIdentifierNode(CameraNode):
                 self.options(GyroErrorOptions))
         else:
             self._identifier = make_identifier(self.camera, self.epoch_year, options)
-            # Loads what is compiled, which the first frame need not wait for then.
-            rng = np.random.default_rng(1)
-            field, _ = star_list(self._identifier.places, self.camera, random_attitude(rng), 0.1,
-                                 rng)
-            self._identifier.identify(field.select(slice(_WARM_UP_STARS)))
+
+    def prepare(self, camera: Camera) -> None:
+        if self._recursive is None:
+            field, _ = some_field(self._identifier.places, camera)
+            self._identifier.identify(field.select(slice(_PREPARED_STARS)))
 
     def _take_tracker_state(self, message: DiagnosticStatus) -> None:
         self._tracking = message.message == TrackerState.TRACKING.value

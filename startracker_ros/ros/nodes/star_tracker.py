@@ -5,7 +5,7 @@ import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places, StarPlaces
+from startracker_ros.catalog.places import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.ros import qos
@@ -15,7 +15,7 @@ from startracker_ros.ros.messages import (
     centroids_from_message, centroids_from_rows, centroids_to_message, ns_from_stamp, read_cloud,
     STAR_DTYPE, tracked_attitude_to_imu, tracks_to_message)
 from startracker_ros.ros.node import main_of
-from startracker_ros.sky.star_lists import random_attitude, star_list
+from startracker_ros.sky.star_lists import some_field
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.target import TargetTracker, TargetTrackOptions
 from startracker_ros.track.tracker import StarTracker, TrackerState
@@ -43,18 +43,17 @@ class StarTrackerNode(CameraNode):
     def configure(self) -> None:
         if self.camera is not None:
             options = self.options(TrackerOptions)
-            places = camera_places(load_catalog(), self.camera, self.epoch_year,
-                                   options.magnitude_limit)
-            self._warm_up(StarTracker(self.camera, places, options), self.camera, places)
-            self._tracker = StarTracker(self.camera, places, options,
+            self._places = camera_places(load_catalog(), self.camera, self.epoch_year,
+                                         options.magnitude_limit)
+            self._tracker = StarTracker(self.camera, self._places, options,
                                         self.options(GyroErrorOptions))
-            self._targets = TargetTracker(self.camera, places, self.options(TargetTrackOptions))
+            self._targets = TargetTracker(self.camera, self._places,
+                                          self.options(TargetTrackOptions))
             self._publish_state()
 
-    def _warm_up(self, tracker: StarTracker, camera: Camera, places: StarPlaces) -> None:
-        """Load what is compiled by a field that stands still, not when the first frame waits."""
-        rng = np.random.default_rng(1)
-        centroids, hip = star_list(places, camera, random_attitude(rng), 0.1, rng)
+    def prepare(self, camera: Camera) -> None:
+        tracker = StarTracker(camera, self._places, self.options(TrackerOptions))
+        centroids, hip = some_field(self._places, camera)
         for stamp_ns in (1, 2, 3):
             tracker.update(stamp_ns, centroids)
             tracker.identified(stamp_ns, centroids, hip)
