@@ -1,7 +1,8 @@
 """NumPy and stage results to ROS messages and back: every layout stands here once."""
 
+from functools import lru_cache
 import sys
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
@@ -103,20 +104,49 @@ def camera_from_message(message: CameraInfo) -> Camera:
         raise CameraError(f'distortion_model {message.distortion_model!r} is not plumb_bob')
     # An empty D is what drivers send for an ideal lens; four terms leave k3 out.
     distortion = tuple(message.d) + (0.0,) * (5 - len(message.d))
-    k = message.k
-    return Camera(message.width, message.height, k[0], k[4], k[2], k[5], distortion)
+    k = message.k.tolist()
+    return _camera(message.width, message.height, k[0], k[4], k[2], k[5], distortion)
+
+
+@lru_cache
+def _camera(*values: Any) -> Camera:
+    # It comes with every image: checked once, and what follows from it computed once.
+    return Camera(*values)
+
+
+@lru_cache
+def _fields(dtype: np.dtype) -> list[PointField]:
+    return [PointField(name=name, offset=offset, count=1,
+                       datatype=_POINT_FIELD_TYPES[column.str[1:]])
+            for name, (column, offset, *_) in (dtype.fields or {}).items()]
 
 
 def _cloud(rows: np.ndarray, header: Header) -> PointCloud2:
-    fields = [PointField(name=name, offset=offset, count=1,
-                         datatype=_POINT_FIELD_TYPES[dtype.str[1:]])
-              for name, (dtype, offset, *_) in (rows.dtype.fields or {}).items()]
-    message = PointCloud2(header=header, height=1, width=len(rows), fields=fields,
+    message = PointCloud2(header=header, height=1, width=len(rows), fields=_fields(rows.dtype),
                           is_bigendian=False, point_step=rows.dtype.itemsize,
                           row_step=rows.nbytes, is_dense=True)
     if len(rows):
         message.data.frombytes(rows.tobytes())
     return message
+
+
+@lru_cache
+def _layout(fields: tuple[tuple[str, int, int], ...], point_step: int, wanted: np.dtype
+            ) -> np.dtype:
+    """Return where the wanted fields stand among those offered, (name, offset, datatype)."""
+    offered = {name: (offset, datatype) for name, offset, datatype in fields}
+    names = wanted.names or ()
+    for name in names:
+        if name not in offered:
+            raise MessageError(f'cloud has no field {name!r}; it has {sorted(offered)}')
+        offset, datatype = offered[name]
+        if _NUMPY_TYPES.get(datatype) != wanted[name].str[1:]:
+            raise MessageError(f'cloud field {name!r} has datatype {datatype}, '
+                               f'must be {_POINT_FIELD_TYPES[wanted[name].str[1:]]}')
+        if offset + wanted[name].itemsize > point_step:
+            raise MessageError(f'cloud field {name!r} lies outside the point')
+    return np.dtype({'names': names, 'formats': [wanted[name] for name in names],
+                     'offsets': [offered[name][0] for name in names], 'itemsize': point_step})
 
 
 def read_cloud(message: PointCloud2, wanted: np.dtype) -> np.ndarray:
@@ -127,22 +157,11 @@ def read_cloud(message: PointCloud2, wanted: np.dtype) -> np.ndarray:
     if len(message.data) < count * message.point_step:
         raise MessageError(f'cloud data of {len(message.data)} bytes is too short for '
                            f'{count} points of {message.point_step} bytes')
-    offered = {field.name: field for field in message.fields}
-    names = wanted.names or ()
-    for name in names:
-        if name not in offered:
-            raise MessageError(f'cloud has no field {name!r}; it has {sorted(offered)}')
-        if _NUMPY_TYPES.get(offered[name].datatype) != wanted[name].str[1:]:
-            raise MessageError(f'cloud field {name!r} has datatype {offered[name].datatype}, '
-                               f'must be {_POINT_FIELD_TYPES[wanted[name].str[1:]]}')
-        if offered[name].offset + wanted[name].itemsize > message.point_step:
-            raise MessageError(f'cloud field {name!r} lies outside the point')
-    layout = np.dtype({'names': names, 'formats': [wanted[name] for name in names],
-                       'offsets': [offered[name].offset for name in names],
-                       'itemsize': message.point_step})
+    layout = _layout(tuple((f.name, f.offset, f.datatype) for f in message.fields),
+                     message.point_step, wanted)
     source = np.frombuffer(message.data, layout, count)
     rows = np.empty(count, wanted)
-    for name in names:
+    for name in wanted.names or ():
         rows[name] = source[name]
         if (name not in _MAY_BE_NAN and wanted[name].kind == 'f'
                 and not np.isfinite(rows[name]).all()):
