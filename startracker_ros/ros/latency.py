@@ -1,5 +1,6 @@
 """From image to attitude through real nodes, in separate processes or composed into one."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -19,6 +20,7 @@ from startracker_ros.ros.processes import parameter_arguments, RigError
 from startracker_ros.ros.rig import Rig
 
 _SOURCE = 'image_publisher'
+_SENDS = f'{_SOURCE} sends'
 _PATIENCE_S = 30.0
 _PLACES = {
     'transport and decoding': f'{STAGES[0]} image_raw',
@@ -45,25 +47,33 @@ class Latency:
 
 
 class TimedPipeline(Rig):
-    """An image source and the four stages behind it, started once and fed at several rates."""
+    """
+    An image source and the stages behind it, started once and fed at several rates.
 
-    def __init__(self, images: Path, fov_deg: float, folder: Path, *, composed: bool) -> None:
+    Without stages the images themselves are what arrives.
+    """
+
+    def __init__(self, images: Path, fov_deg: float, folder: Path, *, composed: bool = False,
+                 stages: Sequence[str] = STAGES) -> None:
         super().__init__(folder)
         self._arrived_ns: dict[int, int] = {}
         self._through_ns: dict[int, int] = {}
-        self.listen(QuaternionStamped, 'attitude', self._take)
-        # This one also comes for a frame that has no attitude.
-        self.listen(Imu, 'attitude_imu', self._count)
+        if stages:
+            self.listen(QuaternionStamped, 'attitude', self._take)
+            # This one also comes for a frame that has no attitude.
+            self.listen(Imu, 'attitude_imu', self._count)
+        else:
+            self.listen(Image, 'image_raw', self._take_image)
         self._source = self.node.create_client(
             SetParametersAtomically, f'{_SOURCE}/set_parameters_atomically')
-        groups = [(_SOURCE, *STAGES)] if composed else [(name,) for name in (*STAGES, _SOURCE)]
+        groups = [(_SOURCE, *stages)] if composed else [(name,) for name in (*stages, _SOURCE)]
         self.files = [folder / f'{group[0]}.npy' for group in groups]
         arguments = parameter_arguments({
             f'{_SOURCE}:path': str(images), f'{_SOURCE}:fov_deg': fov_deg,
             f'{_SOURCE}:loop': True, f'{_SOURCE}:frame_count': 1,
             # The extractor takes images only once it has loaded what is compiled.
             f'{_SOURCE}:wait_for_subscribers': 1,
-            f'{_SOURCE}:wait_for_camera_users': len(STAGES),
+            f'{_SOURCE}:wait_for_camera_users': len(stages),
             'qos_overrides./image_raw.publisher.depth': 10,
             'qos_overrides./image_raw.subscription.depth': 10})
         for file, group in zip(self.files, groups):
@@ -75,6 +85,12 @@ class TimedPipeline(Rig):
 
     def _count(self, message: Imu, info: dict[str, int]) -> None:
         self._through_ns[ns_from_stamp(message.header.stamp)] = info['received_timestamp']
+
+    def _take_image(self, message: Image, info: dict[str, int]) -> None:
+        # Not when DDS had it: by now it is decoded as well.
+        now_ns = time.time_ns()
+        self._arrived_ns[ns_from_stamp(message.header.stamp)] = now_ns
+        self._through_ns[ns_from_stamp(message.header.stamp)] = now_ns
 
     def run(self, rate_hz: float, count: int) -> tuple[dict[int, int], dict[int, int]]:
         """
@@ -133,6 +149,24 @@ def decoding_ms(image: np.ndarray, trials: int) -> np.ndarray:
     return np.array(times_ns) * 1e-6
 
 
+def crossing_ms(images: Path, fov_deg: float, folder: Path, *, rate_hz: float, count: int
+                ) -> np.ndarray:
+    """Return times (N,) from sending an image to a listener that does nothing with it."""
+    with TimedPipeline(images, fov_deg, folder, stages=()) as pipeline:
+        pipeline.run(20, 40)
+        arrived_ns, _ = pipeline.run(rate_hz, count)
+    sent_ns = _passed(pipeline.files)[_SENDS]
+    return np.array([at_ns - sent_ns[stamp_ns] for stamp_ns, at_ns in arrived_ns.items()]) * 1e-6
+
+
+def _passed(files: Sequence[Path]) -> dict[str, dict[int, int]]:
+    """Return when what was noted in files passed, in ns, by place and stamp."""
+    passed: dict[str, dict[int, int]] = {}
+    for place, stamp_ns, time_ns in np.concatenate([np.load(file) for file in files]).tolist():
+        passed.setdefault(place, {})[stamp_ns] = time_ns
+    return passed
+
+
 def measure(images: Path, fov_deg: float, folder: Path, *, composed: bool, rate_hz: float,
             count: int) -> Latency:
     """Feed a pipeline the image files of a folder, in a loop; RigError if it does not run."""
@@ -150,12 +184,9 @@ def measure(images: Path, fov_deg: float, folder: Path, *, composed: bool, rate_
         else:
             below = (step for step in reversed(_LADDER_HZ) if step < rate_hz)
             highest_hz = next(filter(holds, below), 0)
-    passed: dict[str, dict[int, int]] = {}
-    for place, stamp_ns, time_ns in np.concatenate([np.load(f) for f in pipeline.files]).tolist():
-        passed.setdefault(place, {})[stamp_ns] = time_ns
-    passed['arrived'] = arrived_ns
+    passed = _passed(pipeline.files) | {'arrived': arrived_ns}
     stages = {name: place for name, place in _PLACES.items() if place in passed}
-    places = [f'{_SOURCE} sends', *stages.values(), 'arrived']
+    places = [_SENDS, *stages.values(), 'arrived']
     times_ns = np.array([[passed[place][stamp_ns] for place in places]
                          for stamp_ns in arrived_ns
                          if all(stamp_ns in passed[place] for place in places)])

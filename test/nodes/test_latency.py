@@ -38,6 +38,12 @@ def test_every_stage_is_timed(images, tmp_path, monkeypatch, composed):
     assert result.highest_hz in (0, 5, 10, 20)
 
 
+def test_an_image_crosses_alone(images, tmp_path):
+    times_ms = latency.crossing_ms(images, 12.0, tmp_path, rate_hz=20, count=20)
+    assert 15 <= len(times_ms) <= 20
+    assert 0 < np.median(times_ms) < 1000
+
+
 def test_a_rate_holds_where_all_come_through_at_the_pace_of_the_source():
     steady = {index: index * 100_000_000 for index in range(20)}
     assert latency._holds(steady, 10, 20)
