@@ -104,8 +104,8 @@ def camera_from_message(message: CameraInfo) -> Camera:
         raise CameraError(f'distortion_model {message.distortion_model!r} is not plumb_bob')
     # An empty D is what drivers send for an ideal lens; four terms leave k3 out.
     distortion = tuple(message.d) + (0.0,) * (5 - len(message.d))
-    k = message.k.tolist()
-    return _camera(message.width, message.height, k[0], k[4], k[2], k[5], distortion)
+    fx, _, cx, _, fy, cy = map(float, message.k[:6])
+    return _camera(message.width, message.height, fx, fy, cx, cy, distortion)
 
 
 @lru_cache
@@ -114,15 +114,11 @@ def _camera(*values: Any) -> Camera:
     return Camera(*values)
 
 
-@lru_cache
-def _fields(dtype: np.dtype) -> list[PointField]:
-    return [PointField(name=name, offset=offset, count=1,
-                       datatype=_POINT_FIELD_TYPES[column.str[1:]])
-            for name, (column, offset, *_) in (dtype.fields or {}).items()]
-
-
 def _cloud(rows: np.ndarray, header: Header) -> PointCloud2:
-    message = PointCloud2(header=header, height=1, width=len(rows), fields=_fields(rows.dtype),
+    fields = [PointField(name=name, offset=offset, count=1,
+                         datatype=_POINT_FIELD_TYPES[dtype.str[1:]])
+              for name, (dtype, offset, *_) in (rows.dtype.fields or {}).items()]
+    message = PointCloud2(header=header, height=1, width=len(rows), fields=fields,
                           is_bigendian=False, point_step=rows.dtype.itemsize,
                           row_step=rows.nbytes, is_dense=True)
     if len(rows):
