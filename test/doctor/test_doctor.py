@@ -41,13 +41,13 @@ def test_every_check_is_a_row_and_the_status_tells_whether_all_hold(tmp_path):
 
 
 def test_status_is_0_when_all_hold():
-    from startracker_ros.cli import _finish
+    from startracker_ros.cli.shared import finish
     from startracker_ros.doctor.check import Check
     from startracker_ros.table import Result
     good = vars(Check('Python', '3.12.1'))
-    _finish(Result('doctor', [good]), as_json=True)
+    finish(Result('doctor', [good]), as_json=True)
     with pytest.raises(SystemExit) as ended:
-        _finish(Result('doctor', [good, {**good, 'holds': False}]), as_json=True)
+        finish(Result('doctor', [good, {**good, 'holds': False}]), as_json=True)
     assert ended.value.code == 1
 
 

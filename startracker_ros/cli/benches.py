@@ -1,0 +1,114 @@
+"""The group bench: speed and accuracy beside peers and bounds."""
+
+from collections.abc import Callable
+
+import click
+from startracker_ros.cli.shared import (
+    check_names, finish, json_option, scheduler_option, seed_option, told)
+
+
+@click.group()
+def bench() -> None:
+    """Measure speed and accuracy beside peers and physical bounds."""
+
+
+def _bench(function: Callable[..., None]) -> Callable[..., None]:
+    function = click.option('--trials', type=click.IntRange(1), default=1000, show_default=True,
+                            help='Frames of each case.')(function)
+    function = click.option('--only', multiple=True, help='Cases to run, by name.')(function)
+    return seed_option(json_option(function))
+
+
+@bench.command('pipeline')
+@_bench
+def bench_pipeline(trials: int, seed: int, only: tuple[str, ...], as_json: bool) -> None:
+    """Accuracy against the Cramer-Rao bound, identification, start-up, frame times."""
+    from startracker_ros.bench.pipeline import CASES, run_pipeline_bench
+    from startracker_ros.ros.processes import RigError
+    check_names('case', only, CASES)
+    with told(RigError):
+        result = run_pipeline_bench(trials=trials, seed=seed, only=only or tuple(CASES))
+    finish(result, as_json)
+
+
+@bench.command('lost-in-space')
+@click.option('--all-cells', is_flag=True, help='Every combination of noise, missing and false.')
+@click.option('--camera', 'cameras', multiple=True, help='Cameras to run: A12, B20, C10.')
+@click.option('--cedar-python', type=click.Path(exists=True, dir_okay=False),
+              help="Python of a venv with cedar-solve and 'numpy<2', to run that peer as well.")
+@scheduler_option
+@_bench
+def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python: str | None,
+                        scheduler: str, trials: int, seed: int, only: tuple[str, ...],
+                        as_json: bool) -> None:
+    """Identification beside tetra3rs and cedar-solve, on the same frames."""
+    from startracker_ros.bench.corpus import ALL_CELLS, CELLS, VIEWS
+    from startracker_ros.bench.lost_in_space import DATABASE, run_lost_in_space_bench
+    from startracker_ros.bench.peers import PeerError
+    for kind, named, known in (('case', only, (DATABASE, *ALL_CELLS)), ('camera', cameras, VIEWS)):
+        check_names(kind, named, known)
+    if cedar_python and scheduler:
+        raise click.UsageError('cedar-solve runs on this machine, without --scheduler')
+    chosen = only or (DATABASE, *(ALL_CELLS if all_cells else CELLS))
+    with told(PeerError):
+        result = run_lost_in_space_bench(
+            trials=trials, seed=seed, only=chosen, cameras=cameras or tuple(VIEWS),
+            cedar_python=cedar_python or '', scheduler=scheduler)
+    finish(result, as_json)
+
+
+@bench.command('bag')
+@click.option('--inputs', type=click.IntRange(1), default=100_000, show_default=True,
+              help='Damaged bags to read.')
+@click.option('--only', multiple=True, type=click.Choice(['damage', 'pace', 'record']),
+              help='Parts to run.')
+@seed_option
+@json_option
+def bench_bag(inputs: int, only: tuple[str, ...], seed: int, as_json: bool) -> None:
+    """Damaged bags, the pace of a playback, the cost of recording images."""
+    from startracker_ros.bench.bag import CASES, run_bag_bench
+    finish(run_bag_bench(inputs=inputs, seed=seed, only=only or CASES), as_json)
+
+
+@bench.command('centroid')
+@click.option('--trials', type=click.IntRange(1), default=100, show_default=True,
+              help='Images of each signal to noise ratio.')
+@click.option('--snr', 'snrs', multiple=True, type=click.FloatRange(1, 1000),
+              help='Signal to noise ratios of the stars.  [default: 7, 10, 30, 100, 300]')
+@seed_option
+@json_option
+def bench_centroid(trials: int, snrs: tuple[float, ...], seed: int, as_json: bool) -> None:
+    """Time, stars found and error of centroids beside sep, photutils and tetra3rs."""
+    from startracker_ros.bench.centroid import run_centroid_bench, SNRS
+    finish(run_centroid_bench(trials=trials, seed=seed, snrs=snrs or SNRS), as_json)
+
+
+@bench.command('jpda')
+@click.option('--trials', type=click.IntRange(1), default=5, show_default=True,
+              help='Runs of each scene.')
+@click.option('--scene', 'scenes', multiple=True,
+              type=click.Choice(['apart', 'crossing', 'close']), help='Scenes to run.')
+@click.option('--tracks', multiple=True, type=click.IntRange(2, 500),
+              help='Numbers of tracks.  [default: 4, 10, 20, 40, 100, 200]')
+@seed_option
+@json_option
+def bench_jpda(trials: int, scenes: tuple[str, ...], tracks: tuple[int, ...], seed: int,
+               as_json: bool) -> None:
+    """Time, error and swapped tracks of the JPDA filter beside Stone Soup."""
+    from startracker_ros.bench.jpda import run_jpda_bench, TRACKS
+    from startracker_ros.bench.moving_targets import SCENES
+    finish(run_jpda_bench(trials=trials, seed=seed, scenes=scenes or SCENES,
+                          tracks=tracks or TRACKS), as_json)
+
+
+@bench.command('attitude')
+@click.option('--trials', type=click.IntRange(1), default=2000, show_default=True,
+              help='Draws of each number of vectors.')
+@click.option('--vectors', multiple=True, type=click.IntRange(2, 1000),
+              help='Numbers of vectors.  [default: 4, 20, 40]')
+@seed_option
+@json_option
+def bench_attitude(trials: int, vectors: tuple[int, ...], seed: int, as_json: bool) -> None:
+    """Time, error and covariance of the attitude solvers beside SciPy's align_vectors."""
+    from startracker_ros.bench.attitude import run_attitude_bench, VECTORS
+    finish(run_attitude_bench(trials=trials, seed=seed, vectors=vectors or VECTORS), as_json)

@@ -1,0 +1,138 @@
+"""The group campaign: published tables repeated, long runs."""
+
+from pathlib import Path
+
+import click
+from startracker_ros.cli.shared import (
+    check_names, finish, json_option, scheduler_option, seed_option, told)
+
+
+@click.group()
+def campaign() -> None:
+    """Repeat the published tables, the paper's figure beside ours."""
+
+
+@campaign.command('hausdorff')
+@click.option('--trials', type=click.IntRange(1), default=200, show_default=True,
+              help='Directions of each figure.')
+@scheduler_option
+@seed_option
+@json_option
+def campaign_hausdorff(trials: int, scheduler: str, seed: int, as_json: bool) -> None:
+    """Find sets of bright stars by their Hausdorff distance in a field of 12 deg."""
+    from startracker_ros.campaign.hausdorff import run_hausdorff_campaign
+    finish(run_hausdorff_campaign(trials=trials, seed=seed, scheduler=scheduler), as_json)
+
+
+@campaign.command('quad')
+@click.option('--trials', type=click.IntRange(1), default=300, show_default=True,
+              help='Frames along the orbit, and as many of the whole sky.')
+@scheduler_option
+@seed_option
+@json_option
+def campaign_quad(trials: int, scheduler: str, seed: int, as_json: bool) -> None:
+    """Quads of stars found by k-vector in a field of 20.3 deg."""
+    from startracker_ros.campaign.quad import run_quad_campaign
+    finish(run_quad_campaign(trials=trials, seed=seed, scheduler=scheduler), as_json)
+
+
+@campaign.command('extended-grid')
+@click.option('--trials', type=click.IntRange(1), default=10000, show_default=True,
+              help='Directions of each figure.')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              help='Folder for a picture of the two curves.')
+@scheduler_option
+@seed_option
+@json_option
+def campaign_extended_grid(trials: int, output: Path | None, scheduler: str, seed: int,
+                           as_json: bool) -> None:
+    """Fields of 4 deg with few stars, known by a gyro and grids beyond the edge."""
+    from startracker_ros.campaign.extended_grid import run_extended_grid_campaign
+    finish(run_extended_grid_campaign(trials=trials, seed=seed, scheduler=scheduler,
+                                      output=output), as_json)
+
+
+@campaign.command('jpdaf')
+@click.option('--trials', type=click.IntRange(1), default=100, show_default=True,
+              help='Runs of 400 frames in each cell.')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              help='Folder for a picture of the errors over the frames.')
+@scheduler_option
+@seed_option
+@json_option
+def campaign_jpdaf(trials: int, output: Path | None, scheduler: str, seed: int,
+                   as_json: bool) -> None:
+    """Four stars tracked by JPDAF through turns, straight lines and jitter."""
+    from startracker_ros.campaign.jpdaf import run_jpdaf_campaign
+    finish(run_jpdaf_campaign(trials=trials, seed=seed, scheduler=scheduler, output=output),
+           as_json)
+
+
+@campaign.command('two-satellite')
+@click.option('--trials', type=click.IntRange(1000), default=100000, show_default=True,
+              help='Draws of the figures beyond the 500 of the paper.')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              help='Folder for a picture of the error over the baseline.')
+@seed_option
+@json_option
+def campaign_two_satellite(trials: int, output: Path | None, seed: int, as_json: bool) -> None:
+    """Locate a target by the cameras of two satellites under four sources of error."""
+    from startracker_ros.campaign.two_satellite import run_two_satellite_campaign
+    finish(run_two_satellite_campaign(trials=trials, seed=seed, output=output), as_json)
+
+
+@campaign.command('integrity')
+@click.option('--trials', type=click.IntRange(1), default=15, show_default=True,
+              help='Runs of 400 frames in each condition: 15 make 100,000 frames in all.')
+@click.option('--only', multiple=True, help='Conditions to run, by name.')
+@scheduler_option
+@seed_option
+@json_option
+def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed: int,
+                       as_json: bool) -> None:
+    """Wrong attitudes counted in slews, darkness, false stars, lying gyros, wrong cameras."""
+    from startracker_ros.campaign.integrity import CONDITIONS, run_integrity_campaign
+    check_names('condition', only, CONDITIONS)
+    finish(run_integrity_campaign(trials=trials, seed=seed, only=only, scheduler=scheduler),
+           as_json)
+
+
+@campaign.command('faults')
+@click.option('--only', multiple=True, help='Faults to do, by name.')
+@seed_option
+@json_option
+def campaign_faults(only: tuple[str, ...], seed: int, as_json: bool) -> None:
+    """Kill and stop processes, send bad images, clocks and disks: see how the nodes recover."""
+    from startracker_ros.campaign.faults import NAMES, run_faults_campaign
+    from startracker_ros.ros.processes import RigError
+    check_names('fault', only, NAMES)
+    with told(RigError):
+        result = run_faults_campaign(seed=seed, only=only)
+    finish(result, as_json)
+
+
+@campaign.command('soak')
+@click.option('--frames', type=click.IntRange(500), default=100_000, show_default=True,
+              help='Frames to send.')
+@seed_option
+@json_option
+def campaign_soak(frames: int, seed: int, as_json: bool) -> None:
+    """Many frames through the nodes: memory, handles, processor time and latency stay flat."""
+    from startracker_ros.campaign.soak import run_soak_campaign
+    from startracker_ros.ros.processes import RigError
+    with told(RigError):
+        result = run_soak_campaign(frames=frames, seed=seed)
+    finish(result, as_json)
+
+
+@campaign.command('centroid')
+@click.option('--images', 'folder', metavar='FOLDER',
+              type=click.Path(path_type=Path, exists=True, file_okay=False),
+              help='Images with a solutions.csv.  [default: night-sky-11deg of STARTRACKER_DATA]')
+@json_option
+def campaign_centroid(folder: Path | None, as_json: bool) -> None:
+    """Weighted means at right and wrong thresholds on real photographs."""
+    from startracker_ros.campaign.centroid import DataError, run_centroid_campaign
+    with told(DataError):
+        result = run_centroid_campaign(folder)
+    finish(result, as_json)
