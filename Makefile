@@ -5,8 +5,9 @@ PYTHON ?= $(shell for python in python3.12 python3.11 python3; do \
 	"$$python" -c '$(SUPPORTED)' 2>/dev/null && echo "$$python" && break; done)
 
 VENV := $(CURDIR)/.venv
-# `/usr/bin/env python3` of the node scripts is to be the python of the venv.
-RUN := PATH="$(VENV)/bin:$$PATH" $(VENV)/bin/python
+# `/usr/bin/env python3` of the node scripts is to be the python of the venv, and what is run the
+# package that is installed there, not the sources in this folder.
+RUN := PATH="$(VENV)/bin:$$PATH" PYTHONSAFEPATH=1 $(VENV)/bin/python
 PIP_INSTALL := $(VENV)/bin/python -m pip install -q --disable-pip-version-check
 # Leftovers of a sourced ROS 2 or of another venv must not meet the wheels of this one.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONPATH PYTHONHOME
@@ -39,7 +40,7 @@ test: .venv/package
 .venv/package: .venv/requirements $(SOURCES)
 	rm -rf build/lib
 	$(PIP_INSTALL) --no-deps --no-build-isolation .
-	cd "$(VENV)" && $(RUN) -m startracker_ros.warm_up
+	$(RUN) -m startracker_ros.warm_up
 	touch $@
 
 clean:

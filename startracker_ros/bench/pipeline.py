@@ -22,6 +22,7 @@ from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
+from startracker_ros.ros.processes import node_environment
 from startracker_ros.rotation import ARCSEC, attitude_error
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
@@ -229,7 +230,7 @@ def processes(trials: int, seed: int) -> Iterator[Row]:
             done = subprocess.run(
                 [sys.executable, '-m', 'startracker_ros', 'demo', '--seconds', '15', '--json',
                  '--seed', str(seed), '--output', str(Path(folder) / run)],
-                stdout=subprocess.PIPE, text=True)
+                env=node_environment(), stdout=subprocess.PIPE, text=True)
             document = json.loads(done.stdout.splitlines()[-1])
             figures = {row['case']: row['ours'] for row in document['rows']}
             start_s = figures['process start to first attitude']

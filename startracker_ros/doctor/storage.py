@@ -7,6 +7,7 @@ import shutil
 import tempfile
 
 from startracker_ros.doctor.check import Check
+from startracker_ros.machine_code import kept_functions, machine_code_folder
 
 # The demo, 1024 x 1024 px at 10 Hz, writes 10 MB a second.
 _BAG_BYTES_S = 10e6
@@ -16,9 +17,8 @@ _LARGE_CACHE_BYTES = 1e9
 
 def check_storage() -> Iterator[Check]:
     """Yield the checks of what is kept on disk."""
-    from startracker_ros.compiled import settings
     from startracker_ros.identify.cache import cache_folder
-    yield check_compiled(settings.CACHE_DIR)
+    yield check_compiled(machine_code_folder())
     yield check_databases(cache_folder())
     yield check_room(Path.cwd())
 
@@ -28,7 +28,7 @@ def check_compiled(folder: str) -> Check:
     if not folder:
         return Check('compiled code', 'nowhere to keep it: each process compiles anew', False,
                      'make ~/.cache writable, or set NUMBA_CACHE_DIR to a folder that is')
-    count = sum(1 for _ in Path(folder).rglob('*.nbi'))
+    count = kept_functions(folder)
     if count == 0:
         return Check('compiled code', f'none in {folder}: the first frames wait half a minute',
                      False, 'python -m startracker_ros.warm_up')

@@ -8,6 +8,7 @@ import numpy as np
 from sensor_msgs.msg import CameraInfo, Imu
 from startracker_ros.camera import Camera, CameraError
 from startracker_ros.catalog.stars import epoch_year_from_stamp
+from startracker_ros.machine_code import kept_functions, machine_code_folder
 from startracker_ros.ros import qos
 from startracker_ros.ros.cadence import Cadence
 from startracker_ros.ros.diagnostics import WARN
@@ -45,6 +46,13 @@ class CameraNode(PipelineNode):
 
     def prepare(self, camera: Camera) -> None:
         """Do once, when the first camera is known, what the first frame must not wait for."""
+
+    def tell_of_compiling(self) -> None:
+        """Say why the first frame has to wait, on a machine where nothing is compiled yet."""
+        if not kept_functions(machine_code_folder()):
+            self.get_logger().info(
+                'compiling for this machine, for a minute, and only once: next time '
+                '`python -m startracker_ros.warm_up` does it beforehand')
 
     def known_camera(self) -> Camera | None:
         """Return the camera; counts and reports the dropped message where none is known."""

@@ -4,6 +4,8 @@ from abc import ABC, abstractmethod
 import os
 from pathlib import Path
 import shutil
+import subprocess
+import sys
 import time
 from typing import TYPE_CHECKING
 
@@ -16,6 +18,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from sensor_msgs.msg import CameraInfo
+from startracker_ros.machine_code import kept_functions, machine_code_folder
 from startracker_ros.ros import qos
 from startracker_ros.ros.message_types import message_class
 from startracker_ros.ros.messages import (
@@ -131,12 +134,23 @@ class _Monitor(Monitor):
         return table
 
 
-def process_start_s() -> float:
+def _process_start_s() -> float:
     """Return when this process was started, UNIX time in s."""
     ticks = int(Path('/proc/self/stat').read_text().rpartition(')')[2].split()[19])
     boot = next(int(line.split()[1]) for line in Path('/proc/stat').read_text().splitlines()
                 if line.startswith('btime'))
     return boot + ticks / os.sysconf('SC_CLK_TCK')
+
+
+def begin_s() -> float:
+    """Return when the demo began, UNIX time in s: once all is compiled, if nothing was yet."""
+    folder = machine_code_folder()
+    if not folder or kept_functions(folder):
+        return _process_start_s()
+    print('compiling for this machine, for a minute, and only once', file=sys.stderr)
+    # A failure shows in the nodes, which then do it themselves.
+    subprocess.run([sys.executable, '-m', 'startracker_ros.warm_up'], env=node_environment())
+    return time.time()
 
 
 def _clear(output: Path) -> None:
@@ -172,7 +186,7 @@ def end(nodes: NodeProcesses) -> None:
 
 def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
     """Run the pipeline on the simulated sky; DemoError when a node fails."""
-    started_s = process_start_s()
+    started_s = begin_s()
     frames = round(seconds * FRAME_RATE_HZ)
     logs, bag = prepare(output), output / 'bag'
     with NodeProcesses(logs) as nodes:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 import os
 from pathlib import Path
 import signal
+import site
 import subprocess
 import sys
 
@@ -28,10 +29,15 @@ def node_environment() -> dict[str, str]:
     """
     Return this process's environment with what the nodes need.
 
-    Image messages want a shared-memory segment larger than the stock one, and fresh
+    They import the package that this process has, whatever folder they are started in. Image
+    messages want a shared-memory segment larger than the stock one, and fresh
     2 MiB buffers without page faults; NumPy's threads would only fight over the cores.
     What the user has set stays.
     """
+    root = str(Path(__file__).parents[2])
+    paths = os.environ.get('PYTHONPATH', '').split(os.pathsep)
+    if root not in (*paths, *site.getsitepackages()):
+        paths.insert(0, root)
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     if sys.prefix not in prefixes:
         prefixes.append(sys.prefix)
@@ -42,8 +48,9 @@ def node_environment() -> dict[str, str]:
         'MALLOC_TOP_PAD_': '67108864',
         'OMP_NUM_THREADS': '1',
         'OPENBLAS_NUM_THREADS': '1',
+        'PYTHONSAFEPATH': '1',
     }
-    return {**defaults, **os.environ,
+    return {**defaults, **os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, paths)),
             'AMENT_PREFIX_PATH': os.pathsep.join(filter(None, prefixes))}
 
 

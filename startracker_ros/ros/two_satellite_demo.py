@@ -17,7 +17,7 @@ from startracker_ros.bag.reader import read_messages
 from startracker_ros.locate.orbit import orbit_frame
 from startracker_ros.report.target import draw_target, load_target, summarise_target
 from startracker_ros.ros import qos
-from startracker_ros.ros.demo import DemoError, end, Monitor, prepare, process_start_s, watch
+from startracker_ros.ros.demo import begin_s, DemoError, end, Monitor, prepare, watch
 from startracker_ros.ros.message_types import message_class
 from startracker_ros.ros.messages import (
     centroids_from_message, image_from_message, ns_from_stamp, tracks_from_message)
@@ -156,7 +156,7 @@ class _Monitor(Monitor):
 
 def run_two_satellite_demo(output: Path, *, seconds: float, seed: int) -> Result:
     """Run both pipelines and the locator; DemoError when a node fails."""
-    started_s = process_start_s()
+    started_s = begin_s()
     frames = round(seconds * FRAME_RATE_HZ)
     logs, bag = prepare(output), output / 'bag'
     with NodeProcesses(logs) as nodes:

@@ -36,6 +36,7 @@ class CentroidExtractorNode(CameraNode):
         self._extractor = CentroidExtractor(self.options(ExtractionOptions))
 
     def prepare(self, camera: Camera) -> None:
+        self.tell_of_compiling()
         self._extractor.warm_up()
         # Images are taken from here on: a source that waits for subscribers then loses none.
         self.take(Image, 'image_raw', self._take_image, qos.IMAGE)

@@ -79,6 +79,7 @@ class StarIdentifierNode(CameraNode):
             self._identifier = make_identifier(self.camera, self.epoch_year, options)
 
     def prepare(self, camera: Camera) -> None:
+        self.tell_of_compiling()
         if self._recursive is None:
             field, _ = some_field(self._identifier.places, camera)
             self._identifier.identify(field.select(slice(_PREPARED_STARS)))

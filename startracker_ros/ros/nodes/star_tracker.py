@@ -52,6 +52,7 @@ class StarTrackerNode(CameraNode):
             self._publish_state()
 
     def prepare(self, camera: Camera) -> None:
+        self.tell_of_compiling()
         tracker = StarTracker(camera, self._places, self.options(TrackerOptions))
         centroids, hip = some_field(self._places, camera)
         for stamp_ns in (1, 2, 3):

@@ -1,0 +1,35 @@
+"""What a first run meets: nothing compiled yet, a folder that holds something else."""
+
+import subprocess
+import sys
+
+from sensor_msgs.msg import CameraInfo
+import startracker_ros
+from startracker_ros.camera import Camera
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages import camera_to_message, make_header
+from startracker_ros.ros.processes import node_environment, NodeProcesses
+
+
+def test_a_node_says_that_it_compiles(probe, tmp_path):
+    # Killed, not ended: it would compile for a minute first.
+    processes = NodeProcesses(tmp_path, {'NUMBA_CACHE_DIR': str(tmp_path / 'none')})
+    process = processes.start('centroid_extractor')
+    try:
+        camera_info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
+        camera_info.publish(camera_to_message(
+            Camera.from_fov(256, 256, 20.0), make_header(1_790_000_000_000_000_000, 'sensor')))
+        log = tmp_path / 'centroid_extractor.log'
+        probe.wait(lambda: 'compiling for this machine' in log.read_text(), 'the reason')
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_a_process_imports_the_package_of_its_parent(tmp_path):
+    decoy = tmp_path / 'startracker_ros'
+    decoy.mkdir()
+    (decoy / '__init__.py').write_text('raise SystemExit("not this one")\n')
+    done = subprocess.run([sys.executable, '-m', 'startracker_ros', '--version'], cwd=tmp_path,
+                          env=node_environment(), stdout=subprocess.PIPE, text=True)
+    assert done.stdout.split()[-1] == startracker_ros.__version__
