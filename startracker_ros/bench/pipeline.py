@@ -295,7 +295,9 @@ def run_pipeline_bench(*, trials: int, seed: int, only: tuple[str, ...]) -> Resu
     rows = [row for name in only for row in CASES[name](trials, seed)]
     return Result('bench pipeline', rows, {
         'machine': f'{platform.machine()}, {os.cpu_count()} cores, Python '
-                   f'{platform.python_version()}, NumPy {np.__version__}',
+                   f'{platform.python_version()}, NumPy {np.__version__}, '
+                   + ('normal' if os.sched_getscheduler(0) == os.SCHED_OTHER else 'real-time')
+                   + ' priority',
         'times': 'process CPU time of one thread, except start-up and database (wall time)',
         'Cramer-Rao bound': 'takes the noise of all pixels as equal in angle; off the axis they '
                             'are finer by up to 2 %, so the ratio may fall below 1',
