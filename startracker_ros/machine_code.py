@@ -32,7 +32,7 @@ def _folders() -> list[Path]:
     digest = hashlib.sha256()
     for file in sorted(_PACKAGE.rglob('*.py')):
         content = file.read_bytes()
-        if b'startracker_ros.compiled' in content:
+        if file.name == 'compiled.py' or b'startracker_ros.compiled' in content:
             digest.update(content)
     name = f'compiled-{digest.hexdigest()[:16]}'
     user = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')

@@ -42,11 +42,12 @@ def folder_of(package, home, **environment):
     return Path(folder)
 
 
-def test_a_changed_function_gets_a_folder_of_its_own(package, tmp_path):
+@pytest.mark.parametrize('name', ['lens.py', 'compiled.py'])
+def test_a_changed_function_gets_a_folder_of_its_own(package, tmp_path, name):
     before = folder_of(package, tmp_path)
     assert before.parent == package / '__pycache__' and list(before.rglob('*.nbi'))
     assert folder_of(package, tmp_path) == before
-    with (package / 'lens.py').open('a') as file:
+    with (package / name).open('a') as file:
         file.write('\n# changed\n')
     assert folder_of(package, tmp_path) != before
 
