@@ -11,7 +11,8 @@ from functools import cache
 import hashlib
 import os
 from pathlib import Path
-import tempfile
+
+from startracker_ros.folders import cache_folder, can_write
 
 _PACKAGE = Path(__file__).parent
 
@@ -35,14 +36,12 @@ def _folders() -> list[Path]:
         if file.name == 'compiled.py' or b'startracker_ros.compiled' in content:
             digest.update(content)
     name = f'compiled-{digest.hexdigest()[:16]}'
-    user = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
-    return [_PACKAGE / '__pycache__' / name, user / 'startracker_ros' / name]
+    return [_PACKAGE / '__pycache__' / name, cache_folder() / name]
 
 
 def _writable(folder: Path) -> bool:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
     except OSError:
         return False
-    return True
+    return can_write(folder)

@@ -23,7 +23,7 @@ def package(tmp_path):
     source = Path(startracker_ros.__file__).parent
     copy = tmp_path / 'tree' / 'startracker_ros'
     copy.mkdir(parents=True)
-    for name in ('__init__.py', 'compiled.py', 'machine_code.py', 'lens.py'):
+    for name in ('__init__.py', 'compiled.py', 'machine_code.py', 'folders.py', 'lens.py'):
         shutil.copy(source / name, copy)
     return copy
 

@@ -1,12 +1,11 @@
 """Compiled code, the cache of pattern databases, room for bags."""
 
 from collections.abc import Iterator
-import os
 from pathlib import Path
 import shutil
-import tempfile
 
 from startracker_ros.doctor.check import Check
+from startracker_ros.folders import cache_folder, can_write
 from startracker_ros.machine_code import kept_functions, machine_code_folder
 
 # The demo, 1024 x 1024 px at 10 Hz, writes 10 MB a second.
@@ -17,7 +16,6 @@ _LARGE_CACHE_BYTES = 1e9
 
 def check_storage() -> Iterator[Check]:
     """Yield the checks of what is kept on disk."""
-    from startracker_ros.identify.cache import cache_folder
     yield check_compiled(machine_code_folder())
     yield check_databases(cache_folder())
     yield check_room(Path.cwd())
@@ -38,7 +36,7 @@ def check_compiled(folder: str) -> Check:
 def check_databases(folder: Path) -> Check:
     """Return whether pattern databases can be kept in the folder."""
     existing = next(path for path in (folder, *folder.parents) if path.exists())
-    if not _can_write(existing):
+    if not can_write(existing):
         return Check('database cache', f'{folder} cannot be written', False,
                      'make it writable, or set XDG_CACHE_HOME')
     sizes = [file.stat().st_size for file in folder.glob('pairs-*.bin')]
@@ -50,7 +48,7 @@ def check_databases(folder: Path) -> Check:
 
 def check_room(folder: Path) -> Check:
     """Return whether a bag can be written into the folder."""
-    if not _can_write(folder):
+    if not can_write(folder):
         return Check('room for bags', f'{folder} cannot be written', False,
                      'record into another folder: startracker record -o FOLDER')
     free = shutil.disk_usage(folder).free
@@ -58,13 +56,3 @@ def check_room(folder: Path) -> Check:
     return Check('room for bags', f'{free / 1e9:.1f} GB free in {folder}: '
                                   f'{free / _BAG_BYTES_S / 60:.0f} min of 1 Mpx at 10 Hz',
                  holds, '' if holds else 'make room, or record without image_raw')
-
-
-def _can_write(folder: Path) -> bool:
-    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
-        return False
-    try:
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError:
-        return False
-    return True

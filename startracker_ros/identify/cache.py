@@ -11,6 +11,7 @@ import tempfile
 
 import numpy as np
 from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.folders import cache_folder
 from startracker_ros.identify.pairs import build_pairs, PairDatabase
 
 KEPT_FILES = 20
@@ -18,12 +19,6 @@ KEPT_FILES = 20
 
 # To be raised whenever the same input would give other pairs or another layout.
 _VERSION = 2
-
-
-def cache_folder() -> Path:
-    """Return the folder of the databases; XDG_CACHE_HOME is respected."""
-    root = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
-    return Path(root) / 'startracker_ros'
 
 
 def cached_pairs(places: StarPlaces, min_separation_rad: float,
