@@ -1,11 +1,10 @@
 """Commands about bags: record, play, info, report, export."""
 
-import os
 from pathlib import Path
 import sys
 
 import click
-from startracker_ros.cli.shared import json_option, namespace_option, told
+from startracker_ros.cli.shared import become_node, json_option, namespace_option, refused, told
 
 
 @click.command()
@@ -23,7 +22,7 @@ from startracker_ros.cli.shared import json_option, namespace_option, told
 def record(topics: tuple[str, ...], output: Path | None, exclude: tuple[str, ...],
            compression: str, max_file_size_mb: float, max_file_duration_s: float) -> None:
     """Record TOPICs (patterns with *, all by default) into an MCAP bag, until Ctrl-C."""
-    from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
+    from startracker_ros.ros.processes import parameter_arguments
     parameters = {'compression': compression, 'max_file_size_mb': max_file_size_mb,
                   'max_file_duration_s': max_file_duration_s}
     if output is not None:
@@ -32,8 +31,7 @@ def record(topics: tuple[str, ...], output: Path | None, exclude: tuple[str, ...
         parameters['topics'] = _full_names(topics)
     if exclude:
         parameters['exclude'] = _full_names(exclude)
-    command = node_command('bag_recorder', parameter_arguments(parameters))
-    os.execve(command[0], command, node_environment())
+    become_node('bag_recorder', parameter_arguments(parameters))
 
 
 def _full_names(patterns: tuple[str, ...]) -> tuple[str, ...]:
@@ -61,15 +59,14 @@ def _full_names(patterns: tuple[str, ...]) -> tuple[str, ...]:
 def play(bag: Path, topics: tuple[str, ...], exclude: tuple[str, ...], remaps: tuple[str, ...],
          **options: float | bool) -> None:
     """Publish the messages of a BAG (folder or .mcap file) at the pace of the recording."""
-    from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
+    from startracker_ros.ros.processes import parameter_arguments
     parameters: dict[str, object] = {'path': str(bag), **options}
     if topics:
         parameters['topics'] = _full_names(topics)
     if exclude:
         parameters['exclude'] = _full_names(exclude)
     renamed = [word for remap in remaps for word in ('-r', remap)]
-    command = node_command('bag_player', [*parameter_arguments(parameters), *renamed])
-    os.execve(command[0], command, node_environment())
+    become_node('bag_player', [*parameter_arguments(parameters), *renamed])
 
 
 @click.command()
@@ -131,10 +128,8 @@ def export(bag: Path, output: Path, formats: tuple[str, ...], originator: str, o
     from startracker_ros.export.files import export_bag
     from startracker_ros.export.tables import MissingLibraryError
     from startracker_ros.table import show
-    try:
+    with refused(AemError):
         labels = AemLabels(originator, object_name, object_id)
-    except AemError as error:
-        raise click.UsageError(str(error)) from error
     with told(BagError, AemError, MissingLibraryError, output=output):
         result = export_bag(bag, output, formats, labels, namespace)
     show(result, as_json)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import click
 from startracker_ros.cli.shared import (
-    check_names, finish, json_option, scheduler_option, seed_option, told)
+    check_names, finish, json_option, scheduler_option, seed_option, told, trials_option)
 
 
 @click.group()
@@ -13,8 +13,7 @@ def bench() -> None:
 
 
 def _bench(function: Callable[..., None]) -> Callable[..., None]:
-    function = click.option('--trials', type=click.IntRange(1), default=1000, show_default=True,
-                            help='Frames of each case.')(function)
+    function = trials_option(1000, 'Frames of each case.')(function)
     function = click.option('--only', multiple=True, help='Cases to run, by name.')(function)
     return seed_option(json_option(function))
 
@@ -71,8 +70,7 @@ def bench_bag(inputs: int, only: tuple[str, ...], seed: int, as_json: bool) -> N
 
 
 @bench.command('centroid')
-@click.option('--trials', type=click.IntRange(1), default=100, show_default=True,
-              help='Images of each signal to noise ratio.')
+@trials_option(100, 'Images of each signal to noise ratio.')
 @click.option('--snr', 'snrs', multiple=True, type=click.FloatRange(1, 1000),
               help='Signal to noise ratios of the stars.  [default: 7, 10, 30, 100, 300]')
 @seed_option
@@ -84,8 +82,7 @@ def bench_centroid(trials: int, snrs: tuple[float, ...], seed: int, as_json: boo
 
 
 @bench.command('jpda')
-@click.option('--trials', type=click.IntRange(1), default=5, show_default=True,
-              help='Runs of each scene.')
+@trials_option(5, 'Runs of each scene.')
 @click.option('--scene', 'scenes', multiple=True,
               type=click.Choice(['apart', 'crossing', 'close']), help='Scenes to run.')
 @click.option('--tracks', multiple=True, type=click.IntRange(2, 500),
@@ -102,8 +99,7 @@ def bench_jpda(trials: int, scenes: tuple[str, ...], tracks: tuple[int, ...], se
 
 
 @bench.command('attitude')
-@click.option('--trials', type=click.IntRange(1), default=2000, show_default=True,
-              help='Draws of each number of vectors.')
+@trials_option(2000, 'Draws of each number of vectors.')
 @click.option('--vectors', multiple=True, type=click.IntRange(2, 1000),
               help='Numbers of vectors.  [default: 4, 20, 40]')
 @seed_option

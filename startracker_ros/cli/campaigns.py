@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 from startracker_ros.cli.shared import (
-    check_names, finish, json_option, scheduler_option, seed_option, told)
+    check_names, finish, json_option, picture_option, scheduler_option, seed_option, told,
+    trials_option)
 
 
 @click.group()
@@ -13,8 +14,7 @@ def campaign() -> None:
 
 
 @campaign.command('hausdorff')
-@click.option('--trials', type=click.IntRange(1), default=200, show_default=True,
-              help='Directions of each figure.')
+@trials_option(200, 'Directions of each figure.')
 @scheduler_option
 @seed_option
 @json_option
@@ -25,8 +25,7 @@ def campaign_hausdorff(trials: int, scheduler: str, seed: int, as_json: bool) ->
 
 
 @campaign.command('quad')
-@click.option('--trials', type=click.IntRange(1), default=300, show_default=True,
-              help='Frames along the orbit, and as many of the whole sky.')
+@trials_option(300, 'Frames along the orbit, and as many of the whole sky.')
 @scheduler_option
 @seed_option
 @json_option
@@ -37,10 +36,8 @@ def campaign_quad(trials: int, scheduler: str, seed: int, as_json: bool) -> None
 
 
 @campaign.command('extended-grid')
-@click.option('--trials', type=click.IntRange(1), default=10000, show_default=True,
-              help='Directions of each figure.')
-@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
-              help='Folder for a picture of the two curves.')
+@trials_option(10_000, 'Directions of each figure.')
+@picture_option('the two curves')
 @scheduler_option
 @seed_option
 @json_option
@@ -53,10 +50,8 @@ def campaign_extended_grid(trials: int, output: Path | None, scheduler: str, see
 
 
 @campaign.command('jpdaf')
-@click.option('--trials', type=click.IntRange(1), default=100, show_default=True,
-              help='Runs of 400 frames in each cell.')
-@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
-              help='Folder for a picture of the errors over the frames.')
+@trials_option(100, 'Runs of 400 frames in each cell.')
+@picture_option('the errors over the frames')
 @scheduler_option
 @seed_option
 @json_option
@@ -69,10 +64,8 @@ def campaign_jpdaf(trials: int, output: Path | None, scheduler: str, seed: int,
 
 
 @campaign.command('two-satellite')
-@click.option('--trials', type=click.IntRange(1000), default=100000, show_default=True,
-              help='Draws of the figures beyond the 500 of the paper.')
-@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
-              help='Folder for a picture of the error over the baseline.')
+@trials_option(100_000, 'Draws of the figures beyond the 500 of the paper.', least=1000)
+@picture_option('the error over the baseline')
 @seed_option
 @json_option
 def campaign_two_satellite(trials: int, output: Path | None, seed: int, as_json: bool) -> None:
@@ -82,8 +75,7 @@ def campaign_two_satellite(trials: int, output: Path | None, seed: int, as_json:
 
 
 @campaign.command('integrity')
-@click.option('--trials', type=click.IntRange(1), default=15, show_default=True,
-              help='Runs of 400 frames in each condition: 15 make 100,000 frames in all.')
+@trials_option(15, 'Runs of 400 frames in each condition: 15 make 100,000 frames in all.')
 @click.option('--only', multiple=True, help='Conditions to run, by name.')
 @scheduler_option
 @seed_option

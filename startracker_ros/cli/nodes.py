@@ -1,10 +1,9 @@
 """Commands that run nodes, and the one that looks whether they can: run, demo, doctor."""
 
-import os
 from pathlib import Path
 
 import click
-from startracker_ros.cli.shared import finish, json_option, seed_option, told
+from startracker_ros.cli.shared import become_node, finish, json_option, seed_option, told
 
 
 @click.command(context_settings={'ignore_unknown_options': True, 'help_option_names': []})
@@ -13,11 +12,9 @@ from startracker_ros.cli.shared import finish, json_option, seed_option, told
 def run(node: str, arguments: tuple[str, ...]) -> None:
     """Run one NODE, as `ros2 run startracker_ros NODE` does; takes --ros-args."""
     from startracker_ros.executables import EXECUTABLES
-    from startracker_ros.ros.processes import node_command, node_environment
     if node not in EXECUTABLES:
         raise click.UsageError(f'no node {node!r}; there are {", ".join(EXECUTABLES)}')
-    command = node_command(node, arguments)
-    os.execve(command[0], command, node_environment())
+    become_node(node, arguments)
 
 
 @click.group(invoke_without_command=True)

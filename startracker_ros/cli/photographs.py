@@ -4,7 +4,16 @@ from pathlib import Path
 import sys
 
 import click
-from startracker_ros.cli.shared import json_option, told
+from startracker_ros.cli.shared import json_option, refused, told
+
+_epoch_option = click.option(
+    '--epoch', 'epoch_year', type=float,
+    help='Julian year of the images, for proper motion.  [default: today]')
+
+
+def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
+    if (fov_deg is None) == (camera_file is None):
+        raise click.UsageError('give either --fov-deg or --camera')
 
 
 @click.command()
@@ -14,8 +23,7 @@ from startracker_ros.cli.shared import json_option, told
               help='Camera YAML as camera_calibration writes it, instead of --fov-deg.')
 @click.option('--fov-error-percent', type=click.FloatRange(0, 5), default=0.5,
               show_default=True, help='How far the field of view may be off.')
-@click.option('--epoch', 'epoch_year', type=float,
-              help='Julian year of the images, for proper motion.  [default: today]')
+@_epoch_option
 @click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path),
               help='Folder for a PNG of each image with the identified stars.')
 @json_option
@@ -27,14 +35,11 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     from startracker_ros.identify.identification import IdentificationOptions
     from startracker_ros.solve import solve_files
     from startracker_ros.table import show
-    if (fov_deg is None) == (camera_file is None):
-        raise click.UsageError('give either --fov-deg or --camera')
-    try:
+    _check_one_camera(fov_deg, camera_file)
+    with refused(CameraError):
         result = solve_files(images, fov_deg=fov_deg, camera_file=camera_file,
                              epoch_year=epoch_year, annotate_folder=annotate_folder,
                              options=IdentificationOptions(fov_error_percent=fov_error_percent))
-    except CameraError as error:
-        raise click.UsageError(str(error)) from error
     show(result, as_json)
     if not all(row['solved'] for row in result.rows):
         sys.exit(1)
@@ -47,8 +52,7 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
 @click.option('--fov-deg', type=float, help='Horizontal field of view, within 5 %.')
 @click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
               help='Camera YAML to start from, instead of --fov-deg.')
-@click.option('--epoch', 'epoch_year', type=float,
-              help='Julian year of the images, for proper motion.  [default: today]')
+@_epoch_option
 @click.option('--free', 'terms', multiple=True,
               type=click.Choice(['k1', 'centre', 'tangential', 'k2', 'k3']),
               help='Estimate just these beside the focal length.  [default: the data decide]')
@@ -61,12 +65,8 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
     from startracker_ros.calibration.files import calibrate_files
     from startracker_ros.camera import CameraError
     from startracker_ros.table import show
-    if (fov_deg is None) == (camera_file is None):
-        raise click.UsageError('give either --fov-deg or --camera')
-    try:
-        with told(CalibrationError, output=output):
-            result = calibrate_files(images, output, fov_deg=fov_deg, camera_file=camera_file,
-                                     epoch_year=epoch_year, terms=terms)
-    except CameraError as error:
-        raise click.UsageError(str(error)) from error
+    _check_one_camera(fov_deg, camera_file)
+    with refused(CameraError), told(CalibrationError, output=output):
+        result = calibrate_files(images, output, fov_deg=fov_deg, camera_file=camera_file,
+                                 epoch_year=epoch_year, terms=terms)
     show(result, as_json)

@@ -1,15 +1,18 @@
 """What the commands share: options, and how they end."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+import os
 from pathlib import Path
 import sys
-from typing import TYPE_CHECKING
+from typing import Any, NoReturn, TYPE_CHECKING, TypeVar
 
 import click
 
 if TYPE_CHECKING:
     from startracker_ros.table import Result
+
+_Command = TypeVar('_Command', bound=Callable[..., Any])
 
 json_option = click.option('--json', 'as_json', is_flag=True, help='Print one JSON document.')
 scheduler_option = click.option('--scheduler', default='', metavar='ADDRESS',
@@ -17,6 +20,25 @@ scheduler_option = click.option('--scheduler', default='', metavar='ADDRESS',
 namespace_option = click.option('--namespace', metavar='NAME',
                                 help='Of the star tracker.  [default: the only one in the bag]')
 seed_option = click.option('--seed', type=click.IntRange(0), default=1, show_default=True)
+
+
+def trials_option(default: int, what: str, *, least: int = 1) -> Callable[[_Command], _Command]:
+    """Return the option --trials; what says in words what it counts."""
+    return click.option('--trials', type=click.IntRange(least), default=default,
+                        show_default=True, help=what)
+
+
+def picture_option(what: str) -> Callable[[_Command], _Command]:
+    """Return the option --output of a command that draws a picture where it is told to."""
+    return click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+                        help=f'Folder for a picture of {what}.')
+
+
+def become_node(node: str, arguments: Sequence[str]) -> NoReturn:
+    """Replace this process by that of a node; KeyError for an unknown name."""
+    from startracker_ros.ros.processes import node_command, node_environment
+    command = node_command(node, arguments)
+    os.execve(command[0], command, node_environment())
 
 
 def finish(result: 'Result', as_json: bool) -> None:
@@ -31,6 +53,15 @@ def _fail(message: str) -> None:
     """End with status 1: the work failed."""
     click.echo(f'startracker: {message}', err=True)
     sys.exit(1)
+
+
+@contextmanager
+def refused(*errors: type[Exception]) -> Iterator[None]:
+    """End with status 2 on these errors: what was asked for cannot be."""
+    try:
+        yield
+    except errors as error:
+        raise click.UsageError(str(error)) from error
 
 
 @contextmanager
