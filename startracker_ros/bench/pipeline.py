@@ -244,44 +244,40 @@ def processes(trials: int, seed: int) -> Iterator[Row]:
                 yield _row(f'processes, {run} run: {case}', figures[case], 'ms', '', True)
 
 
-@contextmanager
-def _latency_images(simulator: SkySimulator) -> Iterator[tuple[Path, Path]]:
-    """Lend a folder for logs and one in it with images of a field, each with its own noise."""
-    from startracker_ros.ros.rig import log_folder
-    with log_folder('latency') as folder:
-        images = folder / 'images'
-        images.mkdir()
-        for index in range(8):
-            cv2.imwrite(str(images / f'{index}.png'), simulator.frame(0.0).image)
-        yield folder, images
-
-
 def latency(trials: int, seed: int) -> Iterator[Row]:
     """Image to attitude through the nodes, stage by stage, and how many images a second."""
-    from startracker_ros.ros.latency import crossing_ms, decoding_ms, measure
+    from startracker_ros.ros.rig import log_folder
     for size in (512, 1024, 2048):
-        camera = Camera.from_fov(size, size, 12.0)
-        simulator = SkySimulator(camera, motion_from_options(MotionOptions(motion='inertial')),
-                                 load_catalog(), EPOCH_YEAR, seed=seed)
-        rate_hz, count = _LATENCY_RATE_HZ[size], min(trials, 1000)
-        yield _times_row(f'{size} px: decoding alone, of the transport',
-                         decoding_ms(simulator.frame(0.0).image, min(trials, 200)))
-        with _latency_images(simulator) as (folder, images):
-            yield _times_row(f'{size} px: image to a process that does nothing with it',
-                             crossing_ms(images, 12.0, folder, rate_hz=rate_hz, count=count))
-        for composed in (False, True):
-            mode = 'composed' if composed else 'processes'
-            case = f'{size} px, {mode}'
-            goals = _LATENCY_GOALS if size == 1024 else {}
-            p50_ms, p95_ms, least_hz = goals.get(mode, (np.inf, np.inf, 0.0))
-            with _latency_images(simulator) as (folder, images):
-                result = measure(images, 12.0, folder, composed=composed,
-                                 rate_hz=rate_hz, count=count)
-            for stage, times_ms in result.stages_ms.items():
-                yield _times_row(f'{case}: {stage}', times_ms)
-            yield _times_row(f'{case}: image to attitude', result.total_ms, p50_ms, p95_ms)
-            yield _row(f'{case}: images a second', result.highest_hz, 'Hz',
-                       f'>= {least_hz:g}' if least_hz else '', result.highest_hz >= least_hz)
+        with log_folder('latency') as folder:
+            yield from _latency_of_size(size, folder, trials, seed)
+
+
+def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterator[Row]:
+    """Send the same images, of one field with noise of their own, every way that there is."""
+    from startracker_ros.ros.latency import crossing_ms, decoding_ms, measure
+    simulator = SkySimulator(Camera.from_fov(size, size, 12.0),
+                             motion_from_options(MotionOptions(motion='inertial')),
+                             load_catalog(), EPOCH_YEAR, seed=seed)
+    images = folder / 'images'
+    images.mkdir()
+    for index in range(8):
+        cv2.imwrite(str(images / f'{index}.png'), simulator.frame(0.0).image)
+    rate_hz, count = _LATENCY_RATE_HZ[size], min(trials, 1000)
+    yield _times_row(f'{size} px: decoding alone, of the transport',
+                     decoding_ms(simulator.frame(0.0).image, min(trials, 200)))
+    yield _times_row(f'{size} px: image to a process that does nothing with it',
+                     crossing_ms(images, 12.0, folder, rate_hz=rate_hz, count=count))
+    for composed in (False, True):
+        mode = 'composed' if composed else 'processes'
+        case = f'{size} px, {mode}'
+        goals = _LATENCY_GOALS if size == 1024 else {}
+        p50_ms, p95_ms, least_hz = goals.get(mode, (np.inf, np.inf, 0.0))
+        result = measure(images, 12.0, folder, composed=composed, rate_hz=rate_hz, count=count)
+        for stage, times_ms in result.stages_ms.items():
+            yield _times_row(f'{case}: {stage}', times_ms)
+        yield _times_row(f'{case}: image to attitude', result.total_ms, p50_ms, p95_ms)
+        yield _row(f'{case}: images a second', result.highest_hz, 'Hz',
+                   f'>= {least_hz:g}' if least_hz else '', result.highest_hz >= least_hz)
 
 
 CASES: dict[str, Callable[[int, int], Iterator[Row]]] = {
