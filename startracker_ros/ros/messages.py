@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 import sys
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
@@ -40,6 +40,8 @@ _POINT_FIELD_TYPES = {
     'u2': PointField.UINT16, 'i4': PointField.INT32, 'u4': PointField.UINT32,
     'f4': PointField.FLOAT32, 'f8': PointField.FLOAT64}
 _NUMPY_TYPES = {number: name for name, number in _POINT_FIELD_TYPES.items()}
+# A camera comes with every image: checked once, and what follows from it computed once.
+_camera = lru_cache(Camera)
 # Fields that may be NaN by their meaning: not identified, not observed in this frame.
 _MAY_BE_NAN = {'magnitude', 'residual_px', 'flux', 'snr', 'sigma_px'}
 
@@ -106,12 +108,6 @@ def camera_from_message(message: CameraInfo) -> Camera:
     distortion = tuple(message.d) + (0.0,) * (5 - len(message.d))
     fx, _, cx, _, fy, cy = map(float, message.k[:6])
     return _camera(message.width, message.height, fx, fy, cx, cy, distortion)
-
-
-@lru_cache
-def _camera(*values: Any) -> Camera:
-    # It comes with every image: checked once, and what follows from it computed once.
-    return Camera(*values)
 
 
 def _cloud(rows: np.ndarray, header: Header) -> PointCloud2:

@@ -11,6 +11,9 @@ import sys
 from startracker_ros.executables import EXECUTABLES
 import yaml
 
+_ROOT = Path(__file__).parents[2]
+"""Where the package is imported from."""
+
 
 class RigError(RuntimeError):
     """The nodes did not come up; the text says where their logs are."""
@@ -22,7 +25,7 @@ def share_folder() -> Path:
         share = Path(prefix) / 'share' / 'startracker_ros'
         if prefix and share.is_dir():
             return share
-    return Path(__file__).parents[2]
+    return _ROOT
 
 
 def node_environment() -> dict[str, str]:
@@ -34,7 +37,7 @@ def node_environment() -> dict[str, str]:
     2 MiB buffers without page faults; NumPy's threads would only fight over the cores.
     What the user has set stays.
     """
-    root = str(Path(__file__).parents[2])
+    root = str(_ROOT)
     paths = os.environ.get('PYTHONPATH', '').split(os.pathsep)
     if root not in (*paths, *site.getsitepackages()):
         paths.insert(0, root)

@@ -6,6 +6,7 @@ import pytest
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import (
     camera_places, CROWD_MAGNITUDES, CROWD_PX, MERGE_PX, star_places)
+from startracker_ros.catalog.sky_grid import count_near, sky_grid
 from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.rotation import ARCSEC, unit_from_radec
 
@@ -145,6 +146,8 @@ def test_within_agrees_with_brute_force():
         distance = np.linalg.norm(places.direction - center, axis=1)
         np.testing.assert_array_equal(
             found, np.flatnonzero(distance <= 2 * np.sin(radius_rad / 2)))
+        chord = 2 * np.sin(radius_rad / 2)
+        assert count_near(sky_grid(places.direction), center[None], chord).tolist() == [len(found)]
 
 
 def test_index_of():
