@@ -49,7 +49,12 @@ class CameraNode(PipelineNode):
 
     def tell_of_compiling(self) -> None:
         """Say why the first frame has to wait, on a machine where nothing is compiled yet."""
-        if not kept_functions(machine_code_folder()):
+        folder = machine_code_folder()
+        if not folder:
+            self.get_logger().warning(
+                'compiling for this machine, for a minute, at each start: no folder to keep it '
+                'in can be written, set NUMBA_CACHE_DIR')
+        elif not kept_functions(folder):
             self.get_logger().info(
                 'compiling for this machine, for a minute, and only once: next time '
                 '`python -m startracker_ros.warm_up` does it beforehand')

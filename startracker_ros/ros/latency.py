@@ -29,7 +29,12 @@ _PLACES = {
 
 _LADDER_HZ = (5, 10, 15, 20, 25, 30, 40, 50, 60, 80, 100, 120, 150, 200, 250, 300)
 _LADDER_S = 2.0
+_TRIES = 2
 _SLACK_S = 0.03
+
+UNHURRIED_HZ = 10.0
+"""A pace of many star cameras. Processors go to sleep in the pauses, so that no faster one
+tells how long these images take."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +43,12 @@ class Latency:
     Times of frames in ms, and the highest rate at which none was lost or late.
 
     stages_ms holds the transport with decoding, centroids, tracking and estimate, each with the
-    way to the next one.
+    way to the next one; unhurried_ms the whole at UNHURRIED_HZ.
     """
 
     total_ms: np.ndarray
     stages_ms: dict[str, np.ndarray]
+    unhurried_ms: np.ndarray
     highest_hz: float
 
 
@@ -155,8 +161,12 @@ def crossing_ms(images: Path, fov_deg: float, folder: Path, *, rate_hz: float, c
     with TimedPipeline(images, fov_deg, folder, stages=()) as pipeline:
         pipeline.run(20, 40)
         arrived_ns, _ = pipeline.run(rate_hz, count)
-    sent_ns = _passed(pipeline.files)[_SENDS]
-    return np.array([at_ns - sent_ns[stamp_ns] for stamp_ns, at_ns in arrived_ns.items()]) * 1e-6
+    return _since_sent_ms(arrived_ns, _passed(pipeline.files))
+
+
+def _since_sent_ms(arrived_ns: dict[int, int], passed: dict[str, dict[int, int]]) -> np.ndarray:
+    return np.array([at_ns - passed[_SENDS][stamp_ns]
+                     for stamp_ns, at_ns in arrived_ns.items()]) * 1e-6
 
 
 def _passed(files: Sequence[Path]) -> dict[str, dict[int, int]]:
@@ -173,11 +183,14 @@ def measure(images: Path, fov_deg: float, folder: Path, *, composed: bool, rate_
     with TimedPipeline(images, fov_deg, folder, composed=composed) as pipeline:
         # Until it tracks, and all files are read and all code is compiled.
         pipeline.run(20, 40)
+        unhurried_ns, _ = pipeline.run(UNHURRIED_HZ, min(count, 100))
         arrived_ns, through_ns = pipeline.run(rate_hz, count)
 
         def holds(step_hz: float) -> bool:
+            # Tried again, as other work of the machine may have been in the way.
             frames = round(step_hz * _LADDER_S)
-            return _holds(pipeline.run(step_hz, frames)[1], step_hz, frames)
+            return any(_holds(pipeline.run(step_hz, frames)[1], step_hz, frames)
+                       for _ in range(_TRIES))
         if _holds(through_ns, rate_hz, count):
             above = takewhile(holds, (step for step in _LADDER_HZ if step > rate_hz))
             highest_hz = max((rate_hz, *above))
@@ -192,4 +205,4 @@ def measure(images: Path, fov_deg: float, folder: Path, *, composed: bool, rate_
                          if all(stamp_ns in passed[place] for place in places)])
     steps_ms = np.diff(times_ns, axis=1) * 1e-6
     return Latency(steps_ms.sum(axis=1), dict(zip((*stages, 'estimate'), steps_ms.T)),
-                   float(highest_hz))
+                   _since_sent_ms(unhurried_ns, passed), float(highest_hz))

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import pytest
 from sensor_msgs.msg import CameraInfo
 import startracker_ros
 from startracker_ros.camera import Camera
@@ -11,16 +12,28 @@ from startracker_ros.ros.messages import camera_to_message, make_header
 from startracker_ros.ros.processes import node_environment, NodeProcesses
 
 
-def test_a_node_says_that_it_compiles(probe, tmp_path):
+NOWHERE = """
+from startracker_ros import machine_code
+machine_code._folders = list
+from startracker_ros.ros.nodes.centroid_extractor import main
+main()
+"""
+
+
+@pytest.mark.parametrize('run, reason', [
+    (['-m', 'startracker_ros.ros.nodes.centroid_extractor'], 'for a minute, and only once'),
+    (['-c', NOWHERE], 'at each start: no folder to keep it in can be written')])
+def test_a_node_says_that_it_compiles(probe, tmp_path, run, reason):
+    empty = str(tmp_path / 'none') if '-m' in run else ''
     # Killed, not ended: it would compile for a minute first.
-    processes = NodeProcesses(tmp_path, {'NUMBA_CACHE_DIR': str(tmp_path / 'none')})
-    process = processes.start('centroid_extractor')
+    processes = NodeProcesses(tmp_path, {'NUMBA_CACHE_DIR': empty})
+    process = processes.run('centroid_extractor', [sys.executable, *run])
     try:
         camera_info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
         camera_info.publish(camera_to_message(
             Camera.from_fov(256, 256, 20.0), make_header(1_790_000_000_000_000_000, 'sensor')))
         log = tmp_path / 'centroid_extractor.log'
-        probe.wait(lambda: 'compiling for this machine' in log.read_text(), 'the reason')
+        probe.wait(lambda: reason in log.read_text(), 'the reason')
     finally:
         process.kill()
         process.wait()

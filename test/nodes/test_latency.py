@@ -35,6 +35,7 @@ def test_every_stage_is_timed(images, tmp_path, monkeypatch, composed):
     # The clock of DDS and ours are one: each stage takes some time, and all of them the whole.
     assert (times_ms > 0).all() and times_ms.max() < 5000
     np.testing.assert_allclose(times_ms.sum(axis=0), result.total_ms)
+    assert len(result.unhurried_ms) >= 20 and (result.unhurried_ms > 0).all()
     assert result.highest_hz in (0, 5, 10, 20)
 
 

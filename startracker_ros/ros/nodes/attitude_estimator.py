@@ -65,6 +65,7 @@ class AttitudeEstimatorNode(CameraNode):
 
     def prepare(self, camera: Camera) -> None:
         if self._source == 'stars':
+            self.tell_of_compiling()
             self._trust.warm_up()
 
     def _take_tracked(self, message: Imu) -> None:
