@@ -2,6 +2,7 @@
 
 from collections import defaultdict, deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.publisher import Publisher
@@ -41,15 +42,16 @@ class Composition:
     Who gives and who takes which topic in this process; all of it runs in one thread.
 
     A topic that a node of the process gives is taken from that node alone. As messages go
-    through a queue, a callback is through before what it gave is taken, as over DDS.
+    through a queue, a callback is through before what it gave is taken, as over DDS. What
+    nobody on the way to an attitude waits for has a queue of its own, and comes last.
     """
 
     def __init__(self) -> None:
         self._given: set[str] = set()
-        self._callbacks: dict[str, list[Callable[[Any], None]]] = defaultdict(list)
+        self._callbacks: dict[str, list[tuple[Callable[[Any], None], bool]]] = defaultdict(list)
         self._subscribe: dict[str, list[Callable[[], None]]] | None = defaultdict(list)
-        self._queue: deque[tuple[Callable[[Any], None], Any]] = deque()
-        self._outside: deque[tuple[Callable[[Any], None], Any]] = deque()
+        self._first: deque[Callable[[], None]] = deque()
+        self._last: deque[Callable[[], None]] = deque()
         self._at_work = False
 
     def give(self, publisher: Publisher, durable: bool) -> SharedPublisher:
@@ -58,9 +60,9 @@ class Composition:
         return SharedPublisher(publisher, self, durable)
 
     def take(self, topic: str, callback: Callable[[Any], None],
-             subscribe: Callable[[], None]) -> None:
+             subscribe: Callable[[], None], last: bool = False) -> None:
         """Take a topic from the node that gives it, or call subscribe() where there is none."""
-        self._callbacks[topic].append(callback)
+        self._callbacks[topic].append((callback, last))
         if self._subscribe is not None:
             self._subscribe[topic].append(subscribe)
         elif topic not in self._given:
@@ -81,17 +83,25 @@ class Composition:
     def hand_over(self, topic: str, message: Any,
                   publish: Callable[[Any], None] | None) -> None:
         """Call all who take a topic, after those whose messages came before, then publish."""
-        self._queue.extend((callback, message) for callback in self._callbacks[topic])
+        for callback, last in self._callbacks[topic]:
+            (self._last if last else self._first).append(partial(callback, message))
         if publish is not None:
-            self._outside.append((publish, message))
+            self._last.append(partial(publish, message))
+        self._work()
+
+    def afterwards(self, work: Callable[[], None]) -> None:
+        """Do work once nothing is left that an attitude waits for."""
+        self._last.append(work)
+        self._work()
+
+    def _work(self) -> None:
         if self._at_work:
             return
         self._at_work = True
         try:
-            while waiting := self._queue or self._outside:
-                callback, message = waiting.popleft()
-                callback(message)
+            while waiting := self._first or self._last:
+                waiting.popleft()()
         finally:
             self._at_work = False
-            self._queue.clear()
-            self._outside.clear()
+            self._first.clear()
+            self._last.clear()

@@ -141,6 +141,14 @@ def _layout(fields: tuple[tuple[str, int, int], ...], point_step: int, wanted: n
                      'offsets': [offered[name][0] for name in names], 'itemsize': point_step})
 
 
+@lru_cache
+def _never_nan(wanted: np.dtype) -> tuple[list[str], list[int]]:
+    """Return the float fields that must be finite, and where they stand in rows seen as floats."""
+    places = {name: offset // 4 for name, (dtype, offset, *_) in (wanted.fields or {}).items()
+              if dtype.kind == 'f' and name not in _MAY_BE_NAN}
+    return list(places), list(places.values())
+
+
 def read_cloud(message: PointCloud2, wanted: np.dtype) -> np.ndarray:
     """Return the rows (N,) of a cloud in the wanted layout; MessageError names the field."""
     count = message.width * message.height
@@ -151,14 +159,13 @@ def read_cloud(message: PointCloud2, wanted: np.dtype) -> np.ndarray:
                            f'{count} points of {message.point_step} bytes')
     layout = _layout(tuple((f.name, f.offset, f.datatype) for f in message.fields),
                      message.point_step, wanted)
-    source = np.frombuffer(message.data, layout, count)
-    rows = np.empty(count, wanted)
-    for name in wanted.names or ():
-        rows[name] = source[name]
-        if (name not in _MAY_BE_NAN and wanted[name].kind == 'f'
-                and not np.isfinite(rows[name]).all()):
-            raise MessageError(f'cloud field {name!r} is not finite '
-                               f'in point {int(np.argmin(np.isfinite(rows[name])))}')
+    # From structure to structure NumPy copies by position, and that is the order of the names.
+    rows = np.frombuffer(message.data, layout, count).astype(wanted)
+    names, columns = _never_nan(wanted)
+    finite = np.isfinite(rows.view('f4').reshape(count, wanted.itemsize // 4)[:, columns])
+    if not finite.all():
+        point, column = np.argwhere(~finite)[0]
+        raise MessageError(f'cloud field {names[column]!r} is not finite in point {point}')
     return rows
 
 

@@ -87,8 +87,12 @@ class PipelineNode(Node):
         """Finish what must not be lost, before the node ends."""
 
     def take(self, message_type: type, topic: str, callback: Callable,
-             profile: QoSProfile) -> None:
-        """Subscribe; a message that cannot be used is reported by name and counted."""
+             profile: QoSProfile, *, last: bool = False) -> None:
+        """
+        Subscribe; a message that cannot be used is reported by name and counted.
+
+        last: in a process of several nodes, when nothing is left that an attitude waits for.
+        """
         def guarded(message: Any) -> None:
             self.diagnostics.counts[f'{topic} received'] += 1
             try:
@@ -103,7 +107,14 @@ class PipelineNode(Node):
         if self.composition is None:
             subscribe()
         else:
-            self.composition.take(self.resolve_topic_name(topic), guarded, subscribe)
+            self.composition.take(self.resolve_topic_name(topic), guarded, subscribe, last)
+
+    def afterwards(self, work: Callable[[], None]) -> None:
+        """Do work that no attitude waits for: now, or last in a process of several nodes."""
+        if self.composition is None:
+            work()
+        else:
+            self.composition.afterwards(work)
 
     def give(self, message_type: type, topic: str, profile: QoSProfile) -> Any:
         """Return a publisher whose quality of service can be overridden."""

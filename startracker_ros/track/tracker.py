@@ -54,6 +54,7 @@ class StarTracker:
     checks_passed the identifications that agreed with the tracks.
     Feed update() with every frame and identified() with the identifications, in any
     interleaving: an identification may come some frames late or before its own update().
+    find_newcomers() may follow update(), when what it returned is on its way.
     add_rate() takes the rates of a gyro, where there is one.
     """
 
@@ -65,6 +66,7 @@ class StarTracker:
         self._options = options
         self._gyro_options = gyro
         self._stars = StarsInView(camera, places)
+        self._unclaimed: tuple[RotationFit, Centroids] | None = None
         self._next_id = 1
         self.late_frames = 0
         self.refused_centroids = 0
@@ -128,6 +130,32 @@ class StarTracker:
         return self._model.bank.published(
             self._places, self._good_stamp_ns == self._bank_stamp_ns)
 
+    def find_newcomers(self) -> None:
+        """
+        Begin tracks of stars that came into view in the last frame, to be among the next tracks.
+
+        The next update() does it first, if nobody has: called before, it need not wait for it.
+        """
+        if self._unclaimed is None:
+            return
+        (fit, frame), self._unclaimed = self._unclaimed, None
+        bank = self._model.bank
+        room = self._options.max_stars - len(bank)
+        if room <= 0 or not len(frame):
+            return
+        seen = bank.seen
+        with np.errstate(invalid='ignore', divide='ignore'):
+            zero_point = median(
+                self._places.magnitude[bank.place[seen]] + 2.5 * np.log10(bank.flux[seen]))
+        place, centroid = match_newcomers(
+            self._stars, fit.attitude, frame, fit.scale * self._model.sigma_px(frame), zero_point,
+            self._options.magnitude_tolerance)
+        if len(place):
+            new = ~(place[:, None] == bank.place).any(axis=1)
+            place, centroid = place[new][:room], centroid[new][:room]
+        if len(place):
+            self._add_tracks(place, frame.select(centroid), confirmed=False)
+
     def identified(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray) -> None:
         """
         Take an identified frame: hip (N,) of each centroid, 0 where it is not known.
@@ -153,6 +181,7 @@ class StarTracker:
         self.residual_px = math.nan
         self._first: Fix | None = None
         self._model = make_model(self._camera, self._places, self._options, self._gyro)
+        self._unclaimed = None
         self._bank_stamp_ns = 0
         self._good_stamp_ns = 0
         self._bad_frames = 0
@@ -243,6 +272,7 @@ class StarTracker:
             self._enter(TrackerState.LOST, f'no stars for {gap_s:.1f} s')
         if stamp_ns <= self._bank_stamp_ns or self.state is not TrackerState.TRACKING:
             return
+        self.find_newcomers()
         self._bank_stamp_ns = stamp_ns
         model, options = self._model, self._options
         followed = model.follow(stamp_ns, frame)
@@ -269,7 +299,7 @@ class StarTracker:
                    | (fit.normalised > OUTLIER_SIGMA) & (bank.missed == 0))
         model.bank = replace(model.bank, confirmed=model.bank.confirmed | (
             model.bank.age >= options.confirm_frames))
-        self._find_newcomers(fit, frame.select(followed.unclaimed))
+        self._unclaimed = fit, frame.select(followed.unclaimed)
 
     def _allowed_to_miss(self, frame: Centroids) -> np.ndarray:
         """Return how often (N,) a star may be missed: not yet confirmed ones never."""
@@ -278,24 +308,6 @@ class StarTracker:
 
     def _drop(self, unwanted: np.ndarray) -> None:
         self._model.bank = self._model.bank.select(~unwanted)
-
-    def _find_newcomers(self, fit: RotationFit, frame: Centroids) -> None:
-        bank = self._model.bank
-        room = self._options.max_stars - len(bank)
-        if room <= 0 or not len(frame):
-            return
-        seen = bank.seen
-        with np.errstate(invalid='ignore', divide='ignore'):
-            zero_point = median(
-                self._places.magnitude[bank.place[seen]] + 2.5 * np.log10(bank.flux[seen]))
-        place, centroid = match_newcomers(
-            self._stars, fit.attitude, frame, fit.scale * self._model.sigma_px(frame), zero_point,
-            self._options.magnitude_tolerance)
-        if len(place):
-            new = ~np.isin(place, bank.place)
-            place, centroid = place[new][:room], centroid[new][:room]
-        if len(place):
-            self._add_tracks(place, frame.select(centroid), confirmed=False)
 
     def _add_tracks(self, place: np.ndarray, centroids: Centroids, *, confirmed: bool) -> None:
         track_id = np.arange(self._next_id, self._next_id + len(place))

@@ -72,6 +72,25 @@ def test_who_listens_elsewhere_hears_after_those_here():
     assert order == ['second in', 'first out', 'second out']
 
 
+def test_what_nobody_waits_for_comes_last():
+    composition, order = Composition(), []
+    give_first, give_second = (composition.give(Line(topic), False)
+                               for topic in ('/first', '/second'))
+
+    def answer(message):
+        composition.afterwards(lambda: order.append('afterwards'))
+        give_second.publish('second')
+        order.append('first')
+    composition.take('/first', lambda message: order.append('in no hurry'), pytest.fail, last=True)
+    composition.take('/first', answer, pytest.fail)
+    composition.take('/second', order.append, pytest.fail)
+    composition.connect()
+    give_first.publish('first')
+    assert order == ['first', 'second', 'in no hurry', 'afterwards']
+    composition.afterwards(lambda: order.append('at once'))
+    assert order[-1] == 'at once'
+
+
 def test_only_what_no_node_gives_is_subscribed_to():
     composition, subscribed = Composition(), []
     composition.take('/own', print, lambda: subscribed.append('/own'))

@@ -1,9 +1,13 @@
 """centroid_extractor: image_raw, camera_info -> centroids, image_annotated, image_markers."""
 
+from functools import partial
+
 import cv2
+import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
 from startracker_ros.camera import Camera
-from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
+from startracker_ros.centroid.extraction import (
+    CentroidExtractor, Extraction, ExtractionOptions)
 from startracker_ros.report.annotate import annotate
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
@@ -13,6 +17,7 @@ from startracker_ros.ros.message_types import MessageError
 from startracker_ros.ros.messages import (
     centroids_to_message, image_from_message, image_to_message)
 from startracker_ros.ros.node import main_of
+from std_msgs.msg import Header
 from visualization_msgs.msg import ImageMarker
 
 
@@ -53,12 +58,16 @@ class CentroidExtractorNode(CameraNode):
         extraction = self._extractor.extract(image)
         self._centroids.publish(centroids_to_message(
             extraction.centroids, camera, message.header))
+        self.afterwards(partial(self._tell, message.header, image, extraction))
+
+    def _tell(self, header: Header, image: np.ndarray, extraction: Extraction) -> None:
+        """Publish the spots of an image for viewers, and report on it."""
         if self._annotated.get_subscription_count():
             self._annotated.publish(image_to_message(
-                annotate(image, extraction.centroids.uv), message.header))
+                annotate(image, extraction.centroids.uv), header))
         if self._markers.get_subscription_count():
             self._markers.publish(centroids_to_image_marker(
-                extraction.centroids.uv, message.header))
+                extraction.centroids.uv, header))
         found = len(extraction.centroids)
         self.diagnostics.values.update({
             'centroids': found,

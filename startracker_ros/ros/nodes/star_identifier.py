@@ -55,7 +55,7 @@ class StarIdentifierNode(CameraNode):
         self._recursive: RecursiveIdentifier | None = None
         self._hears_imu = False
         self._stars = self.give(PointCloud2, 'stars', qos.LIST)
-        self.take(PointCloud2, 'centroids', self._take_centroids, qos.LIST)
+        self.take(PointCloud2, 'centroids', self._take_centroids, qos.LIST, last=True)
         self.take(DiagnosticStatus, 'tracker_state', self._take_tracker_state, qos.STATE)
         self.offer_reset()
 

@@ -1,5 +1,7 @@
 """star_tracker: centroids, stars, imu, camera_info -> tracks, attitude, state, target_centroid."""
 
+from functools import partial
+
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
@@ -74,8 +76,13 @@ class StarTrackerNode(CameraNode):
         # Before the tracks: who needs both has both when these come.
         self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, message.header))
         self._tracks.publish(tracks_to_message(tracks, camera, message.header))
+        self.afterwards(partial(self._finish, message.header, camera, centroids))
+
+    def _finish(self, header: Header, camera: Camera, centroids: Centroids) -> None:
+        """Do with a frame what its attitude does not need."""
         self._publish_state()
-        self._look_for_target(message.header, camera, centroids)
+        self._look_for_target(header, camera, centroids)
+        self._tracker.find_newcomers()
 
     def _look_for_target(self, header: Header, camera: Camera, centroids: Centroids) -> None:
         """Publish the target of a frame, an empty cloud where stars are all there is."""
