@@ -42,6 +42,8 @@ _LATENCY_GOALS = {'processes': (6.0, 10.0, 100.0), 'composed': (4.0, np.inf, 200
 
 _LATENCY_RATE_HZ = {512: 100.0, 1024: 100.0, 2048: 20.0}
 
+_HALT_POLL = Path('/sys/module/haltpoll/parameters/guest_halt_poll_ns')
+
 Row = dict[str, object]
 
 
@@ -288,14 +290,21 @@ CASES: dict[str, Callable[[int, int], Iterator[Row]]] = {
     'latency': latency}
 
 
+def _scheduling() -> str:
+    """Return at what priority this process runs, and how fast processors fall asleep."""
+    priority = 'normal' if os.sched_getscheduler(0) == os.SCHED_OTHER else 'real-time'
+    if not _HALT_POLL.exists():
+        return f'{priority} priority'
+    return (f'{priority} priority, virtual processors that sleep after '
+            f'{int(_HALT_POLL.read_text()) * 1e-6:g} ms')
+
+
 def run_pipeline_bench(*, trials: int, seed: int, only: tuple[str, ...]) -> Result:
     """Run the named cases one after another."""
     rows = [row for name in only for row in CASES[name](trials, seed)]
     return Result('bench pipeline', rows, {
         'machine': f'{platform.machine()}, {os.cpu_count()} cores, Python '
-                   f'{platform.python_version()}, NumPy {np.__version__}, '
-                   + ('normal' if os.sched_getscheduler(0) == os.SCHED_OTHER else 'real-time')
-                   + ' priority',
+                   f'{platform.python_version()}, NumPy {np.__version__}, {_scheduling()}',
         'times': 'process CPU time of one thread, except start-up and database (wall time)',
         'Cramer-Rao bound': 'takes the noise of all pixels as equal in angle; off the axis they '
                             'are finer by up to 2 %, so the ratio may fall below 1',
