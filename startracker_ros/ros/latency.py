@@ -43,7 +43,8 @@ class Latency:
     Times of frames in ms, and the highest rate at which none was lost or late.
 
     stages_ms holds the transport with decoding, centroids, tracking and estimate, each with the
-    way to the next one; unhurried_ms the whole at UNHURRIED_HZ.
+    way to the next one; unhurried_ms the whole at UNHURRIED_HZ. Beside the rate that the times
+    were taken at, which has one try, a rate counts when one of _TRIES of _LADDER_S succeeds.
     """
 
     total_ms: np.ndarray

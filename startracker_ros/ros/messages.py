@@ -30,7 +30,7 @@ _TRACK_FIELDS = [
     ('association_probability', 'f4'), ('u_rate', 'f4'), ('v_rate', 'f4'),
     ('cov_uu', 'f4'), ('cov_uv', 'f4'), ('cov_vv', 'f4')]
 
-# Aligned as a C struct, so that viewers may read the floats in place.
+# Aligned as a C struct, so that viewers, and _never_nan(), find each float, of 4 bytes, in place.
 CENTROID_DTYPE = np.dtype(_CENTROID_FIELDS, align=True)
 STAR_DTYPE = np.dtype(_STAR_FIELDS, align=True)
 TRACK_DTYPE = np.dtype(_TRACK_FIELDS, align=True)
