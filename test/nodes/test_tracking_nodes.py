@@ -69,6 +69,17 @@ class Flight:
             self.q = multiply(self.q, quaternion_from_rotation_vector(RATE * STEP_NS * 1e-9))
         return self.probe.received['attitude_imu'][before:]
 
+    def until_tracking(self):
+        """
+        Fly until the tracker says that it tracks.
+
+        How many frames pass meanwhile is the machine's: frames come as fast as they are answered,
+        and the first identification takes the longer the busier the processors are.
+        """
+        while 'TRACKING' not in {m.message for m in self.probe.received['tracker_state']}:
+            assert self.index < 200, 'no identification has started the tracker'
+            self.frames(1)
+
     def errors(self, answers):
         """Return how far the attitudes of the answers are off (N, 3), in sigma of each axis."""
         found = []
@@ -87,15 +98,16 @@ class Flight:
 
 def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
     flight = Flight(nodes, probe)
+    flight.until_tracking()
     answers = flight.frames(40)
     errors = flight.errors(answers)
-    assert len(errors) >= 35 and np.abs(errors).max() < 5
+    assert len(errors) == 40 and np.abs(errors).max() < 5
     assert flight.state('gyro') == 'used'
     tracked = messages.tracked_attitude_from_imu(answers[-1])
     off = (tracked.rate_rad_s - RATE) / np.sqrt(np.diag(tracked.rate_covariance))
     assert np.abs(off).max() < 5 and np.degrees(np.sqrt(tracked.rate_covariance.max())) < 0.02
     # One identification a second is looked at while tracking, none of the others.
-    while int(flight.state('checks_passed')) < 2 and flight.index < 100:
+    while int(flight.state('checks_passed')) < 2 and flight.index < 300:
         flight.frames(5)
     assert 2 <= int(flight.state('checks_passed')) <= 10
     flight.frames(2, frame_id='base_link')
@@ -104,15 +116,17 @@ def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
 
 def test_a_gyro_in_degrees_is_named_and_not_used(nodes, probe):
     flight = Flight(nodes, probe)
+    flight.until_tracking()
     errors = flight.errors(flight.frames(30, measured=np.degrees(RATE)))
-    assert len(errors) >= 25 and np.abs(errors).max() < 5
+    assert len(errors) == 30 and np.abs(errors).max() < 5
     assert flight.state('gyro') == 'unused'
     probe.wait_condition('is it in rad/s')
 
 
 def test_a_camera_turned_away_is_lost_and_found(nodes, probe):
     flight = Flight(nodes, probe)
-    assert len(flight.errors(flight.frames(12))) >= 8
+    flight.until_tracking()
+    assert len(flight.errors(flight.frames(12))) == 12
     flight.q = random_attitude(np.random.default_rng(7))
     answers = flight.frames(25, measured=None)
     assert np.abs(flight.errors(answers)).max() < 5
