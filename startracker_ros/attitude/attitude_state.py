@@ -59,7 +59,7 @@ class AttitudeState(NamedTuple):
         information (3, 3) is the inverse covariance of the measurement, which may be
         singular; vector (3,) is information times the turn that the measurement asks for.
         """
-        return AttitudeState(self.stamp_ns, *_with_attitude(*self[1:], information, vector))
+        return AttitudeState(self.stamp_ns, *with_attitude(*self[1:], information, vector))
 
     def less_sure(self, factor: float) -> 'AttitudeState':
         """Return the state with so many times the variance of attitude and rate."""
@@ -158,9 +158,10 @@ def _with_rate(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, cova
 
 
 @compiled
-def _with_attitude(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray,
-                   covariance: np.ndarray, information: np.ndarray, vector: np.ndarray
-                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def with_attitude(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray,
+                  covariance: np.ndarray, information: np.ndarray, vector: np.ndarray
+                  ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return quaternion, rate, drift and covariance as the method of AttitudeState has them."""
     attitude = np.ascontiguousarray(covariance[:3, :3])
     rows = np.ascontiguousarray(covariance[:3])
     columns = np.ascontiguousarray(covariance[:, :3])

@@ -7,6 +7,8 @@ centroids as a Poisson process of known density (Bar-Shalom and Fortmann 1988) i
 of phi! / V^phi: then clusters of tracks without a common centroid are independent.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from startracker_ros.compiled import compiled
 from startracker_ros.track.joint_events import marginals
@@ -16,6 +18,53 @@ MAX_STEPS = 1_000_000
 times the states held after each track (joint_events). Twelve stars that all share twelve
 centroids, 10^10 events, are within it and exact. Beyond it only the most probable states
 are held, so that no frame takes longer than some 0.1 s."""
+
+
+class Chances(NamedTuple):
+    """
+    What is believed of the centroids of a frame before it is seen.
+
+    gate is a squared Mahalanobis distance; the probabilities are that a star has its centroid
+    inside the gate, and that it has one; image_px2 is where false centroids may be.
+    """
+
+    gate: float
+    gate_probability: float
+    detection_probability: float
+    image_px2: float
+
+
+@compiled
+def associate(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray, variance: np.ndarray,
+              chances: Chances) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the probabilities (N, M + 1) of centroids, and those (M,) in no gate.
+
+    Arguments are those of gated_density(); the density of false centroids is taken from the frame.
+    """
+    density = _gated_density(predicted, covariance, uv, variance, chances.gate)
+    unclaimed = np.ones(len(uv), np.bool_)
+    # One more than counted: a frame without false centroids does not prove there are none.
+    clutter = 1
+    for centroid in range(len(uv)):
+        for track in range(len(predicted)):
+            if density[track, centroid] > 0:
+                unclaimed[centroid] = False
+        clutter += unclaimed[centroid]
+    weight = event_weights(density, chances.detection_probability, chances.gate_probability,
+                           clutter / chances.image_px2)
+    return marginals(weight, MAX_STEPS), unclaimed
+
+
+@compiled
+def most_probable(probability: np.ndarray) -> np.ndarray:
+    """Return the most probable centroid (N,) of each track, 0 where there is none at all."""
+    best = np.zeros(len(probability), np.int64)
+    for track in range(len(probability)):
+        for centroid in range(1, probability.shape[1] - 1):
+            if probability[track, centroid + 1] > probability[track, best[track] + 1]:
+                best[track] = centroid
+    return best
 
 
 def gate_size(probability: float) -> float:
@@ -60,6 +109,7 @@ def _gated_density(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray
     return density
 
 
+@compiled
 def event_weights(density: np.ndarray, detection_probability: float, gate_probability: float,
                   clutter_px2: float) -> np.ndarray:
     """
@@ -69,7 +119,7 @@ def event_weights(density: np.ndarray, detection_probability: float, gate_probab
     """
     weight = np.empty((density.shape[0], density.shape[1] + 1))
     weight[:, 0] = 1 - detection_probability * gate_probability
-    np.multiply(density, detection_probability / clutter_px2, out=weight[:, 1:])
+    weight[:, 1:] = density * (detection_probability / clutter_px2)
     return weight
 
 

@@ -1,8 +1,7 @@
 """One rotation moves all stars: a single filter of attitude and rate, fed by all of them."""
 
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import NamedTuple
+import math
 
 import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState
@@ -11,15 +10,10 @@ from startracker_ros.attitude.gyro import Gyro
 from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import matrix_from_quaternion
-from startracker_ros.track.bank import TrackBank
-from startracker_ros.track.in_view import project
+from startracker_ros.track.correction import correct, Correction, on_image
 from startracker_ros.track.model import Fix, Followed, rate_between, StarModel
-from startracker_ros.track.motion_models import image_jacobian, POSITION, VELOCITY
 from startracker_ros.track.options import TrackerOptions
-from startracker_ros.track.rotation_fit import (
-    median, OUTLIER_SIGMA, RAYLEIGH_MEDIAN, RotationFit)
-from startracker_ros.track.star_votes import expected, turn_asked_for
+from startracker_ros.track.rotation_fit import median, RAYLEIGH_MEDIAN, RotationFit
 
 MANOEUVRES = (10.0, 100.0, 1000.0)
 """Accelerations tried one after the other, in units of acceleration_deg_s2, when the stars are
@@ -42,18 +36,6 @@ manoeuvre as well."""
 
 GYRO_SILENCE_S = 1.0
 """After so long without a rate the gyro counts as gone, and the rate is that of the stars."""
-
-
-class _Outcome(NamedTuple):
-    """What becomes of a frame under one prediction of the attitude."""
-
-    good: bool
-    unforeseen: np.ndarray
-    predicted: AttitudeState
-    state: AttitudeState
-    bank: TrackBank
-    fit: RotationFit | None
-    unclaimed: np.ndarray
 
 
 class AttitudeModel(StarModel):
@@ -90,29 +72,40 @@ class AttitudeModel(StarModel):
         self._level, self._manoeuvre_frames = 1.0, 0
 
     def follow(self, stamp_ns: int, frame: Centroids) -> Followed:
-        nominal: tuple[bool, _Outcome] | None = None
+        nominal: tuple[bool, AttitudeState, Correction] | None = None
         dark = self.is_dark(frame)
         for uses_gyro, level, predicted in self._predictions(stamp_ns, dark):
-            outcome = self._outcome(predicted, frame)
-            mean = self._unforeseen + MEMORY * (outcome.unforeseen - self._unforeseen)
+            correction = correct(
+                self._camera.lens, self._places.direction[self.bank.place], self.bank.confirmed,
+                self._options.min_stars, predicted, np.ascontiguousarray(frame.uv),
+                self._variance(frame), self._chances)
+            fit = self._judge(correction)
+            mean = self._unforeseen + MEMORY * (correction.unforeseen - self._unforeseen)
             if nominal is None and mean @ mean > MEAN_SURPRISE:
-                outcome = outcome._replace(good=False)
-            if outcome.good:
+                fit = None
+            if fit is not None:
                 if nominal:
                     self._unforeseen = np.zeros(3)
                     self._level, self._manoeuvre_frames = level, MANOEUVRE_FRAMES
                 else:
                     self._unforeseen = mean
                     self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
-                self._accept(outcome, uses_gyro, level)
-                return Followed(True, outcome.fit, outcome.unclaimed)
-            nominal = nominal or (uses_gyro, outcome)
+                before_ns = self._state.stamp_ns
+                self._go_to(correction.state, uses_gyro)
+                self._take(correction, correction.probability, frame)
+                self._scale.add(fit)
+                if not self.uses_gyro:
+                    self._consider_gyro(before_ns, level)
+                return Followed(True, fit, correction.unclaimed)
+            nominal = nominal or (uses_gyro, predicted, correction)
             if dark:
                 break
         assert nominal is not None, 'there is always a prediction'
-        uses_gyro, outcome = nominal
-        self._coast(uses_gyro, outcome.predicted)
-        return Followed(False, None, outcome.unclaimed)
+        # Go on by the prediction alone: no star is taken for seen.
+        uses_gyro, predicted, correction = nominal
+        self._go_to(predicted, uses_gyro)
+        self._take(correction, np.ones((len(correction.predicted), 1)), Centroids.empty())
+        return Followed(False, None, correction.unclaimed)
 
     def _predictions(self, stamp_ns: int, dark: bool
                      ) -> Iterator[tuple[bool, float, AttitudeState]]:
@@ -140,76 +133,27 @@ class AttitudeModel(StarModel):
                 yield False, more, state.less_sure(more).by_inertia(
                     stamp_ns, more ** 2 * density, gyro.drift_density)
 
-    def _outcome(self, predicted: AttitudeState, frame: Centroids) -> _Outcome:
-        """Look for the stars where a prediction has them, and correct it by what is there."""
-        options = self._options
-        covariance = predicted.covariance[:3, :3]
-        bank, sensor = self._in_view(predicted)
-        lens = self._camera.lens
-        uv, jacobian = project(lens, sensor), image_jacobian(self._camera, sensor)
-        variance = (self._scale.value * self.sigma_px(frame)) ** 2
-        probability, unclaimed = self._associate(
-            uv, jacobian @ covariance @ np.swapaxes(jacobian, 1, 2), frame, variance)
-        bank = replace(bank, state=_on_image(uv, jacobian, self.rate_rad_s)).observed(
-            bank.state, bank.covariance, probability, frame, variance)
-        votes = bank.confirmed & (probability[:, 0] < 1)
-        mean, spread = expected(uv, frame.uv, variance, probability)
-        weight = 1 - probability[:, 0]
-        seen = bank.missed == 0
-        best = probability[:, 1:].argmax(axis=1) if len(frame) else np.zeros(len(bank), int)
-        while True:
-            information, vector = turn_asked_for(jacobian, mean, spread, weight, votes)
-            state = predicted.with_attitude(information, vector)
-            if np.count_nonzero(votes & seen) < options.min_stars:
-                return _Outcome(False, np.zeros(3), predicted, state, bank, None, unclaimed)
-            place = project(lens, self._directions(bank, state))
-            distance = np.where(seen, np.hypot(*(frame.uv[best] - place).T), np.inf)
-            normalised = distance / np.sqrt(variance[best])
-            worst = np.argmax(np.where(votes & seen, normalised, 0))
-            if normalised[worst] <= OUTLIER_SIGMA:
-                break
-            votes[worst] = False
-        inlier = votes & seen
-        turn_covariance = np.linalg.inv(information)
-        unforeseen = np.linalg.solve(
-            np.linalg.cholesky(covariance + turn_covariance), turn_covariance @ vector)
+    def _judge(self, correction: Correction) -> RotationFit | None:
+        """Return what the stars agree on, None unless enough do, and are where they should be."""
+        unforeseen, inlier, state = correction.unforeseen, correction.inlier, correction.state
+        if not correction.agreed or unforeseen @ unforeseen > SURPRISE:
+            return None
+        distance, normalised = correction.distance[inlier], correction.normalised[inlier]
         attitude = AttitudeEstimate(
-            state.quaternion, state.covariance[:3, :3], int(inlier.sum()),
-            distance[inlier] * self._camera.pixel_rad, float(np.sum(normalised[inlier] ** 2)))
-        fit = RotationFit(attitude, normalised, self._scale.value, inlier,
-                          float(np.sqrt(np.mean(distance[inlier] ** 2))))
-        good = bool(unforeseen @ unforeseen <= SURPRISE) and fit.is_good(
-            int(np.count_nonzero(bank.confirmed)), options.min_stars, options.max_residual_px)
-        return _Outcome(good, unforeseen, predicted, state, bank, fit, unclaimed)
+            state.quaternion, state.covariance[:3, :3], len(distance),
+            distance * self._camera.pixel_rad, float(normalised @ normalised))
+        fit = RotationFit(attitude, correction.normalised, self._scale.value, inlier,
+                          math.sqrt(distance @ distance / len(distance)))
+        stars = int(np.count_nonzero(self.bank.confirmed & correction.inside))
+        good = fit.is_good(stars, self._options.min_stars, self._options.max_residual_px)
+        return fit if good else None
 
-    def _directions(self, bank: TrackBank, state: AttitudeState) -> np.ndarray:
-        """Return where the stars of tracks are (N, 3), on sensor axes."""
-        # Row vectors times R are R^T d.
-        return self._places.direction[bank.place] @ matrix_from_quaternion(state.quaternion)
-
-    def _in_view(self, state: AttitudeState) -> tuple[TrackBank, np.ndarray]:
-        """Return the tracks in the image under an attitude, and their directions (N, 3)."""
-        sensor = self._directions(self.bank, state)
-        inside = self._camera.contains(project(self._camera.lens, sensor))
-        return self.bank.select(inside), sensor[inside]
-
-    def _accept(self, outcome: _Outcome, uses_gyro: bool, level: float) -> None:
-        before_ns = self._state.stamp_ns
-        self._go_to(outcome.state, uses_gyro)
-        self.bank = outcome.bank
-        if outcome.fit is not None:
-            self._scale.add(outcome.fit)
-        if not self.uses_gyro:
-            self._consider_gyro(before_ns, level)
-        self._place_tracks()
-
-    def _coast(self, uses_gyro: bool, predicted: AttitudeState) -> None:
-        """Go on by a prediction alone: no star is taken for seen."""
-        self._go_to(predicted, uses_gyro)
-        bank, _ = self._in_view(predicted)
-        self.bank = bank.observed(bank.state, bank.covariance, np.ones((len(bank), 1)),
-                                  Centroids.empty(), np.empty(0))
-        self._place_tracks()
+    def _take(self, correction: Correction, probability: np.ndarray, frame: Centroids) -> None:
+        """Keep the tracks in the image, as they were seen, at the places that the state gives."""
+        bank = self.bank.select(correction.inside).observed(
+            correction.predicted, probability, frame, self._variance(frame))
+        self.bank = bank.placed(*on_image(
+            self._camera.lens, self._places.direction[bank.place], self._state))
 
     def _go_to(self, state: AttitudeState, uses_gyro: bool) -> None:
         """Take a state; a gyro that the stars do not need has told nothing of its drift."""
@@ -218,6 +162,10 @@ class AttitudeModel(StarModel):
             state = state.with_new_drift(self._gyro.drift_sigma_rad_s)
         self._state, self.uses_gyro = state, uses_gyro
 
+    def _variance(self, frame: Centroids) -> np.ndarray:
+        """Return the variance (M,) px^2 per axis of centroids that is believed of this lens."""
+        return (self._scale.value * self.sigma_px(frame)) ** 2
+
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # it stands in the state
         return self._state.rate
@@ -225,17 +173,6 @@ class AttitudeModel(StarModel):
     @property
     def rate_covariance(self) -> np.ndarray:  # type: ignore[override]  # the same
         return self._state.covariance[3:6, 3:6]
-
-    def _place_tracks(self) -> None:
-        """Give each track the position and velocity that the attitude and the rate say."""
-        sensor = self._directions(self.bank, self._state)
-        jacobian = image_jacobian(self._camera, sensor)
-        effect = np.zeros((len(sensor), 4, 6))
-        effect[:, POSITION, :3], effect[:, VELOCITY, 3:] = jacobian, jacobian
-        self.bank = replace(
-            self.bank,
-            state=_on_image(project(self._camera.lens, sensor), jacobian, self.rate_rad_s),
-            covariance=effect @ self._state.covariance[:6, :6] @ np.swapaxes(effect, 1, 2))
 
     def _consider_gyro(self, before_ns: int, level: float) -> None:
         """
@@ -281,13 +218,6 @@ class _ErrorScale:
         self._frames = min(self._frames + 1, 20)
         self._ratio += (ratio - self._ratio) / self._frames
         self.value = float(self._ratio) if self._ratio > 1.15 else 1.0
-
-
-def _on_image(uv: np.ndarray, jacobian: np.ndarray, rate_rad_s: np.ndarray) -> np.ndarray:
-    """Return the state (N, 4) of stars at uv (N, 2) under a body rate (3,)."""
-    state = np.empty((len(uv), 4))
-    state[:, POSITION], state[:, VELOCITY] = uv, jacobian @ rate_rad_s
-    return state
 
 
 def _deg_s(rate_rad_s: np.ndarray) -> str:

@@ -1,10 +1,14 @@
 """All tracks of a tracker as one table, a column per quantity."""
 
 from dataclasses import dataclass, fields, replace
+import math
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.compiled import compiled
+from startracker_ros.track.association import most_probable
 from startracker_ros.track.motion_models import POSITION, VELOCITY
 from startracker_ros.track.tracks import Tracks
 
@@ -90,30 +94,23 @@ class TrackBank:
         return TrackBank(*(np.concatenate([getattr(self, field.name), getattr(other, field.name)])
                            for field in fields(self)))
 
-    def observed(self, state: np.ndarray, covariance: np.ndarray, probability: np.ndarray,
-                 centroids: Centroids, variance: np.ndarray) -> 'TrackBank':
+    def placed(self, state: np.ndarray, covariance: np.ndarray) -> 'TrackBank':
+        """Return the bank with another state and covariance."""
+        return replace(self, state=state, covariance=covariance)
+
+    def observed(self, predicted: np.ndarray, probability: np.ndarray, centroids: Centroids,
+                 variance: np.ndarray) -> 'TrackBank':
         """
-        Return the bank after a frame, from the updated state and covariance.
+        Return the bank after a frame, still at the same place.
 
-        variance (M,) of the centroids; probability (N, M + 1) as of joint_probabilities. A
-        track counts as missed when that is its more probable fate.
+        predicted (N, 2) px is where the stars were looked for; variance (M,) that of the
+        centroids; probability (N, M + 1) as of joint_probabilities. A track counts as missed when
+        that is its more probable fate.
         """
-        missed = probability[:, 0] > 0.5
-        best = np.where(missed, len(centroids), probability[:, 1:].argmax(axis=1)
-                        if len(centroids) else 0)
-
-        def of_best(values: np.ndarray) -> np.ndarray:
-            return np.append(values, np.nan)[best]
-
-        innovation_u = of_best(centroids.uv[:, 0]) - self.state[:, 0]
-        innovation_v = of_best(centroids.uv[:, 1]) - self.state[:, 2]
-        return replace(
-            self, state=state, covariance=covariance, age=self.age + 1,
-            variance=np.where(missed, self.variance, of_best(variance)),
-            missed=np.where(missed, self.missed + 1, 0), flux=of_best(centroids.flux),
-            snr=of_best(centroids.snr), sigma_px=of_best(centroids.sigma_px),
-            residual_px=np.hypot(innovation_u, innovation_v),
-            probability=probability[:, 1:].max(axis=1, initial=0.0))
+        return replace(self, age=self.age + 1, **_seen(
+            self.variance, self.missed, np.ascontiguousarray(predicted), probability,
+            np.ascontiguousarray(centroids.uv), variance, centroids.flux, centroids.snr,
+            centroids.sigma_px)._asdict())
 
     def published(self, places: StarPlaces, sure: bool) -> Tracks:
         """Return the tracks as they leave the tracker; unless sure, no star has a name."""
@@ -126,3 +123,36 @@ class TrackBank:
             age=np.minimum(self.age, 65535).astype(np.uint16),
             missed=self.missed.astype(np.uint8), association_probability=self.probability,
             velocity=self.state[:, VELOCITY], covariance=self.uv_covariance)
+
+
+class _Seen(NamedTuple):
+    """Columns of a TrackBank that a frame changes."""
+
+    variance: np.ndarray
+    missed: np.ndarray
+    flux: np.ndarray
+    snr: np.ndarray
+    sigma_px: np.ndarray
+    residual_px: np.ndarray
+    probability: np.ndarray
+
+
+@compiled
+def _seen(variance: np.ndarray, missed: np.ndarray, predicted: np.ndarray,
+          probability: np.ndarray, uv: np.ndarray, uv_variance: np.ndarray, flux: np.ndarray,
+          snr: np.ndarray, sigma_px: np.ndarray) -> _Seen:
+    count, best = len(missed), most_probable(probability)
+    after = _Seen(variance.copy(), missed + 1, np.full(count, np.nan), np.full(count, np.nan),
+                  np.full(count, np.nan), np.full(count, np.nan), np.zeros(count))
+    for track in range(count):
+        centroid = best[track]
+        if len(uv):
+            after.probability[track] = probability[track, centroid + 1]
+        if probability[track, 0] > 0.5:
+            continue
+        after.variance[track], after.missed[track] = uv_variance[centroid], 0
+        after.flux[track], after.snr[track] = flux[centroid], snr[centroid]
+        after.sigma_px[track] = sigma_px[centroid]
+        after.residual_px[track] = math.hypot(
+            uv[centroid, 0] - predicted[track, 0], uv[centroid, 1] - predicted[track, 1])
+    return after

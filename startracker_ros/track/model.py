@@ -9,8 +9,7 @@ from startracker_ros.camera import Camera
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.rotation import attitude_error
-from startracker_ros.track.association import (
-    event_weights, gate_size, gated_density, joint_probabilities)
+from startracker_ros.track.association import Chances, gate_size
 from startracker_ros.track.bank import TrackBank
 from startracker_ros.track.motion_models import image_jacobian
 from startracker_ros.track.options import TrackerOptions
@@ -65,7 +64,9 @@ class StarModel(ABC):
         self._camera = camera
         self._places = places
         self._options = options
-        self._gate = gate_size(options.gate_probability)
+        self._chances = Chances(
+            gate_size(options.gate_probability), options.gate_probability,
+            options.detection_probability, float(camera.width * camera.height))
         self.bank = TrackBank.empty()
 
     @abstractmethod
@@ -87,21 +88,6 @@ class StarModel(ABC):
     def sigma_px(self, centroids: Centroids) -> np.ndarray:
         """Return the errors (M,) of centroids per axis that are believed."""
         return np.maximum(centroids.sigma_px, self._options.sigma_floor_px)
-
-    def _associate(self, uv: np.ndarray, covariance: np.ndarray, frame: Centroids,
-                   variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """
-        Return the probabilities (N, M + 1) of centroids, and those (M,) in no gate.
-
-        uv (N, 2) and covariance (N, 2, 2) are predictions, variance (M,) of the centroids.
-        """
-        density = gated_density(uv, covariance, frame.uv, variance, self._gate)
-        unclaimed = np.logical_not((density > 0).any(axis=0))
-        # One more than counted: a frame without false centroids does not prove there are none.
-        clutter_px2 = (1 + unclaimed.sum()) / (self._camera.width * self._camera.height)
-        return joint_probabilities(event_weights(
-            density, self._options.detection_probability, self._options.gate_probability,
-            clutter_px2)), unclaimed
 
     def is_dark(self, frame: Centroids) -> bool:
         """Return whether a frame holds too little to say anything about the followed stars."""

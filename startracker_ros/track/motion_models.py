@@ -102,11 +102,12 @@ def image_jacobian(camera: Camera, directions: np.ndarray) -> np.ndarray:
 
     NaN for a direction behind the camera.
     """
-    return _image_jacobian(camera.lens, np.ascontiguousarray(directions))
+    return image_flows(camera.lens, np.ascontiguousarray(directions))
 
 
 @compiled
-def _image_jacobian(lens: Lens, directions: np.ndarray) -> np.ndarray:
+def image_flows(lens: Lens, directions: np.ndarray) -> np.ndarray:
+    """Return image_jacobian() of the directions (N, 3)."""
     jacobian = np.full((len(directions), 2, 3), np.nan)
     for star in range(len(directions)):
         z = directions[star, 2]

@@ -6,6 +6,7 @@ import math
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.track.association import associate
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.model import Fix, Followed, rate_between, StarModel
 from startracker_ros.track.motion_models import (
@@ -62,9 +63,11 @@ class StarwiseModel(StarModel):
     def _update(self, frame: Centroids) -> np.ndarray:
         """Correct the tracks by a frame, and return its centroids (M,) in no gate."""
         bank, variance = self.bank, self.sigma_px(frame) ** 2
-        probability, unclaimed = self._associate(bank.uv, bank.uv_covariance, frame, variance)
+        probability, unclaimed = associate(
+            np.ascontiguousarray(bank.uv), np.ascontiguousarray(bank.uv_covariance),
+            np.ascontiguousarray(frame.uv), variance, self._chances)
         state, covariance = update(bank.state, bank.covariance, frame.uv, variance, probability)
-        self.bank = bank.observed(state, covariance, probability, frame, variance)
+        self.bank = bank.observed(bank.uv, probability, frame, variance).placed(state, covariance)
         return unclaimed
 
     def _shares(self) -> np.ndarray:
@@ -120,7 +123,8 @@ class NeighbourhoodModel(StarwiseModel):
         covariance[found, ::2, ::2] = (sigma_px[centroid[found]] ** 2)[:, None, None] * np.eye(2)
         probability = np.zeros((len(bank), len(frame) + 1))
         probability[np.arange(len(bank)), centroid + 1] = 1
-        self.bank = bank.observed(state, covariance, probability, frame, sigma_px ** 2)
+        self.bank = bank.observed(
+            bank.uv, probability, frame, sigma_px ** 2).placed(state, covariance)
         return ~np.isin(np.arange(len(frame)), centroid)
 
     def _estimate_rate(self, fit: RotationFit) -> None:

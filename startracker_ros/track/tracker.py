@@ -194,7 +194,10 @@ class StarTracker:
         """Return the centroids that can be measured with, and the mask (N,) that chose them."""
         good = (np.isfinite(centroids.uv).all(axis=1) & np.isfinite(centroids.sigma_px)
                 & (centroids.sigma_px > 0))
-        self.refused_centroids += int(np.count_nonzero(~good))
+        refused = len(good) - int(np.count_nonzero(good))
+        if not refused:
+            return centroids, good
+        self.refused_centroids += refused
         return centroids.select(good), good
 
     # --- from identifications to tracks ---
