@@ -62,13 +62,19 @@ def make_header(stamp_ns: int, frame_id: str) -> Header:
 
 
 def image_to_message(image: np.ndarray, header: Header) -> Image:
-    """Return mono8, mono16 or rgb8 of (H, W) uint8 or uint16 or (H, W, 3) uint8, one copy."""
+    """
+    Return mono8, mono16 or rgb8 of (H, W) uint8 or uint16 or (H, W, 3) uint8.
+
+    The message shows the image itself: whoever changes that changes both.
+    """
     image = np.ascontiguousarray(image)
     encoding = {(2, 1): 'mono8', (2, 2): 'mono16', (3, 1): 'rgb8'}[image.ndim, image.itemsize]
     message = Image(header=header, height=image.shape[0], width=image.shape[1],
                     encoding=encoding, is_bigendian=sys.byteorder == 'big',
                     step=image.strides[0])
-    message.data.frombytes(image.data.cast('B'))
+    # The property would copy into an array.array; what makes DDS samples of messages takes any
+    # buffer, and so does image_from_message().
+    message._data = image.data.cast('B')
     return message
 
 
