@@ -72,6 +72,7 @@ class SourceNode(PipelineNode):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self._timer: Timer | None = None
+        self._told_camera: Camera | None = None
         self._image = self.give(Image, 'image_raw', qos.IMAGE)
         self._camera_info = self.give(CameraInfo, 'camera_info', qos.LIST)
 
@@ -92,9 +93,18 @@ class SourceNode(PipelineNode):
 
     def publish_image(self, image: np.ndarray, camera: Camera, header: Header) -> None:
         """Publish an image (H, W) and the camera that took it."""
-        self._camera_info.publish(messages.camera_to_message(camera, header))
+        # As in image_transport, the image goes first: its way is the longer one, and camera_info,
+        # which wakes all nodes, would be in it. Another camera is told of before it is used.
+        told, self._told_camera = camera == self._told_camera, camera
+        if not told:
+            self._tell_camera(camera, header)
         self._image.publish(messages.image_to_message(image, header))
+        if told:
+            self._tell_camera(camera, header)
         self.diagnostics.counts['frames'] += 1
+
+    def _tell_camera(self, camera: Camera, header: Header) -> None:
+        self._camera_info.publish(messages.camera_to_message(camera, header))
 
     def sensor_header(self, stamp_ns: int) -> Header:
         """Return a header in the sensor frame."""
@@ -108,8 +118,8 @@ class SourceNode(PipelineNode):
             if (self._image.get_subscription_count() < options.wait_for_subscribers
                     or self._camera_info.get_subscription_count()
                     < options.wait_for_camera_users):
-                self._camera_info.publish(messages.camera_to_message(
-                    self._waiting_camera, self.sensor_header(now_ns + self._stamp_offset_ns)))
+                self._tell_camera(self._waiting_camera,
+                                  self.sensor_header(now_ns + self._stamp_offset_ns))
                 return
             self._begin_ns = now_ns
         since_ns = now_ns - self._begin_ns

@@ -2,6 +2,7 @@
 
 import signal
 import time
+from typing import Any
 
 import cv2
 import numpy as np
@@ -43,3 +44,28 @@ def test_looped_files_are_read_again_when_they_change(nodes, probe, tmp_path):
     probe.wait(lambda: 30 in levels(), 'the new image')
     (folder / 'b.png').unlink()
     probe.wait_condition('b.png: No such file')
+
+
+def test_another_camera_is_told_of_before_its_first_image(nodes, probe, tmp_path):
+    for name, width in (('a', 32), ('b', 32), ('c', 48)):
+        cv2.imwrite(str(tmp_path / f'{name}.png'), np.full((32, width), 10, np.uint8))
+    sent = {CameraInfo: {}, Image: {}}
+
+    def note(message: Any, info: dict[str, int]) -> None:
+        stamp_ns = ns_from_stamp(message.header.stamp)
+        sent[type(message)][stamp_ns] = info['source_timestamp'], message.width
+    probe.create_subscription(CameraInfo, 'camera_info', note, qos.LIST)
+    probe.create_subscription(Image, 'image_raw', note, qos.IMAGE)
+    nodes.start('image_publisher', {'path': str(tmp_path), 'loop': True, 'frame_rate_hz': 10.0,
+                                    'wait_for_subscribers': 1, 'wait_for_camera_users': 1})
+    probe.wait(lambda: len(sent[Image]) >= 12, 'images')
+    checked = []
+    for stamp_ns, (image_ns, width) in sorted(sent[Image].items())[:11]:
+        info_ns, told = sent[CameraInfo][stamp_ns]
+        assert told == width
+        if stamp_ns - 100_000_000 in sent[Image]:
+            another = width != sent[Image][stamp_ns - 100_000_000][1]
+            assert (info_ns < image_ns) == another
+            checked.append(another)
+    # Each third image is wider, and the one after it is not.
+    assert checked.count(True) >= 3 and checked.count(False) >= 2
