@@ -256,7 +256,7 @@ def latency(trials: int, seed: int) -> Iterator[Row]:
 
 def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterator[Row]:
     """Send the same images, of one field with noise of their own, every way that there is."""
-    from startracker_ros.ros.latency import crossing_ms, decoding_ms, measure, UNHURRIED_HZ
+    from startracker_ros.ros.latency import crossing_ms, measure, UNHURRIED_HZ
     simulator = SkySimulator(Camera.from_fov(size, size, 12.0),
                              motion_from_options(MotionOptions(motion='inertial')),
                              load_catalog(), EPOCH_YEAR, seed=seed)
@@ -265,8 +265,6 @@ def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterato
     for index in range(8):
         cv2.imwrite(str(images / f'{index}.png'), simulator.frame(0.0).image)
     rate_hz, count = _LATENCY_RATE_HZ[size], min(trials, 1000)
-    yield _times_row(f'{size} px: decoding alone, of the transport',
-                     decoding_ms(simulator.frame(0.0).image, min(trials, 200)))
     yield _times_row(f'{size} px: image to a process that does nothing with it',
                      crossing_ms(images, 12.0, folder, rate_hz=rate_hz, count=count))
     for composed in (False, True):
@@ -305,7 +303,8 @@ def run_pipeline_bench(*, trials: int, seed: int, only: tuple[str, ...]) -> Resu
     return Result('bench pipeline', rows, {
         'machine': f'{platform.machine()}, {os.cpu_count()} cores, Python '
                    f'{platform.python_version()}, NumPy {np.__version__}, {_scheduling()}',
-        'times': 'process CPU time of one thread, except start-up and database (wall time)',
+        'times': 'process CPU time of one thread, except start-up, database and the way of images '
+                 '(wall time; from image to attitude at the full pace the quietest of three runs)',
         'Cramer-Rao bound': 'takes the noise of all pixels as equal in angle; off the axis they '
                             'are finer by up to 2 %, so the ratio may fall below 1',
         'trials': trials, 'seed': seed})

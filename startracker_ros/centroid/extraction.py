@@ -100,8 +100,9 @@ class CentroidExtractor:
         if min(height, width) < MIN_SIDE_PX:
             return _none('too_small', f'image of {width} x {height} px, '
                          f'at least {MIN_SIDE_PX} px a side are needed')
-        # Compiled for one layout: padded rows and read-only images are copied.
-        image = np.require(image, requirements=['C', 'W'])
+        # Compiled for one layout, read-only, which images out of DDS are: padded rows are copied.
+        image = np.require(image, requirements=['C', 'A']).view()
+        image.flags.writeable = False
         most = max(FEW_PEAKS, image.size // PX_PER_PEAK)
         fixed = self._options.threshold == 'fixed'
         threshold = ((0.0, self._options.threshold_dn) if fixed

@@ -1,6 +1,7 @@
 """NumPy and stage results to ROS messages and back: every layout stands here once."""
 
 from functools import lru_cache
+import struct
 import sys
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from geometry_msgs.msg import (
     PoseWithCovarianceStamped, Quaternion, QuaternionStamped, TransformStamped, Vector3)
 from nav_msgs.msg import Odometry
 import numpy as np
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2, PointField
 from startracker_ros.attitude.result import AttitudeEstimate, covariance_icrf
 from startracker_ros.camera import Camera, CameraError
@@ -42,6 +44,7 @@ _POINT_FIELD_TYPES = {
 _NUMPY_TYPES = {number: name for name, number in _POINT_FIELD_TYPES.items()}
 # A camera comes with every image: checked once, and what follows from it computed once.
 _camera = lru_cache(Camera)
+_CDR_LITTLE_ENDIAN = b'\x00\x01'
 # Fields that may be NaN by their meaning: not identified, not observed in this frame.
 _MAY_BE_NAN = {'magnitude', 'residual_px', 'flux', 'snr', 'sigma_px'}
 
@@ -95,6 +98,48 @@ def image_from_message(message: Image) -> np.ndarray:
     image = np.ndarray((message.height, message.width), dtype, message.data,
                        strides=(message.step, dtype.itemsize))
     return image if dtype.isnative else image.astype(dtype.newbyteorder('='))
+
+
+def image_message_from_cdr(data: bytes) -> Image:
+    """
+    Return a serialized image, whose data shows the bytes; MessageError if it is none.
+
+    rclpy would copy the data three times. CDR as in OMG DDSI-RTPS 10.2, little-endian; other
+    encodings are rclpy's.
+    """
+    if not data.startswith(_CDR_LITTLE_ENDIAN):
+        return deserialize_message(data, Image)
+    try:
+        sec, nanosec = struct.unpack_from('<iI', data, 4)
+        frame_id, end = _cdr_string(data, 12)
+        height, width = struct.unpack_from('<II', data, _aligned(end))
+        encoding, end = _cdr_string(data, _aligned(end) + 8)
+        big_endian = data[end]
+        step, count = struct.unpack_from('<II', data, _aligned(end + 1))
+    except (struct.error, IndexError) as error:
+        raise MessageError(f'image message of {len(data)} bytes ends too early') from error
+    begin = _aligned(end + 1) + 8
+    if begin + count > len(data):
+        raise MessageError(f'image message of {len(data)} bytes is too short for {count} of data')
+    message = Image(header=Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id),
+                    height=height, width=width, encoding=encoding, is_bigendian=big_endian,
+                    step=step)
+    message._data = memoryview(data)[begin:begin + count]
+    return message
+
+
+def _aligned(place: int) -> int:
+    """Return where the next number of four bytes begins; the encapsulation has four itself."""
+    return -(-place // 4) * 4
+
+
+def _cdr_string(data: bytes, place: int) -> tuple[str, int]:
+    """Return a string, with its length and a zero at the end, and the place behind it."""
+    begin = place + 4
+    end = begin + struct.unpack_from('<I', data, place)[0]
+    if end > len(data):
+        raise IndexError(end)
+    return data[begin:end].rstrip(b'\0').decode(errors='replace'), end
 
 
 def camera_to_message(camera: Camera, header: Header) -> CameraInfo:

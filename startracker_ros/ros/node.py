@@ -87,22 +87,25 @@ class PipelineNode(Node):
         """Finish what must not be lost, before the node ends."""
 
     def take(self, message_type: type, topic: str, callback: Callable,
-             profile: QoSProfile, *, last: bool = False) -> None:
+             profile: QoSProfile, *, last: bool = False,
+             decode: Callable[[bytes], Any] | None = None) -> None:
         """
         Subscribe; a message that cannot be used is reported by name and counted.
 
         last: in a process of several nodes, when nothing is left that an attitude waits for.
+        decode: what makes a message of serialized bytes, where rclpy takes too long to.
         """
         def guarded(message: Any) -> None:
             self.diagnostics.counts[f'{topic} received'] += 1
             try:
-                callback(message)
+                # In one process a message comes as it was given.
+                callback(decode(message) if decode and isinstance(message, bytes) else message)
             except (MessageError, CameraError) as error:
                 self.diagnostics.counts[f'{topic} refused'] += 1
                 self.diagnostics.report(ERROR, f'{topic}: {error}')
 
         def subscribe() -> None:
-            self.create_subscription(message_type, topic, guarded, profile,
+            self.create_subscription(message_type, topic, guarded, profile, raw=decode is not None,
                                      qos_overriding_options=qos.overridable())
         if self.composition is None:
             subscribe()

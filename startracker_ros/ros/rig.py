@@ -82,9 +82,10 @@ class Rig:
         for node in nodes:
             self._processes.processes[node].send_signal(number)
 
-    def listen(self, message_type: type, topic: str, take: Callable) -> None:
-        """Subscribe."""
-        self.node.create_subscription(message_type, topic, take, qos.LIST)
+    def listen(self, message_type: type, topic: str, take: Callable, *, raw: bool = False
+               ) -> None:
+        """Subscribe; raw messages are serialized ones."""
+        self.node.create_subscription(message_type, topic, take, qos.LIST, raw=raw)
 
     def spin(self, timeout_s: float) -> None:
         """Take one message, if one comes in time."""

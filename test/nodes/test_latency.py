@@ -27,7 +27,7 @@ def images(tmp_path):
 @pytest.mark.parametrize('composed', [False, True], ids=['processes', 'composed'])
 def test_every_stage_is_timed(images, tmp_path, monkeypatch, composed):
     monkeypatch.setattr(latency, '_LADDER_HZ', (5, 20))
-    result = latency.measure(images, 12.0, tmp_path, composed=composed, rate_hz=10, count=30)
+    result = latency.measure(images, 12.0, tmp_path, composed=composed, rate_hz=10, count=75)
     assert list(result.stages_ms) == [
         'transport and decoding', 'centroids', 'tracking', 'estimate']
     times_ms = np.array(list(result.stages_ms.values()))

@@ -6,7 +6,9 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Image
 from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.camera import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
@@ -32,6 +34,26 @@ def test_padded_rows_and_big_endian_images_are_read_right():
     message.step, message.is_bigendian = 20, 1
     message.data = padded.tobytes()
     np.testing.assert_array_equal(messages.image_from_message(message), image)
+
+
+@given(st.text(st.characters(codec='ascii', exclude_characters='\0'), max_size=9),
+       arrays(st.sampled_from(['u1', 'u2']), st.tuples(st.integers(1, 9), st.integers(1, 9))),
+       st.integers(-2 ** 31 * 10 ** 9, 2 ** 31 * 10 ** 9 - 1))
+def test_serialized_images_are_what_rclpy_reads(frame_id, image, stamp_ns):
+    sent = messages.image_to_message(image, messages.make_header(stamp_ns, frame_id))
+    data = serialize_message(sent)
+    assert messages.image_message_from_cdr(data) == deserialize_message(data, Image)
+    for end in range(4, len(data.rstrip(b'\0')) - 1):
+        with pytest.raises(messages.MessageError, match='image message of'):
+            messages.image_message_from_cdr(data[:end])
+
+
+def test_what_is_not_little_endian_is_left_to_rclpy():
+    other = bytearray(serialize_message(Image(height=1, width=2)))
+    other[1] = 0
+    for place in (4, 8, 12, 20, 24, 28, 36, 40):
+        other[place:place + 4] = other[place:place + 4][::-1]
+    assert messages.image_message_from_cdr(bytes(other)).width == 2
 
 
 def test_stamps_are_whole_nanoseconds():

@@ -15,7 +15,7 @@ from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.image_marker import centroids_to_image_marker
 from startracker_ros.ros.message_types import MessageError
 from startracker_ros.ros.messages import (
-    centroids_to_message, image_from_message, image_to_message)
+    centroids_to_message, image_from_message, image_message_from_cdr, image_to_message)
 from startracker_ros.ros.node import main_of
 from std_msgs.msg import Header
 from visualization_msgs.msg import ImageMarker
@@ -44,7 +44,7 @@ class CentroidExtractorNode(CameraNode):
         self.tell_of_compiling()
         self._extractor.warm_up()
         # Images are taken from here on: a source that waits for subscribers then loses none.
-        self.take(Image, 'image_raw', self._take_image, qos.IMAGE)
+        self.take(Image, 'image_raw', self._take_image, qos.IMAGE, decode=image_message_from_cdr)
 
     def _take_image(self, message: Image) -> None:
         image = image_from_message(message)
