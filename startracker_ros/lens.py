@@ -23,6 +23,12 @@ class Lens(NamedTuple):
 
 
 @compiled
+def shows(lens: Lens, u: float, v: float) -> bool:
+    """Return whether a pixel lies in the image; NaN does not."""
+    return -0.5 <= u <= lens.width - 0.5 and -0.5 <= v <= lens.height - 0.5
+
+
+@compiled
 def distort(lens: Lens, a: float, b: float) -> tuple[float, float]:
     """Return x, y where the lens shows the direction of x / z = a, y / z = b."""
     r2 = a * a + b * b

@@ -13,7 +13,7 @@ from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.compiled import compiled
 from startracker_ros.identify.verification import Match, same_attitude, Verifier
-from startracker_ros.lens import Lens, undistort
+from startracker_ros.lens import Lens, shows, undistort
 from startracker_ros.options import option, Options
 
 METHODS = ('pyramid', 'quad', 'hausdorff_pivot', 'hausdorff_segment', 'extended_grid')
@@ -231,8 +231,7 @@ def usable_stars(lens: Lens, uv: np.ndarray, order: np.ndarray, sigma_px: np.nda
     for i in order:
         u, v = uv[i, 0], uv[i, 1]
         # NaN is in no range.
-        sound = (-0.5 <= u <= lens.width - 0.5 and -0.5 <= v <= lens.height - 0.5
-                 and 0 < sigma_px[i] < np.inf)
+        sound = shows(lens, u, v) and 0 < sigma_px[i] < np.inf
         for j in range(count if sound else 0):
             du, dv = uv[chosen[j], 0] - u, uv[chosen[j], 1] - v
             if du * du + dv * dv < _DUPLICATE_PX * _DUPLICATE_PX:

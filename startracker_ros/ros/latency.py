@@ -30,7 +30,7 @@ _LADDER_S = 2.0
 _TRIES = 2
 _SLACK_S = 0.03
 
-RUNS = 3
+_RUNS = 3
 """The times are those of the run with the least median, of so many with other runs in between:
 what a machine, or its host, does beside only makes them longer."""
 
@@ -46,7 +46,7 @@ class Latency:
 
     stages_ms holds the transport with decoding, centroids, tracking and estimate, each with the
     way to the next one; unhurried_ms the whole at UNHURRIED_HZ. A rate counts when one of _TRIES
-    of _LADDER_S succeeds, the rate that the times were taken at when one of their RUNS does.
+    of _LADDER_S succeeds, the rate that the times were taken at when one of their _RUNS does.
     """
 
     total_ms: np.ndarray
@@ -173,12 +173,12 @@ def measure(images: Path, fov_deg: float, folder: Path, *, composed: bool, rate_
     """
     Feed a pipeline the image files of a folder, in a loop; RigError if it does not run.
 
-    The RUNS at this rate have count images together.
+    The _RUNS at this rate have count images together.
     """
     with TimedPipeline(images, fov_deg, folder, composed=composed) as pipeline:
         # Until it tracks, and all files are read and all code is compiled.
         pipeline.run(20, 40)
-        each = max(1, count // RUNS)
+        each = max(1, count // _RUNS)
         runs = [pipeline.run(rate_hz, each)]
         unhurried_ns, _ = pipeline.run(UNHURRIED_HZ, min(count, 100))
         runs.append(pipeline.run(rate_hz, each))

@@ -74,37 +74,38 @@ class AttitudeModel(StarModel):
     def follow(self, stamp_ns: int, frame: Centroids) -> Followed:
         nominal: tuple[bool, AttitudeState, Correction] | None = None
         dark = self.is_dark(frame)
+        icrf, uv = self._places.direction[self.bank.place], np.ascontiguousarray(frame.uv)
+        variance = (self._scale.value * self.sigma_px(frame)) ** 2
         for uses_gyro, level, predicted in self._predictions(stamp_ns, dark):
             correction = correct(
-                self._camera.lens, self._places.direction[self.bank.place], self.bank.confirmed,
-                self._options.min_stars, predicted, np.ascontiguousarray(frame.uv),
-                self._variance(frame), self._chances)
+                self._camera.lens, icrf, self.bank.confirmed, self._options.min_stars, predicted,
+                uv, variance, self._chances)
             fit = self._judge(correction)
             mean = self._unforeseen + MEMORY * (correction.unforeseen - self._unforeseen)
-            if nominal is None and mean @ mean > MEAN_SURPRISE:
-                fit = None
-            if fit is not None:
-                if nominal:
-                    self._unforeseen = np.zeros(3)
-                    self._level, self._manoeuvre_frames = level, MANOEUVRE_FRAMES
-                else:
-                    self._unforeseen = mean
-                    self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
-                before_ns = self._state.stamp_ns
-                self._go_to(correction.state, uses_gyro)
-                self._take(correction, correction.probability, frame)
-                self._scale.add(fit)
-                if not self.uses_gyro:
-                    self._consider_gyro(before_ns, level)
-                return Followed(True, fit, correction.unclaimed)
-            nominal = nominal or (uses_gyro, predicted, correction)
-            if dark:
-                break
+            if fit is None or nominal is None and mean @ mean > MEAN_SURPRISE:
+                nominal = nominal or (uses_gyro, predicted, correction)
+                if dark:
+                    break
+                continue
+            if nominal:
+                self._unforeseen = np.zeros(3)
+                self._level, self._manoeuvre_frames = level, MANOEUVRE_FRAMES
+            else:
+                self._unforeseen = mean
+                self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
+            before_ns = self._state.stamp_ns
+            self._go_to(correction.state, uses_gyro)
+            self._take(correction, correction.probability, frame, variance)
+            self._scale.add(fit)
+            if not self.uses_gyro:
+                self._consider_gyro(before_ns, level)
+            return Followed(True, fit, correction.unclaimed)
         assert nominal is not None, 'there is always a prediction'
         # Go on by the prediction alone: no star is taken for seen.
         uses_gyro, predicted, correction = nominal
         self._go_to(predicted, uses_gyro)
-        self._take(correction, np.ones((len(correction.predicted), 1)), Centroids.empty())
+        self._take(correction, np.ones((len(correction.predicted), 1)), Centroids.empty(),
+                   np.empty(0))
         return Followed(False, None, correction.unclaimed)
 
     def _predictions(self, stamp_ns: int, dark: bool
@@ -148,10 +149,11 @@ class AttitudeModel(StarModel):
         good = fit.is_good(stars, self._options.min_stars, self._options.max_residual_px)
         return fit if good else None
 
-    def _take(self, correction: Correction, probability: np.ndarray, frame: Centroids) -> None:
+    def _take(self, correction: Correction, probability: np.ndarray, frame: Centroids,
+              variance: np.ndarray) -> None:
         """Keep the tracks in the image, as they were seen, at the places that the state gives."""
         bank = self.bank.select(correction.inside).observed(
-            correction.predicted, probability, frame, self._variance(frame))
+            correction.predicted, probability, frame, variance)
         self.bank = bank.placed(*on_image(
             self._camera.lens, self._places.direction[bank.place], self._state))
 
@@ -161,10 +163,6 @@ class AttitudeModel(StarModel):
             self._gyro_agreed = 0
             state = state.with_new_drift(self._gyro.drift_sigma_rad_s)
         self._state, self.uses_gyro = state, uses_gyro
-
-    def _variance(self, frame: Centroids) -> np.ndarray:
-        """Return the variance (M,) px^2 per axis of centroids that is believed of this lens."""
-        return (self._scale.value * self.sigma_px(frame)) ** 2
 
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # it stands in the state

@@ -6,7 +6,7 @@ import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState, with_attitude
 from startracker_ros.attitude.refinement import matrix_from_quaternion
 from startracker_ros.compiled import compiled
-from startracker_ros.lens import Lens
+from startracker_ros.lens import Lens, shows
 from startracker_ros.track.association import associate, Chances, most_probable
 from startracker_ros.track.in_view import project
 from startracker_ros.track.motion_models import image_flows
@@ -49,7 +49,7 @@ def correct(lens: Lens, icrf: np.ndarray, votes: np.ndarray, min_stars: int,
     about the attitude; centroids uv (M, 2) px with variance (M,) per axis. The worst outlier
     leaves first: it bends the attitude and makes others look bad.
     """
-    sensor = on_sensor_axes(icrf, predicted.quaternion)
+    sensor = _on_sensor_axes(icrf, predicted.quaternion)
     inside = _in_image(lens, project(lens, sensor))
     icrf, sensor, votes = icrf[inside], sensor[inside], votes[inside]
     place, jacobian = project(lens, sensor), image_flows(lens, sensor)
@@ -72,7 +72,7 @@ def correct(lens: Lens, icrf: np.ndarray, votes: np.ndarray, min_stars: int,
         if np.sum(inlier) < min_stars:
             return Correction(False, inside, place, probability, unclaimed, state, inlier,
                               distance, normalised, np.zeros(3))
-        now = project(lens, on_sensor_axes(icrf, quaternion))
+        now = project(lens, _on_sensor_axes(icrf, quaternion))
         worst, most = 0, 0.0
         for star in range(count):
             if not seen[star]:
@@ -98,7 +98,7 @@ def correct(lens: Lens, icrf: np.ndarray, votes: np.ndarray, min_stars: int,
 def on_image(lens: Lens, icrf: np.ndarray, state: AttitudeState
              ) -> tuple[np.ndarray, np.ndarray]:
     """Return state (N, 4) and covariance (N, 4, 4), as in motion_models, of directions (N, 3)."""
-    sensor = on_sensor_axes(icrf, state.quaternion)
+    sensor = _on_sensor_axes(icrf, state.quaternion)
     uv, jacobian = project(lens, sensor), image_flows(lens, sensor)
     track, covariance = np.zeros((len(icrf), 4)), np.zeros((len(icrf), 4, 4))
     half = np.empty((4, 6))
@@ -123,7 +123,7 @@ def on_image(lens: Lens, icrf: np.ndarray, state: AttitudeState
 
 
 @compiled
-def on_sensor_axes(icrf: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+def _on_sensor_axes(icrf: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
     """Return directions (N, 3) on the axes of the sensor."""
     matrix = matrix_from_quaternion(quaternion)
     sensor = np.empty((len(icrf), 3))
@@ -139,8 +139,7 @@ def _in_image(lens: Lens, uv: np.ndarray) -> np.ndarray:
     """Return where pixels (N, 2) lie in the image; NaN does not."""
     inside = np.empty(len(uv), np.bool_)
     for i in range(len(uv)):
-        inside[i] = (-0.5 <= uv[i, 0] <= lens.width - 0.5
-                     and -0.5 <= uv[i, 1] <= lens.height - 0.5)
+        inside[i] = shows(lens, uv[i, 0], uv[i, 1])
     return inside
 
 

@@ -17,15 +17,15 @@ CHANCES = Chances(gate_size(0.9999), 0.9999, 0.95, 1024.0 ** 2)
 TURN = np.array([1e-4, -2e-4, 1.5e-3])
 
 
-def state(sigma_rad=SIGMA_RAD):
-    covariance = np.diag(np.repeat([sigma_rad, 1e-3, 1e-5], 3) ** 2)
+def state():
+    covariance = np.diag(np.repeat([SIGMA_RAD, 1e-3, 1e-5], 3) ** 2)
     covariance[2, 2] = 1e-6
     return AttitudeState(1, Q, np.radians([0.1, 0.2, 0.3]), np.zeros(3), covariance)
 
 
-def stars(count, seed=1):
+def stars(count):
     """Return directions (N, 3) all over the image."""
-    uv = np.random.default_rng(seed).uniform(50, 970, (count, 2))
+    uv = np.random.default_rng(1).uniform(50, 970, (count, 2))
     return rotate(Q, CAMERA.unproject(uv))
 
 
