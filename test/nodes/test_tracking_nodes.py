@@ -98,7 +98,10 @@ class Flight:
 
 def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
     flight = Flight(nodes, probe)
+    probe.listen(PointCloud2, 'stars', qos.LIST)
     flight.until_tracking()
+    # The identifier hears of it while it is at one frame or the next.
+    settled_ns = START_NS + (flight.index + 3) * STEP_NS
     answers = flight.frames(40)
     errors = flight.errors(answers)
     assert len(errors) == 40 and np.abs(errors).max() < 5
@@ -106,10 +109,16 @@ def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
     tracked = messages.tracked_attitude_from_imu(answers[-1])
     off = (tracked.rate_rad_s - RATE) / np.sqrt(np.diag(tracked.rate_covariance))
     assert np.abs(off).max() < 5 and np.degrees(np.sqrt(tracked.rate_covariance.max())) < 0.02
-    # One identification a second is looked at while tracking, none of the others.
-    while int(flight.state('checks_passed')) < 2 and flight.index < 300:
+    # While tracking, one frame a second is identified, and compared with the tracks.
+    def identified_ns():
+        stamps = np.array([ns_from_stamp(m.header.stamp) for m in probe.received['stars']])
+        return stamps[stamps >= settled_ns]
+
+    while ((len(identified_ns()) < 4 or int(flight.state('checks_passed')) < 3)
+           and flight.index < 300):
         flight.frames(5)
-    assert 2 <= int(flight.state('checks_passed')) <= 10
+    assert int(flight.state('checks_passed')) >= 3
+    assert set(np.diff(identified_ns())) == {1_000_000_000}
     flight.frames(2, frame_id='base_link')
     probe.wait_condition("imu: frame 'base_link' is not that of the centroids")
 
