@@ -109,6 +109,7 @@ def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
     tracked = messages.tracked_attitude_from_imu(answers[-1])
     off = (tracked.rate_rad_s - RATE) / np.sqrt(np.diag(tracked.rate_covariance))
     assert np.abs(off).max() < 5 and np.degrees(np.sqrt(tracked.rate_covariance.max())) < 0.02
+
     # While tracking, one frame a second is identified, and compared with the tracks.
     def identified_ns():
         stamps = np.array([ns_from_stamp(m.header.stamp) for m in probe.received['stars']])
