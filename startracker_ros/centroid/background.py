@@ -17,8 +17,8 @@ TAIL_SAMPLES = 16384
 MOST_SIGMAS = 100.0  # more are as far beyond the tail
 MAX_TAIL = 1.5  # beyond this it is stars after all
 FINE = 256  # steps of one DN, in which samples are ranked as int32
-_NONE = np.float32(0)
 _FROM_MIDDLE = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5).astype(np.float32)  # of a tile
+_BEFORE_MIDDLE, _AFTER_MIDDLE = _FROM_MIDDLE.clip(max=0), _FROM_MIDDLE.clip(min=0)
 
 
 class Mesh(NamedTuple):
@@ -135,8 +135,7 @@ def _subtract(node: np.ndarray, j: int, row: np.ndarray) -> None:
     before = np.float32(FINE * (node[j + 1] - node[j]))
     after = np.float32(FINE * (node[j + 2] - node[j + 1]))
     for m in range(SAMPLES):
-        row[m] -= np.int32(level + min(_FROM_MIDDLE[m], _NONE) * before
-                           + max(_FROM_MIDDLE[m], _NONE) * after)
+        row[m] -= np.int32(level + _BEFORE_MIDDLE[m] * before + _AFTER_MIDDLE[m] * after)
 
 
 @compiled

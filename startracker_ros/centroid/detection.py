@@ -152,19 +152,38 @@ def _likely_pieces(line: np.ndarray, kernel: Kernel, node: np.ndarray, end: np.n
     is a margin above the threshold and no pair is above what this margin makes good, it need
     not be applied.
     """
-    radius, count = len(kernel.weights) - 1, 0
+    pieces, reach, count = len(node) - 1, 2 * (len(kernel.weights) - 1), 0
     below = margin * (1 - kernel.pairs) / kernel.pairs
-    for j in range(len(node) - 1):
-        least = min(node[j], node[j + 1])
-        least -= ROUNDING * abs(least)
-        single, pair = np.float32(least + margin), np.float32(2 * (least - below))
-        first, last = np.uintp(end[j]), np.uintp(end[j + 1] + 2 * radius - 1)
-        reached = line[last] >= single
-        for k in range(first, last):
-            reached |= (line[k] >= single) | (line[k] + line[k + np.uintp(1)] >= pair)
+    least = node[0]
+    for j in range(pieces):
+        least = min(least, node[j + 1])
+    # Most rows of a dark sky are through at once.
+    if not _may_reach(line, end[0], end[pieces] + reach, least, margin, below):
+        return 0
+    for j in range(pieces):
         likely[count] = j
-        count += reached
+        count += _may_reach(line, end[j], end[j + 1] + reach, min(node[j], node[j + 1]), margin,
+                            below)
     return count
+
+
+@compiled
+def _may_reach(line: np.ndarray, begin: int, end: int, least: float, margin: float, below: float
+               ) -> bool:
+    """
+    Return whether in line[begin:end] a pixel reaches least + margin, or a pair least - below.
+
+    It is one comparison: a pixel that reaches its limit makes up for any that is beside it.
+    """
+    least -= ROUNDING * abs(least)
+    pair = np.float32(2 * (least - below))
+    beside = np.float32(pair - (least + margin))
+    first, last = np.uintp(begin), np.uintp(end - 1)
+    reached = line[last] + beside >= pair
+    for k in range(first, last):
+        following = line[k + np.uintp(1)]
+        reached |= line[k] + (following if following > beside else beside) >= pair
+    return reached
 
 
 @compiled
