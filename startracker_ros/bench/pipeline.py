@@ -10,9 +10,11 @@ import subprocess
 import sys
 import tempfile
 import time
+from typing import Any
 
 import cv2
 import numpy as np
+import psutil
 from rich.progress import track as progress
 from startracker_ros.attitude.estimate import cramer_rao
 from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
@@ -22,6 +24,8 @@ from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
+from startracker_ros.images import read_image
+from startracker_ros.replay import Replay
 from startracker_ros.ros.processes import node_environment
 from startracker_ros.rotation import ARCSEC, attitude_error
 from startracker_ros.sky.detector import DetectorOptions
@@ -41,6 +45,9 @@ _LATENCY_GOALS = {'processes': (6.0, 10.0, 100.0), 'composed': (4.0, np.inf, 200
 """p50 and p95 in ms, and images a second, at 1024 px."""
 
 _LATENCY_RATE_HZ = {512: 100.0, 1024: 100.0, 2048: 20.0}
+
+_UNTIL_STEADY = 40
+"""Images after which all code is compiled and the stars are tracked."""
 
 _HALT_POLL = Path('/sys/module/haltpoll/parameters/guest_halt_poll_ns')
 
@@ -265,6 +272,8 @@ def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterato
     for index in range(8):
         cv2.imwrite(str(images / f'{index}.png'), simulator.frame(0.0).image)
     rate_hz, count = _LATENCY_RATE_HZ[size], min(trials, 1000)
+    yield _times_row(f'{size} px: image to attitude in one process, without messages',
+                     _core_ms(images, 12.0, rate_hz, count))
     yield _times_row(f'{size} px: image to a process that does nothing with it',
                      crossing_ms(images, 12.0, folder, rate_hz=rate_hz, count=count))
     for composed in (False, True):
@@ -282,6 +291,23 @@ def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterato
                    f'>= {least_hz:g}' if least_hz else '', result.highest_hz >= least_hz)
 
 
+def _core_ms(images: Path, fov_deg: float, rate_hz: float, count: int) -> np.ndarray:
+    """Return wall times (N,) of the core alone, the floor of any way through messages."""
+    frames = [read_image(file) for file in sorted(images.iterdir())]
+    height, width = frames[0].shape
+    extractor = CentroidExtractor()
+    replay = Replay(Camera.from_fov(width, height, fov_deg), EPOCH_YEAR)
+    times_ms = []
+    for index in range(_UNTIL_STEADY + count):
+        time.sleep(1 / rate_hz)
+        start_s = time.perf_counter()
+        centroids = extractor.extract(frames[index % len(frames)]).centroids
+        replay.update(round(index / rate_hz * 1e9), centroids)
+        times_ms.append((time.perf_counter() - start_s) * 1e3)
+    runs = np.array_split(times_ms[_UNTIL_STEADY:], 3)
+    return min(runs, key=np.median)
+
+
 CASES: dict[str, Callable[[int, int], Iterator[Row]]] = {
     'noise-free': noise_free, 'cramer-rao': cramer_rao_ratio, 'pyramid': pyramid,
     'database': database, 'rendering': rendering, 'core-work': core_work, 'processes': processes,
@@ -297,12 +323,24 @@ def _scheduling() -> str:
             f'{int(_HALT_POLL.read_text()) * 1e-6:g} ms')
 
 
+def _kept_back(before: Any) -> str:
+    """Return which share of the time that virtual processors wanted was given to others."""
+    now = psutil.cpu_times()
+    if not hasattr(now, 'steal'):
+        return ''
+    stolen_s = now.steal - before.steal
+    used_s = now.user + now.system - before.user - before.system
+    return f', {stolen_s / max(stolen_s + used_s, 1e-9):.1%} of their time kept back by the host'
+
+
 def run_pipeline_bench(*, trials: int, seed: int, only: tuple[str, ...]) -> Result:
     """Run the named cases one after another."""
+    before = psutil.cpu_times()
     rows = [row for name in only for row in CASES[name](trials, seed)]
     return Result('bench pipeline', rows, {
         'machine': f'{platform.machine()}, {os.cpu_count()} cores, Python '
-                   f'{platform.python_version()}, NumPy {np.__version__}, {_scheduling()}',
+                   f'{platform.python_version()}, NumPy {np.__version__}, {_scheduling()}'
+                   f'{_kept_back(before)}',
         'times': 'process CPU time of one thread, except start-up, database and the way of images '
                  '(wall time; from image to attitude at the full pace the quietest of three runs)',
         'Cramer-Rao bound': 'takes the noise of all pixels as equal in angle; off the axis they '
