@@ -1,27 +1,28 @@
 """What every node shares: options from parameters, diagnostics, a clean end."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 import gc
 from importlib import import_module
-import signal
 import sys
 import time
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from startracker_ros.camera import CameraError
 from startracker_ros.executables import NODES
 from startracker_ros.options import Options
 from startracker_ros.ros import parameters, qos
 from startracker_ros.ros.composition import Composition
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR
+from startracker_ros.ros.ending import Ending
 from startracker_ros.ros.last_resort import exit_after
 from startracker_ros.ros.message_types import MessageError
 from startracker_ros.ros.shared_memory import remove_left_behind
@@ -32,9 +33,6 @@ try:
 except ImportError:
     # rclpy before 7.1.4: half a millisecond slower for each message.
     EventsExecutor = SingleThreadedExecutor
-
-
-_END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 _LONG_PASS_S = 0.003
@@ -60,6 +58,9 @@ class PipelineNode(Node):
     task = ''
     composition: Composition | None = None
     """What joins the nodes of this process, where there are several."""
+
+    ending: Ending
+    """Whether this process is to end, for a node whose work has an end."""
 
     takes_message_info = False
     """Whether callbacks want to know when a message was sent."""
@@ -166,11 +167,10 @@ class PipelineNode(Node):
 
 def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = None) -> int:
     """Run nodes until SIGINT or SIGTERM; return 0, or 2 when one cannot start as asked."""
-    # A signal that comes early waits until all is in place: rclpy leaves half-made objects
-    # behind when its context ends under their construction.
-    signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)
+    # A signal that comes early waits until all is in place.
+    ending = PipelineNode.ending = Ending()
     remove_left_behind()
-    rclpy.init(args=args)
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[PipelineNode] = []
     code = 1
     executor: Any = None
@@ -192,17 +192,12 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
         for node in nodes:
             executor.add_node(node)
             node.get_logger().info('ready')
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _END_SIGNALS)
-        # Not spin(): that of the events executor of rclpy 7.1.6 calls nobody.
-        while rclpy.ok():
-            executor.spin_once(timeout_sec=1.0)
+        with ending.awaited(wake=partial(executor.create_task, bool)):
+            # Not spin(): that of the events executor of rclpy 7.1.6 calls nobody.
+            while not ending.asked:
+                executor.spin_once(timeout_sec=1.0)
         code = 0
-    except (ExternalShutdownException, KeyboardInterrupt):
-        code = 0
-    except RCLError:
-        # A signal ends the context at once; a callback under way then fails to publish.
-        if rclpy.ok():
-            raise
+    except KeyboardInterrupt:
         code = 0
     except (parameters.ParameterError, StartError, CameraError) as error:
         rclpy.logging.get_logger(node_class.__module__.rpartition('.')[2]).fatal(str(error))

@@ -7,8 +7,6 @@ from pathlib import Path
 import sys
 import time
 
-import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
@@ -188,15 +186,12 @@ class BagPlayerNode(PipelineNode):
 
     def _finish(self, failure: Exception | None) -> None:
         """End the node when the bag is at its end; runs in the playback's thread."""
-        # A signal ends the context under a message being published.
-        if failure is not None and not (isinstance(failure, RCLError) and not rclpy.ok()):
+        if failure is not None:
             self.get_logger().error(str(failure))
         end_s = time.monotonic() + _LAST_WORDS_S
         for publisher in self._players.values():
-            if rclpy.ok():
-                publisher.wait_for_all_acked(
-                    Duration(seconds=max(0.0, end_s - time.monotonic())))
-        rclpy.try_shutdown()
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, end_s - time.monotonic())))
+        self.ending.ask()
 
 
 def playback_qos(offers: Sequence[QosProfile]) -> QoSProfile:

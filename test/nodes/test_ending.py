@@ -1,0 +1,66 @@
+"""Processes end by SIGINT and SIGTERM with exit code 0, whatever they are at."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from startracker_ros.ros.processes import node_command
+
+NUMBERS = (signal.SIGINT, signal.SIGTERM)
+# A node takes in what it has created just after it says that it is ready.
+DELAYS_S = (0.0, 0.001, 0.003, 0.01)
+
+
+def script(*lines):
+    """Run lines after those that take the signals; return what they print."""
+    start = ('import os, signal, threading, time',
+             'from startracker_ros.ros.ending import Ending',
+             'ending, woken = Ending(), threading.Event()')
+    done = subprocess.run([sys.executable, '-c', '\n'.join((*start, *lines))],
+                          stdout=subprocess.PIPE, text=True, timeout=60, check=True)
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize('number', NUMBERS, ids=lambda number: number.name)
+def test_a_loop_hears_of_a_signal_that_came_before_it(number):
+    assert script(
+        f'os.kill(os.getpid(), {number:d})',
+        'with ending.awaited(woken.set):',
+        '    while not ending.asked: time.sleep(0.01)',
+        f'os.kill(os.getpid(), {number:d})',
+        'print(woken.wait(10))') == ['True']
+
+
+def test_a_node_may_ask_itself():
+    assert script(
+        'with ending.awaited(woken.set):',
+        '    ending.ask()',
+        '    print(woken.wait(10), ending.asked)') == ['True', 'True']
+
+
+@pytest.mark.parametrize('number', NUMBERS, ids=lambda number: number.name)
+def test_what_does_not_end_is_interrupted_after_a_while(number):
+    assert script(
+        'try:',
+        '    with ending.awaited(woken.set):',
+        '        begin_s = time.monotonic()',
+        f'        os.kill(os.getpid(), {number:d})',
+        '        while True: time.sleep(0.01)',
+        'except KeyboardInterrupt:',
+        '    print(time.monotonic() - begin_s > 0.9)',
+        f'os.kill(os.getpid(), {number:d})',
+        'print("closed")') == ['True', 'closed']
+
+
+@pytest.mark.parametrize('number', NUMBERS, ids=lambda number: number.name)
+def test_a_node_that_has_just_begun_ends_cleanly(nodes, tmp_path, number):
+    for index, delay_s in enumerate(DELAYS_S):
+        process = nodes.run(f'{index}', node_command('camera_calibrator'))
+        log = tmp_path / f'{index}.log'
+        while 'ready' not in log.read_text() and process.poll() is None:
+            time.sleep(0.001)
+        time.sleep(delay_s)
+        process.send_signal(number)
+        assert process.wait(30) == 0, log.read_text()
