@@ -15,7 +15,7 @@ PATIENCE_S = 1.0
 
 class Ending:
     """
-    Whether this process was asked to end, by a signal or by ask().
+    Whether this process was asked to end, by a signal or by ask(), and interrupts what takes long.
 
     The signal handlers of rclpy end the context under whatever is done just then, and those of
     Python interrupt it anywhere. An events executor that takes in what a node has created is then
@@ -24,8 +24,8 @@ class Ending:
 
     def __init__(self) -> None:
         """Take the signals from now on; only the main thread can."""
-        self.asked = False
-        self._interrupts = self._impatient = False
+        self.asked = self.interrupts = False
+        self._awaited = False
         self._read, self._write = os.pipe()
         os.set_blocking(self._write, False)
         signal.set_wakeup_fd(self._write, warn_on_full_buffer=False)
@@ -43,22 +43,22 @@ class Ending:
 
         What goes on in this context for PATIENCE_S after that gets a KeyboardInterrupt.
         """
-        self._interrupts = True
+        self._awaited = True
         Thread(target=self._await, args=(wake,), name='end', daemon=True).start()
         try:
             yield
         finally:
-            self._interrupts = False
+            self._awaited = False
 
     def _await(self, wake: Callable[[], object]) -> None:
         os.read(self._read, 1)
         self.asked = True
         wake()
         time.sleep(PATIENCE_S)
-        self._impatient = True
+        self.interrupts = True
         interrupt_main()
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         """Be called in the main thread, between any two steps of it."""
-        if self._impatient and self._interrupts:
+        if self.interrupts and self._awaited:
             raise KeyboardInterrupt

@@ -202,6 +202,11 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
     except (parameters.ParameterError, StartError, CameraError) as error:
         rclpy.logging.get_logger(node_class.__module__.rpartition('.')[2]).fatal(str(error))
         code = 2
+    except Exception:
+        # What is interrupted may fail in a way of its own.
+        if not ending.interrupts:
+            raise
+        code = 0
     finally:
         for node in nodes:
             node.close()
