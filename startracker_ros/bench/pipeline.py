@@ -24,8 +24,6 @@ from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.images import read_image
-from startracker_ros.replay import Replay
 from startracker_ros.ros.processes import node_environment
 from startracker_ros.rotation import ARCSEC, attitude_error
 from startracker_ros.sky.detector import DetectorOptions
@@ -45,9 +43,6 @@ _LATENCY_GOALS = {'processes': (6.0, 10.0, 100.0), 'composed': (4.0, np.inf, 200
 """p50 and p95 in ms, and images a second, at 1024 px."""
 
 _LATENCY_RATE_HZ = {512: 100.0, 1024: 100.0, 2048: 20.0}
-
-_UNTIL_STEADY = 40
-"""Images after which all code is compiled and the stars are tracked."""
 
 _HALT_POLL = Path('/sys/module/haltpoll/parameters/guest_halt_poll_ns')
 
@@ -263,7 +258,7 @@ def latency(trials: int, seed: int) -> Iterator[Row]:
 
 def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterator[Row]:
     """Send the same images, of one field with noise of their own, every way that there is."""
-    from startracker_ros.ros.latency import crossing_ms, measure, UNHURRIED_HZ
+    from startracker_ros.ros.latency import core_ms, crossing_ms, measure, UNHURRIED_HZ
     simulator = SkySimulator(Camera.from_fov(size, size, 12.0),
                              motion_from_options(MotionOptions(motion='inertial')),
                              load_catalog(), EPOCH_YEAR, seed=seed)
@@ -273,7 +268,7 @@ def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterato
         cv2.imwrite(str(images / f'{index}.png'), simulator.frame(0.0).image)
     rate_hz, count = _LATENCY_RATE_HZ[size], min(trials, 1000)
     yield _times_row(f'{size} px: image to attitude in one process, without messages',
-                     _core_ms(images, 12.0, rate_hz, count))
+                     core_ms(images, 12.0, EPOCH_YEAR, rate_hz=rate_hz, count=count))
     yield _times_row(f'{size} px: image to a process that does nothing with it',
                      crossing_ms(images, 12.0, folder, rate_hz=rate_hz, count=count))
     for composed in (False, True):
@@ -289,23 +284,6 @@ def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterato
                          result.unhurried_ms)
         yield _row(f'{case}: images a second', result.highest_hz, 'Hz',
                    f'>= {least_hz:g}' if least_hz else '', result.highest_hz >= least_hz)
-
-
-def _core_ms(images: Path, fov_deg: float, rate_hz: float, count: int) -> np.ndarray:
-    """Return wall times (N,) of the core alone, the floor of any way through messages."""
-    frames = [read_image(file) for file in sorted(images.iterdir())]
-    height, width = frames[0].shape
-    extractor = CentroidExtractor()
-    replay = Replay(Camera.from_fov(width, height, fov_deg), EPOCH_YEAR)
-    times_ms = []
-    for index in range(_UNTIL_STEADY + count):
-        time.sleep(1 / rate_hz)
-        start_s = time.perf_counter()
-        centroids = extractor.extract(frames[index % len(frames)]).centroids
-        replay.update(round(index / rate_hz * 1e9), centroids)
-        times_ms.append((time.perf_counter() - start_s) * 1e3)
-    runs = np.array_split(times_ms[_UNTIL_STEADY:], 3)
-    return min(runs, key=np.median)
 
 
 CASES: dict[str, Callable[[int, int], Iterator[Row]]] = {

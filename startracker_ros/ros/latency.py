@@ -12,7 +12,11 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image, Imu
 
+from startracker_ros.camera import Camera
+from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.executables import STAGES
+from startracker_ros.images import read_image
+from startracker_ros.replay import Replay
 from startracker_ros.ros.messages import image_message_from_cdr, ns_from_stamp
 from startracker_ros.ros.processes import parameter_arguments, RigError
 from startracker_ros.ros.rig import Rig
@@ -33,6 +37,9 @@ _SLACK_S = 0.03
 _RUNS = 3
 """The times are those of the run with the least median, of so many with other runs in between:
 what a machine, or its host, does beside only makes them longer."""
+
+_UNTIL_STEADY = 40
+"""Images after which all files are read, all code is compiled and the stars are tracked."""
 
 UNHURRIED_HZ = 10.0
 """A pace of many star cameras. Processors go to sleep in the pauses, so that no faster one
@@ -146,11 +153,28 @@ def _holds(through_ns: dict[int, int], rate_hz: float, count: int) -> bool:
     return (second_ns[-1] - second_ns[0]) * 1e-9 < (len(second_ns) - 1) / rate_hz + _SLACK_S
 
 
+def core_ms(images: Path, fov_deg: float, epoch_year: float, *, rate_hz: float, count: int
+            ) -> np.ndarray:
+    """Return times (N,) of the core alone, the floor of any way through messages."""
+    frames = [read_image(file) for file in sorted(images.iterdir())]
+    height, width = frames[0].shape
+    extractor = CentroidExtractor()
+    replay = Replay(Camera.from_fov(width, height, fov_deg), epoch_year)
+    times_ms = []
+    for index in range(_UNTIL_STEADY + count):
+        time.sleep(1 / rate_hz)
+        start_s = time.perf_counter()
+        centroids = extractor.extract(frames[index % len(frames)]).centroids
+        replay.update(round(index / rate_hz * 1e9), centroids)
+        times_ms.append((time.perf_counter() - start_s) * 1e3)
+    return min(np.array_split(times_ms[_UNTIL_STEADY:], _RUNS), key=np.median)
+
+
 def crossing_ms(images: Path, fov_deg: float, folder: Path, *, rate_hz: float, count: int
                 ) -> np.ndarray:
     """Return times (N,) from sending an image to a listener that does nothing with it."""
     with TimedPipeline(images, fov_deg, folder, stages=()) as pipeline:
-        pipeline.run(20, 40)
+        pipeline.run(20, _UNTIL_STEADY)
         arrived_ns, _ = pipeline.run(rate_hz, count)
     return _since_sent_ms(arrived_ns, _passed(pipeline.files))
 
@@ -176,8 +200,7 @@ def measure(images: Path, fov_deg: float, folder: Path, *, composed: bool, rate_
     The _RUNS at this rate have count images together.
     """
     with TimedPipeline(images, fov_deg, folder, composed=composed) as pipeline:
-        # Until it tracks, and all files are read and all code is compiled.
-        pipeline.run(20, 40)
+        pipeline.run(20, _UNTIL_STEADY)
         each = max(1, count // _RUNS)
         runs = [pipeline.run(rate_hz, each)]
         unhurried_ns, _ = pipeline.run(UNHURRIED_HZ, min(count, 100))

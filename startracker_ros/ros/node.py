@@ -197,12 +197,10 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
             while not ending.asked:
                 executor.spin_once(timeout_sec=1.0)
         code = 0
-    except KeyboardInterrupt:
-        code = 0
     except (parameters.ParameterError, StartError, CameraError) as error:
         rclpy.logging.get_logger(node_class.__module__.rpartition('.')[2]).fatal(str(error))
         code = 2
-    except Exception:
+    except (Exception, KeyboardInterrupt):
         # What is interrupted may fail in a way of its own.
         if not ending.interrupts:
             raise
