@@ -13,19 +13,29 @@ import sys
 
 import numpy as np
 from rclpy.serialization import serialize_message
+from startracker_ros.astro.epoch import epoch_year_from_stamp
 from startracker_ros.bag.qos import QosProfile
 from startracker_ros.bag.writer import BagWriter
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor
-from startracker_ros.replay import Replay, ReplayedFrame
-from startracker_ros.ros import messages
-from startracker_ros.ros.diagnostics import OK, status_message
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
+from startracker_ros.pipeline.pipeline import Replay, ReplayedFrame
+from startracker_ros.ros.diagnostics import OK, status_message
+from startracker_ros.ros.messages.attitude import (
+    attitude_to_imu, attitude_to_pose, quaternion_to_message, tracked_attitude_to_imu)
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.clouds import (
+    centroids_from_message, centroids_to_message, identification_to_message, tracks_to_message)
+from startracker_ros.ros.messages.gyro import gyro_to_imu, rate_from_imu
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import MotionState
 from startracker_ros.sky.simulator import SkySimulator
+from std_msgs.msg import Header
 
 CAMERA = Camera.from_fov(256, 256, 12.0)
 START_NS = 1_790_000_000_000_000_000
@@ -156,46 +166,46 @@ def make(name: str, folder: Path) -> None:
                 time_ns = index * STEP_NS + step * STEP_NS // RATES_PER_FRAME
                 rate = sky.gyro(time_ns * 1e-9)
                 if time_ns >= 0 and index not in scenario.silent:
-                    message = messages.gyro_to_imu(rate, 1e-4, header(START_NS + time_ns))
+                    message = gyro_to_imu(rate, 1e-4, header(START_NS + time_ns))
                     recorder.at(START_NS + time_ns)
                     recorder.write('/imu', message)
-                    replay.add_rate(START_NS + time_ns, messages.rate_from_imu(message))
+                    replay.add_rate(START_NS + time_ns, rate_from_imu(message))
             if index in scenario.missing:
                 continue
             frame = (nothing if index in scenario.dark else sky).frame(index * STEP_NS * 1e-9)
             recorder.at(stamp_ns + DELAY_NS)
-            recorder.write('/camera_info', messages.camera_to_message(CAMERA, header(stamp_ns)))
-            recorder.write('/image_raw', messages.image_to_message(frame.image, header(stamp_ns)))
-            recorder.write('/truth/attitude', messages.quaternion_to_message(
+            recorder.write('/camera_info', camera_to_message(CAMERA, header(stamp_ns)))
+            recorder.write('/image_raw', image_to_message(frame.image, header(stamp_ns)))
+            recorder.write('/truth/attitude', quaternion_to_message(
                 frame.state.q_icrf_from_sensor, header(stamp_ns, 'icrf')))
-            cloud = messages.centroids_to_message(
+            cloud = centroids_to_message(
                 extractor.extract(frame.image).centroids, CAMERA, header(stamp_ns))
             recorder.write('/centroids', cloud)
             # Through the message, which has floats of four bytes.
-            centroids = messages.centroids_from_message(cloud)
+            centroids = centroids_from_message(cloud)
             write_results(recorder, stamp_ns, centroids, replay.update(stamp_ns, centroids))
 
 
-def write_results(recorder: Recorder, stamp_ns: int, centroids: messages.Centroids,
+def write_results(recorder: Recorder, stamp_ns: int, centroids: Centroids,
                   frame: ReplayedFrame) -> None:
     """Write what the nodes publish of a frame."""
     sensor, inertial = header(stamp_ns), header(stamp_ns, 'icrf')
-    recorder.write('/tracked_attitude', messages.tracked_attitude_to_imu(frame.tracked, sensor))
-    recorder.write('/tracks', messages.tracks_to_message(frame.tracks, CAMERA, sensor))
+    recorder.write('/tracked_attitude', tracked_attitude_to_imu(frame.tracked, sensor))
+    recorder.write('/tracks', tracks_to_message(frame.tracks, CAMERA, sensor))
     if frame.identification is not None:
-        recorder.write('/stars', messages.identification_to_message(
+        recorder.write('/stars', identification_to_message(
             centroids, frame.identification, CAMERA, sensor))
     recorder.write('/tracker_state', status_message(
         'star_tracker: state', 'star_tracker', OK, frame.state.value, {'reason': frame.reason}))
     attitude = frame.trusted.attitude
-    recorder.write('/attitude_imu', messages.attitude_to_imu(attitude, sensor))
+    recorder.write('/attitude_imu', attitude_to_imu(attitude, sensor))
     if attitude is not None:
-        recorder.write('/attitude', messages.quaternion_to_message(attitude.quaternion, inertial))
-        recorder.write('/attitude_cov', messages.attitude_to_pose(attitude, inertial))
+        recorder.write('/attitude', quaternion_to_message(attitude.quaternion, inertial))
+        recorder.write('/attitude_cov', attitude_to_pose(attitude, inertial))
 
 
-def header(stamp_ns: int, frame_id: str = 'star_tracker_optical_frame') -> messages.Header:
-    return messages.make_header(stamp_ns, frame_id)
+def header(stamp_ns: int, frame_id: str = 'star_tracker_optical_frame') -> Header:
+    return make_header(stamp_ns, frame_id)
 
 
 def main() -> None:

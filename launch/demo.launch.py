@@ -8,7 +8,7 @@ from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
-from startracker_ros.ros.processes import node_environment
+from startracker_ros.harness.processes import node_environment
 
 
 def generate_launch_description() -> LaunchDescription:

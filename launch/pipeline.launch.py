@@ -14,7 +14,7 @@ from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from startracker_ros.executables import STAGES
-from startracker_ros.ros.processes import node_environment
+from startracker_ros.harness.processes import node_environment
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -10,6 +10,8 @@ import math
 from numbers import Integral, Real
 from typing import Any
 
+import yaml
+
 
 @dataclass(frozen=True)
 class Option:
@@ -92,3 +94,10 @@ class Options:
     def table(cls) -> tuple[Option, ...]:
         """Return the rows of this class, in the order of definition."""
         return tuple(Option(f.name, f.default, *f.metadata['option']) for f in fields(cls))
+
+
+def yaml_value(value: object) -> str:
+    """Return a parameter value on one line of YAML, as the ROS parameter parser reads it."""
+    value = list(value) if isinstance(value, tuple) else value
+    text = yaml.safe_dump(value, default_flow_style=True, width=10 ** 6)
+    return text.removesuffix('\n').removesuffix('\n...')

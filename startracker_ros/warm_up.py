@@ -5,18 +5,18 @@ from multiprocessing import get_context
 import os
 
 import numpy as np
+from startracker_ros.astro.orbit import propagate
 from startracker_ros.attitude.estimate import estimate_attitude
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places, StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places, StarPlaces
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.identify.identification import IdentificationOptions, METHODS
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.locate.location import locate
-from startracker_ros.locate.orbit import propagate
 from startracker_ros.locate.sight import sight
-from startracker_ros.rotation import quaternion_from_pointing
+from startracker_ros.maths.rotation import quaternion_from_pointing
 from startracker_ros.sky.detector import Detector
 from startracker_ros.sky.star_lists import some_field
 from startracker_ros.track.in_view import StarsInView

@@ -11,8 +11,8 @@ import startracker_ros
 
 PROGRAM = """
 from numba import config
-from startracker_ros.lens import Lens, undistort
-print(undistort(Lens(9, 9, 1., 1., 4., 4., 0., 0., 0., 0., 0.), 0.25, 0.5))
+from startracker_ros.camera.lens import Lens, undistort
+print(undistort(Lens(9, 9, 1., 1., 4., 4., (0., 0., 0., 0., 0.)), 0.25, 0.5))
 print(config.CACHE_DIR)
 """
 
@@ -22,9 +22,10 @@ def package(tmp_path):
     """Return a copy of what the compiled lens needs."""
     source = Path(startracker_ros.__file__).parent
     copy = tmp_path / 'tree' / 'startracker_ros'
-    copy.mkdir(parents=True)
-    for name in ('__init__.py', 'compiled.py', 'machine_code.py', 'folders.py', 'lens.py'):
-        shutil.copy(source / name, copy)
+    (copy / 'camera').mkdir(parents=True)
+    for name in ('__init__.py', 'compiled.py', 'machine_code.py', 'folders.py',
+                 'camera/__init__.py', 'camera/lens.py', 'camera/distortion.py'):
+        shutil.copy(source / name, copy / name)
     return copy
 
 
@@ -42,7 +43,7 @@ def folder_of(package, home, **environment):
     return Path(folder)
 
 
-@pytest.mark.parametrize('name', ['lens.py', 'compiled.py'])
+@pytest.mark.parametrize('name', ['camera/lens.py', 'camera/distortion.py', 'compiled.py'])
 def test_a_changed_function_gets_a_folder_of_its_own(package, tmp_path, name):
     before = folder_of(package, tmp_path)
     assert before.parent == package / '__pycache__' and list(before.rglob('*.nbi'))

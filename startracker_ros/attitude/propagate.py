@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState
 from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
-from startracker_ros.rotation import attitude_error
+from startracker_ros.maths.rotation import attitude_error
 
 
 @dataclass(frozen=True)

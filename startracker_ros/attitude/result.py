@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.rotation import matrix_from_quaternion
+from startracker_ros.maths.rotation import matrix_from_quaternion
 
 SOLVERS = ('quest', 'davenport', 'svd', 'triad')
 """The solvers: three of the same best fit, and the two best stars alone."""

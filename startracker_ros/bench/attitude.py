@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from startracker_ros.attitude.estimate import (
     AttitudeEstimate, cramer_rao, estimate_attitude, SOLVERS)
-from startracker_ros.rotation import ARCSEC, attitude_error, matrix_from_quaternion
+from startracker_ros.maths.rotation import ARCSEC, attitude_error, matrix_from_quaternion
 from startracker_ros.sky.star_lists import random_attitude
 from startracker_ros.table import Result
 

@@ -6,11 +6,11 @@ from itertools import product
 import zlib
 
 import numpy as np
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places, StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places, StarPlaces
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import quaternion_from_pointing
+from startracker_ros.maths.rotation import quaternion_from_pointing
 from startracker_ros.sky.star_lists import random_attitude, star_list
 
 EPOCH_YEAR = 2026.5

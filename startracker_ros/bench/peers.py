@@ -20,12 +20,12 @@ import numpy as np
 from startracker_ros.bench import cedar_process
 from startracker_ros.bench.cedar_process import measure
 from startracker_ros.bench.corpus import EPOCH_YEAR, Frame, View
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.rotation import conjugate, quaternion_from_pointing
+from startracker_ros.maths.rotation import conjugate, quaternion_from_pointing
 
 WARM_UP = 20
 """Frames that each solver sees before its time counts."""

@@ -17,15 +17,15 @@ import numpy as np
 import psutil
 from rich.progress import track as progress
 from startracker_ros.attitude.estimate import cramer_rao
-from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.attitude.validation import AttitudeTrust, TrustOptions
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.extraction import CentroidExtractor
+from startracker_ros.harness.processes import node_environment
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.ros.processes import node_environment
-from startracker_ros.rotation import ARCSEC, attitude_error
+from startracker_ros.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
@@ -250,7 +250,7 @@ def processes(trials: int, seed: int) -> Iterator[Row]:
 
 def latency(trials: int, seed: int) -> Iterator[Row]:
     """Image to attitude through the nodes, stage by stage, and how many images a second."""
-    from startracker_ros.ros.rig import log_folder
+    from startracker_ros.harness.rig import log_folder
     for size in (512, 1024, 2048):
         with log_folder('latency') as folder:
             yield from _latency_of_size(size, folder, trials, seed)
@@ -258,7 +258,7 @@ def latency(trials: int, seed: int) -> Iterator[Row]:
 
 def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterator[Row]:
     """Send the same images, of one field with noise of their own, every way that there is."""
-    from startracker_ros.ros.latency import core_ms, crossing_ms, measure, UNHURRIED_HZ
+    from startracker_ros.harness.latency import core_ms, crossing_ms, measure, UNHURRIED_HZ
     simulator = SkySimulator(Camera.from_fov(size, size, 12.0),
                              motion_from_options(MotionOptions(motion='inertial')),
                              load_catalog(), EPOCH_YEAR, seed=seed)

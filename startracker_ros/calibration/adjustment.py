@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
-from startracker_ros.camera import Camera, CameraError
-from startracker_ros.rotation import (
+from startracker_ros.camera.model import Camera, CameraError
+from startracker_ros.maths.rotation import (
     matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
 
 TERMS = {'focal': ('focal',), 'k1': ('k1',), 'centre': ('cx', 'cy'), 'tangential': ('p1', 'p2'),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.calibration.estimate import covered_percent, moved
 from startracker_ros.calibration.matching import View
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.options import option, Options
 
 

@@ -17,9 +17,9 @@ from scipy.stats import chi2
 from startracker_ros.calibration.adjustment import (
     adjust, Adjustment, CalibrationError, KnownStars, TERMS)
 from startracker_ros.calibration.matching import match_stars, View
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
-from startracker_ros.rotation import attitude_error
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.maths.rotation import attitude_error
 
 MIN_STARS = 30
 MIN_FRAME_STARS = 5

@@ -3,18 +3,20 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from startracker_ros.astro.epoch import epoch_year_now
 from startracker_ros.calibration.adjustment import CalibrationError
 from startracker_ros.calibration.estimate import calibrate, Calibration, MIN_FRAME_STARS
 from startracker_ros.calibration.matching import View
 from startracker_ros.calibration.summary import figures, summary
-from startracker_ros.camera import Camera, save_camera
-from startracker_ros.catalog.places import camera_places
-from startracker_ros.catalog.stars import epoch_year_now, load_catalog
+from startracker_ros.camera.files import save_camera
+from startracker_ros.camera.images import ImageError, known_camera, read_image_and_camera
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.images import ImageError, known_camera, read_image_and_camera
 from startracker_ros.table import Result
 
 # Faint stars are many, and it is they that fill the corners.

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 from startracker_ros.calibration.adjustment import KnownStars
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import conjugate, rotate
+from startracker_ros.maths.rotation import conjugate, rotate
 
 
 @dataclass(frozen=True)

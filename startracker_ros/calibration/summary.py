@@ -2,7 +2,7 @@
 
 import numpy as np
 from startracker_ros.calibration.estimate import Calibration, cells, covered_percent
-from startracker_ros.rotation import ARCSEC
+from startracker_ros.maths.rotation import ARCSEC
 
 
 def figures(calibration: Calibration, chosen: np.ndarray) -> dict[str, object]:

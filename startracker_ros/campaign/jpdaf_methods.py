@@ -7,9 +7,9 @@ from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.campaign.jpdaf_runs import (
     BLOCK_S, CAMERA, Cell, DETECTION_PROBABILITY, DT_S, FALSE_POINTS, FRAMES, ORBIT_RATE_RAD_S,
     RATE_SIGMA_RAD_S, Run, STARS)
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.track.association import (
     event_weights, gate_size, gated_density, joint_probabilities)
 from startracker_ros.track.jpdaf import predict, update

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places, StarPlaces
+from startracker_ros.astro.circular_orbit import CircularOrbit
+from startracker_ros.astro.constants import EARTH_RADIUS_M
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places, StarPlaces
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     conjugate, matrix_from_quaternion, quaternion_from_pointing, radec_from_unit, rotate)
 from startracker_ros.sky.motion import RollJitter, SteadyMotion
-from startracker_ros.sky.orbit import CircularOrbit, EARTH_RADIUS_M
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 EPOCH_YEAR = 2026.5

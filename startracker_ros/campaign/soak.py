@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from startracker_ros.ros.rig import log_folder
-from startracker_ros.ros.soak import BAG_FILE_MB, CAMERA, IN_FLIGHT, NODES, Soak, SoakResult
+from startracker_ros.harness.rig import log_folder
+from startracker_ros.harness.soak import BAG_FILE_MB, CAMERA, IN_FLIGHT, NODES, Soak, SoakResult
 from startracker_ros.table import Result
 
 FRAMES = 100_000

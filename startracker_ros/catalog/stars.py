@@ -3,18 +3,15 @@
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from pathlib import Path
-import time
 
 import numpy as np
-from startracker_ros.rotation import ARCSEC
+from startracker_ros.maths.rotation import ARCSEC
 
 CATALOG_EPOCH_YEAR = 1991.25
 """Julian year of the Hipparcos positions (ESA SP-1200, vol. 1)."""
 
 CATALOG_FILE = Path(__file__).with_name('hipparcos.npz')
 
-_J2000_NS = 946_728_000 * 10 ** 9
-_YEAR_NS = 31_557_600 * 10 ** 9
 _MAS = ARCSEC / 1000
 
 
@@ -76,17 +73,3 @@ def load_catalog() -> StarCatalog:
     for array in arrays:
         array.flags.writeable = False
     return StarCatalog(*arrays)
-
-
-def epoch_year_from_stamp(stamp_ns: int) -> float:
-    """
-    Return the Julian year of a UNIX time in ns.
-
-    UTC serves as Terrestrial Time: the minute between them moves no star by 0.1 mas.
-    """
-    return 2000.0 + (stamp_ns - _J2000_NS) / _YEAR_NS
-
-
-def epoch_year_now() -> float:
-    """Return the Julian year of this moment."""
-    return epoch_year_from_stamp(time.time_ns())

@@ -31,9 +31,9 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
           fov_error_percent: float, epoch_year: float | None, annotate_folder: Path | None,
           as_json: bool) -> None:
     """Attitude of star IMAGES: right ascension, declination, roll, stars, residual."""
-    from startracker_ros.camera import CameraError
+    from startracker_ros.camera.model import CameraError
     from startracker_ros.identify.identification import IdentificationOptions
-    from startracker_ros.solve import solve_files
+    from startracker_ros.pipeline.solve import solve_files
     from startracker_ros.table import show
     _check_one_camera(fov_deg, camera_file)
     with refused(CameraError):
@@ -63,7 +63,7 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
     """Focal length, principal point and distortion out of star IMAGES of one camera."""
     from startracker_ros.calibration.adjustment import CalibrationError
     from startracker_ros.calibration.files import calibrate_files
-    from startracker_ros.camera import CameraError
+    from startracker_ros.camera.model import CameraError
     from startracker_ros.table import show
     _check_one_camera(fov_deg, camera_file)
     with refused(CameraError), told(CalibrationError, output=output):

@@ -8,10 +8,11 @@ import sys
 import time
 
 import numpy as np
-from startracker_ros.camera import Camera, CameraError, load_camera
-from startracker_ros.catalog.stars import epoch_year_from_stamp
+from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.camera.files import load_camera
+from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.doctor.check import Check
-from startracker_ros.ros.processes import node_environment
+from startracker_ros.harness.processes import node_environment
 
 # Narrower fields hold too few stars of the catalogue to be lost in space (docs/catalog.md);
 # in wider ones a pixel is too coarse for anything but a try.
@@ -37,7 +38,7 @@ def check_camera(camera_file: Path | None, listen_s: float, namespace: str = ''
             yield from check_geometry('camera file', of_file)
     if listen_s:
         done = subprocess.run(
-            [sys.executable, '-m', 'startracker_ros.ros.listening', str(listen_s), namespace],
+            [sys.executable, '-m', 'startracker_ros.harness.listening', str(listen_s), namespace],
             env=node_environment(), capture_output=True, text=True)
         if done.returncode != 0:
             lines = done.stderr.strip().splitlines() or [f'status {done.returncode}']

@@ -10,7 +10,7 @@ import sys
 from xml.etree import ElementTree
 
 from startracker_ros.doctor.check import Check
-from startracker_ros.ros.processes import node_environment
+from startracker_ros.harness.processes import node_environment
 
 _PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 _RANGES = ('SUBNET', 'LOCALHOST', 'OFF', 'SYSTEM_DEFAULT')
@@ -112,7 +112,7 @@ def check_shared_memory(free_bytes: int) -> Check:
 
 def check_loopback(environment: Mapping[str, str], timeout_s: float = 30.0) -> Check:
     """Return whether an image of 2 MiB comes from another process, and how soon."""
-    command = [sys.executable, '-m', 'startracker_ros.ros.loopback']
+    command = [sys.executable, '-m', 'startracker_ros.harness.loopback']
     topic = f'startracker_doctor_{os.getpid()}'
     sender = subprocess.Popen([*command, 'send', topic], env=dict(environment),
                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

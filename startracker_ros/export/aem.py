@@ -4,9 +4,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from startracker_ros.export.segments import lock_segments
+from startracker_ros.maths.rotation import sign_continuous
 from startracker_ros.report.panels import utc
 from startracker_ros.report.recording import Recording
-from startracker_ros.rotation import sign_continuous
 
 _LONGEST_LINE = 254
 

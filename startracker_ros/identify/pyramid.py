@@ -14,7 +14,8 @@ from numba import objmode, types
 from numba.experimental import structref
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera import Camera
+from startracker_ros.camera.lens import Lens
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.compiled import compiled, inlined
@@ -27,7 +28,6 @@ from startracker_ros.identify.pairs import PairDatabase
 from startracker_ros.identify.support import support, support_weights, SUPPORTERS, volume
 from startracker_ros.identify.verification import (
     Court, judge, JUDGED, refuted, same_attitude, tangent)
-from startracker_ros.lens import Lens
 
 # Sides of a triangle shorter than this say little beside their noise.
 _MIN_SEPARATION_PX = 20.0

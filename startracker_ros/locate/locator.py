@@ -4,11 +4,11 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
+from startracker_ros.astro.constants import SPEED_OF_LIGHT_M_S
 from startracker_ros.locate.location import locate, Location, LocationError, LocationOptions
 from startracker_ros.locate.observer import Observer, ObserverOptions, TimedSight
 from startracker_ros.locate.sight import Sight
 
-_LIGHT_M_S = 299_792_458.0
 _UNKNOWN_SPEED_M_S = 8000.0
 """1 sigma on each axis for a target whose motion is not known yet: any in a low orbit."""
 
@@ -127,7 +127,7 @@ class TargetLocator:
         first, second = (
             _uncertain(replace(line, position_m=line.position_m + velocity_m_s * delay_s), delay_s,
                        np.zeros(3), sigma_m_s)
-            for line, delay_s in zip((first, second), about.range_m / _LIGHT_M_S))
+            for line, delay_s in zip((first, second), about.range_m / SPEED_OF_LIGHT_M_S))
         return locate(first, second, self._location_options)
 
     def _velocity(self, stamp_ns: int) -> tuple[np.ndarray, float]:

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.stars import epoch_year_from_stamp
+from startracker_ros.astro.planets import earth_velocity_m_s
+from startracker_ros.astro.state import State
+from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.camera.model import Camera
 from startracker_ros.locate.sight import Sight, sight, without_aberration
-from startracker_ros.locate.state import State
+from startracker_ros.maths.rotation import rotate
 from startracker_ros.options import option, Options
-from startracker_ros.rotation import rotate
-from startracker_ros.sky.planets import earth_velocity_m_s
 
 KEPT = 512
 """Messages of a topic kept: several seconds of a fast receiver."""

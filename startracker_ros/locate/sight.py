@@ -4,10 +4,10 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from startracker_ros.camera import Camera
+from startracker_ros.astro.aberration import aberrate
+from startracker_ros.camera.lens import distortion_jacobian, Lens, undistort
+from startracker_ros.camera.model import Camera
 from startracker_ros.compiled import compiled
-from startracker_ros.lens import distortion_jacobian, Lens, undistort
-from startracker_ros.sky.aberration import aberrate
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def _look(lens: Lens, u: float, v: float, sigma_px: float, q: np.ndarray, attitu
           direction: np.ndarray, covariance: np.ndarray) -> None:
     """Fill direction (3,) and the lower right (3, 3) of covariance (6, 6)."""
     a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
-    xx, cross, yy = distortion_jacobian(lens, a, b)
+    xx, cross, yy = distortion_jacobian(lens.distortion, a, b)
     length = math.sqrt(a * a + b * b + 1)
     x, y, z, w = q
     matrix = np.array([

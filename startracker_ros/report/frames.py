@@ -7,11 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 from startracker_ros.bag.errors import BagError
+from startracker_ros.bag.layouts import image_from_message, MessageError
 from startracker_ros.bag.reader import decode, read_messages
-from startracker_ros.report.annotate import stretch
+from startracker_ros.pipeline.annotate import stretch
 from startracker_ros.report.recording import Recording, TOPIC_TYPES
-from startracker_ros.ros.message_types import MessageError
-from startracker_ros.ros.messages import image_from_message
 
 COUNT = 4
 _LARGEST_PX = 768

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 from scipy.special import ndtr
+from startracker_ros.maths.rotation import pointing_from_quaternion
 from startracker_ros.report.recording import Clouds, Recording
-from startracker_ros.rotation import pointing_from_quaternion
 
 # A curve of more samples is thinned to about this many, its extremes kept.
 SAMPLES = 4000

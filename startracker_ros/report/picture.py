@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from startracker_ros.report.annotate import annotate
+from startracker_ros.pipeline.annotate import annotate
 from startracker_ros.report.recording import Recording
 
 

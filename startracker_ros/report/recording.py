@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 from startracker_ros.bag.errors import BagError
+from startracker_ros.bag.layouts import (
+    camera_from_message, CENTROID_DTYPE, MessageError, read_cloud, STAR_DTYPE, TRACK_DTYPE)
 from startracker_ros.bag.reader import BagMessage, BagTopic, decode, read_messages, read_topics
-from startracker_ros.camera import Camera, CameraError
-from startracker_ros.ros.message_types import MessageError
-from startracker_ros.ros.messages import (
-    camera_from_message, CENTROID_DTYPE, read_cloud, STAR_DTYPE, TRACK_DTYPE)
-from startracker_ros.rotation import ARCSEC, attitude_error, matrix_from_quaternion
+from startracker_ros.camera.model import Camera, CameraError
+from startracker_ros.maths.rotation import ARCSEC, attitude_error, matrix_from_quaternion
 
 # Topics that are understood, relative to the namespace of a star tracker.
 TOPIC_TYPES = {

@@ -3,9 +3,10 @@
 from typing import Any
 
 import numpy as np
-from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
+from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.maths.rotation import matrix_from_quaternion
 from startracker_ros.report.panels import numbers, Panels, thinned, usable
-from startracker_ros.rotation import matrix_from_quaternion
 
 # A wider path is drawn on a map of the whole sky.
 _WIDEST_DEG = 60.0

@@ -1,7 +1,7 @@
 """A recorded run in figures, each with the bound that it must hold."""
 
 import numpy as np
-from startracker_ros.attitude.wrong import WRONG_ARCSEC, WRONG_SIGMAS
+from startracker_ros.figures import WRONG_ARCSEC, WRONG_SIGMAS
 from startracker_ros.report.recording import Recording
 
 

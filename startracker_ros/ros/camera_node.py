@@ -6,14 +6,14 @@ import time
 from builtin_interfaces.msg import Time
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Imu
-from startracker_ros.camera import Camera, CameraError
-from startracker_ros.catalog.stars import epoch_year_from_stamp
+from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.bag.layouts import camera_from_message, MessageError, ns_from_stamp
+from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.machine_code import kept_functions, machine_code_folder
 from startracker_ros.ros import qos
 from startracker_ros.ros.cadence import Cadence
 from startracker_ros.ros.diagnostics import WARN
-from startracker_ros.ros.message_types import MessageError
-from startracker_ros.ros.messages import camera_from_message, ns_from_stamp, rate_from_imu
+from startracker_ros.ros.messages.gyro import rate_from_imu
 from startracker_ros.ros.node import PipelineNode
 
 

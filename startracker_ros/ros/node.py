@@ -16,7 +16,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
-from startracker_ros.camera import CameraError
+from startracker_ros.bag.layouts import MessageError
+from startracker_ros.camera.model import CameraError
 from startracker_ros.executables import NODES
 from startracker_ros.options import Options
 from startracker_ros.ros import parameters, qos
@@ -24,7 +25,6 @@ from startracker_ros.ros.composition import Composition
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR
 from startracker_ros.ros.ending import Ending
 from startracker_ros.ros.last_resort import exit_after
-from startracker_ros.ros.message_types import MessageError
 from startracker_ros.ros.shared_memory import remove_left_behind
 from std_srvs.srv import Trigger
 

@@ -7,10 +7,14 @@ from datetime import datetime, UTC
 import numpy as np
 from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo, Image
-from startracker_ros.camera import Camera, load_camera
+from startracker_ros.camera.files import load_camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.options import option, Options
-from startracker_ros.ros import messages, qos
+from startracker_ros.ros import qos
 from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.ros.node import PipelineNode, StartError
 from std_msgs.msg import Header
 
@@ -98,17 +102,17 @@ class SourceNode(PipelineNode):
         told, self._told_camera = camera == self._told_camera, camera
         if not told:
             self._tell_camera(camera, header)
-        self._image.publish(messages.image_to_message(image, header))
+        self._image.publish(image_to_message(image, header))
         if told:
             self._tell_camera(camera, header)
         self.diagnostics.counts['frames'] += 1
 
     def _tell_camera(self, camera: Camera, header: Header) -> None:
-        self._camera_info.publish(messages.camera_to_message(camera, header))
+        self._camera_info.publish(camera_to_message(camera, header))
 
     def sensor_header(self, stamp_ns: int) -> Header:
         """Return a header in the sensor frame."""
-        return messages.make_header(stamp_ns, self.options(FrameOptions).sensor_frame_id)
+        return make_header(stamp_ns, self.options(FrameOptions).sensor_frame_id)
 
     def _tick(self) -> None:
         options = self.options(SourceOptions)

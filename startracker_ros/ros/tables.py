@@ -8,9 +8,8 @@ from pathlib import Path
 import textwrap
 
 from startracker_ros.executables import NODES
-from startracker_ros.options import Option
+from startracker_ros.options import Option, yaml_value
 from startracker_ros.ros.node import node_class_of
-from startracker_ros.ros.processes import yaml_value
 
 _COMMAND = 'python -m startracker_ros.ros.tables'
 

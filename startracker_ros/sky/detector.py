@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.options import option, Options
 from startracker_ros.sky.cosmic_rays import add_cosmic_rays
 from startracker_ros.sky.fixed_pattern import fixed_pattern

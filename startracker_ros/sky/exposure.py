@@ -3,8 +3,8 @@
 from functools import lru_cache
 
 import numpy as np
-from startracker_ros.camera import Camera
-from startracker_ros.rotation import matrix_from_quaternion
+from startracker_ros.camera.model import Camera
+from startracker_ros.maths.rotation import matrix_from_quaternion
 from startracker_ros.sky.motion import Motion
 from startracker_ros.sky.sources import LightSources
 

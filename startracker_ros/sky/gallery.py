@@ -13,12 +13,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from startracker_ros.camera import Camera
+from startracker_ros.astro.planets import PLANETS, planets_seen
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.rotation import radec_from_unit
+from startracker_ros.maths.rotation import radec_from_unit
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
-from startracker_ros.sky.planets import PLANETS, planets_seen
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.sky.sources import SkyOptions
 

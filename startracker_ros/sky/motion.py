@@ -4,10 +4,11 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from startracker_ros.options import option, Options
-from startracker_ros.rotation import (
+from startracker_ros.astro.circular_orbit import CircularOrbit
+from startracker_ros.astro.constants import EARTH_RADIUS_M
+from startracker_ros.maths.rotation import (
     conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
-from startracker_ros.sky.orbit import CircularOrbit, EARTH_RADIUS_M
+from startracker_ros.options import option, Options
 
 
 @dataclass(frozen=True)

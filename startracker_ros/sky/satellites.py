@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.rotation import rotate
+from startracker_ros.maths.rotation import rotate
 from startracker_ros.sky.motion import Motion
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.sky.detector import Detector, DetectorOptions
 from startracker_ros.sky.exposure import image_paths

@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
+from startracker_ros.astro.aberration import aberrate
+from startracker_ros.astro.constants import DAYS_PER_YEAR
+from startracker_ros.astro.planets import earth_velocity_m_s, planets_seen
 from startracker_ros.catalog.stars import StarCatalog
+from startracker_ros.maths.rotation import rotate
 from startracker_ros.options import option, Options
-from startracker_ros.rotation import rotate
-from startracker_ros.sky.aberration import aberrate
 from startracker_ros.sky.motion import Motion, MotionState
-from startracker_ros.sky.planets import DAYS_PER_YEAR, earth_velocity_m_s, planets_seen
 from startracker_ros.sky.satellites import SatelliteTraffic
 from startracker_ros.sky.target import Target
 

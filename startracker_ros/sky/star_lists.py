@@ -1,10 +1,10 @@
 """Lists of star positions without an image: what the identification campaigns look at."""
 
 import numpy as np
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import conjugate, rotate
+from startracker_ros.maths.rotation import conjugate, rotate
 
 
 def random_attitude(rng: np.random.Generator) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Glow of the Earth, the Moon or the Sun that the baffle lets in from one side."""
 
 import numpy as np
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 
 
 def stray_light(camera: Camera, *, peak_e: float, angle_deg: float,

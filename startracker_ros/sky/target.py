@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.locate.orbit import Elements, propagate, state_from_elements
+from startracker_ros.astro.aberration import aberrate
+from startracker_ros.astro.constants import EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
+from startracker_ros.astro.orbit import Elements, propagate, state_from_elements
+from startracker_ros.astro.planets import heliocentric_au
 from startracker_ros.options import option, Options
-from startracker_ros.sky.aberration import aberrate
 from startracker_ros.sky.motion import MotionState
-from startracker_ros.sky.orbit import EARTH_RADIUS_M
-from startracker_ros.sky.planets import heliocentric_au
 
-_LIGHT_M_S = 299_792_458.0
 _STANDARD_RANGE_M = 1e6
 
 
@@ -73,7 +72,7 @@ class Target:
         line = position_m - observer.position_m
         if aberration:
             # The target goes straight on while its light comes: to a micrometre.
-            delay_s = np.linalg.norm(line) / _LIGHT_M_S
+            delay_s = np.linalg.norm(line) / SPEED_OF_LIGHT_M_S
             line = position_m - velocity_m_s * delay_s - observer.position_m
         range_m = np.linalg.norm(line)
         direction = line / range_m

@@ -7,8 +7,8 @@ import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.attitude.gyro import Gyro
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.track.correction import correct, Correction, on_image
 from startracker_ros.track.model import Fix, Followed, rate_between, StarModel

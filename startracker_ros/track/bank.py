@@ -5,7 +5,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.compiled import compiled
 from startracker_ros.track.association import most_probable

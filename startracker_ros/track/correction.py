@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState, with_attitude
 from startracker_ros.attitude.refinement import matrix_from_quaternion
+from startracker_ros.camera.lens import Lens, shows
 from startracker_ros.compiled import compiled
-from startracker_ros.lens import Lens, shows
 from startracker_ros.track.association import associate, Chances, most_probable
 from startracker_ros.track.in_view import project
 from startracker_ros.track.motion_models import image_flows

@@ -2,11 +2,11 @@
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.lens import distort, Lens
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.compiled import compiled
-from startracker_ros.lens import distort, Lens
-from startracker_ros.rotation import matrix_from_quaternion
+from startracker_ros.maths.rotation import matrix_from_quaternion
 
 AHEAD_RAD = np.radians(0.5)
 """How much further than the image reaches stars are kept, so that most frames need no search."""
@@ -64,7 +64,7 @@ def project(lens: Lens, directions: np.ndarray) -> np.ndarray:
     for i in range(len(directions)):
         z = directions[i, 2]
         if z > 0:
-            x, y = distort(lens, directions[i, 0] / z, directions[i, 1] / z)
+            x, y = distort(lens.distortion, directions[i, 0] / z, directions[i, 1] / z)
             uv[i, 0], uv[i, 1] = lens.fx * x + lens.cx, lens.fy * y + lens.cy
         else:
             uv[i, 0] = uv[i, 1] = np.nan

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import attitude_error
+from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.track.association import Chances, gate_size
 from startracker_ros.track.bank import TrackBank
 from startracker_ros.track.motion_models import image_jacobian

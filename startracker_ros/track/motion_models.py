@@ -8,9 +8,9 @@ The state of one star is [u, u_rate, v, v_rate] in px and px/s. Under the body r
 from math import cos, factorial, sin
 
 import numpy as np
-from startracker_ros.camera import Camera
+from startracker_ros.camera.lens import distort, distortion_jacobian, Lens, undistort
+from startracker_ros.camera.model import Camera
 from startracker_ros.compiled import compiled
-from startracker_ros.lens import distort, distortion_jacobian, Lens, undistort
 
 POSITION = [0, 2]
 VELOCITY = [1, 3]
@@ -119,7 +119,7 @@ def image_flows(lens: Lens, directions: np.ndarray) -> np.ndarray:
 @compiled
 def image_flow(lens: Lens, a: float, b: float, jacobian: np.ndarray) -> None:
     """Fill the jacobian (2, 3) of image motion per body rate at x / z = a, y / z = b."""
-    xx, cross, yy = distortion_jacobian(lens, a, b)
+    xx, cross, yy = distortion_jacobian(lens.distortion, a, b)
     for axis in range(3):
         # The motion of a and b where the direction d moves by -e x d.
         if axis == 0:
@@ -163,7 +163,7 @@ def _turn_curvature(lens: Lens, uv: np.ndarray, rate_rad_s: np.ndarray, dt_s: fl
         z = cosine + sine * (turn_y * a - turn_x * b) + along * turn_z
         if z <= 0:
             continue
-        u, v = distort(lens, x / z, y / z)
+        u, v = distort(lens.distortion, x / z, y / z)
         image_flow(lens, a, b, flow)
         start_u, start_v = _times(flow, rate_rad_s)
         image_flow(lens, x / z, y / z, flow)

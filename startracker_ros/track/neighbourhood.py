@@ -5,8 +5,8 @@ Samaan, Mortari and Junkins 2005, as Sadeghi, Sabahi and Saberali take it for th
 """
 
 import numpy as np
-from startracker_ros.camera import Camera
-from startracker_ros.rotation import matrix_from_quaternion, quaternion_from_rotation_vector
+from startracker_ros.camera.model import Camera
+from startracker_ros.maths.rotation import matrix_from_quaternion, quaternion_from_rotation_vector
 
 GATE_SIGMA = 3 * np.sqrt(2)
 """Radius of a gate, and largest misfit of a distance, in sigma of a centroid per axis: three

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.camera.lens import Lens
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.compiled import compiled
-from startracker_ros.lens import Lens
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.motion_models import image_flow
 

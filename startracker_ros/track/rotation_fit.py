@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate, estimate_attitude
-from startracker_ros.camera import Camera
-from startracker_ros.rotation import conjugate, rotate
+from startracker_ros.camera.model import Camera
+from startracker_ros.maths.rotation import conjugate, rotate
 
 OUTLIER_SIGMA = 5.0
 """A star further from its place than this is not the star it was taken for."""

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.compiled import compiled
+from startracker_ros.maths.rotation import rotate
 from startracker_ros.options import option, Options
-from startracker_ros.rotation import rotate
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.motion_models import constant_velocity, POSITION, VELOCITY
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from startracker_ros.attitude.estimate import (
     AttitudeError, covariance_icrf, cramer_rao, estimate_attitude, SOLVERS)
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, quaternion_from_pointing, rotate)
 
 POINTING = quaternion_from_pointing(*np.radians([251.3, -37.2, 118.0]))

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.propagate import AttitudePropagator
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
 
 START = quaternion_from_pointing(*np.radians([251.3, -37.2, 118.0]))

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from startracker_ros.attitude.estimate import cramer_rao, estimate_attitude
 from startracker_ros.attitude.refinement import quaternion_from_matrix, refine
 from startracker_ros.attitude.triad import triad
-from startracker_ros.rotation import attitude_error
+from startracker_ros.maths.rotation import attitude_error
 
 
 def field(rng, stars, spread=0.1, noise=1e-4):

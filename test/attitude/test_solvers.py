@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from startracker_ros.attitude.davenport import davenport
 from startracker_ros.attitude.estimate import (
     AttitudeError, cramer_rao, estimate_attitude, mean_chi2, SOLVERS)
-from startracker_ros.rotation import ARCSEC, attitude_error, multiply, rotate
+from startracker_ros.maths.rotation import ARCSEC, attitude_error, multiply, rotate
 
 OPTIMAL = [name for name in SOLVERS if name != 'triad']
 HALF_TURNS = [np.array(q, float) for q in (

@@ -13,13 +13,17 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
+from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.bag.layouts import (
+    camera_from_message, image_from_message, ns_from_stamp, read_cloud, STAR_DTYPE)
 from startracker_ros.bag.reader import read_messages
-from startracker_ros.catalog.stars import epoch_year_from_stamp
 from startracker_ros.centroid.extraction import CentroidExtractor
-from startracker_ros.replay import Replay, ReplayedFrame
-from startracker_ros.ros import messages
-from startracker_ros.ros.message_types import message_class
-from startracker_ros.rotation import attitude_error, matrix_from_quaternion
+from startracker_ros.maths.rotation import attitude_error, matrix_from_quaternion
+from startracker_ros.pipeline.pipeline import Replay, ReplayedFrame
+from startracker_ros.ros.messages.attitude import quaternion_from_message
+from startracker_ros.ros.messages.clouds import centroids_from_message
+from startracker_ros.ros.messages.gyro import rate_from_imu
+from startracker_ros.ros.messages.message_types import message_class
 
 FOLDER = Path(__file__).parents[2] / 'bags'
 NAMES = ('slew', 'kidnapped', 'dropouts')
@@ -43,11 +47,11 @@ def recorded(name: str) -> dict[str, list]:
 
 
 def stamp_ns(message: object) -> int:
-    return messages.ns_from_stamp(message.header.stamp)
+    return ns_from_stamp(message.header.stamp)
 
 
 def attitudes(name: str, topic: str) -> dict[int, np.ndarray]:
-    return {stamp_ns(message): messages.quaternion_from_message(message)
+    return {stamp_ns(message): quaternion_from_message(message)
             for message in recorded(name)[topic]}
 
 
@@ -67,14 +71,14 @@ def replayed(name: str) -> dict[int, ReplayedFrame]:
     """Run the recorded centroids and rates through the cores."""
     topics = recorded(name)
     info = topics['/camera_info'][0]
-    replay = Replay(messages.camera_from_message(info), epoch_year_from_stamp(stamp_ns(info)))
+    replay = Replay(camera_from_message(info), epoch_year_from_stamp(stamp_ns(info)))
     frames = {}
     for topic, message in topics['']:
         if topic == '/imu':
-            replay.add_rate(stamp_ns(message), messages.rate_from_imu(message))
+            replay.add_rate(stamp_ns(message), rate_from_imu(message))
         elif topic == '/centroids':
             frames[stamp_ns(message)] = replay.update(
-                stamp_ns(message), messages.centroids_from_message(message))
+                stamp_ns(message), centroids_from_message(message))
     return frames
 
 
@@ -100,8 +104,8 @@ def test_images_give_the_same_centroids(name: str) -> None:
     extractor = CentroidExtractor()
     topics = recorded(name)
     for image, cloud in zip(topics['/image_raw'], topics['/centroids'], strict=True):
-        again = extractor.extract(messages.image_from_message(image)).centroids
-        before = messages.centroids_from_message(cloud)
+        again = extractor.extract(image_from_message(image)).centroids
+        before = centroids_from_message(cloud)
         assert len(again) == len(before)
         np.testing.assert_allclose(again.uv, before.uv, rtol=0, atol=CENTROID_PX)
         np.testing.assert_allclose(again.flux, before.flux, rtol=0.001)
@@ -123,7 +127,7 @@ def test_centroids_give_the_same_stars(name: str) -> None:
     for cloud in recorded(name)['/stars']:
         frame = replayed(name)[stamp_ns(cloud)]
         if frame.identification is not None:
-            hip = messages.read_cloud(cloud, messages.STAR_DTYPE)['hip']
+            hip = read_cloud(cloud, STAR_DTYPE)['hip']
             assert frame.identification.hip.tolist() == hip.tolist()
 
 

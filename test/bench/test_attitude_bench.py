@@ -9,7 +9,7 @@ from startracker_ros.attitude.estimate import SOLVERS
 from startracker_ros.bench.attitude import (
     consistency_rows, draw, error_rows, Errors, measure, PEER, time_rows)
 from startracker_ros.cli import main
-from startracker_ros.rotation import ARCSEC, rotate
+from startracker_ros.maths.rotation import ARCSEC, rotate
 
 
 def test_draws_are_as_described_and_repeatable():

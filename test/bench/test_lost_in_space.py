@@ -12,7 +12,7 @@ from startracker_ros.bench.lost_in_space import (
     bounds, database_row, databases, judge, piece, run_lost_in_space_bench)
 from startracker_ros.bench.peers import Cedar, Database, PeerError, solvers
 from startracker_ros.cli import main
-from startracker_ros.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 
 A12 = VIEWS['A12']
 EASY = Cell(sigma_px=0.0)

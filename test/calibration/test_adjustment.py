@@ -8,11 +8,11 @@ from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.calibration.adjustment import adjust, CalibrationError, KnownStars
 from startracker_ros.calibration.estimate import calibrate, covered_percent, moved
 from startracker_ros.calibration.matching import match_stars, View
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.sky.star_lists import random_attitude, star_list
 
 LENS = Camera(1024, 768, 2850.0, 2850.0, 519.0, 377.0, (-0.25, 0.4, 8e-4, -6e-4, 0.0))

@@ -7,11 +7,12 @@ from click.testing import CliRunner
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera, load_camera, save_camera
+from startracker_ros.camera.files import load_camera, save_camera
+from startracker_ros.camera.images import read_image
+from startracker_ros.camera.model import Camera
 from startracker_ros.cli import main
-from startracker_ros.images import read_image
-from startracker_ros.rotation import ARCSEC, attitude_error, quaternion_from_pointing
-from startracker_ros.solve import solve_files
+from startracker_ros.maths.rotation import ARCSEC, attitude_error, quaternion_from_pointing
+from startracker_ros.pipeline.solve import solve_files
 
 
 def calibrate(*arguments):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from startracker_ros.campaign.integrity import CONDITIONS, FRAMES, integrity_runs, judged, Tally
-from startracker_ros.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 
 MISLEADING = ['slews, gyro in deg/s', 'turned away at once', 'planet passing',
               'half of the image covered', 'dark for 2 s at 0.3 deg/s, gyro']

@@ -11,7 +11,7 @@ from startracker_ros.campaign.jpdaf_methods import METHODS, star_model
 from startracker_ros.campaign.jpdaf_runs import (
     CAMERA, Cell, DT_S, FALSE_POINTS, FRAMES, make_run, PUBLISHED)
 from startracker_ros.cli import main
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotate)
 from startracker_ros.track.motion_models import image_jacobian
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.sky_grid import count_in_image, count_near, nearest, sky_grid
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.rotation import matrix_from_quaternion
+from startracker_ros.maths.rotation import matrix_from_quaternion
 from startracker_ros.sky.star_lists import random_attitude
 
 CAMERA = Camera.from_fov(512, 512, 12.0)

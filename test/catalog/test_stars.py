@@ -5,8 +5,9 @@ import warnings
 import erfa
 import numpy as np
 import pytest
-from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
-from startracker_ros.rotation import ARCSEC, unit_from_radec
+from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.maths.rotation import ARCSEC, unit_from_radec
 
 J2000_JD = 2451545.0
 

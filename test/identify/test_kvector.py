@@ -2,7 +2,7 @@
 
 from hypothesis import example, given, strategies as st
 import numpy as np
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.identify.kvector import KVector
 from startracker_ros.identify.pairs import build_pairs
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.rotation import ARCSEC, attitude_error
+from startracker_ros.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from startracker_ros.camera import Camera
+from startracker_ros.astro.aberration import aberrate
+from startracker_ros.camera.model import Camera
 from startracker_ros.locate.location import locate, LocationError, LocationOptions
 from startracker_ros.locate.sight import Sight, sight, without_aberration
 from startracker_ros.locate.solution import LOCATED, solve_all
-from startracker_ros.rotation import ARCSEC, quaternion_from_pointing, rotate
-from startracker_ros.sky.aberration import aberrate
+from startracker_ros.maths.rotation import ARCSEC, quaternion_from_pointing, rotate
 
 TARGET = np.array([7.45e6, 2.1e5, 3e4])
 OBSERVERS = np.array([[7.07e6, 0.0, 0.0], [7.05e6, 4.9e5, 1e3]])

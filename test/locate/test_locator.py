@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.stars import epoch_year_from_stamp
+from startracker_ros.astro.aberration import aberrate
+from startracker_ros.astro.circular_orbit import CircularOrbit
+from startracker_ros.astro.orbit import orbit_frame, propagate
+from startracker_ros.astro.planets import earth_velocity_m_s
+from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.camera.model import Camera
 from startracker_ros.locate.location import LocationOptions
 from startracker_ros.locate.locator import Located, Refused, TargetLocator
 from startracker_ros.locate.observer import Observer, ObserverOptions, State
-from startracker_ros.locate.orbit import orbit_frame, propagate
-from startracker_ros.rotation import ARCSEC
-from startracker_ros.sky.aberration import aberrate
-from startracker_ros.sky.orbit import CircularOrbit
-from startracker_ros.sky.planets import earth_velocity_m_s
+from startracker_ros.maths.rotation import ARCSEC
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 START_NS = 1_790_000_000_000_000_000

@@ -2,14 +2,20 @@
 
 import subprocess
 
+from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
-from startracker_ros.camera import Camera
+from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.executables import NODES
-from startracker_ros.ros import messages, qos
-from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
+from startracker_ros.harness.processes import node_command, node_environment, parameter_arguments
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.clouds import cloud_to_message
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 
@@ -18,7 +24,7 @@ START_NS = 1_790_000_000_000_000_000
 
 
 def header(index):
-    return messages.make_header(START_NS + index * 100_000_000, 'star_tracker_optical_frame')
+    return make_header(START_NS + index * 100_000_000, 'star_tracker_optical_frame')
 
 
 @pytest.fixture(scope='module')
@@ -38,7 +44,7 @@ class Extractor:
         self.index = 0
         probe.listen(PointCloud2, 'centroids')
         self.camera_info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
-        self.camera_info.publish(messages.camera_to_message(CAMERA, header(0)))
+        self.camera_info.publish(camera_to_message(CAMERA, header(0)))
         self.image = probe.speak(Image, 'image_raw', qos.IMAGE)
         probe.wait(lambda: probe.count_publishers('centroids'), 'centroids offered')
 
@@ -46,15 +52,15 @@ class Extractor:
         """Send an image, changed or not, with its camera_info."""
         self.index += 1
         if camera_info is None:
-            camera_info = messages.camera_to_message(CAMERA, header(self.index))
+            camera_info = camera_to_message(CAMERA, header(self.index))
         if camera_info is not False:
             self.camera_info.publish(camera_info)
             self.probe.spin_for(0.1)
-        message = messages.image_to_message(image, header(self.index))
+        message = image_to_message(image, header(self.index))
         for name, value in changes.items():
             setattr(message, name, value)
         self.image.publish(message)
-        return messages.ns_from_stamp(message.header.stamp)
+        return ns_from_stamp(message.header.stamp)
 
     def still_works(self, sky):
         """Send a good image after the bad one: it is answered with stars."""
@@ -62,7 +68,7 @@ class Extractor:
         stamp_ns = self.send(sky)
         cloud = self.probe.wait(lambda: next(
             (c for c in self.probe.received['centroids']
-             if messages.ns_from_stamp(c.header.stamp) == stamp_ns), None), 'centroids')
+             if ns_from_stamp(c.header.stamp) == stamp_ns), None), 'centroids')
         assert cloud.width > 5
 
 
@@ -92,7 +98,7 @@ def test_image_that_is_none(extractor, probe, sky, changes, words):
     ('width', 0, 'image size 0 x 512'),
 ])
 def test_camera_info_that_is_none(extractor, probe, sky, field, value, words):
-    info = messages.camera_to_message(CAMERA, header(1))
+    info = camera_to_message(CAMERA, header(1))
     setattr(info, field, value)
     extractor.send(sky, camera_info=info)
     probe.wait_condition(words)
@@ -125,7 +131,7 @@ def test_image_out_of_order_is_counted_and_dropped(extractor, probe, sky):
     late_ns = extractor.send(sky)
     probe.wait(lambda: any(v.key == 'image_raw out of order' and v.value == '1'
                            for s in probe.statuses() for v in s.values), 'the count')
-    assert all(messages.ns_from_stamp(c.header.stamp) != late_ns
+    assert all(ns_from_stamp(c.header.stamp) != late_ns
                for c in probe.received['centroids'])
     extractor.index = 12
     extractor.still_works(sky)
@@ -135,13 +141,13 @@ def test_cloud_without_a_field_is_refused_by_name(nodes, probe):
     nodes.start('star_identifier')
     info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
     centroids = probe.speak(PointCloud2, 'centroids', qos.LIST)
-    info.publish(messages.camera_to_message(CAMERA, header(0)))
+    info.publish(camera_to_message(CAMERA, header(0)))
     rows = np.zeros(3, np.dtype([('x', 'f4'), ('y', 'f4')]))
-    centroids.publish(messages._cloud(rows, header(1)))
+    centroids.publish(cloud_to_message(rows, header(1)))
     probe.wait_condition("cloud has no field 'z'")
-    rows = np.zeros(3, messages.CENTROID_DTYPE)
+    rows = np.zeros(3, CENTROID_DTYPE)
     rows['u'] = np.nan
-    centroids.publish(messages._cloud(rows, header(2)))
+    centroids.publish(cloud_to_message(rows, header(2)))
     probe.wait_condition("cloud field 'u' is not finite in point 0")
 
 
@@ -149,24 +155,24 @@ def test_too_few_stars_give_no_attitude(nodes, probe):
     for node in ('star_identifier', 'star_tracker', 'attitude_estimator'):
         nodes.start(node)
     for topic in ('stars', 'tracks', 'attitude'):
-        probe.listen(PointCloud2 if topic != 'attitude' else messages.QuaternionStamped, topic)
+        probe.listen(PointCloud2 if topic != 'attitude' else QuaternionStamped, topic)
     info = probe.speak(CameraInfo, 'camera_info', qos.LIST, to=3)
     centroids = probe.speak(PointCloud2, 'centroids', qos.LIST, to=2)
     probe.wait(lambda: probe.count_publishers('attitude') and probe.count_publishers('stars')
                and probe.count_publishers('tracks'), 'all nodes')
-    info.publish(messages.camera_to_message(CAMERA, header(0)))
+    info.publish(camera_to_message(CAMERA, header(0)))
     probe.spin_for(1.0)
-    rows = np.zeros(2, messages.CENTROID_DTYPE)
+    rows = np.zeros(2, CENTROID_DTYPE)
     rows['u'], rows['v'], rows['z'] = (100.0, 300.0), (50.0, 400.0), 1.0
     rows['flux'], rows['snr'], rows['sigma_px'] = 1000.0, 50.0, 0.1
     for index in range(1, 6):
-        centroids.publish(messages._cloud(rows, header(index)))
+        centroids.publish(cloud_to_message(rows, header(index)))
         probe.spin_for(0.1)
     probe.wait(lambda: len(probe.received['stars']) >= 5, 'answers of the identifier')
     probe.wait_condition('2 ')
     probe.wait_condition('no attitude')
     assert all(not rows['hip'].any() for rows in (
-        messages.read_cloud(cloud, messages.STAR_DTYPE) for cloud in probe.received['stars']))
+        read_cloud(cloud, STAR_DTYPE) for cloud in probe.received['stars']))
     assert not probe.received['attitude']
 
 

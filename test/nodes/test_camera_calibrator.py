@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from startracker_ros.camera import Camera, load_camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.camera.files import load_camera
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.ros import messages, qos
-from startracker_ros.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.clouds import stars_to_message
+from startracker_ros.ros.messages.header import make_header
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from std_srvs.srv import Trigger
 
@@ -28,7 +32,7 @@ def value(probe, key):
 
 
 def header(index):
-    return messages.make_header(START_NS + index * 10 ** 8, 'star_tracker_optical_frame')
+    return make_header(START_NS + index * 10 ** 8, 'star_tracker_optical_frame')
 
 
 def test_photographs_give_a_camera(nodes, probe, sky_data, tmp_path):
@@ -60,7 +64,7 @@ def test_what_is_missing_is_said(nodes, probe, tmp_path):
     assert not answer.success and answer.message == 'no valid camera_info received'
     info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
     stars = probe.speak(PointCloud2, 'stars', qos.LIST)
-    info.publish(messages.camera_to_message(CAMERA, header(0)))
+    info.publish(camera_to_message(CAMERA, header(0)))
     probe.wait(lambda: value(probe, 'frames') == '0', 'the camera')
     rng = np.random.default_rng(1)
     q = random_attitude(rng)
@@ -71,8 +75,8 @@ def test_what_is_missing_is_said(nodes, probe, tmp_path):
         index += 1
         spots, hip = star_list(PLACES, CAMERA, q, 0.1, rng)
         unknown = np.full(len(hip), np.nan)
-        stars.publish(messages.stars_to_message(spots, hip, unknown, unknown, CAMERA,
-                                                header(index)))
+        stars.publish(stars_to_message(spots, hip, unknown, unknown, CAMERA,
+                                       header(index)))
     for _ in range(3):
         send(q)
     probe.wait(lambda: value(probe, 'frames of a pointing already there') == '2', 'two refusals')

@@ -5,14 +5,19 @@ from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.bag.layouts import MessageError, ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.ros import messages, qos
-from startracker_ros.ros.messages import ns_from_stamp, quaternion_from_message
-from startracker_ros.rotation import ARCSEC, attitude_error
+from startracker_ros.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.attitude import quaternion_from_message
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.clouds import centroids_from_message, centroids_to_message
+from startracker_ros.ros.messages.gyro import gyro_to_imu, rate_from_imu
+from startracker_ros.ros.messages.header import make_header
 from startracker_ros.sky.star_lists import random_attitude, star_list
 
 CAMERA = Camera.from_fov(1024, 1024, 4.0)
@@ -23,17 +28,17 @@ OPTIONS = {'method': 'extended_grid', 'magnitude_limit': 7.5}
 
 
 def identified_hip(cloud):
-    hip = messages.read_cloud(cloud, messages.STAR_DTYPE)['hip']
+    hip = read_cloud(cloud, STAR_DTYPE)['hip']
     return hip[hip > 0]
 
 
 def test_a_rate_survives_its_message():
     rate = np.array([0.01, -0.02, 0.03])
-    message = messages.gyro_to_imu(rate, 1e-4, messages.make_header(START_NS, FRAME))
-    np.testing.assert_array_equal(messages.rate_from_imu(message), rate)
+    message = gyro_to_imu(rate, 1e-4, make_header(START_NS, FRAME))
+    np.testing.assert_array_equal(rate_from_imu(message), rate)
     message.angular_velocity_covariance[0] = -1.0
-    with pytest.raises(messages.MessageError, match='imu has no angular velocity'):
-        messages.rate_from_imu(message)
+    with pytest.raises(MessageError, match='imu has no angular velocity'):
+        rate_from_imu(message)
 
 
 def test_attitudes_of_two_and_three_stars(nodes, probe):
@@ -87,7 +92,7 @@ def test_attitudes_of_two_and_three_stars(nodes, probe):
     for method in ('pyramid', 'quad'):
         identifier = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(
             method=method, magnitude_limit=7.5))
-        assert all(identifier.identify(messages.centroids_from_message(m)).attitude is None
+        assert all(identifier.identify(centroids_from_message(m)).attitude is None
                    for m in poor)
 
 
@@ -100,7 +105,7 @@ class Sky:
         self.index = 0
         probe.listen(PointCloud2, 'stars', qos.LIST)
         self.info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
-        self.info.publish(messages.camera_to_message(CAMERA, self.header()))
+        self.info.publish(camera_to_message(CAMERA, self.header()))
         probe.spin_for(0.5)
         self.centroids = probe.speak(PointCloud2, 'centroids', qos.LIST)
         self.imu = probe.speak(Imu, 'imu', qos.LIST)
@@ -111,16 +116,16 @@ class Sky:
         assert len(self.stars) >= 8
 
     def header(self, frame_id=FRAME):
-        return messages.make_header(START_NS + self.index * 100_000_000, frame_id)
+        return make_header(START_NS + self.index * 100_000_000, frame_id)
 
     def rate(self, rate=(0.0, 0.0, 0.0), frame_id=FRAME):
-        self.imu.publish(messages.gyro_to_imu(np.array(rate), 1e-6, self.header(frame_id)))
+        self.imu.publish(gyro_to_imu(np.array(rate), 1e-6, self.header(frame_id)))
         self.probe.spin_for(0.1)
 
     def frame(self, count):
         """Send the brightest stars and return how many are identified."""
         before = len(self.probe.received['stars'])
-        self.centroids.publish(messages.centroids_to_message(
+        self.centroids.publish(centroids_to_message(
             self.stars.select(slice(count)), CAMERA, self.header()))
         clouds = self.probe.wait(lambda: self.probe.received['stars'][before:], 'an answer')
         self.index += 1

@@ -6,10 +6,11 @@ import sys
 import pytest
 from sensor_msgs.msg import CameraInfo
 import startracker_ros
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
+from startracker_ros.harness.processes import node_environment, NodeProcesses
 from startracker_ros.ros import qos
-from startracker_ros.ros.messages import camera_to_message, make_header
-from startracker_ros.ros.processes import node_environment, NodeProcesses
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.header import make_header
 
 
 NOWHERE = """

@@ -10,42 +10,51 @@ from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 from startracker_ros.attitude.estimate import estimate_attitude
-from startracker_ros.camera import Camera, CameraError
+from startracker_ros.bag.layouts import (
+    camera_from_message, CENTROID_DTYPE, image_from_message, MessageError, ns_from_stamp,
+    read_cloud)
+from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.ros import messages
-from startracker_ros.rotation import quaternion_from_pointing, rotate, unit_from_radec
+from startracker_ros.maths.rotation import quaternion_from_pointing, rotate, unit_from_radec
+from startracker_ros.ros.messages.attitude import attitude_to_imu, attitude_to_pose
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.clouds import (
+    centroids_from_message, centroids_to_message, cloud_to_message, tracks_from_message,
+    tracks_to_message)
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
 from startracker_ros.track.tracks import Tracks
 
 CAMERA = Camera(640, 480, 3000.0, 3010.0, 320.0, 239.0, (-0.1, 0.01, 1e-3, 2e-3, 0.0))
-HEADER = messages.make_header(1_790_000_000_123_456_789, 'star_tracker_optical_frame')
+HEADER = make_header(1_790_000_000_123_456_789, 'star_tracker_optical_frame')
 
 
 @given(arrays(st.sampled_from(['u1', 'u2']), st.tuples(st.integers(1, 9), st.integers(1, 9))))
 def test_images(image):
-    message = messages.image_to_message(image, HEADER)
-    np.testing.assert_array_equal(messages.image_from_message(message), image)
+    message = image_to_message(image, HEADER)
+    np.testing.assert_array_equal(image_from_message(message), image)
 
 
 def test_padded_rows_and_big_endian_images_are_read_right():
     image = np.arange(12, dtype=np.uint16).reshape(3, 4) * 300
-    message = messages.image_to_message(image, HEADER)
+    message = image_to_message(image, HEADER)
     padded = np.zeros((3, 10), '>u2')
     padded[:, :4] = image
     message.step, message.is_bigendian = 20, 1
     message.data = padded.tobytes()
-    np.testing.assert_array_equal(messages.image_from_message(message), image)
+    np.testing.assert_array_equal(image_from_message(message), image)
 
 
 @given(st.text(st.characters(codec='ascii', exclude_characters='\0'), max_size=9),
        arrays(st.sampled_from(['u1', 'u2']), st.tuples(st.integers(1, 9), st.integers(1, 9))),
        st.integers(-2 ** 31 * 10 ** 9, 2 ** 31 * 10 ** 9 - 1))
 def test_serialized_images_are_what_rclpy_reads(frame_id, image, stamp_ns):
-    sent = messages.image_to_message(image, messages.make_header(stamp_ns, frame_id))
+    sent = image_to_message(image, make_header(stamp_ns, frame_id))
     data = serialize_message(sent)
-    assert messages.image_message_from_cdr(data) == deserialize_message(data, Image)
+    assert image_message_from_cdr(data) == deserialize_message(data, Image)
     for end in range(4, len(data.rstrip(b'\0')) - 1):
-        with pytest.raises(messages.MessageError, match='image message of'):
-            messages.image_message_from_cdr(data[:end])
+        with pytest.raises(MessageError, match='image message of'):
+            image_message_from_cdr(data[:end])
 
 
 def test_what_is_not_little_endian_is_left_to_rclpy():
@@ -53,21 +62,21 @@ def test_what_is_not_little_endian_is_left_to_rclpy():
     other[1] = 0
     for place in (4, 8, 12, 20, 24, 28, 36, 40):
         other[place:place + 4] = other[place:place + 4][::-1]
-    assert messages.image_message_from_cdr(bytes(other)).width == 2
+    assert image_message_from_cdr(bytes(other)).width == 2
 
 
 def test_stamps_are_whole_nanoseconds():
-    assert messages.ns_from_stamp(HEADER.stamp) == 1_790_000_000_123_456_789
+    assert ns_from_stamp(HEADER.stamp) == 1_790_000_000_123_456_789
 
 
 def test_camera_info():
-    message = messages.camera_to_message(CAMERA, HEADER)
-    assert messages.camera_from_message(message) == CAMERA
+    message = camera_to_message(CAMERA, HEADER)
+    assert camera_from_message(message) == CAMERA
     message.d = []
-    assert messages.camera_from_message(message).distortion == (0.0,) * 5
+    assert camera_from_message(message).distortion == (0.0,) * 5
     message.d = [0.1] * 8
     with pytest.raises(CameraError, match='5 distortion terms'):
-        messages.camera_from_message(message)
+        camera_from_message(message)
 
 
 def some_tracks(count):
@@ -85,7 +94,7 @@ def some_tracks(count):
 @pytest.mark.parametrize('count', [0, 1, 40])
 def test_tracks(count):
     tracks = some_tracks(count)
-    again = messages.tracks_from_message(messages.tracks_to_message(tracks, CAMERA, HEADER))
+    again = tracks_from_message(tracks_to_message(tracks, CAMERA, HEADER))
     for field in fields(Tracks):
         np.testing.assert_allclose(getattr(again, field.name), getattr(tracks, field.name),
                                    rtol=1e-6, atol=1e-6, err_msg=field.name)
@@ -96,10 +105,10 @@ def test_centroids_carry_directions_of_the_camera(count):
     rng = np.random.default_rng(2)
     centroids = Centroids(uv=rng.uniform(0, 480, (count, 2)), flux=np.linspace(9e4, 1e3, count),
                           snr=np.full(count, 30.0), sigma_px=np.full(count, 0.05))
-    cloud = messages.centroids_to_message(centroids, CAMERA, HEADER)
-    again = messages.centroids_from_message(cloud)
+    cloud = centroids_to_message(centroids, CAMERA, HEADER)
+    again = centroids_from_message(cloud)
     np.testing.assert_allclose(again.uv, centroids.uv, rtol=1e-6)
-    rows = messages.read_cloud(cloud, messages.CENTROID_DTYPE)
+    rows = read_cloud(cloud, CENTROID_DTYPE)
     np.testing.assert_allclose(np.stack([rows['x'], rows['y'], rows['z']], -1),
                                CAMERA.unproject(centroids.uv), atol=1e-7)
 
@@ -109,7 +118,7 @@ def test_foreign_field_order_is_read_by_name():
                       ('v', 'f4'), ('u', 'f4'), ('z', 'f4'), ('y', 'f4'), ('x', 'f4')])
     rows = np.zeros(2, dtype)
     rows['u'], rows['v'], rows['flux'] = [1, 2], [3, 4], [9, 8]
-    again = messages.centroids_from_message(messages._cloud(rows, HEADER))
+    again = centroids_from_message(cloud_to_message(rows, HEADER))
     np.testing.assert_array_equal(again.uv, [[1, 3], [2, 4]])
 
 
@@ -117,7 +126,7 @@ def test_attitude_messages_mean_what_they_say():
     q = quaternion_from_pointing(1.0, -0.4, 2.2)
     sensor = unit_from_radec(np.array([0.1, 0.5, 1.3, 2.0]), np.array([1.2, 1.4, 1.45, 1.3]))
     attitude = estimate_attitude(sensor, rotate(q, sensor), np.full(4, 1e-4))
-    pose = messages.attitude_to_pose(attitude, HEADER)
+    pose = attitude_to_pose(attitude, HEADER)
     orientation = pose.pose.pose.orientation
     turned = Rotation.from_quat([orientation.x, orientation.y, orientation.z, orientation.w])
     np.testing.assert_allclose(turned.apply(sensor), rotate(q, sensor), atol=1e-9)
@@ -126,14 +135,14 @@ def test_attitude_messages_mean_what_they_say():
     np.testing.assert_allclose(
         covariance[3:, 3:], turned.as_matrix() @ attitude.covariance_sensor
         @ turned.as_matrix().T, atol=1e-15)
-    imu = messages.attitude_to_imu(attitude, HEADER)
+    imu = attitude_to_imu(attitude, HEADER)
     np.testing.assert_allclose(np.reshape(imu.orientation_covariance, (3, 3)),
                                covariance[3:, 3:], atol=1e-15)
     assert imu.angular_velocity_covariance[0] == -1
 
 
 def test_invalid_attitude_is_flagged_and_is_no_rotation():
-    imu = messages.attitude_to_imu(None, HEADER)
+    imu = attitude_to_imu(None, HEADER)
     q = imu.orientation
     assert imu.orientation_covariance[0] == -1
     assert (q.x, q.y, q.z, q.w) == (0, 0, 0, 0)

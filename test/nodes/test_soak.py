@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from startracker_ros.campaign.soak import growth, rows_of
-from startracker_ros.ros.soak import NODES, Soak
+from startracker_ros.harness.soak import NODES, Soak
 
 
 @pytest.fixture(scope='module')

@@ -7,8 +7,8 @@ from typing import Any
 import cv2
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image
+from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
 from startracker_ros.ros import qos
-from startracker_ros.ros.messages import image_from_message, ns_from_stamp
 
 
 def test_a_source_makes_up_for_the_time_that_it_stood_still(nodes, probe):

@@ -7,11 +7,16 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from startracker_ros.camera import Camera
+from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.ros import messages, qos
-from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
-from startracker_ros.rotation import ARCSEC, quaternion_from_matrix
+from startracker_ros.harness.processes import node_command, node_environment, parameter_arguments
+from startracker_ros.maths.rotation import ARCSEC, quaternion_from_matrix
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.clouds import centroids_to_message
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.odometry import motion_to_odometry
 from visualization_msgs.msg import MarkerArray
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
@@ -47,18 +52,18 @@ class Observers:
         place = PLACES[which] if place is None else place
         quaternion = towards(PLACES[which]) if quaternion is None else quaternion
         stamp_ns = START_NS + self.index * 500_000_000 + round(later_s * 1e9)
-        sensor = messages.make_header(stamp_ns, 'star_tracker_optical_frame')
-        inertial = messages.make_header(stamp_ns, frame_id)
+        sensor = make_header(stamp_ns, 'star_tracker_optical_frame')
+        inertial = make_header(stamp_ns, frame_id)
         attitude = PoseWithCovarianceStamped(header=inertial)
         q = attitude.pose.pose.orientation
         q.x, q.y, q.z, q.w = map(float, quaternion)
         attitude.pose.covariance = np.diag([0.0] * 3 + [covariance] * 3).ravel()
         topics = self.topics[which]
-        topics['camera_info'].publish(messages.camera_to_message(CAMERA, sensor))
-        topics['odometry'].publish(messages.motion_to_odometry(
+        topics['camera_info'].publish(camera_to_message(CAMERA, sensor))
+        topics['odometry'].publish(motion_to_odometry(
             place, VELOCITY, towards(PLACES[which]), np.zeros(3), inertial, sensor.frame_id))
         topics['attitude_cov'].publish(attitude)
-        topics['target_centroid'].publish(messages.centroids_to_message(Centroids(
+        topics['target_centroid'].publish(centroids_to_message(Centroids(
             np.array([uv]), np.array([1e4]), np.array([50.0]), np.array([sigma_px])),
             CAMERA, sensor))
         return stamp_ns
@@ -66,7 +71,7 @@ class Observers:
     def answer_to(self, stamp_ns):
         """Return the position published for a stamp, None without one."""
         return next((m for m in self.probe.received['target/position']
-                     if messages.ns_from_stamp(m.header.stamp) == stamp_ns), None)
+                     if ns_from_stamp(m.header.stamp) == stamp_ns), None)
 
     def refused(self, words, **other):
         """Both speak, the second as told: the reason is named and nothing is published."""

@@ -4,13 +4,18 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.ros import messages, qos
-from startracker_ros.ros.messages import ns_from_stamp
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.clouds import centroids_to_message, tracks_to_message
+from startracker_ros.ros.messages.gyro import gyro_to_imu
+from startracker_ros.ros.messages.header import make_header
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.track.tracks import Tracks
 
@@ -33,7 +38,7 @@ class Flight:
         probe.listen(Imu, 'attitude_imu', qos.LIST)
         probe.listen(DiagnosticStatus, 'tracker_state', qos.STATE)
         info = probe.speak(CameraInfo, 'camera_info', qos.LIST, to=3)
-        info.publish(messages.camera_to_message(CAMERA, messages.make_header(START_NS, FRAME)))
+        info.publish(camera_to_message(CAMERA, make_header(START_NS, FRAME)))
         self.imu = probe.speak(Imu, 'imu', qos.IMU)
         self.centroids = probe.speak(PointCloud2, 'centroids', qos.LIST, to=2)
         probe.wait(lambda: all(probe.count_publishers(topic) and probe.count_subscribers(topic)
@@ -46,7 +51,7 @@ class Flight:
         self.truth = {}
 
     def header(self, offset_ns=0, frame_id=FRAME):
-        return messages.make_header(START_NS + self.index * STEP_NS + offset_ns, frame_id)
+        return make_header(START_NS + self.index * STEP_NS + offset_ns, frame_id)
 
     def frames(self, count, measured=RATE, frame_id=FRAME):
         """Fly on, frame by frame, and return the answers of the estimator."""
@@ -54,7 +59,7 @@ class Flight:
         for _ in range(count):
             for k in range(9, -1, -1):
                 if measured is not None:
-                    self.imu.publish(messages.gyro_to_imu(
+                    self.imu.publish(gyro_to_imu(
                         np.asarray(measured), 1e-5, self.header(-k * STEP_NS // 10, frame_id)))
             seen, _ = star_list(PLACES, CAMERA, self.q, 0.1, self.rng, false=3)
             self.truth[START_NS + self.index * STEP_NS] = self.q
@@ -62,7 +67,7 @@ class Flight:
             # The rates of a frame are there before its stars, as a camera's are.
             self.probe.spin_for(0.02)
             self.centroids.publish(
-                messages.centroids_to_message(seen, CAMERA, self.header()))
+                centroids_to_message(seen, CAMERA, self.header()))
             self.probe.wait(lambda answers=answers: len(
                 self.probe.received['attitude_imu']) > answers, 'an answer')
             self.index += 1
@@ -84,7 +89,7 @@ class Flight:
         """Return how far the attitudes of the answers are off (N, 3), in sigma of each axis."""
         found = []
         for message in answers:
-            tracked = messages.tracked_attitude_from_imu(message)
+            tracked = tracked_attitude_from_imu(message)
             if tracked is not None:
                 error = attitude_error(tracked.attitude.quaternion,
                                        self.truth[ns_from_stamp(message.header.stamp)])
@@ -106,7 +111,7 @@ def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
     errors = flight.errors(answers)
     assert len(errors) == 40 and np.abs(errors).max() < 5
     assert flight.state('gyro') == 'used'
-    tracked = messages.tracked_attitude_from_imu(answers[-1])
+    tracked = tracked_attitude_from_imu(answers[-1])
     off = (tracked.rate_rad_s - RATE) / np.sqrt(np.diag(tracked.rate_covariance))
     assert np.abs(off).max() < 5 and np.degrees(np.sqrt(tracked.rate_covariance.max())) < 0.02
 
@@ -140,8 +145,8 @@ def test_a_camera_turned_away_is_lost_and_found(nodes, probe):
     flight.q = random_attitude(np.random.default_rng(7))
     answers = flight.frames(25, measured=None)
     assert np.abs(flight.errors(answers)).max() < 5
-    assert messages.tracked_attitude_from_imu(answers[0]) is None
-    assert messages.tracked_attitude_from_imu(answers[-1]) is not None
+    assert tracked_attitude_from_imu(answers[0]) is None
+    assert tracked_attitude_from_imu(answers[-1]) is not None
     states = [m.message for m in probe.received['tracker_state']]
     assert 'LOST' in states[states.index('TRACKING'):]
 
@@ -150,7 +155,7 @@ def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
     nodes.start('star_identifier')
     probe.listen(PointCloud2, 'stars', qos.LIST)
     probe.speak(CameraInfo, 'camera_info', qos.LIST).publish(
-        messages.camera_to_message(CAMERA, messages.make_header(START_NS, FRAME)))
+        camera_to_message(CAMERA, make_header(START_NS, FRAME)))
     state = probe.speak(DiagnosticStatus, 'tracker_state', qos.STATE)
     state.publish(DiagnosticStatus(message='TRACKING'))
     centroids = probe.speak(PointCloud2, 'centroids', qos.LIST)
@@ -158,8 +163,8 @@ def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
     seen, _ = star_list(PLACES, CAMERA, q, 0.1, np.random.default_rng(1))
 
     def send(index):
-        centroids.publish(messages.centroids_to_message(
-            seen, CAMERA, messages.make_header(START_NS + index * STEP_NS, FRAME)))
+        centroids.publish(centroids_to_message(
+            seen, CAMERA, make_header(START_NS + index * STEP_NS, FRAME)))
     send(0)
     probe.wait(lambda: len(probe.received['stars']) == 1, 'the first check')
     send(1)
@@ -175,21 +180,21 @@ def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
 def test_tracks_alone_are_solved(nodes, probe, solver):
     nodes.start('attitude_estimator', {'solver': solver})
     probe.listen(Imu, 'attitude_imu', qos.LIST)
-    header = messages.make_header(START_NS, FRAME)
+    header = make_header(START_NS, FRAME)
     probe.speak(CameraInfo, 'camera_info', qos.LIST).publish(
-        messages.camera_to_message(CAMERA, header))
+        camera_to_message(CAMERA, header))
     tracks = probe.speak(PointCloud2, 'tracks', qos.LIST)
     q = quaternion_from_pointing(*np.radians([84.0, 0.0, 20.0]))
     seen, hip = star_list(PLACES, CAMERA, q, 0.1, np.random.default_rng(3))
     count, zero = len(hip), np.zeros(len(hip))
-    tracks.publish(messages.tracks_to_message(Tracks(
+    tracks.publish(tracks_to_message(Tracks(
         hip=hip, magnitude=zero, uv=seen.uv, flux=seen.flux, snr=seen.snr,
         sigma_px=seen.sigma_px, residual_px=zero, track_id=np.arange(count, dtype=np.uint32),
         age=zero.astype(np.uint16), missed=zero.astype(np.uint8), association_probability=zero,
         velocity=np.zeros((count, 2)), covariance=np.tile(np.eye(2) * 0.01, (count, 1, 1))),
         CAMERA, header))
     answer = probe.wait(lambda: probe.received['attitude_imu'], 'an attitude')[0]
-    found = messages.tracked_attitude_from_imu(answer)
+    found = tracked_attitude_from_imu(answer)
     error = attitude_error(found.attitude.quaternion, q)
     assert error @ np.linalg.solve(found.attitude.covariance_sensor, error) < 25
     # Solved from a single frame: no rate is known.

@@ -10,14 +10,19 @@ from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.ros import messages
-from startracker_ros.ros.diagnostics import status_message
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     ARCSEC, conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
+from startracker_ros.ros.diagnostics import status_message
+from startracker_ros.ros.messages.attitude import (
+    attitude_to_pose, quaternion_to_message, tracked_attitude_to_imu)
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.clouds import centroids_to_message, tracks_to_message
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 CAMERA = Camera.from_fov(256, 256, 15.0)
@@ -81,8 +86,8 @@ def _messages() -> Iterator[tuple[int, str, Any]]:
     places = camera_places(load_catalog(), CAMERA, 2026.5, 6.0)
     for frame in range(FRAMES):
         stamp_ns = START_NS + frame * STEP_NS
-        header = messages.make_header(stamp_ns, 'star_tracker_optical_frame')
-        inertial = messages.make_header(stamp_ns, 'icrf')
+        header = make_header(stamp_ns, 'star_tracker_optical_frame')
+        inertial = make_header(stamp_ns, 'icrf')
         state = {0: 'LOST', 1: 'ACQUIRING', 30: 'LOST', 31: 'LOST', 32: 'ACQUIRING'}.get(
             frame, 'TRACKING')
         q = truth(frame)
@@ -94,24 +99,24 @@ def _messages() -> Iterator[tuple[int, str, Any]]:
         found = Centroids(uv[seen], flux, np.full(count, 50.0), np.full(count, 0.1))
         solved = frame not in UNSOLVED
         rows = [
-            ('image_raw', messages.image_to_message(_image(uv[seen], flux), header)),
-            ('camera_info', messages.camera_to_message(CAMERA, header)),
-            ('truth/attitude', messages.quaternion_to_message(q, inertial)),
-            ('centroids', messages.centroids_to_message(found, CAMERA, header)),
-            ('tracks', messages.tracks_to_message(
+            ('image_raw', image_to_message(_image(uv[seen], flux), header)),
+            ('camera_info', camera_to_message(CAMERA, header)),
+            ('truth/attitude', quaternion_to_message(q, inertial)),
+            ('centroids', centroids_to_message(found, CAMERA, header)),
+            ('tracks', tracks_to_message(
                 _tracks(uv[seen], flux, places.hip[seen], places.magnitude[seen]), CAMERA,
                 header)),
             ('tracker_state', status_message(
                 'star_tracker: state', 'st0', DiagnosticStatus.OK, state, {})),
-            ('attitude_imu', messages.tracked_attitude_to_imu(
+            ('attitude_imu', tracked_attitude_to_imu(
                 TrackedAttitude(attitude(frame), RATE_RAD_S, np.eye(3) * 1e-10)
                 if solved else None, header))]
         if solved:
             rows += [
-                ('attitude', messages.quaternion_to_message(
+                ('attitude', quaternion_to_message(
                     # The sign of a quaternion says nothing, and may change from frame to frame.
                     attitude(frame).quaternion * (-1) ** frame, inertial)),
-                ('attitude_cov', messages.attitude_to_pose(attitude(frame), inertial))]
+                ('attitude_cov', attitude_to_pose(attitude(frame), inertial))]
         if frame % 10 == 0:
             rows.append(('/diagnostics', DiagnosticArray(header=header, status=[
                 status_message(f'star_tracker: {HOSTILE}', HOSTILE, DiagnosticStatus.WARN

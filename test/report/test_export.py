@@ -22,7 +22,8 @@ from startracker_ros.export.aem import aem_text, AemError, AemLabels
 from startracker_ros.export.files import export_bag
 from startracker_ros.export.segments import lock_segments
 from startracker_ros.report.recording import load_recording
-from startracker_ros.ros import messages
+from startracker_ros.ros.messages.attitude import attitude_to_imu, quaternion_to_message
+from startracker_ros.ros.messages.header import make_header
 
 SOLVED = [frame for frame in range(FRAMES) if frame not in UNSOLVED]
 # 2026-12-31T23:59:59.800000001
@@ -49,13 +50,13 @@ def test_the_golden_file(tmp_path: Path) -> None:
     rows = []
     for frame, quaternion in GOLDEN.items():
         stamp_ns = GOLDEN_NS + frame * STEP_NS
-        header = messages.make_header(stamp_ns, 'icrf')
+        header = make_header(stamp_ns, 'icrf')
         if quaternion is None:
-            rows.append(('/attitude_imu', stamp_ns, messages.attitude_to_imu(None, header)))
+            rows.append(('/attitude_imu', stamp_ns, attitude_to_imu(None, header)))
         else:
             # The same attitude twice is one epoch.
             rows += 2 * [('/attitude', stamp_ns + 7,
-                          messages.quaternion_to_message(quaternion, header))]
+                          quaternion_to_message(quaternion, header))]
     recording = load_recording(write_messages(tmp_path / 'golden', rows))
     expected = Path(__file__).with_name('golden.aem').read_text()
     assert aem_text(recording, LABELS, 1_790_000_000_500_000_000) == expected
@@ -118,8 +119,8 @@ def test_a_loss_of_lock_begins_a_segment_whatever_tells_of_it(
 def test_lost_messages_are_no_loss_of_lock(tmp_path: Path) -> None:
     rows = []
     for frame in (0, 1, 2, 5, 6, 7, 12, 13):
-        header = messages.make_header(START_NS + frame * STEP_NS, 'icrf')
-        rows.append(('/attitude', START_NS + frame * STEP_NS, messages.quaternion_to_message(
+        header = make_header(START_NS + frame * STEP_NS, 'icrf')
+        rows.append(('/attitude', START_NS + frame * STEP_NS, quaternion_to_message(
             np.array([0.0, 0.0, 0.0, 1.0]), header)))
     recording = load_recording(write_messages(tmp_path / 'gaps', rows))
     np.testing.assert_array_equal(lock_segments(recording), [0] * 6 + [1] * 2)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from run_bag import write_run
+from startracker_ros.bag.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DTYPE
 from startracker_ros.report.viewer_picture import draw_viewer
-from startracker_ros.ros.image_marker import centroids_to_image_marker
-from startracker_ros.ros.message_types import message_class
-from startracker_ros.ros.messages import (
-    CENTROID_DTYPE, make_header, STAR_DTYPE, TRACK_DTYPE)
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image_marker import centroids_to_image_marker
+from startracker_ros.ros.messages.message_types import message_class
 from visualization_msgs.msg import ImageMarker
 import yaml
 

@@ -5,9 +5,10 @@ from pathlib import Path
 import sys
 
 import pytest
-from startracker_ros.camera import CameraError, load_camera
-from startracker_ros.images import ImageError, read_image
-from startracker_ros.ros.message_types import message_class
+from startracker_ros.camera.files import load_camera
+from startracker_ros.camera.images import ImageError, read_image
+from startracker_ros.camera.model import CameraError
+from startracker_ros.ros.messages.message_types import message_class
 
 ROOT = Path(__file__).parents[2]
 SOURCES = sorted([*ROOT.glob('startracker_ros/**/*.py'), *ROOT.glob('launch/*.py')])

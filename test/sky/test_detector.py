@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from scipy.stats import chi2, chisquare, norm, poisson
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.sky.detector import Detector, DetectorOptions
 
 CAMERA = Camera.from_fov(64, 48, 2.0)

@@ -5,14 +5,15 @@ from dataclasses import replace
 import erfa
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
+from startracker_ros.astro.aberration import aberrate
+from startracker_ros.astro.constants import AU_M
+from startracker_ros.astro.planets import (
+    earth_velocity_m_s, heliocentric_au, PLANETS, planets_seen)
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.rotation import ARCSEC, conjugate, radec_from_unit, rotate
-from startracker_ros.sky.aberration import aberrate
+from startracker_ros.maths.rotation import ARCSEC, conjugate, radec_from_unit, rotate
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
-from startracker_ros.sky.planets import (
-    AU_M, earth_velocity_m_s, heliocentric_au, PLANETS, planets_seen)
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.sky.sources import SkyOptions
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.stats import kstest
-from startracker_ros.rotation import attitude_error, conjugate, multiply
+from startracker_ros.maths.rotation import attitude_error, conjugate, multiply
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 
 TURN = {'motion': 'constant_rate', 'rate_deg_s': (0.1, -0.2, 0.05), 'dec_deg': 20.0}

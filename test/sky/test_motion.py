@@ -3,7 +3,7 @@
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     attitude_error, matrix_from_quaternion, pointing_from_quaternion, rotate)
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 

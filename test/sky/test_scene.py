@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from skyfield.api import load, Star
 from skyfield.positionlib import Barycentric
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     conjugate, quaternion_from_pointing, rotate, unit_from_radec)
 from startracker_ros.sky.exposure import image_places
 from startracker_ros.sky.scene import SceneStars

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import kstest, poisson
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.sky.cosmic_rays import add_cosmic_rays, DEPTH_UM
 from startracker_ros.sky.detector import Detector, DetectorOptions
 

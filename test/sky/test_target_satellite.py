@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
+from startracker_ros.astro.aberration import aberrate
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.extraction import CentroidExtractor
-from startracker_ros.rotation import conjugate, radec_from_unit, rotate
-from startracker_ros.sky.aberration import aberrate
+from startracker_ros.maths.rotation import conjugate, radec_from_unit, rotate
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.sky.sources import SkyOptions

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places, StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places, StarPlaces
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from star_motion import CAMERA, Motion, sky, START_NS, STEP_NS
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector)
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.tracker import StarTracker, TrackerState

@@ -2,10 +2,10 @@
 
 import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState
-from startracker_ros.camera import Camera
-from startracker_ros.rotation import (
-    attitude_error, conjugate, multiply, quaternion_from_pointing,
-    quaternion_from_rotation_vector, rotate)
+from startracker_ros.camera.model import Camera
+from startracker_ros.maths.rotation import (
+    attitude_error, conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector,
+    rotate)
 from startracker_ros.track.association import Chances, gate_size
 from startracker_ros.track.correction import correct, on_image
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.rotation import conjugate, quaternion_from_pointing, rotate
+from startracker_ros.maths.rotation import conjugate, quaternion_from_pointing, rotate
 from startracker_ros.track.in_view import project, StarsInView
 
 PLAIN = Camera.from_fov(512, 512, 20.0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad_vec
 from scipy.linalg import expm
-from startracker_ros.camera import Camera
-from startracker_ros.rotation import conjugate, quaternion_from_rotation_vector, rotate
+from startracker_ros.camera.model import Camera
+from startracker_ros.maths.rotation import conjugate, quaternion_from_rotation_vector, rotate
 from startracker_ros.track.motion_models import (
     body_rate, constant_velocity, coordinated_turn, image_jacobian, turn_curvature)
 

@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
-from startracker_ros.rotation import conjugate, quaternion_from_rotation_vector, rotate
+from startracker_ros.camera.model import Camera
+from startracker_ros.maths.rotation import conjugate, quaternion_from_rotation_vector, rotate
 from startracker_ros.sky.star_lists import random_attitude
 from startracker_ros.track.neighbourhood import carried, GATE_SIGMA, star_neighbourhood
 

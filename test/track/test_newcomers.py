@@ -3,9 +3,9 @@
 import numpy as np
 from star_motion import CAMERA
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import quaternion_from_pointing, rotate
+from startracker_ros.maths.rotation import quaternion_from_pointing, rotate
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.newcomers import match_newcomers
 

@@ -6,17 +6,23 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, Tran
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.attitude.result import AttitudeEstimate
-from startracker_ros.attitude.trusted import AttitudeTrust, TrustedAttitude, TrustOptions
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.attitude.validation import AttitudeTrust, TrustedAttitude, TrustOptions
+from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.maths.rotation import ARCSEC
 from startracker_ros.options import option, Options
-from startracker_ros.ros import messages, qos
+from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.messages.attitude import (
+    attitude_to_imu, attitude_to_pose, attitude_to_transform, quaternion_to_message,
+    tracked_attitude_from_imu, tracked_attitude_to_imu)
+from startracker_ros.ros.messages.clouds import centroids_from_rows, tracks_from_message
+from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import main_of
-from startracker_ros.rotation import ARCSEC
 from startracker_ros.track.tracks import TrackedAttitude
 
 _TRACKED = 'tracked_attitude'
@@ -70,12 +76,12 @@ class AttitudeEstimatorNode(CameraNode):
 
     def _take_tracked(self, message: Imu) -> None:
         """Keep the attitude of a frame until its tracks come, or use it if they are here."""
-        stamp_ns = messages.ns_from_stamp(message.header.stamp)
-        self._tracked[stamp_ns] = messages.tracked_attitude_from_imu(message)
+        stamp_ns = ns_from_stamp(message.header.stamp)
+        self._tracked[stamp_ns] = tracked_attitude_from_imu(message)
         while len(self._tracked) > _KEPT_FRAMES:
             del self._tracked[next(iter(self._tracked))]
         waiting = self._waiting
-        if waiting is not None and messages.ns_from_stamp(waiting.header.stamp) == stamp_ns:
+        if waiting is not None and ns_from_stamp(waiting.header.stamp) == stamp_ns:
             self._waiting = None
             self._solve_tracks(waiting)
 
@@ -85,7 +91,7 @@ class AttitudeEstimatorNode(CameraNode):
         if self._waiting is not None:
             self.diagnostics.counts['tracks without tracked_attitude'] += 1
             self._waiting = None
-        stamp_ns = messages.ns_from_stamp(message.header.stamp)
+        stamp_ns = ns_from_stamp(message.header.stamp)
         if stamp_ns not in self._tracked and self.count_publishers(_TRACKED):
             # Two topics may overtake each other.
             self._waiting = message
@@ -93,8 +99,8 @@ class AttitudeEstimatorNode(CameraNode):
             self._solve_tracks(message)
 
     def _solve_tracks(self, message: PointCloud2) -> None:
-        tracks = messages.tracks_from_message(message)
-        stamp_ns = messages.ns_from_stamp(message.header.stamp)
+        tracks = tracks_from_message(message)
+        stamp_ns = ns_from_stamp(message.header.stamp)
         used = tracks.usable
         uv, hip = tracks.uv[used], tracks.hip[used]
         tracked = self._tracked.get(stamp_ns)
@@ -106,29 +112,29 @@ class AttitudeEstimatorNode(CameraNode):
             self._publish(stamp_ns, self._trust.solve(uv, hip, tracks.position_sigma_px[used]))
 
     def _take_stars(self, message: PointCloud2) -> None:
-        rows = messages.read_cloud(message, messages.STAR_DTYPE)
-        centroids = messages.centroids_from_rows(rows)
+        rows = read_cloud(message, STAR_DTYPE)
+        centroids = centroids_from_rows(rows)
         if self.known_camera() is not None and self.in_order('stars', message.header.stamp):
-            self._publish(messages.ns_from_stamp(message.header.stamp), self._trust.solve(
+            self._publish(ns_from_stamp(message.header.stamp), self._trust.solve(
                 centroids.uv, rows['hip'].astype(np.int32), centroids.sigma_px))
 
     def _publish(self, stamp_ns: int, result: TrustedAttitude,
                  tracked: TrackedAttitude | None = None) -> None:
         """Publish the attitude of a frame, with the body rate where a tracker knows it."""
         frames = self.options(FrameOptions)
-        attitude, header = result.attitude, messages.make_header(
+        attitude, header = result.attitude, make_header(
             stamp_ns, frames.inertial_frame_id)
         if attitude is not None:
             # First, as a control loop may wait for it.
-            self._attitude.publish(messages.quaternion_to_message(attitude.quaternion, header))
-            self._attitude_cov.publish(messages.attitude_to_pose(attitude, header))
-            self._attitude_transform.publish(messages.attitude_to_transform(
+            self._attitude.publish(quaternion_to_message(attitude.quaternion, header))
+            self._attitude_cov.publish(attitude_to_pose(attitude, header))
+            self._attitude_transform.publish(attitude_to_transform(
                 attitude, header, frames.sensor_frame_id))
-        sensor_header = messages.make_header(stamp_ns, frames.sensor_frame_id)
+        sensor_header = make_header(stamp_ns, frames.sensor_frame_id)
         self._attitude_imu.publish(
-            messages.attitude_to_imu(attitude, sensor_header)
+            attitude_to_imu(attitude, sensor_header)
             if tracked is None or attitude is None
-            else messages.tracked_attitude_to_imu(
+            else tracked_attitude_to_imu(
                 replace(tracked, attitude=attitude), sensor_header))
         if attitude is None:
             self.diagnostics.counts['frames without attitude'] += 1

@@ -21,8 +21,8 @@ from startracker_ros.bag.reader import (
 from startracker_ros.bag.schemas import message_schema
 from startracker_ros.options import option, Options
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
-from startracker_ros.ros.message_types import message_class
-from startracker_ros.ros.messages import stamp_from_ns
+from startracker_ros.ros.messages.header import stamp_from_ns
+from startracker_ros.ros.messages.message_types import message_class
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
 from std_srvs.srv import Trigger
 

@@ -19,7 +19,7 @@ from startracker_ros.bag.qos import QosProfile
 from startracker_ros.bag.writer import BagOptions, BagWriter
 from startracker_ros.options import option, Options
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
-from startracker_ros.ros.message_types import message_class
+from startracker_ros.ros.messages.message_types import message_class
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
 
 _RETRY_S = 5.0

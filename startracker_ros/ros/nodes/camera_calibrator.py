@@ -5,19 +5,20 @@ from dataclasses import dataclass
 import numpy as np
 from sensor_msgs.msg import PointCloud2
 from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude
+from startracker_ros.bag.layouts import read_cloud, STAR_DTYPE
 from startracker_ros.calibration.adjustment import CalibrationError
 from startracker_ros.calibration.collection import CollectionOptions, ViewCollection
 from startracker_ros.calibration.estimate import calibrate, MIN_FRAME_STARS
 from startracker_ros.calibration.matching import View
 from startracker_ros.calibration.summary import sentence
-from startracker_ros.camera import save_camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.camera.files import save_camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.messages import centroids_from_rows, read_cloud, STAR_DTYPE
+from startracker_ros.ros.messages.clouds import centroids_from_rows
 from startracker_ros.ros.node import main_of
 from std_srvs.srv import Trigger
 

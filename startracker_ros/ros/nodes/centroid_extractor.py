@@ -5,17 +5,16 @@ from functools import partial
 import cv2
 import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
-from startracker_ros.camera import Camera
-from startracker_ros.centroid.extraction import (
-    CentroidExtractor, Extraction, ExtractionOptions)
-from startracker_ros.report.annotate import annotate
+from startracker_ros.bag.layouts import image_from_message, MessageError
+from startracker_ros.camera.model import Camera
+from startracker_ros.centroid.extraction import CentroidExtractor, Extraction, ExtractionOptions
+from startracker_ros.pipeline.annotate import annotate
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.image_marker import centroids_to_image_marker
-from startracker_ros.ros.message_types import MessageError
-from startracker_ros.ros.messages import (
-    centroids_to_message, image_from_message, image_message_from_cdr, image_to_message)
+from startracker_ros.ros.messages.clouds import centroids_to_message
+from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
+from startracker_ros.ros.messages.image_marker import centroids_to_image_marker
 from startracker_ros.ros.node import main_of
 from std_msgs.msg import Header
 from visualization_msgs.msg import ImageMarker

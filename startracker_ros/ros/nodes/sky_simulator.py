@@ -6,13 +6,19 @@ from geometry_msgs.msg import QuaternionStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
-from startracker_ros.catalog.stars import epoch_year_from_stamp, load_catalog
+from startracker_ros.astro.state import State
+from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.locate.state import State
 from startracker_ros.options import option, Options
-from startracker_ros.ros import messages, qos
+from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK
 from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.messages.attitude import quaternion_to_message
+from startracker_ros.ros.messages.clouds import stars_to_message
+from startracker_ros.ros.messages.gyro import gyro_to_imu
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.odometry import motion_to_odometry, state_to_odometry
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
 from startracker_ros.sky.detector import DetectorOptions
@@ -22,6 +28,7 @@ from startracker_ros.sky.navigation import NavigationOptions
 from startracker_ros.sky.simulator import Frame, SkySimulator
 from startracker_ros.sky.sources import SkyOptions
 from startracker_ros.sky.target import TargetOptions
+from std_msgs.msg import Header
 
 
 @dataclass(frozen=True)
@@ -73,13 +80,13 @@ class SkySimulatorNode(SourceNode):
     def _publish_frame(self, index: int, stamp_ns: int, time_s: float) -> None:
         frame = self._simulator.frame(time_s)
         sensor = self.sensor_header(stamp_ns)
-        inertial = messages.make_header(stamp_ns, self.options(FrameOptions).inertial_frame_id)
+        inertial = make_header(stamp_ns, self.options(FrameOptions).inertial_frame_id)
         self.publish_image(frame.image, self._camera, sensor)
         state = frame.state
-        self._truth_attitude.publish(messages.quaternion_to_message(
+        self._truth_attitude.publish(quaternion_to_message(
             state.q_icrf_from_sensor, inertial))
         self._truth_stars.publish(self._stars_message(frame, sensor))
-        self._truth_odometry.publish(messages.motion_to_odometry(
+        self._truth_odometry.publish(motion_to_odometry(
             state.position_m, state.velocity_m_s, state.q_icrf_from_sensor, state.rate_rad_s,
             inertial, sensor.frame_id))
         self._publish_orbits(time_s, inertial)
@@ -87,15 +94,15 @@ class SkySimulatorNode(SourceNode):
         self.diagnostics.values['stars'] = np.count_nonzero(frame.stars.hip)
         self.diagnostics.report(OK, 'simulating the sky')
 
-    def _publish_orbits(self, time_s: float, header: messages.Header) -> None:
+    def _publish_orbits(self, time_s: float, header: Header) -> None:
         """Publish what the navigation knows, and where the target is when there is one."""
         options = self.options(NavigationOptions)
-        self._odometry.publish(messages.state_to_odometry(
+        self._odometry.publish(state_to_odometry(
             State(*self._simulator.navigation(time_s),
                   np.eye(3) * options.position_sigma_m ** 2),
             options.velocity_sigma_m_s ** 2, header))
         if self._simulator.target is not None:
-            self._truth_target.publish(messages.state_to_odometry(
+            self._truth_target.publish(state_to_odometry(
                 State(*self._simulator.target.at(time_s), np.zeros((3, 3))), 0.0, header))
 
     def _publish_gyro(self, stamp_ns: int, time_s: float, frame_id: str) -> None:
@@ -105,18 +112,18 @@ class SkySimulatorNode(SourceNode):
         # After a pause, only what a gyro would have given within one second.
         first = max(self._gyro_index + 1, due - int(rate_hz))
         for index in range(first, due + 1):
-            header = messages.make_header(
+            header = make_header(
                 stamp_ns + round((index / rate_hz - time_s) * 1e9), frame_id)
-            self._imu.publish(messages.gyro_to_imu(
+            self._imu.publish(gyro_to_imu(
                 self._simulator.gyro(index / rate_hz), self._gyro_sigma_rad_s, header))
         self._gyro_index = due
 
-    def _stars_message(self, frame: Frame, header: messages.Header) -> PointCloud2:
+    def _stars_message(self, frame: Frame, header: Header) -> PointCloud2:
         unknown = np.full(len(frame.stars), np.nan)
         exact = Centroids(uv=frame.stars.uv, flux=frame.flux_dn, snr=unknown,
                           sigma_px=np.zeros(len(unknown)))
-        return messages.stars_to_message(exact, frame.stars.hip, frame.stars.magnitude,
-                                         np.zeros(len(unknown)), self._camera, header)
+        return stars_to_message(exact, frame.stars.hip, frame.stars.magnitude,
+                                np.zeros(len(unknown)), self._camera, header)
 
 
 main = main_of(SkySimulatorNode)

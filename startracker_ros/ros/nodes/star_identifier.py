@@ -6,7 +6,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import PointCloud2
 from startracker_ros.attitude.gyro import GyroErrorOptions
-from startracker_ros.camera import Camera
+from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.camera.model import Camera
 from startracker_ros.identify.extended_grid import (
     ExtendedGridIdentifier, ExtendedGridOptions, RecursiveIdentifier)
 from startracker_ros.identify.identification import IdentificationOptions
@@ -15,8 +16,7 @@ from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.messages import (
-    centroids_from_message, identification_to_message, ns_from_stamp)
+from startracker_ros.ros.messages.clouds import centroids_from_message, identification_to_message
 from startracker_ros.ros.node import main_of
 from startracker_ros.sky.star_lists import some_field
 from startracker_ros.track.tracker import TrackerState

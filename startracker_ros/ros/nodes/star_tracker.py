@@ -6,16 +6,17 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.attitude.gyro import GyroErrorOptions
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
-from startracker_ros.ros.messages import (
-    centroids_from_message, centroids_from_rows, centroids_to_message, ns_from_stamp, read_cloud,
-    STAR_DTYPE, tracked_attitude_to_imu, tracks_to_message)
+from startracker_ros.ros.messages.attitude import tracked_attitude_to_imu
+from startracker_ros.ros.messages.clouds import (
+    centroids_from_message, centroids_from_rows, centroids_to_message, tracks_to_message)
 from startracker_ros.ros.node import main_of
 from startracker_ros.sky.star_lists import some_field
 from startracker_ros.track.options import TrackerOptions

@@ -8,14 +8,19 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from startracker_ros.camera import CameraError
+from startracker_ros.bag.layouts import camera_from_message, MessageError, ns_from_stamp
+from startracker_ros.camera.model import CameraError
 from startracker_ros.locate.location import LocationOptions
 from startracker_ros.locate.locator import Located, TargetLocator
 from startracker_ros.locate.observer import Observer, ObserverOptions
 from startracker_ros.options import option, Options
-from startracker_ros.ros import messages, qos
+from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.markers import lines_to_markers
+from startracker_ros.ros.messages.attitude import attitude_from_pose
+from startracker_ros.ros.messages.clouds import centroids_from_message
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.odometry import state_from_odometry
+from startracker_ros.ros.messages.target import lines_to_markers, location_to_pose
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
 from visualization_msgs.msg import MarkerArray
 
@@ -72,7 +77,7 @@ class TargetLocatorNode(PipelineNode):
 
     def _take_camera(self, index: int, message: CameraInfo) -> None:
         try:
-            self._observer(index).camera = messages.camera_from_message(message)
+            self._observer(index).camera = camera_from_message(message)
         except CameraError:
             # The lens is not what it was: no line of sight until a sound camera_info comes.
             self._observer(index).camera = None
@@ -80,24 +85,24 @@ class TargetLocatorNode(PipelineNode):
 
     def _take_odometry(self, index: int, message: Odometry) -> None:
         self._observer(index).add_state(
-            messages.ns_from_stamp(message.header.stamp),
-            messages.state_from_odometry(message, self.options(PairOptions).inertial_frame_id))
+            ns_from_stamp(message.header.stamp),
+            state_from_odometry(message, self.options(PairOptions).inertial_frame_id))
         self._solve()
 
     def _take_attitude(self, index: int, message: PoseWithCovarianceStamped) -> None:
         self._observer(index).add_attitude(
-            messages.ns_from_stamp(message.header.stamp),
-            *messages.attitude_from_pose(message, self.options(PairOptions).inertial_frame_id))
+            ns_from_stamp(message.header.stamp),
+            *attitude_from_pose(message, self.options(PairOptions).inertial_frame_id))
         self._solve()
 
     def _take_target(self, index: int, message: PointCloud2) -> None:
-        centroids = messages.centroids_from_message(message)
+        centroids = centroids_from_message(message)
         if len(centroids) > 1:
-            raise messages.MessageError(f'{len(centroids)} points, there is one target')
+            raise MessageError(f'{len(centroids)} points, there is one target')
         if len(centroids) and not centroids.sigma_px[0] > 0:
-            raise messages.MessageError(f'sigma_px {centroids.sigma_px[0]:g} is not positive')
+            raise MessageError(f'sigma_px {centroids.sigma_px[0]:g} is not positive')
         if len(centroids):
-            self._observer(index).add_target(messages.ns_from_stamp(message.header.stamp),
+            self._observer(index).add_target(ns_from_stamp(message.header.stamp),
                                              centroids.uv[0], centroids.sigma_px[0])
             self._solve()
 
@@ -111,10 +116,9 @@ class TargetLocatorNode(PipelineNode):
                 self.diagnostics.report(WARN, f'no position: {result.reason}')
 
     def _publish(self, located: Located) -> None:
-        header = messages.make_header(located.stamp_ns,
-                                      self.options(PairOptions).inertial_frame_id)
+        header = make_header(located.stamp_ns, self.options(PairOptions).inertial_frame_id)
         location = located.location
-        self._position.publish(messages.location_to_pose(location, header))
+        self._position.publish(location_to_pose(location, header))
         self._lines.publish(lines_to_markers(located, header))
         self.diagnostics.counts['located'] += 1
         self.diagnostics.values.update({

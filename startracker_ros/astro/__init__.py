@@ -1,0 +1,1 @@
+"""Time, orbits, planets, aberration: astronomy that flight code and simulator share."""

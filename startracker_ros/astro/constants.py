@@ -1,0 +1,20 @@
+"""Constants of astronomy, each with its source."""
+
+SPEED_OF_LIGHT_M_S = 299_792_458.0
+"""Exact by the definition of the metre."""
+
+AU_M = 149_597_870_700.0
+"""Astronomical unit (IAU 2012 resolution B2)."""
+
+DAY_S = 86400.0
+DAYS_PER_YEAR = 365.25
+"""Julian year."""
+
+EARTH_MU_M3_S2 = 3.986004418e14
+"""Gravitational parameter of the Earth with atmosphere (IERS Conventions 2010, table 1.1)."""
+
+EARTH_RADIUS_M = 6378136.6
+"""Equatorial radius of the Earth (IERS Conventions 2010, table 1.1)."""
+
+EARTH_J2 = 1.0826359e-3
+"""Dynamical form factor of the Earth (IERS Conventions 2010, table 1.1)."""

@@ -1,0 +1,121 @@
+"""The attitude of one frame of known stars, given out only when it can be trusted."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from startracker_ros.attitude.result import AttitudeEstimate, SOLVERS
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.maths.rotation import conjugate, rotate, sign_continuous
+from startracker_ros.options import option, Options
+
+CHANCE = 1e-3
+"""Probability of residuals that are no longer taken for chance. Scaling by those that are
+would make the covariance of few stars too large on average, by a quarter for four."""
+
+
+@dataclass(frozen=True)
+class TrustOptions(Options):
+    """How attitudes are found, and when one is good enough to be published."""
+
+    solver: str = option(
+        'quest', 'quest, davenport and svd find the same best fit of all stars, triad takes the '
+        'two that determine the attitude best',
+        choices=SOLVERS)
+    min_stars: int = option(
+        4, 'fewest stars of a trusted attitude; three or fewer leave no room to notice a wrong '
+        'one',
+        low=2, high=100)
+    max_residual_px: float = option(
+        1.0, 'largest root mean square distance of the stars from their catalogue places; '
+        'raise it for a lens that is not calibrated', unit='px', low=0.01, high=100.0)
+
+
+@dataclass(frozen=True)
+class TrustedAttitude:
+    """An attitude, or None and the reason why there is none."""
+
+    attitude: AttitudeEstimate | None
+    reason: str
+
+
+class AttitudeTrust:
+    """Solves frames for attitude, keeps the sign of the quaternion continuous."""
+
+    def __init__(self, camera: Camera, places: StarPlaces, options: TrustOptions) -> None:
+        self._camera = camera
+        self._places = places
+        self._options = options
+        self._previous: np.ndarray | None = None
+
+    def solve(self, uv: np.ndarray, hip: np.ndarray, sigma_px: np.ndarray) -> TrustedAttitude:
+        """
+        Return the attitude of stars at pixels uv (N, 2) with errors sigma_px (N,).
+
+        Stars that the catalogue does not hold (hip 0) are left out. The covariance is
+        scaled up when the residuals are larger than chance makes those of sigma_px.
+        """
+        # Compiled code and SciPy take half a second to import: who takes the attitudes of a star
+        # tracker never comes here.
+        from scipy.special import chdtri
+        from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude, mean_chi2
+        known, icrf = self._known(hip)
+        if len(icrf) < self._options.min_stars:
+            return self._too_few(len(icrf), 'identified')
+        sigma_rad = sigma_px[known] * self._camera.pixel_rad
+        try:
+            attitude = estimate_attitude(self._camera.unproject(uv[known]), icrf, sigma_rad,
+                                         self._options.solver)
+        except AttitudeError as error:
+            return TrustedAttitude(None, str(error))
+        residual_px = np.sqrt(np.mean(attitude.residual_rad ** 2)) / self._camera.pixel_rad
+        if residual_px > self._options.max_residual_px:
+            return TrustedAttitude(
+                None, f'residual of {residual_px:.2f} px is above max_residual_px = '
+                f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
+        mean = mean_chi2(attitude, icrf, sigma_rad)
+        excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, CHANCE) else 1.0
+        self._previous = sign_continuous(attitude.quaternion, self._previous)
+        return TrustedAttitude(replace(
+            attitude, quaternion=self._previous,
+            covariance_sensor=attitude.covariance_sensor * excess), 'trusted')
+
+    def warm_up(self) -> None:
+        """Load what solve() needs, so that the first frame need not wait for it."""
+        hip = self._places.hip[:max(4, self._options.min_stars)]
+        uv = np.random.default_rng(1).uniform(
+            0, [self._camera.width, self._camera.height], (len(hip), 2))
+        # Stars of the whole sky at any places: nothing that could be trusted.
+        self.solve(uv, hip, np.full(len(hip), 0.1))
+        self._previous = None
+
+    def take(self, tracked: AttitudeEstimate, uv: np.ndarray, hip: np.ndarray
+             ) -> TrustedAttitude:
+        """
+        Return an attitude that a star tracker has filtered, if its stars (N,) fit it.
+
+        uv (N, 2) px is where the tracker has the stars.
+        """
+        known, icrf = self._known(hip)
+        if len(icrf) < self._options.min_stars:
+            return self._too_few(len(icrf), 'tracked')
+        place = self._camera.project(rotate(conjugate(tracked.quaternion), icrf))
+        distance_px = np.hypot(*(uv[known] - place).T)
+        residual_px = np.sqrt(np.mean(distance_px ** 2))
+        if not residual_px <= self._options.max_residual_px:
+            return TrustedAttitude(
+                None, f'the tracks are {residual_px:.2f} px from where tracked_attitude has them, '
+                f'max_residual_px is {self._options.max_residual_px:g}')
+        self._previous = sign_continuous(tracked.quaternion, self._previous)
+        return TrustedAttitude(replace(
+            tracked, quaternion=self._previous, stars=len(icrf),
+            residual_rad=distance_px * self._camera.pixel_rad), 'trusted')
+
+    def _known(self, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return which stars (N,) the catalogue holds, and the directions (K, 3) of these."""
+        index = self._places.index_of(hip)
+        return index >= 0, self._places.direction[index[index >= 0]]
+
+    def _too_few(self, count: int, kind: str) -> TrustedAttitude:
+        return TrustedAttitude(
+            None, f'{count} {kind} stars, min_stars is {self._options.min_stars}')

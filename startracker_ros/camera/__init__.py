@@ -1,0 +1,1 @@
+"""The camera: projection, lens distortion, camera files, image files."""

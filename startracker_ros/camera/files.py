@@ -1,0 +1,54 @@
+"""Camera files: YAML as ROS camera_calibration writes it."""
+
+from pathlib import Path
+
+from startracker_ros.camera.model import Camera, CameraError
+import yaml
+
+_LARGEST_FILE_BYTES = 1_000_000
+
+
+def load_camera(path: str | Path) -> Camera:
+    """Read a camera from a YAML file as ROS camera_calibration writes it; CameraError if bad."""
+    try:
+        with open(path, 'rb') as file:
+            text = file.read(_LARGEST_FILE_BYTES + 1)
+        if len(text) > _LARGEST_FILE_BYTES:
+            raise CameraError(f'more than {_LARGEST_FILE_BYTES} bytes')
+        document = yaml.safe_load(text)
+        if document['distortion_model'] != 'plumb_bob':
+            model = document['distortion_model']
+            raise CameraError(f'distortion_model {model!r} is not plumb_bob')
+        matrix = [float(value) for value in document['camera_matrix']['data']]
+        distortion = tuple(float(v) for v in document['distortion_coefficients']['data'])
+        width, height = document['image_width'], document['image_height']
+        return Camera(int(width), int(height), matrix[0], matrix[4], matrix[2], matrix[5],
+                      distortion)
+    except OSError as error:
+        raise CameraError(f'camera file {path}: {error.strerror}') from error
+    except CameraError as error:
+        raise CameraError(f'camera file {path}: {error}') from error
+    except (yaml.YAMLError, KeyError, IndexError, TypeError, ValueError, OverflowError,
+            RecursionError) as error:
+        raise CameraError(
+            f'camera file {path}: not a ROS camera calibration ({error!r})') from error
+
+
+def save_camera(camera: Camera, path: str | Path, name: str = 'star_tracker') -> None:
+    """Write a camera as ROS camera_calibration YAML."""
+    matrix = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
+    document = {
+        'image_width': camera.width,
+        'image_height': camera.height,
+        'camera_name': name,
+        'camera_matrix': {'rows': 3, 'cols': 3, 'data': [float(v) for v in matrix]},
+        'distortion_model': 'plumb_bob',
+        'distortion_coefficients': {
+            'rows': 1, 'cols': 5, 'data': [float(v) for v in camera.distortion]},
+        'rectification_matrix': {
+            'rows': 3, 'cols': 3, 'data': [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]},
+        'projection_matrix': {
+            'rows': 3, 'cols': 4,
+            'data': [float(v) for v in (*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0)]},
+    }
+    Path(path).write_text(yaml.safe_dump(document, sort_keys=False, default_flow_style=None))

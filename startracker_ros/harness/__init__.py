@@ -1,0 +1,1 @@
+"""Whole systems of node processes: demos, faults, soak, latency."""

@@ -1,0 +1,1 @@
+"""Rotations and small linear algebra, the ground floor of all rooms."""

@@ -1,0 +1,1 @@
+"""The policy of the star tracker: which stage works on a frame, and which attitude goes out."""

@@ -1,0 +1,107 @@
+"""The attitude as quaternion, pose with covariance, Imu and transform."""
+
+from geometry_msgs.msg import (
+    PoseWithCovarianceStamped, Quaternion, QuaternionStamped, TransformStamped)
+import numpy as np
+from sensor_msgs.msg import Imu
+from startracker_ros.attitude.result import AttitudeEstimate, covariance_icrf
+from startracker_ros.bag.layouts import MessageError
+from startracker_ros.maths.rotation import matrix_from_quaternion
+from startracker_ros.ros.messages.geometry import (
+    quaternion_to_geometry, unit_quaternion_from_geometry, vector_to_geometry)
+from startracker_ros.track.tracks import TrackedAttitude
+from std_msgs.msg import Header
+
+
+def quaternion_to_message(quaternion: np.ndarray, header: Header) -> QuaternionStamped:
+    """Return `attitude` or `truth/attitude` of q_icrf_from_sensor (4,)."""
+    return QuaternionStamped(header=header, quaternion=quaternion_to_geometry(quaternion))
+
+
+def quaternion_from_message(message: QuaternionStamped) -> np.ndarray:
+    """Return q_icrf_from_sensor (4,)."""
+    q = message.quaternion
+    return np.array([q.x, q.y, q.z, q.w])
+
+
+def attitude_to_pose(attitude: AttitudeEstimate, header: Header) -> PoseWithCovarianceStamped:
+    """Return `attitude_cov`: position zero, the rotation block about ICRF axes in rad^2."""
+    message = PoseWithCovarianceStamped(header=header)
+    message.pose.pose.orientation = quaternion_to_geometry(attitude.quaternion)
+    covariance = np.zeros((6, 6))
+    covariance[3:, 3:] = covariance_icrf(attitude.quaternion, attitude.covariance_sensor)
+    message.pose.covariance = covariance.ravel()
+    return message
+
+
+def attitude_from_pose(message: PoseWithCovarianceStamped, inertial_frame_id: str
+                       ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return q_icrf_from_sensor (4,) and its covariance (3, 3) about ICRF axes.
+
+    MessageError where that is no attitude.
+    """
+    if message.header.frame_id != inertial_frame_id:
+        raise MessageError(f'frame {message.header.frame_id!r} is not {inertial_frame_id!r}')
+    covariance = np.reshape(message.pose.covariance, (6, 6))[3:, 3:]
+    if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0).all()):
+        raise MessageError(f'rotation covariance of diagonal {np.diag(covariance).tolist()} '
+                           'is not positive')
+    return unit_quaternion_from_geometry(message.pose.pose.orientation), covariance
+
+
+def attitude_to_imu(attitude: AttitudeEstimate | None, header: Header) -> Imu:
+    """
+    Return `attitude_imu`; without an attitude the covariance is -1 and the quaternion zero.
+
+    A quaternion of zeros is no rotation, so that a reader who forgets to look at the
+    covariance cannot take it for one.
+    """
+    message = Imu(header=header)
+    message.angular_velocity_covariance[0] = -1.0
+    message.linear_acceleration_covariance[0] = -1.0
+    if attitude is None:
+        message.orientation = Quaternion(x=0.0, y=0.0, z=0.0, w=0.0)
+        message.orientation_covariance[0] = -1.0
+    else:
+        message.orientation = quaternion_to_geometry(attitude.quaternion)
+        message.orientation_covariance = covariance_icrf(
+            attitude.quaternion, attitude.covariance_sensor).ravel()
+    return message
+
+
+def tracked_attitude_to_imu(tracked: TrackedAttitude | None, header: Header) -> Imu:
+    """Return `tracked_attitude` or `attitude_imu` with the body rate on sensor axes."""
+    if tracked is None:
+        return attitude_to_imu(None, header)
+    message = attitude_to_imu(tracked.attitude, header)
+    message.angular_velocity = vector_to_geometry(tracked.rate_rad_s)
+    message.angular_velocity_covariance = tracked.rate_covariance.ravel()
+    return message
+
+
+def tracked_attitude_from_imu(message: Imu) -> TrackedAttitude | None:
+    """Return what `tracked_attitude` says, None where it has no attitude; without its stars."""
+    if message.orientation_covariance[0] == -1:
+        return None
+    q, rate = message.orientation, message.angular_velocity
+    quaternion = np.array([q.x, q.y, q.z, q.w])
+    covariance_about_icrf = np.reshape(message.orientation_covariance, (3, 3))
+    if not (np.isfinite(covariance_about_icrf).all()
+            and abs(np.linalg.norm(quaternion) - 1) < 1e-6):
+        raise MessageError(f'orientation {quaternion.tolist()} with covariance '
+                           f'{covariance_about_icrf.tolist()} is no attitude')
+    matrix = matrix_from_quaternion(quaternion)
+    return TrackedAttitude(
+        AttitudeEstimate(quaternion, matrix.T @ covariance_about_icrf @ matrix, 0, np.empty(0),
+                         np.nan),
+        np.array([rate.x, rate.y, rate.z]),
+        np.reshape(message.angular_velocity_covariance, (3, 3)))
+
+
+def attitude_to_transform(attitude: AttitudeEstimate, header: Header,
+                          sensor_frame_id: str) -> TransformStamped:
+    """Return `attitude_transform`, inertial to sensor frame, no translation."""
+    message = TransformStamped(header=header, child_frame_id=sensor_frame_id)
+    message.transform.rotation = quaternion_to_geometry(attitude.quaternion)
+    return message

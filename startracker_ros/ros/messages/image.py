@@ -1,0 +1,72 @@
+"""sensor_msgs/Image, without a copy of the pixels where that is possible."""
+
+import struct
+import sys
+
+from builtin_interfaces.msg import Time
+import numpy as np
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Image
+from startracker_ros.bag.layouts import MessageError
+from std_msgs.msg import Header
+
+_CDR_LITTLE_ENDIAN = b'\x00\x01'
+
+
+def image_to_message(image: np.ndarray, header: Header) -> Image:
+    """
+    Return mono8, mono16 or rgb8 of (H, W) uint8 or uint16 or (H, W, 3) uint8.
+
+    The message shows the image itself: whoever changes that changes both.
+    """
+    image = np.ascontiguousarray(image)
+    encoding = {(2, 1): 'mono8', (2, 2): 'mono16', (3, 1): 'rgb8'}[image.ndim, image.itemsize]
+    message = Image(header=header, height=image.shape[0], width=image.shape[1],
+                    encoding=encoding, is_bigendian=sys.byteorder == 'big',
+                    step=image.strides[0])
+    # The property would copy into an array.array; what makes DDS samples of messages takes any
+    # buffer, and so does image_from_message().
+    message._data = image.data.cast('B')
+    return message
+
+
+def image_message_from_cdr(data: bytes) -> Image:
+    """
+    Return a serialized image, whose data shows the bytes; MessageError if it is none.
+
+    rclpy would copy the data three times. CDR as in OMG DDSI-RTPS 10.2, little-endian; other
+    encodings are rclpy's.
+    """
+    if not data.startswith(_CDR_LITTLE_ENDIAN):
+        return deserialize_message(data, Image)
+    try:
+        sec, nanosec = struct.unpack_from('<iI', data, 4)
+        frame_id, end = _cdr_string(data, 12)
+        height, width = struct.unpack_from('<II', data, _aligned(end))
+        encoding, end = _cdr_string(data, _aligned(end) + 8)
+        big_endian = data[end]
+        step, count = struct.unpack_from('<II', data, _aligned(end + 1))
+    except (struct.error, IndexError) as error:
+        raise MessageError(f'image message of {len(data)} bytes ends too early') from error
+    begin = _aligned(end + 1) + 8
+    if begin + count > len(data):
+        raise MessageError(f'image message of {len(data)} bytes is too short for {count} of data')
+    message = Image(header=Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id),
+                    height=height, width=width, encoding=encoding, is_bigendian=big_endian,
+                    step=step)
+    message._data = memoryview(data)[begin:begin + count]
+    return message
+
+
+def _aligned(place: int) -> int:
+    """Return where the next number of four bytes begins; the encapsulation has four itself."""
+    return -(-place // 4) * 4
+
+
+def _cdr_string(data: bytes, place: int) -> tuple[str, int]:
+    """Return a string, with its length and a zero at the end, and the place behind it."""
+    begin = place + 4
+    end = begin + struct.unpack_from('<I', data, place)[0]
+    if end > len(data):
+        raise IndexError(end)
+    return data[begin:end].rstrip(b'\0').decode(errors='replace'), end

@@ -1,0 +1,63 @@
+"""Position and velocity of satellites: nav_msgs/Odometry."""
+
+from nav_msgs.msg import Odometry
+import numpy as np
+from startracker_ros.astro.state import State
+from startracker_ros.bag.layouts import MessageError
+from startracker_ros.maths.rotation import conjugate, rotate
+from startracker_ros.ros.messages.geometry import (
+    quaternion_to_geometry, unit_quaternion_from_geometry, vector_to_geometry)
+from std_msgs.msg import Header
+
+
+def motion_to_odometry(position_m: np.ndarray, velocity_m_s: np.ndarray, quaternion: np.ndarray,
+                       rate_rad_s: np.ndarray, header: Header,
+                       sensor_frame_id: str) -> Odometry:
+    """
+    Return `truth/odometry`: pose in the inertial frame, twist in the sensor frame.
+
+    nav_msgs/Odometry has its twist in child_frame_id, so the ICRF velocity is turned
+    into the sensor frame.
+    """
+    message = Odometry(header=header, child_frame_id=sensor_frame_id)
+    position = message.pose.pose.position
+    position.x, position.y, position.z = map(float, position_m)
+    message.pose.pose.orientation = quaternion_to_geometry(quaternion)
+    message.twist.twist.linear = vector_to_geometry(rotate(conjugate(quaternion), velocity_m_s))
+    message.twist.twist.angular = vector_to_geometry(rate_rad_s)
+    return message
+
+
+def state_from_odometry(message: Odometry, inertial_frame_id: str) -> State:
+    """
+    Return position and velocity on inertial axes; MessageError names what is wrong.
+
+    The twist is in child_frame_id: turned by the orientation, unless that is the inertial
+    frame itself.
+    """
+    if message.header.frame_id != inertial_frame_id:
+        raise MessageError(f'frame {message.header.frame_id!r} is not {inertial_frame_id!r}')
+    position, twist = message.pose.pose.position, message.twist.twist.linear
+    velocity_m_s = np.array([twist.x, twist.y, twist.z])
+    if not np.any(velocity_m_s):
+        raise MessageError('twist without a velocity')
+    if message.child_frame_id != inertial_frame_id:
+        velocity_m_s = rotate(
+            unit_quaternion_from_geometry(message.pose.pose.orientation), velocity_m_s)
+    state = State(np.array([position.x, position.y, position.z]), velocity_m_s,
+                  np.reshape(message.pose.covariance, (6, 6))[:3, :3])
+    if not all(np.isfinite(part).all() for part in state):
+        raise MessageError('position, velocity or their covariance is not finite')
+    return state
+
+
+def state_to_odometry(state: State, velocity_variance: float, header: Header) -> Odometry:
+    """Return `odometry` or `truth/target`: all on inertial axes, no orientation."""
+    message = Odometry(header=header, child_frame_id=header.frame_id)
+    position = message.pose.pose.position
+    position.x, position.y, position.z = map(float, state.position_m)
+    message.twist.twist.linear = vector_to_geometry(state.velocity_m_s)
+    pose, twist = np.zeros((6, 6)), np.zeros((6, 6))
+    pose[:3, :3], twist[:3, :3] = state.covariance_m2, velocity_variance * np.eye(3)
+    message.pose.covariance, message.twist.covariance = pose.ravel(), twist.ravel()
+    return message

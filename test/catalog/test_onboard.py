@@ -1,0 +1,165 @@
+"""Merging, crowding and search, against plain loops over all pairs."""
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import (
+    camera_places, CROWD_MAGNITUDES, CROWD_PX, MERGE_PX, star_places)
+from startracker_ros.catalog.sky_grid import count_near, sky_grid
+from startracker_ros.catalog.stars import load_catalog, StarCatalog
+from startracker_ros.maths.rotation import ARCSEC, unit_from_radec
+
+EPOCH_YEAR = 2026.0
+MERGE_RAD = 80 * ARCSEC
+CROWD_RAD = 240 * ARCSEC
+
+
+def catalog_of(ra_rad, dec_rad, magnitude) -> StarCatalog:
+    """Return fixed stars numbered from 1, brightest first."""
+    order = np.argsort(magnitude, kind='stable')
+    zeros = np.zeros(len(order))
+    return StarCatalog(
+        np.arange(1, len(order) + 1, dtype=np.int32), np.asarray(ra_rad, float)[order],
+        np.asarray(dec_rad, float)[order], zeros, zeros, zeros,
+        np.asarray(magnitude, np.float32)[order])
+
+
+def angle_rad(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def brute_force(catalog: StarCatalog, limit: float) -> dict[int, tuple]:
+    """Return hip -> (direction, magnitude, crowded), each pair of stars looked at."""
+    direction = catalog.directions(EPOCH_YEAR)
+    count = len(catalog)
+    image = list(range(count))
+    for i in range(count):
+        for j in range(i):
+            if angle_rad(direction[i], direction[j]) <= MERGE_RAD and image[i] != image[j]:
+                old, new = max(image[i], image[j]), min(image[i], image[j])
+                image = [new if k == old else k for k in image]
+    flux = 10 ** (-0.4 * catalog.magnitude.astype(float))
+    total = {k: sum(flux[i] for i in range(count) if image[i] == k) for k in set(image)}
+    crowded = set()
+    for i in range(count):
+        for j in range(count):
+            near = angle_rad(direction[i], direction[j]) <= CROWD_RAD
+            if image[i] != image[j] and near and total[image[j]] >= (
+                    total[image[i]] * 10 ** (-0.4 * CROWD_MAGNITUDES)):
+                crowded.add(image[i])
+    result = {}
+    for k in set(image):
+        magnitude = -2.5 * np.log10(total[k])
+        if magnitude <= limit + 1e-6:
+            center = sum(flux[i] * direction[i] for i in range(count) if image[i] == k)
+            result[int(catalog.hip[k])] = (
+                center / np.linalg.norm(center), magnitude, k in crowded)
+    return result
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2 ** 32 - 1), st.integers(0, 40))
+def test_places_agree_with_brute_force(seed, size):
+    rng = np.random.default_rng(seed)
+    # A patch so small that pairs, chains and crowds are common.
+    ra_rad, dec_rad = rng.uniform(0, 0.008, size), rng.uniform(1.2, 1.203, size)
+    catalog = catalog_of(ra_rad, dec_rad, rng.uniform(2.0, 9.0, size))
+    places = star_places(catalog, EPOCH_YEAR, magnitude_limit=7.0, merge_rad=MERGE_RAD,
+                         crowd_rad=CROWD_RAD)
+    expected = brute_force(catalog, 7.0)
+    assert set(places.hip.tolist()) == set(expected)
+    assert np.all(np.diff(places.magnitude) >= 0)
+    for k, hip in enumerate(places.hip.tolist()):
+        direction, magnitude, crowded = expected[hip]
+        np.testing.assert_allclose(places.direction[k], direction, atol=1e-12)
+        assert places.magnitude[k] == pytest.approx(magnitude, abs=1e-9)
+        assert places.crowded[k] == crowded
+
+
+def test_double_of_faint_stars_belongs_to_the_sky():
+    catalog = catalog_of([1.0, 1.0], [0.5, 0.5 + 20 * ARCSEC], [6.5, 6.5])
+    places = star_places(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
+                         crowd_rad=CROWD_RAD)
+    assert places.magnitude == pytest.approx(6.5 - 2.5 * np.log10(2))
+    np.testing.assert_allclose(
+        places.direction[0], unit_from_radec(1.0, 0.5 + 10 * ARCSEC), atol=1e-12)
+    assert not places.crowded[0]
+
+
+def test_chain_becomes_one_image():
+    step = 0.9 * MERGE_RAD
+    catalog = catalog_of(np.full(5, 2.0), step * np.arange(5), [5.0, 4.0, 5.0, 5.0, 5.0])
+    places = star_places(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
+                         crowd_rad=CROWD_RAD)
+    assert places.hip.tolist() == [1]
+
+
+def test_faint_neighbour_does_not_crowd_a_bright_star():
+    catalog = catalog_of([1.0, 1.0], [0.5, 0.5 + 150 * ARCSEC], [2.0, 5.0])
+    places = star_places(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
+                         crowd_rad=CROWD_RAD)
+    assert places.crowded.tolist() == [False, True]
+
+
+def test_neighbour_below_the_limit_crowds():
+    catalog = catalog_of([1.0, 1.0], [0.5, 0.5 + 150 * ARCSEC], [5.9, 6.8])
+    places = star_places(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
+                         crowd_rad=CROWD_RAD)
+    assert places.crowded.tolist() == [True]
+
+
+def test_real_sky_of_a_camera():
+    camera = Camera.from_fov(1024, 1024, 11.0)
+    places = camera_places(load_catalog(), camera, EPOCH_YEAR, 7.0)
+    # Alpha Centauri A and B are one image, named after A.
+    alpha = places.index_of(np.array([71683, 71681]))
+    assert alpha[0] >= 0 and alpha[1] == -1
+    assert places.magnitude[alpha[0]] == pytest.approx(-0.28, abs=0.05)
+    assert abs(len(places) / len(load_catalog().brighter_than(7.0)) - 1) < 0.01
+    assert 0.005 < places.crowded.mean() < 0.05
+    assert np.all(places.magnitude.astype(np.float32) <= 7)
+    assert MERGE_PX < CROWD_PX
+
+
+def test_crowded_stars_of_the_real_sky():
+    catalog = load_catalog().brighter_than(6.0)
+    places = star_places(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
+                         crowd_rad=CROWD_RAD)
+    cosine = places.direction @ places.direction.T
+    np.fill_diagonal(cosine, -1)
+    close = np.argwhere(cosine > np.cos(CROWD_RAD))
+    assert len(close)
+    for a, b in close:
+        fainter_by = places.magnitude[b] - places.magnitude[a]
+        if fainter_by <= CROWD_MAGNITUDES - 0.01 and cosine[a, b] > np.cos(0.9 * CROWD_RAD):
+            assert places.crowded[a]
+
+
+def test_within_agrees_with_brute_force():
+    places = camera_places(load_catalog(), Camera.from_fov(512, 512, 12.0), EPOCH_YEAR, 5.0)
+    rng = np.random.default_rng(3)
+    for radius_rad in (0.0, 0.01, 0.3, 2.0, np.pi):
+        center = rng.normal(size=3)
+        center /= np.linalg.norm(center)
+        found = places.within(center, radius_rad)
+        distance = np.linalg.norm(places.direction - center, axis=1)
+        np.testing.assert_array_equal(
+            found, np.flatnonzero(distance <= 2 * np.sin(radius_rad / 2)))
+        chord = 2 * np.sin(radius_rad / 2)
+        assert count_near(sky_grid(places.direction), center[None], chord).tolist() == [len(found)]
+
+
+def test_index_of():
+    places = camera_places(load_catalog(), Camera.from_fov(512, 512, 12.0), EPOCH_YEAR, 5.0)
+    np.testing.assert_array_equal(places.index_of(places.hip), np.arange(len(places)))
+    assert places.index_of(np.array([0, -5, 999999])).tolist() == [-1, -1, -1]
+    assert places.index_of(np.zeros(0, np.int32)).shape == (0,)
+
+
+def test_empty_sky():
+    places = star_places(catalog_of([], [], []), EPOCH_YEAR, magnitude_limit=6.0,
+                         merge_rad=MERGE_RAD, crowd_rad=CROWD_RAD)
+    assert len(places) == 0
+    assert len(places.within(np.array([0.0, 0.0, 1.0]), 1.0)) == 0
+    assert places.index_of(np.array([5])).tolist() == [-1]
