@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from startracker_ros.astro.epoch import epoch_year_from_stamp
 from startracker_ros.astro.planets import earth_velocity_m_s
 from startracker_ros.astro.state import State
-from startracker_ros.astro.epoch import epoch_year_from_stamp
 from startracker_ros.camera.model import Camera
 from startracker_ros.locate.sight import Sight, sight, without_aberration
 from startracker_ros.maths.rotation import rotate

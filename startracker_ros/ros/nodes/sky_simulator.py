@@ -6,8 +6,8 @@ from geometry_msgs.msg import QuaternionStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
-from startracker_ros.astro.state import State
 from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.astro.state import State
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.options import option, Options
