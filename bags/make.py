@@ -19,10 +19,9 @@ from startracker_ros.bag.writer import BagWriter
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.maths.rotation import (
     multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
-from startracker_ros.pipeline.pipeline import Replay, ReplayedFrame
+from startracker_ros.pipeline.pipeline import Pipeline, PipelineFrame
 from startracker_ros.ros.diagnostics import OK, status_message
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, attitude_to_pose, quaternion_to_message, tracked_attitude_to_imu)
@@ -156,7 +155,7 @@ def make(name: str, folder: Path) -> None:
     sky, nothing = (SkySimulator(CAMERA, scenario.motion, stars, epoch_year,
                                  detector_options=scenario.detector, seed=len(name))
                     for stars in (load_catalog(), load_catalog().brighter_than(-10.0)))
-    extractor, replay = CentroidExtractor(), Replay(CAMERA, epoch_year)
+    pipeline = Pipeline(CAMERA, epoch_year)
     recorder = Recorder(folder)
     with recorder.writer:
         for index in range(FRAMES):
@@ -169,7 +168,7 @@ def make(name: str, folder: Path) -> None:
                     message = gyro_to_imu(rate, 1e-4, header(START_NS + time_ns))
                     recorder.at(START_NS + time_ns)
                     recorder.write('/imu', message)
-                    replay.add_rate(START_NS + time_ns, rate_from_imu(message))
+                    pipeline.add_rate(START_NS + time_ns, rate_from_imu(message))
             if index in scenario.missing:
                 continue
             frame = (nothing if index in scenario.dark else sky).frame(index * STEP_NS * 1e-9)
@@ -179,15 +178,15 @@ def make(name: str, folder: Path) -> None:
             recorder.write('/truth/attitude', quaternion_to_message(
                 frame.state.q_icrf_from_sensor, header(stamp_ns, 'icrf')))
             cloud = centroids_to_message(
-                extractor.extract(frame.image).centroids, CAMERA, header(stamp_ns))
+                pipeline.extractor.extract(frame.image).centroids, CAMERA, header(stamp_ns))
             recorder.write('/centroids', cloud)
             # Through the message, which has floats of four bytes.
             centroids = centroids_from_message(cloud)
-            write_results(recorder, stamp_ns, centroids, replay.update(stamp_ns, centroids))
+            write_results(recorder, stamp_ns, centroids, pipeline.update(stamp_ns, centroids))
 
 
 def write_results(recorder: Recorder, stamp_ns: int, centroids: Centroids,
-                  frame: ReplayedFrame) -> None:
+                  frame: PipelineFrame) -> None:
     """Write what the nodes publish of a frame."""
     sensor, inertial = header(stamp_ns), header(stamp_ns, 'icrf')
     recorder.write('/tracked_attitude', tracked_attitude_to_imu(frame.tracked, sensor))

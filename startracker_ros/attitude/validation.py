@@ -46,6 +46,10 @@ class AttitudeTrust:
         self._camera = camera
         self._places = places
         self._options = options
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the sign of the last quaternion."""
         self._previous: np.ndarray | None = None
 
     def solve(self, uv: np.ndarray, hip: np.ndarray, sigma_px: np.ndarray) -> TrustedAttitude:

@@ -17,22 +17,21 @@ import numpy as np
 import psutil
 from rich.progress import track as progress
 from startracker_ros.attitude.estimate import cramer_rao
-from startracker_ros.attitude.validation import AttitudeTrust, TrustOptions
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.harness.processes import node_environment
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.pipeline.attitude import AttitudeStage
+from startracker_ros.pipeline.pipeline import Pipeline
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result
-from startracker_ros.track.options import TrackerOptions
-from startracker_ros.track.tracker import StarTracker
+from startracker_ros.track.tracks import Tracks
 
 EPOCH_YEAR = 2026.5
 FULL_CAMERA = Camera.from_fov(1024, 1024, 12.0)
@@ -85,10 +84,7 @@ def noise_free(trials: int, seed: int) -> Iterator[Row]:
     count = min(trials, 100)
     catalog = load_catalog()
     detector = DetectorOptions(noise=False, bit_depth=16, gain_e_per_dn=0.25)
-    places = camera_places(catalog, FULL_CAMERA, EPOCH_YEAR, 9.0)
-    identifier = make_identifier(FULL_CAMERA, EPOCH_YEAR, IdentificationOptions())
-    trust = AttitudeTrust(FULL_CAMERA, places, TrustOptions())
-    extractor = CentroidExtractor()
+    pipeline = Pipeline(FULL_CAMERA, EPOCH_YEAR)
     errors = []
     for _ in progress(range(count), 'noise-free', transient=True):
         options = MotionOptions(
@@ -96,9 +92,9 @@ def noise_free(trials: int, seed: int) -> Iterator[Row]:
             dec_deg=np.degrees(np.arcsin(rng.uniform(-1, 1))))
         frame = SkySimulator(FULL_CAMERA, motion_from_options(options), catalog, EPOCH_YEAR,
                              detector_options=detector).frame(0.0)
-        centroids = extractor.extract(frame.image).centroids
-        identified = identifier.identify(centroids)
-        solved = trust.solve(centroids.uv, identified.hip, centroids.sigma_px).attitude
+        centroids = pipeline.extractor.extract(frame.image).centroids
+        identified = pipeline.identification.identify(0, centroids)
+        solved = pipeline.attitude.from_stars(centroids, identified.hip).attitude
         errors.append(np.full(3, np.nan) if solved is None else attitude_error(
             solved.quaternion, frame.state.q_icrf_from_sensor))
     cross = np.sqrt(np.mean(np.array(errors)[:, :2] ** 2)) / ARCSEC
@@ -110,12 +106,12 @@ def cramer_rao_ratio(trials: int, seed: int) -> Iterator[Row]:
     """Single-frame attitude at 0.1 px against the bound of the same frames."""
     rng = np.random.default_rng(seed)
     places = camera_places(load_catalog(), SMALL_CAMERA, EPOCH_YEAR, 6.0)
-    trust = AttitudeTrust(SMALL_CAMERA, places, TrustOptions())
+    stage = AttitudeStage(SMALL_CAMERA, EPOCH_YEAR)
     normalised, cross, bound = [], [], []
     for _ in range(trials):
         q = random_attitude(rng)
         centroids, hip = star_list(places, SMALL_CAMERA, q, 0.1, rng)
-        solved = trust.solve(centroids.uv, hip, centroids.sigma_px).attitude
+        solved = stage.from_stars(centroids, hip).attitude
         if solved is None:
             continue
         limit = cramer_rao(SMALL_CAMERA.unproject(centroids.uv),
@@ -196,29 +192,23 @@ def core_work(trials: int, seed: int) -> Iterator[Row]:
     options = MotionOptions(motion='constant_rate', rate_deg_s=(0.05, 0.1, 0.02))
     simulator = SkySimulator(FULL_CAMERA, motion_from_options(options), catalog, EPOCH_YEAR,
                              seed=seed)
-    places = camera_places(catalog, FULL_CAMERA, EPOCH_YEAR, 9.0)
-    extractor = CentroidExtractor()
-    identifier = make_identifier(FULL_CAMERA, EPOCH_YEAR, IdentificationOptions())
-    tracker = StarTracker(FULL_CAMERA, places, TrackerOptions())
-    trust = AttitudeTrust(FULL_CAMERA, places, TrustOptions())
+    pipeline = Pipeline(FULL_CAMERA, EPOCH_YEAR)
     stages: dict[str, list[float]] = {'centroids': [], 'tracking': [], 'attitude': []}
     for index in progress(range(count + 2), 'core work', transient=True):
         stamp_ns = index * 100_000_000
         image = simulator.frame(index / 10).image
         marks = [time.process_time()]
-        centroids = extractor.extract(image).centroids
+        centroids = pipeline.extractor.extract(image).centroids
         marks.append(time.process_time())
-        tracks = tracker.update(stamp_ns, centroids)
+        tracks = pipeline.tracker.update(stamp_ns, centroids)
         marks.append(time.process_time())
-        if tracks is not None and tracker.attitude is not None:
-            used = tracks.usable
-            trust.take(tracker.attitude.attitude, tracks.uv[used], tracks.hip[used])
+        pipeline.attitude.from_tracks(tracks or Tracks.empty(), pipeline.tracker.attitude)
         marks.append(time.process_time())
-        if index < 2:
-            tracker.identified(stamp_ns, centroids, identifier.identify(centroids).hip)
-            continue
-        for stage, elapsed_s in zip(stages.values(), np.diff(marks)):
-            stage.append(elapsed_s * 1e3)
+        if not pipeline.identifier_rests(stamp_ns):
+            pipeline.identify(stamp_ns, centroids)
+        else:
+            for stage, elapsed_s in zip(stages.values(), np.diff(marks)):
+                stage.append(elapsed_s * 1e3)
     for name, times_ms in stages.items():
         yield _row(f'core work, 1024 px: {name}, median', float(np.median(times_ms)), 'ms', '',
                    True)

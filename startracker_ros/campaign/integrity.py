@@ -6,19 +6,19 @@ from functools import cache
 
 import numpy as np
 from startracker_ros.attitude.attitude_state import turned
-from startracker_ros.attitude.validation import AttitudeTrust, TrustOptions
 from startracker_ros.camera.model import Camera
 from startracker_ros.campaign.parallel import split, spread
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import camera_places, StarPlaces
+from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.figures import error_over_bound, WRONG_ARCSEC, WRONG_SIGMAS
-from startracker_ros.identify.identification import IdentificationOptions, Identifier
-from startracker_ros.identify.methods import make_identifier
+from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, conjugate, rotate
+from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result
 from startracker_ros.track.options import TrackerOptions
-from startracker_ros.track.tracker import StarTracker, TrackerState
+from startracker_ros.track.tracker import TrackerState
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 EPOCH_YEAR = 2026.5
@@ -30,7 +30,6 @@ STEP_NS = 100_000_000
 _SUBSTEPS = 10
 _SUBSTEP_S = STEP_NS * 1e-9 / _SUBSTEPS
 _START_NS = 1_790_000_000_000_000_000
-_CHECK_FRAMES = 100
 _PIECE = 4
 
 
@@ -44,9 +43,8 @@ class Condition:
     come and go, missing is a share of the stars; dark_s one gap, jump a sudden other
     attitude; planet a bright point that moves among the stars, covered one half of the image for
     a while; gyro what becomes of the true rate, empty without a gyro. focal_ratio is that of
-    the camera to the one that is believed. While lost every identify_every-th frame is
-    identified, which takes long where nothing can be found. needed_percent of the frames must
-    have an attitude.
+    the camera to the one of the pipeline. A run has so many frames, few where each costs an
+    identification that cannot succeed. needed_percent of the frames must have an attitude.
     """
 
     rate_deg_s: float = 0.1
@@ -62,7 +60,7 @@ class Condition:
     gyro: str = ''
     focal_ratio: float = 1.0
     mirrored: bool = False
-    identify_every: int = 1
+    frames: int = FRAMES
     needed_percent: float = 95.0
 
 
@@ -83,10 +81,10 @@ CONDITIONS = {
     'planet passing': Condition(planet=True),
     'half of the image covered': Condition(covered=True, needed_percent=80.0),
     'focal length off by 1 %': Condition(
-        focal_ratio=1.01, identify_every=20, needed_percent=0.0),
-    'mirrored image': Condition(mirrored=True, identify_every=20, needed_percent=0.0),
+        focal_ratio=1.01, frames=20, needed_percent=0.0),
+    'mirrored image': Condition(mirrored=True, frames=20, needed_percent=0.0),
     'false centroids only': Condition(
-        false=40, missing=1.0, identify_every=20, needed_percent=0.0),
+        false=40, missing=1.0, frames=20, needed_percent=0.0),
 }
 """With the last three there is nothing to publish, or nothing that can be right."""
 
@@ -109,9 +107,15 @@ class Tally:
 
 
 @cache
-def _identifier() -> Identifier:
-    return make_identifier(CAMERA, EPOCH_YEAR,
-                           IdentificationOptions(magnitude_limit=MAGNITUDE_LIMIT))
+def _pipeline() -> Pipeline:
+    return Pipeline(CAMERA, EPOCH_YEAR, PipelineOptions(
+        identification=IdentificationOptions(magnitude_limit=MAGNITUDE_LIMIT),
+        tracker=TrackerOptions(magnitude_limit=MAGNITUDE_LIMIT)))
+
+
+@cache
+def _sky() -> StarPlaces:
+    return camera_places(load_catalog(), CAMERA, EPOCH_YEAR, MAGNITUDE_LIMIT)
 
 
 def integrity_runs(name: str, runs: int, seed: int) -> Tally:
@@ -121,8 +125,8 @@ def integrity_runs(name: str, runs: int, seed: int) -> Tally:
 
 
 def _rates(condition: Condition, rng: np.random.Generator) -> np.ndarray:
-    """Return the body rate (FRAMES * _SUBSTEPS, 3) in rad/s."""
-    count = FRAMES * _SUBSTEPS
+    """Return the body rate (frames * _SUBSTEPS, 3) in rad/s."""
+    count = condition.frames * _SUBSTEPS
     axis = rng.standard_normal((2, 3))
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     rates = np.tile(axis[0] * condition.rate_deg_s, (count, 1))
@@ -133,7 +137,7 @@ def _rates(condition: Condition, rng: np.random.Generator) -> np.ndarray:
         ramp = condition.slew_deg_s2 * np.minimum(time_s - begin_s, begin_s + length_s - time_s)
         rates += np.clip(ramp, 0, condition.slew_deg_s)[:, None] * axis[1]
         begin_s += length_s + rng.uniform(2, 6)
-    blocks = rng.uniform(-1, 1, FRAMES // 10) * condition.jitter_deg_s
+    blocks = rng.uniform(-1, 1, condition.frames // 10) * condition.jitter_deg_s
     rates[:, 2] += np.repeat(blocks, 10 * _SUBSTEPS)
     return np.radians(rates)
 
@@ -150,8 +154,8 @@ def _gyro(condition: Condition, rates: np.ndarray, rng: np.random.Generator) -> 
     return _GYROS[condition.gyro](rates) + drift + noise
 
 
-def _frames(condition: Condition, rates: np.ndarray, places: StarPlaces,
-            rng: np.random.Generator) -> Iterator[tuple[np.ndarray, Centroids]]:
+def _frames(condition: Condition, rates: np.ndarray, rng: np.random.Generator
+            ) -> Iterator[tuple[np.ndarray, Centroids]]:
     """Yield the true attitude (4,) and the centroids of each frame."""
     taken_by = CAMERA.with_focal_ratio(condition.focal_ratio)
     q = random_attitude(rng)
@@ -161,13 +165,13 @@ def _frames(condition: Condition, rates: np.ndarray, places: StarPlaces,
     # A planet starts in the middle of the image and leaves it slowly.
     planet = rotate(q, [0.0, 0.0, 1.0])
     drift = rng.normal(0, 3 * ARCSEC, 3)
-    for frame in range(FRAMES):
+    for frame in range(condition.frames):
         if frame:
             for rate in rates[(frame - 1) * _SUBSTEPS:frame * _SUBSTEPS]:
                 q = turned(q, rate * _SUBSTEP_S)
         if frame == jump:
             q = random_attitude(rng)
-        seen, _ = star_list(places, taken_by, q, SIGMA_PX, rng, missing=condition.missing,
+        seen, _ = star_list(_sky(), taken_by, q, SIGMA_PX, rng, missing=condition.missing,
                             false=condition.false, brightest_false=2.0)
         if condition.planet:
             planet = planet + drift
@@ -181,6 +185,8 @@ def _frames(condition: Condition, rates: np.ndarray, places: StarPlaces,
 
 def _interval(seconds: float, rng: np.random.Generator) -> range:
     """Return the frames of an interval that begins after the tracker has."""
+    if not seconds:
+        return range(0)
     count = round(seconds / (STEP_NS * 1e-9))
     begin = rng.integers(50, FRAMES - count - 50)
     return range(begin, begin + count)
@@ -196,34 +202,23 @@ def _with_point(seen: Centroids, uv: np.ndarray) -> Centroids:
 
 
 def _run(condition: Condition, rng: np.random.Generator) -> Tally:
-    """Follow one run through identification, tracking and trust, and judge what comes out."""
-    identifier = _identifier()
-    places = identifier.places
-    tracker = StarTracker(CAMERA, places, TrackerOptions(magnitude_limit=MAGNITUDE_LIMIT))
-    trust = AttitudeTrust(CAMERA, places, TrustOptions())
+    """Run the pipeline through one run and tally what it publishes."""
+    pipeline = _pipeline()
+    pipeline.reset()
     rates = _rates(condition, rng)
     measured = _gyro(condition, rates, rng) if condition.gyro else None
     tally, before = Tally(), TrackerState.LOST
-    for frame, (truth, centroids) in enumerate(_frames(condition, rates, places, rng)):
-        stamp_ns = _START_NS + frame * STEP_NS
-        if measured is not None and frame:
-            for k in range((frame - 1) * _SUBSTEPS, frame * _SUBSTEPS):
-                tracker.add_rate(_START_NS + (k + 1) * STEP_NS // _SUBSTEPS, measured[k])
-        tracks = tracker.update(stamp_ns, centroids)
-        lost = before is TrackerState.TRACKING and tracker.state is not before
-        before = tracker.state
+    for index, (truth, centroids) in enumerate(_frames(condition, rates, rng)):
+        if measured is not None and index:
+            for k in range((index - 1) * _SUBSTEPS, index * _SUBSTEPS):
+                pipeline.add_rate(_START_NS + (k + 1) * STEP_NS // _SUBSTEPS, measured[k])
+        frame = pipeline.update(_START_NS + index * STEP_NS, centroids)
+        lost = before is TrackerState.TRACKING and frame.state is not before
+        before = frame.state
         tally += Tally(frames=1, losses=int(lost))
-        if tracks is not None and tracker.attitude is not None:
-            used = tracks.usable
-            result = trust.take(tracker.attitude.attitude, tracks.uv[used], tracks.hip[used])
-            if result.attitude is not None:
-                tally += judged(result.attitude.quaternion,
-                                result.attitude.covariance_sensor, truth)
-        period = _CHECK_FRAMES if tracker.state is TrackerState.TRACKING else (
-            condition.identify_every)
-        if frame % period == 0:
-            answer = identifier.identify(centroids)
-            tracker.identified(stamp_ns, centroids, answer.hip)
+        attitude = frame.trusted.attitude
+        if attitude is not None:
+            tally += judged(attitude.quaternion, attitude.covariance_sensor, truth)
     return tally
 
 
@@ -253,7 +248,8 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
     return Result('campaign integrity', rows, {
         'camera': '1024 x 1024 px, 12 deg, 10 Hz, centroids of 0.1 px, stars to V 6.5',
         'chain': 'lost-in-space identification, tracker (model attitude), trust; each run of '
-                 f'{FRAMES} frames begins lost at a random attitude',
+                 f'{FRAMES} frames, or 20 where nothing can be right, begins lost at a random '
+                 'attitude',
         'wrong': f'off by more than {WRONG_SIGMAS:g} sigma of its own covariance and '
                  f'{WRONG_ARCSEC:g} arcsec on any axis',
         'mean_nees': 'normalised squared error, 3 when the covariance is true',

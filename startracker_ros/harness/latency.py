@@ -15,11 +15,10 @@ from sensor_msgs.msg import Image, Imu
 from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.camera.images import read_image
 from startracker_ros.camera.model import Camera
-from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.executables import STAGES
 from startracker_ros.harness.processes import parameter_arguments, RigError
 from startracker_ros.harness.rig import Rig
-from startracker_ros.pipeline.pipeline import Replay
+from startracker_ros.pipeline.pipeline import Pipeline
 from startracker_ros.ros.messages.image import image_message_from_cdr
 
 _SOURCE = 'image_publisher'
@@ -159,14 +158,12 @@ def core_ms(images: Path, fov_deg: float, epoch_year: float, *, rate_hz: float, 
     """Return times (N,) of the core alone, the floor of any way through messages."""
     frames = [read_image(file) for file in sorted(images.iterdir())]
     height, width = frames[0].shape
-    extractor = CentroidExtractor()
-    replay = Replay(Camera.from_fov(width, height, fov_deg), epoch_year)
+    pipeline = Pipeline(Camera.from_fov(width, height, fov_deg), epoch_year)
     times_ms = []
     for index in range(_UNTIL_STEADY + count):
         time.sleep(1 / rate_hz)
         start_s = time.perf_counter()
-        centroids = extractor.extract(frames[index % len(frames)]).centroids
-        replay.update(round(index / rate_hz * 1e9), centroids)
+        pipeline.update_image(round(index / rate_hz * 1e9), frames[index % len(frames)])
         times_ms.append((time.perf_counter() - start_s) * 1e3)
     return min(np.array_split(times_ms[_UNTIL_STEADY:], _RUNS), key=np.median)
 

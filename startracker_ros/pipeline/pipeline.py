@@ -1,26 +1,46 @@
-"""Identifier, star tracker and attitude one after the other: the pipeline without processes."""
+"""
+The star tracker as one object: centroids of a frame in, trusted attitude out.
+
+The policy stands here once: the tracker takes every frame, its attitude goes out if its tracks
+fit it, and a frame is identified unless the tracker tracks and no check is due. The nodes run
+the same stages side by side, so theirs may use an identification some frames later.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.attitude.validation import AttitudeTrust, TrustedAttitude, TrustOptions
+from startracker_ros.attitude.gyro import GyroErrorOptions
+from startracker_ros.attitude.validation import TrustedAttitude, TrustOptions
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
-from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.identify.identification import Identification, IdentificationOptions
-from startracker_ros.identify.methods import make_identifier
+from startracker_ros.pipeline.attitude import AttitudeStage
+from startracker_ros.pipeline.identification import CheckOptions, IdentificationStage
+from startracker_ros.pipeline.tracking import make_star_tracker
 from startracker_ros.track.options import TrackerOptions
-from startracker_ros.track.tracker import StarTracker, TrackerState
+from startracker_ros.track.tracker import TrackerState
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 
 @dataclass(frozen=True)
-class ReplayedFrame:
-    """
-    What the stages say of a frame; identification is None while the identifier rests.
+class PipelineOptions:
+    """The options of all stages, those of the nodes by default."""
 
-    state is that of the tracker after the frame, trusted what attitude_estimator publishes.
+    extraction: ExtractionOptions = ExtractionOptions()
+    identification: IdentificationOptions = IdentificationOptions()
+    check: CheckOptions = CheckOptions()
+    tracker: TrackerOptions = TrackerOptions()
+    gyro: GyroErrorOptions = GyroErrorOptions()
+    validation: TrustOptions = TrustOptions()
+
+
+@dataclass(frozen=True)
+class PipelineFrame:
+    """
+    The results of the stages for one frame; identification is None while the identifier rests.
+
+    state is that of the tracker after the frame, trusted the attitude that goes out.
     """
 
     identification: Identification | None
@@ -31,38 +51,49 @@ class ReplayedFrame:
     trusted: TrustedAttitude
 
 
-class Replay:
-    """
-    The stages of the nodes at their defaults, each frame done before the next one comes.
+class Pipeline:
+    """All stages in one process, each frame finished before the next one comes."""
 
-    The nodes run beside each other, so theirs may take an identification some frames later.
-    """
+    def __init__(self, camera: Camera, epoch_year: float,
+                 options: PipelineOptions = PipelineOptions()) -> None:
+        self.extractor = CentroidExtractor(options.extraction)
+        self.identification = IdentificationStage(
+            camera, epoch_year, options.identification, options.check, gyro=options.gyro)
+        self.tracker = make_star_tracker(camera, epoch_year, options.tracker, options.gyro)
+        self.attitude = AttitudeStage(camera, epoch_year, options.validation)
 
-    def __init__(self, camera: Camera, epoch_year: float) -> None:
-        catalog = load_catalog()
-        options = TrackerOptions()
-        self._identifier = make_identifier(camera, epoch_year, IdentificationOptions())
-        self._tracker = StarTracker(
-            camera, camera_places(catalog, camera, epoch_year, options.magnitude_limit), options)
-        self._trust = AttitudeTrust(
-            camera, camera_places(catalog, camera, epoch_year), TrustOptions())
+    def reset(self) -> None:
+        """Forget all state: lost, as after the start."""
+        self.identification.reset()
+        self.tracker.reset()
+        self.attitude.reset()
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> None:
-        """Take the rate (3,) of a gyro about sensor axes."""
-        self._tracker.add_rate(stamp_ns, rate_rad_s)
+        """Use the rate (3,) in rad/s of a gyro about sensor axes, measured up to a time."""
+        self.tracker.add_rate(stamp_ns, rate_rad_s)
+        self.identification.add_rate(stamp_ns, rate_rad_s)
 
-    def update(self, stamp_ns: int, centroids: Centroids) -> ReplayedFrame:
-        """Take the centroids of a frame, newer than the one before."""
-        tracker = self._tracker
-        rests = tracker.state is TrackerState.TRACKING
-        tracks = tracker.update(stamp_ns, centroids) or Tracks.empty()
-        tracked = tracker.attitude
-        used = tracks.usable
-        trusted = (TrustedAttitude(None, 'the star tracker has none') if tracked is None else
-                   self._trust.take(tracked.attitude, tracks.uv[used], tracks.hip[used]))
-        identification = None
-        if not rests:
-            identification = self._identifier.identify(centroids)
-            tracker.identified(stamp_ns, centroids, identification.hip)
-        return ReplayedFrame(identification, tracks, tracked, tracker.state, tracker.reason,
-                             trusted)
+    def update_image(self, stamp_ns: int, image: np.ndarray) -> PipelineFrame:
+        """Process an image (H, W) uint8 or uint16, newer than the one before."""
+        return self.update(stamp_ns, self.extractor.extract(image).centroids)
+
+    def update(self, stamp_ns: int, centroids: Centroids) -> PipelineFrame:
+        """Process the centroids of a frame, newer than the one before."""
+        # As for the nodes, the state before the frame counts: both work on it at the same time.
+        rests = self.identifier_rests(stamp_ns)
+        tracks = self.tracker.update(stamp_ns, centroids) or Tracks.empty()
+        tracked = self.tracker.attitude
+        trusted = self.attitude.from_tracks(tracks, tracked)
+        identification = None if rests else self.identify(stamp_ns, centroids)
+        return PipelineFrame(identification, tracks, tracked, self.tracker.state,
+                             self.tracker.reason, trusted)
+
+    def identifier_rests(self, stamp_ns: int) -> bool:
+        """Return whether the next frame needs no identification."""
+        return self.identification.rests(stamp_ns, self.tracker.state is TrackerState.TRACKING)
+
+    def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
+        """Identify a frame for the tracker."""
+        identification = self.identification.identify(stamp_ns, centroids)
+        self.tracker.identified(stamp_ns, centroids, identification.hip)
+        return identification

@@ -19,7 +19,7 @@ from startracker_ros.bag.layouts import (
 from startracker_ros.bag.reader import read_messages
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.maths.rotation import attitude_error, matrix_from_quaternion
-from startracker_ros.pipeline.pipeline import Replay, ReplayedFrame
+from startracker_ros.pipeline.pipeline import Pipeline, PipelineFrame
 from startracker_ros.ros.messages.attitude import quaternion_from_message
 from startracker_ros.ros.messages.clouds import centroids_from_message
 from startracker_ros.ros.messages.gyro import rate_from_imu
@@ -67,17 +67,17 @@ def sigmas(name: str) -> dict[int, np.ndarray]:
 
 
 @lru_cache
-def replayed(name: str) -> dict[int, ReplayedFrame]:
+def replayed(name: str) -> dict[int, PipelineFrame]:
     """Run the recorded centroids and rates through the cores."""
     topics = recorded(name)
     info = topics['/camera_info'][0]
-    replay = Replay(camera_from_message(info), epoch_year_from_stamp(stamp_ns(info)))
+    pipeline = Pipeline(camera_from_message(info), epoch_year_from_stamp(stamp_ns(info)))
     frames = {}
     for topic, message in topics['']:
         if topic == '/imu':
-            replay.add_rate(stamp_ns(message), rate_from_imu(message))
+            pipeline.add_rate(stamp_ns(message), rate_from_imu(message))
         elif topic == '/centroids':
-            frames[stamp_ns(message)] = replay.update(
+            frames[stamp_ns(message)] = pipeline.update(
                 stamp_ns(message), centroids_from_message(message))
     return frames
 
