@@ -23,7 +23,7 @@ def machine_code_folder() -> str:
     return os.environ.get('NUMBA_CACHE_DIR') or str(next(filter(_writable, _folders()), ''))
 
 
-def kept_functions(folder: str) -> int:
+def cached_functions(folder: str) -> int:
     """Return of how many functions a folder holds the machine code."""
     return sum(1 for _ in Path(folder).rglob('*.nbi')) if folder else 0
 

@@ -7,3 +7,8 @@ from fnmatch import fnmatchcase
 def matches(topic: str, patterns: Sequence[str]) -> bool:
     """Return whether a full topic name fits one of the patterns, * for any characters."""
     return any(fnmatchcase(topic, pattern) for pattern in patterns)
+
+
+def selected(topic: str, patterns: Sequence[str], exclude: Sequence[str]) -> bool:
+    """Return whether a topic matches one of the patterns and none of those to exclude."""
+    return matches(topic, patterns) and not matches(topic, exclude)

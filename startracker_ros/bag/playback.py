@@ -37,6 +37,21 @@ class PlaybackOptions(Options):
         '0 for none', unit='Hz', low=0.0, high=1000.0, read_only=True)
 
 
+@dataclass(frozen=True)
+class PlayOptions(Options):
+    """What is played."""
+
+    path: str = option('', 'bag folder or .mcap file', read_only=True)
+    topics: tuple[str, ...] = option(('*',), 'patterns of full topic names, * for any characters',
+                                     read_only=True)
+    exclude: tuple[str, ...] = option(
+        ('/parameter_events', '/rosout'), 'patterns of topics left out; these two would pass for '
+        'those of running nodes', read_only=True)
+    start_delay_s: float = option(
+        1.0, 'time for subscribers to find the topics before the first message', unit='s',
+        low=0.0, high=3600.0, read_only=True)
+
+
 class Playback:
     """
     Calls publish(message) when each message is due and tick(time_ns) as a clock, in a thread.

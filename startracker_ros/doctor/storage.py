@@ -6,7 +6,7 @@ import shutil
 
 from startracker_ros.doctor.check import Check
 from startracker_ros.folders import cache_folder, can_write
-from startracker_ros.machine_code import kept_functions, machine_code_folder
+from startracker_ros.machine_code import cached_functions, machine_code_folder
 
 # The demo, 1024 x 1024 px at 10 Hz, writes 10 MB a second.
 _BAG_BYTES_S = 10e6
@@ -26,7 +26,7 @@ def check_compiled(folder: str) -> Check:
     if not folder:
         return Check('compiled code', 'nowhere to keep it: each process compiles anew', False,
                      'make ~/.cache writable, or set NUMBA_CACHE_DIR to a folder that is')
-    count = kept_functions(folder)
+    count = cached_functions(folder)
     if count == 0:
         return Check('compiled code', f'none in {folder}: the first frames wait half a minute',
                      False, 'python -m startracker_ros.warm_up')

@@ -20,7 +20,7 @@ from rich.table import Table
 from sensor_msgs.msg import CameraInfo
 from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
 from startracker_ros.harness.processes import node_environment, NodeProcesses
-from startracker_ros.machine_code import kept_functions, machine_code_folder
+from startracker_ros.machine_code import cached_functions, machine_code_folder
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, pointing_from_quaternion
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import quaternion_from_message
@@ -146,7 +146,7 @@ def _process_start_s() -> float:
 def begin_s() -> float:
     """Return when the demo began, UNIX time in s: once all is compiled, if nothing was yet."""
     folder = machine_code_folder()
-    if not folder or kept_functions(folder):
+    if not folder or cached_functions(folder):
         return _process_start_s()
     print('compiling for this machine, for a minute, and only once', file=sys.stderr)
     # A failure shows in the nodes, which then do it themselves.

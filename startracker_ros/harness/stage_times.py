@@ -27,15 +27,15 @@ def timed(node_class: type[PipelineNode], passages: list[tuple[str, int, int]], 
     class Timed(node_class):  # type: ignore[misc, valid-type]
         """Notes the time of what it takes and of the images that it sends."""
 
-        def take(self, message_type: type, topic: str, callback: Callable, profile: Any,
-                 **how: Any) -> None:
+        def subscribe(self, message_type: type, topic: str, callback: Callable, profile: Any,
+                      **how: Any) -> None:
             place = f'{self.get_name()} {topic}'
 
             def clocked(message: Any) -> None:
                 passages.append((place, ns_from_stamp(message.header.stamp), time.time_ns()))
                 callback(message)
             stamped = hasattr(message_type, 'header')
-            super().take(message_type, topic, clocked if stamped else callback, profile, **how)
+            super().subscribe(message_type, topic, clocked if stamped else callback, profile, **how)
 
         def publish_image(self, image: np.ndarray, camera: Any, header: Any) -> None:
             passages.append((f'{self.get_name()} sends', ns_from_stamp(header.stamp),

@@ -1,4 +1,4 @@
-"""How regularly the frames of a topic come, so that a node can say when they do not."""
+"""The usual interval between the frames of a topic, to detect missing frames and silence."""
 
 from collections import deque
 
@@ -11,9 +11,9 @@ _FORWARD_S = 1.0
 
 class Cadence:
     """
-    Intervals of stamps and of arrivals, the usual one being their median.
+    The last intervals of stamps and of arrivals; the usual one is their median.
 
-    Arrivals are times of a steady clock in s; a recording may play faster than its stamps.
+    Arrivals are times of a steady clock in s: a recording may play faster than its stamps.
     """
 
     def __init__(self) -> None:
@@ -23,7 +23,7 @@ class Cadence:
         self._arrival_steps_s: deque[float] = deque(maxlen=_REMEMBERED)
 
     def arrived(self, stamp_ns: int, now_s: float) -> tuple[int, float]:
-        """Take a frame; return how many before it are missing, and s that time jumped ahead."""
+        """Record a frame; return the number missing before it, and the jump of time in s."""
         missing, ahead_s = 0, 0.0
         if self._stamp_ns is not None:
             step_s, waited_s = (stamp_ns - self._stamp_ns) * 1e-9, now_s - self._arrived_s
@@ -40,12 +40,12 @@ class Cadence:
         return missing, ahead_s
 
     def is_silent(self, now_s: float) -> bool:
-        """Return whether a frame is long overdue."""
+        """Return whether the next frame is long overdue."""
         usual_s = _usual(self._arrival_steps_s)
         return usual_s is not None and (
             now_s - self._arrived_s > max(_SILENT_S, _SILENT_RATIO * usual_s))
 
 
 def _usual(steps_s: deque[float]) -> float | None:
-    """Return the median, None while too few are known."""
+    """Return the median, None of fewer than three."""
     return sorted(steps_s)[len(steps_s) // 2] if len(steps_s) >= 3 else None

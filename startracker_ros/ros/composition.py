@@ -1,4 +1,4 @@
-"""Several nodes in one process: what one gives and another takes goes from hand to hand."""
+"""Several nodes in one process: messages between them go by reference, without DDS."""
 
 from collections import defaultdict, deque
 from collections.abc import Callable
@@ -8,100 +8,100 @@ from typing import Any
 from rclpy.publisher import Publisher
 
 
-class SharedPublisher:
+class IntraProcessPublisher:
     """
-    A publisher whose messages the other nodes of the process get as they are, uncopied.
+    A publisher that delivers messages to the nodes of this process by reference.
 
-    DDS gets them too where anybody outside listens, or may come later and still want the last:
-    after those here, who may be on the way to an attitude.
+    They are published over DDS only where another process subscribes, or where the topic is
+    transient local. The nodes of this process receive them first.
     """
 
-    def __init__(self, publisher: Publisher, composition: 'Composition', durable: bool) -> None:
+    def __init__(self, publisher: Publisher, composition: 'Composition',
+                 transient_local: bool) -> None:
         self._publisher = publisher
         self._composition = composition
-        self._durable = durable
+        self._transient_local = transient_local
         self._topic = publisher.topic_name
 
     def publish(self, message: Any) -> None:
-        """Give a message, which nobody may change from now on."""
-        outside = self._durable or self._publisher.get_subscription_count()
-        if self._composition.takers(self._topic):
-            self._composition.hand_over(
-                self._topic, message, self._publisher.publish if outside else None)
-        elif outside:
+        """Publish a message, which must not be changed afterwards."""
+        external = self._transient_local or self._publisher.get_subscription_count()
+        if self._composition.subscription_count(self._topic):
+            self._composition.deliver(
+                self._topic, message, self._publisher.publish if external else None)
+        elif external:
             self._publisher.publish(message)
 
     def get_subscription_count(self) -> int:
-        """Return how many take this topic, here and elsewhere."""
-        return (self._composition.takers(self._topic)
+        """Return the number of subscriptions, of this process and of others."""
+        return (self._composition.subscription_count(self._topic)
                 + self._publisher.get_subscription_count())
 
 
 class Composition:
     """
-    Who gives and who takes which topic in this process; all of it runs in one thread.
+    The publishers and subscriptions of the nodes of this process, which share one thread.
 
-    A topic that a node of the process gives is taken from that node alone. As messages go
-    through a queue, a callback is through before what it gave is taken, as over DDS. What
-    nobody on the way to an attitude waits for has a queue of its own, and comes last.
+    A topic that one of the nodes publishes is received from that node only. Messages go through a
+    queue, so that a callback returns before what it published is delivered, as over DDS. A
+    second queue is for work that the attitude does not depend on; it is processed last.
     """
 
     def __init__(self) -> None:
-        self._given: set[str] = set()
+        self._published: set[str] = set()
         self._callbacks: dict[str, list[tuple[Callable[[Any], None], bool]]] = defaultdict(list)
-        self._subscribe: dict[str, list[Callable[[], None]]] | None = defaultdict(list)
+        self._pending: dict[str, list[Callable[[], None]]] | None = defaultdict(list)
         self._first: deque[Callable[[], None]] = deque()
         self._last: deque[Callable[[], None]] = deque()
-        self._at_work = False
+        self._processing = False
 
-    def give(self, publisher: Publisher, durable: bool) -> SharedPublisher:
-        """Return what publishes a topic here and on DDS."""
-        self._given.add(publisher.topic_name)
-        return SharedPublisher(publisher, self, durable)
+    def advertise(self, publisher: Publisher, transient_local: bool) -> IntraProcessPublisher:
+        """Return a publisher to this process and to DDS."""
+        self._published.add(publisher.topic_name)
+        return IntraProcessPublisher(publisher, self, transient_local)
 
-    def take(self, topic: str, callback: Callable[[Any], None],
-             subscribe: Callable[[], None], last: bool = False) -> None:
-        """Take a topic from the node that gives it, or call subscribe() where there is none."""
+    def subscribe(self, topic: str, callback: Callable[[Any], None],
+                  subscribe_dds: Callable[[], None], last: bool = False) -> None:
+        """Subscribe to the node that publishes a topic; call subscribe_dds() if there is none."""
         self._callbacks[topic].append((callback, last))
-        if self._subscribe is not None:
-            self._subscribe[topic].append(subscribe)
-        elif topic not in self._given:
-            subscribe()
+        if self._pending is not None:
+            self._pending[topic].append(subscribe_dds)
+        elif topic not in self._published:
+            subscribe_dds()
 
     def connect(self) -> None:
-        """Subscribe to what no node gives, once all of them are there."""
-        waiting, self._subscribe = self._subscribe, None
-        for topic, subscriptions in (waiting or {}).items():
-            if topic not in self._given:
-                for subscribe in subscriptions:
-                    subscribe()
+        """Subscribe over DDS to what no node publishes, once all nodes are created."""
+        pending, self._pending = self._pending, None
+        for topic, subscriptions in (pending or {}).items():
+            if topic not in self._published:
+                for subscribe_dds in subscriptions:
+                    subscribe_dds()
 
-    def takers(self, topic: str) -> int:
-        """Return how many callbacks of this process take a topic."""
+    def subscription_count(self, topic: str) -> int:
+        """Return the number of subscriptions of this process."""
         return len(self._callbacks.get(topic, ()))
 
-    def hand_over(self, topic: str, message: Any,
-                  publish: Callable[[Any], None] | None) -> None:
-        """Call all who take a topic, after those whose messages came before, then publish."""
+    def deliver(self, topic: str, message: Any, publish: Callable[[Any], None] | None) -> None:
+        """Queue a message for all subscriptions, then for publish()."""
         for callback, last in self._callbacks[topic]:
             (self._last if last else self._first).append(partial(callback, message))
         if publish is not None:
             self._last.append(partial(publish, message))
-        self._work()
+        self._process()
 
-    def afterwards(self, work: Callable[[], None]) -> None:
-        """Do work once nothing is left that an attitude waits for."""
+    def defer(self, work: Callable[[], None]) -> None:
+        """Queue work that the attitude does not depend on."""
         self._last.append(work)
-        self._work()
+        self._process()
 
-    def _work(self) -> None:
-        if self._at_work:
+    def _process(self) -> None:
+        if self._processing:
             return
-        self._at_work = True
+        self._processing = True
         try:
-            while waiting := self._first or self._last:
-                waiting.popleft()()
+            while queue := self._first or self._last:
+                queue.popleft()()
         finally:
-            self._at_work = False
+            self._processing = False
             self._first.clear()
             self._last.clear()

@@ -1,4 +1,4 @@
-"""What a node tells about itself on /diagnostics, once a second."""
+"""The status of a node on /diagnostics, once a second."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -12,10 +12,10 @@ from std_msgs.msg import Header
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
-_BEATS = 2
-_BEAT_S = 1.0 / _BEATS
-_MOST_NOTES = 5
-# So much later than it should is a beat that tells of something.
+_TICKS = 2
+_TICK_S = 1.0 / _TICKS
+_MAX_EVENTS = 5
+# A timer tick that is later means that the process was busy or stopped.
 _LATE_S = 0.4
 
 
@@ -29,9 +29,9 @@ def status_message(name: str, hardware_id: str, level: bytes, message: str,
 
 class Diagnostics:
     """
-    Collects the condition, counters and last values of one node and publishes them.
+    Collects the condition, events, counters and values of one node and publishes them.
 
-    checks are called before each publication.
+    The functions in checks are called before each publication.
     """
 
     def __init__(self, node: Node, task: str, hardware_id: str) -> None:
@@ -39,17 +39,17 @@ class Diagnostics:
         self._name = f'{node.get_name()}: {task}'
         self._hardware_id = hardware_id
         self._condition = self._worst = (WARN, 'nothing received yet')
-        self._notes: list[str] = []
+        self._events: list[str] = []
         self._transitions = Transitions()
         self.counts: Counter[str] = Counter()
         self.values: dict[str, object] = {}
         self.checks: list[Callable[[], None]] = []
-        self._noted = ''
-        self._beats = 0
-        self._beat_s: float | None = None
+        self._logged_event = ''
+        self._ticks = 0
+        self._tick_s: float | None = None
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        # The steady clock: diagnostics must go on when simulated time stands still.
-        self._timer = node.create_timer(_BEAT_S, self._beat, clock=Clock(
+        # The steady clock: diagnostics continue while simulated time is stopped.
+        self._timer = node.create_timer(_TICK_S, self._tick, clock=Clock(
             clock_type=ClockType.STEADY_TIME))
 
     def report(self, level: bytes, message: str) -> None:
@@ -57,12 +57,12 @@ class Diagnostics:
         if (level, message) == self._condition:
             return
         self._condition = level, message
-        # Of two as bad the newer one.
+        # The newer one of two with the same level.
         self._worst = max(self._condition, self._worst, key=lambda condition: condition[0])
         line = self._transitions.line(level, message, time.monotonic())
         if line is not None:
             logger = self._node.get_logger()
-            # One place each: rclpy ties a severity to the line of the code that logs.
+            # One call each: rclpy allows one severity per line of code.
             if level == ERROR:
                 logger.error(line)
             elif level == WARN:
@@ -70,33 +70,33 @@ class Diagnostics:
             else:
                 logger.info(line)
 
-    def note(self, message: str) -> None:
-        """Warn of what has happened, in the next publication only; the condition stays."""
-        if message not in self._notes:
-            self._notes = [*self._notes, message][-_MOST_NOTES:]
-        if message != self._noted:
-            self._noted = message
+    def report_event(self, message: str) -> None:
+        """Warn once, in the next publication; the condition does not change."""
+        if message not in self._events:
+            self._events = [*self._events, message][-_MAX_EVENTS:]
+        if message != self._logged_event:
+            self._logged_event = message
             self._node.get_logger().warning(message, throttle_duration_sec=1.0)
 
-    def _beat(self) -> None:
-        """Publish at every second beat; a beat that came late was kept from coming."""
+    def _tick(self) -> None:
+        """Publish at every second tick; report a late one."""
         now_s = time.monotonic()
-        late_s = 0.0 if self._beat_s is None else now_s - self._beat_s - _BEAT_S
-        self._beat_s = now_s
+        late_s = 0.0 if self._tick_s is None else now_s - self._tick_s - _TICK_S
+        self._tick_s = now_s
         if late_s > _LATE_S:
-            self.note(f'busy or stopped for {late_s:.1f} s')
-        self._beats += 1
-        if self._beats % _BEATS == 0:
+            self.report_event(f'busy or stopped for {late_s:.1f} s')
+        self._ticks += 1
+        if self._ticks % _TICKS == 0:
             self.publish()
 
     def publish(self) -> None:
-        """Publish the worst condition and the notes since the last time, counters, values."""
+        """Publish the worst condition and the events since the last time, counters, values."""
         for check in self.checks:
             check()
-        (level, message), notes = self._worst, self._notes
-        self._worst, self._notes = self._condition, []
-        if notes:
-            message = '; '.join(notes if level == OK else [message, *notes])
+        (level, message), events = self._worst, self._events
+        self._worst, self._events = self._condition, []
+        if events:
+            message = '; '.join(events if level == OK else [message, *events])
             level = max(level, WARN)
         status = status_message(self._name, self._hardware_id, level, message,
                                 {**self.counts, **self.values})

@@ -1,4 +1,4 @@
-"""Names of the coordinate frames, the same options in every node that publishes them."""
+"""Names of the coordinate frames."""
 
 from dataclasses import dataclass
 

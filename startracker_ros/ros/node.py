@@ -1,4 +1,4 @@
-"""What every node shares: options from parameters, diagnostics, a clean end."""
+"""What every node shares: options from parameters, diagnostics, clean shutdown."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
 from startracker_ros.bag.layouts import MessageError
 from startracker_ros.camera.model import CameraError
 from startracker_ros.executables import NODES
@@ -23,9 +24,9 @@ from startracker_ros.options import Options
 from startracker_ros.ros import parameters, qos
 from startracker_ros.ros.composition import Composition
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR
-from startracker_ros.ros.ending import Ending
-from startracker_ros.ros.last_resort import exit_after
+from startracker_ros.ros.forced_exit import exit_after
 from startracker_ros.ros.shared_memory import remove_left_behind
+from startracker_ros.ros.shutdown import Shutdown
 from std_srvs.srv import Trigger
 
 try:
@@ -35,35 +36,35 @@ except ImportError:
     EventsExecutor = SingleThreadedExecutor
 
 
-_LONG_PASS_S = 0.003
+_LONG_COLLECTION_S = 0.003
 
-END_S = 5.0
-"""Time that DDS is given to end a node, after the node itself has closed what it had open."""
+EXIT_TIMEOUT_S = 5.0
+"""Time for DDS to remove a node that has closed its files."""
 
 
 class StartError(RuntimeError):
-    """A node that can do nothing as it was started; the text says what to mend."""
+    """A node that cannot start with its parameters; the text says what to change."""
 
 
 class PipelineNode(Node):
     """
-    A node whose work is configured by options and reported on /diagnostics.
+    A node with options from parameters and a status on /diagnostics.
 
     Subclasses name their options classes in `option_classes`, their diagnostics task in
-    `task`, and build the core in configure(), which runs at start and after each change
+    `task`, and build the core in rebuild(), which runs at the start and after each change
     of a parameter.
     """
 
     option_classes: tuple[type[Options], ...] = ()
     task = ''
     composition: Composition | None = None
-    """What joins the nodes of this process, where there are several."""
+    """The other nodes of this process, None for a node alone."""
 
-    ending: Ending
-    """Whether this process is to end, for a node whose work has an end."""
+    shutdown: Shutdown
+    """For a node that ends by itself when its work is done."""
 
-    takes_message_info = False
-    """Whether callbacks want to know when a message was sent."""
+    uses_message_info = False
+    """Whether callbacks take the message info, which says when a message was sent."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -72,82 +73,93 @@ class PipelineNode(Node):
         self.diagnostics = Diagnostics(self, self.task, self.hardware_id)
 
     def begin(self) -> None:
-        """Start the work."""
-        self.configure()
-        # The last to be asked: what it accepts is set.
-        self.add_on_set_parameters_callback(self._take_change)
+        """Build the core and accept changes of parameters."""
+        self.rebuild()
+        # Last: rclpy sets the parameters that the last callback has accepted.
+        self.add_on_set_parameters_callback(self._on_change)
 
     def options(self, cls: type[Options]) -> Any:
-        """Return the present options of one class."""
+        """Return the current options of one class."""
         return self._options[cls]
 
-    def configure(self) -> None:
-        """Build the core from the options; state is forgotten."""
+    def rebuild(self) -> None:
+        """Build the core from the options; state is lost."""
 
     def close(self) -> None:
-        """Finish what must not be lost, before the node ends."""
+        """Close files, before the node is destroyed."""
 
-    def take(self, message_type: type, topic: str, callback: Callable,
-             profile: QoSProfile, *, last: bool = False,
-             decode: Callable[[bytes], Any] | None = None) -> None:
+    def subscribe(self, message_type: type, topic: str, callback: Callable,
+                  profile: QoSProfile, *, last: bool = False,
+                  decode: Callable[[bytes], Any] | None = None) -> None:
         """
-        Subscribe; a message that cannot be used is reported by name and counted.
+        Subscribe to a topic; messages that the callback rejects are reported and counted.
 
-        last: in a process of several nodes, when nothing is left that an attitude waits for.
-        decode: what makes a message of serialized bytes, where rclpy takes too long to.
+        last: among several nodes of a process, after all that the attitude depends on.
+        decode: a deserialization that is faster than that of rclpy.
         """
         def guarded(message: Any) -> None:
             self.diagnostics.counts[f'{topic} received'] += 1
             try:
-                # In one process a message comes as it was given.
+                # Within a process messages are not serialized.
                 callback(decode(message) if decode and isinstance(message, bytes) else message)
             except (MessageError, CameraError) as error:
-                self.diagnostics.counts[f'{topic} refused'] += 1
+                self.diagnostics.counts[f'{topic} rejected'] += 1
                 self.diagnostics.report(ERROR, f'{topic}: {error}')
 
-        def subscribe() -> None:
+        def subscribe_dds() -> None:
             self.create_subscription(message_type, topic, guarded, profile, raw=decode is not None,
                                      qos_overriding_options=qos.overridable())
         if self.composition is None:
-            subscribe()
+            subscribe_dds()
         else:
-            self.composition.take(self.resolve_topic_name(topic), guarded, subscribe, last)
+            self.composition.subscribe(
+                self.resolve_topic_name(topic), guarded, subscribe_dds, last)
 
-    def afterwards(self, work: Callable[[], None]) -> None:
-        """Do work that no attitude waits for: now, or last in a process of several nodes."""
+    def defer(self, work: Callable[[], None]) -> None:
+        """Do work that the attitude does not depend on: now, or last among several nodes."""
         if self.composition is None:
             work()
         else:
-            self.composition.afterwards(work)
+            self.composition.defer(work)
 
-    def give(self, message_type: type, topic: str, profile: QoSProfile) -> Any:
+    def advertise(self, message_type: type, topic: str, profile: QoSProfile) -> Any:
         """Return a publisher whose quality of service can be overridden."""
         publisher = self.create_publisher(message_type, topic, profile,
                                           qos_overriding_options=qos.overridable())
         if self.composition is None:
             return publisher
-        return self.composition.give(
+        return self.composition.advertise(
             publisher, profile.durability is DurabilityPolicy.TRANSIENT_LOCAL)
 
-    def offer_reset(self) -> None:
-        """Offer ~/reset: state is forgotten."""
-        def reset(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            self.configure()
-            self.get_logger().info('reset: state forgotten')
-            response.success, response.message = True, 'state forgotten'
+    def create_steady_timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
+        """Return a timer of the steady clock, which runs while simulated time is stopped."""
+        return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def advertise_trigger(self, name: str, act: Callable[[], tuple[bool, str]]) -> None:
+        """Advertise the service ~/name (std_srvs/Trigger): act() returns success and message."""
+        def on_request(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            response.success, response.message = act()
             return response
-        self.create_service(Trigger, '~/reset', reset)
+        self.create_service(Trigger, f'~/{name}', on_request)
+
+    def advertise_reset(self) -> None:
+        """Advertise the service ~/reset."""
+        def reset() -> tuple[bool, str]:
+            self.rebuild()
+            self.get_logger().info('reset: state forgotten')
+            return True, 'state forgotten'
+        self.advertise_trigger('reset', reset)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Change all or none; what cannot be is refused in words that say what can."""
+        """Change all parameters or none; a rejection says what is allowed."""
         try:
             parameters.check(self.option_classes, {p.name: p.value for p in parameter_list})
         except parameters.ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return super().set_parameters_atomically(parameter_list)
 
-    def _take_change(self, changed: list[Parameter]) -> SetParametersResult:
-        """Work with changed parameters; those it cannot work with are refused, and undone."""
+    def _on_change(self, changed: list[Parameter]) -> SetParametersResult:
+        """Rebuild with changed parameters; restore the old ones if that fails."""
         changes = {parameter.name: parameter.value for parameter in changed}
         touched = [cls for cls in self.option_classes
                    if any(row.name in changes for row in cls.table())]
@@ -155,34 +167,34 @@ class PipelineNode(Node):
         try:
             self._options = before | {cls: parameters.read(self, cls, changes) for cls in touched}
             if touched:
-                self.configure()
+                self.rebuild()
                 self.get_logger().info('parameters changed: ' + ', '.join(
                     f'{name} = {value}' for name, value in changes.items()))
         except (ValueError, StartError) as error:
             self._options = before
-            self.configure()
+            self.rebuild()
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
 
 def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = None) -> int:
-    """Run nodes until SIGINT or SIGTERM; return 0, or 2 when one cannot start as asked."""
-    # A signal that comes early waits until all is in place.
-    ending = PipelineNode.ending = Ending()
+    """Run nodes until SIGINT or SIGTERM; return 0, or 2 if one cannot start as requested."""
+    # First, so that an early signal is not lost.
+    shutdown = PipelineNode.shutdown = Shutdown()
     remove_left_behind()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[PipelineNode] = []
     code = 1
     executor: Any = None
     try:
-        # The events executor of rclpy 7.1.6 fails where a callback takes the message info.
-        executor = (SingleThreadedExecutor if any(c.takes_message_info for c in node_classes)
+        # The events executor of rclpy 7.1.6 fails where a callback uses the message info.
+        executor = (SingleThreadedExecutor if any(c.uses_message_info for c in node_classes)
                     else EventsExecutor)()
         if len(node_classes) > 1:
             PipelineNode.composition = Composition()
         for node_class in node_classes:
-            nodes.append(node_class())  # type: ignore[call-arg]  # each knows its name
-        parameters.refuse_unknown(nodes)
+            nodes.append(node_class())  # type: ignore[call-arg]  # each sets its name
+        parameters.reject_unknown(nodes)
         for node in nodes:
             node_class = type(node)
             node.begin()
@@ -192,25 +204,25 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
         for node in nodes:
             executor.add_node(node)
             node.get_logger().info('ready')
-        with ending.awaited(wake=partial(executor.create_task, bool)):
-            # Not spin(): that of the events executor of rclpy 7.1.6 calls nobody.
-            while not ending.asked:
+        with shutdown.while_spinning(wake=partial(executor.create_task, bool)):
+            # spin() of the events executor of rclpy 7.1.6 runs no callback.
+            while not shutdown.requested:
                 executor.spin_once(timeout_sec=1.0)
         code = 0
     except (parameters.ParameterError, StartError, CameraError) as error:
         rclpy.logging.get_logger(node_class.__module__.rpartition('.')[2]).fatal(str(error))
         code = 2
     except (Exception, KeyboardInterrupt):
-        # What is interrupted may fail in a way of its own.
-        if not ending.interrupts:
+        # An interrupted callback may raise anything.
+        if not shutdown.interrupts:
             raise
         code = 0
     finally:
         for node in nodes:
             node.close()
         if nodes:
-            exit_after(END_S, code)
-        # The events executor aborts when it goes while callbacks of a node are left in it.
+            exit_after(EXIT_TIMEOUT_S, code)
+        # The events executor aborts if it is destroyed with callbacks of a node in it.
         if executor is not None:
             for node in nodes:
                 executor.remove_node(node)
@@ -223,19 +235,19 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
 
 def _collect_between_frames(node: PipelineNode) -> None:
     """
-    Collect garbage once a second, and not when the middle of a frame happens to fill it up.
+    Collect garbage once a second instead of in the middle of a frame.
 
-    Long-lived objects leave the collector's view, so that a pass stays short: those of the start
-    with what little garbage there is, and after a long pass those that a camera has brought.
+    Long-lived objects are frozen so that a collection stays short: those of the start, and after
+    a long collection those that were made for a camera.
     """
     def collect() -> None:
         begin_s = time.perf_counter()
         gc.collect()
-        if time.perf_counter() - begin_s > _LONG_PASS_S:
+        if time.perf_counter() - begin_s > _LONG_COLLECTION_S:
             gc.freeze()
     gc.freeze()
     gc.disable()
-    node.create_timer(1.0, collect, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    node.create_steady_timer(1.0, collect)
 
 
 def node_class_of(name: str) -> type[PipelineNode]:

@@ -1,4 +1,4 @@
-"""Node parameters out of options classes: declaration, refusal of bad values, YAML, tables."""
+"""Node parameters from options classes: declaration, and rejection of bad values."""
 
 from collections.abc import Sequence
 import difflib
@@ -8,6 +8,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from startracker_ros.options import Option, Options
+from startracker_ros.ros.rclpy_internals import declared_parameters, parameter_overrides
 
 
 class ParameterError(ValueError):
@@ -31,7 +32,7 @@ def _descriptor(row: Option) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=row.name, description=f'{row.description}{unit}', read_only=row.read_only,
         additional_constraints=row.range_text)
-    # The range in the descriptor serves tools; the text of a refusal comes from Option.check.
+    # The range in the descriptor is for tools; errors are worded by Option.check.
     if row.low is not None and row.high is not None:
         if isinstance(row.default, float):
             descriptor.floating_point_range = [
@@ -48,8 +49,9 @@ def declare(node: Node, classes: Sequence[type[Options]]) -> dict[type[Options],
 
     ParameterError names the parameter and its range when an override does not fit.
     """
+    overrides = parameter_overrides(node)
     for row in (row for cls in classes for row in cls.table()):
-        override = node._parameter_overrides.get(row.name)
+        override = overrides.get(row.name)
         if override is not None:
             _check_override(row, override.value)
         try:
@@ -69,7 +71,7 @@ def _check_override(row: Option, value: object) -> None:
 
 
 def check(classes: Sequence[type[Options]], changes: dict[str, object]) -> None:
-    """Raise ParameterError for changes at run time that these options cannot take."""
+    """Raise ParameterError for changes at run time that the options do not allow."""
     for row in (row for cls in classes for row in cls.table() if row.name in changes):
         if row.read_only:
             raise ParameterError(f'{row.name} is read at the start only: end the node and start '
@@ -78,26 +80,25 @@ def check(classes: Sequence[type[Options]], changes: dict[str, object]) -> None:
 
 
 def read(node: Node, cls: type[Options], changes: dict[str, object] | None = None) -> Options:
-    """Return the options as they are now, or as they would be with changes; ValueError if bad."""
+    """Return the current options, or those after changes; ValueError if they are invalid."""
     names = [row.name for row in cls.table()]
     values = {name: node.get_parameter(name).value for name in names}
     values.update({name: value for name, value in (changes or {}).items() if name in values})
     return cls(**{name: _from_ros(value) for name, value in values.items()})
 
 
-def refuse_unknown(nodes: Sequence[Node]) -> None:
+def reject_unknown(nodes: Sequence[Node]) -> None:
     """
-    Raise ParameterError for an override that was given to no node that declared it.
+    Raise ParameterError for an override that no node of this process declares.
 
     A misspelt safety limit that is silently ignored is worse than a node that does not start.
-    Of several nodes in a process each may get what is meant for another.
     """
-    # rclpy has no public list of the overrides that were given.
-    taken = {name for node in nodes for name in node._parameter_overrides
+    known = {name for node in nodes for name in parameter_overrides(node)
              if node.has_parameter(name)}
-    for name in (name for node in nodes for name in node._parameter_overrides):
-        if not (name in taken or name in _RCLPY_PARAMETERS or name.startswith('qos_overrides.')):
-            declared = [row for node in nodes for row in node._parameters if '.' not in row]
+    for name in (name for node in nodes for name in parameter_overrides(node)):
+        if not (name in known or name in _RCLPY_PARAMETERS or name.startswith('qos_overrides.')):
+            declared = [row for node in nodes for row in declared_parameters(node)
+                        if '.' not in row]
             near = difflib.get_close_matches(name, declared, 1)
             hint = f'; did you mean {near[0]}?' if near else f'; known: {", ".join(declared)}'
             raise ParameterError(f'unknown parameter {name}{hint}')

@@ -3,12 +3,11 @@
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-# Reliable on both sides: with large frames best effort loses most of them on the
-# stock transport. A foreign camera that offers best effort is taken by setting
-# qos_overrides./image_raw.subscription.reliability.
+# Reliable on both sides: on the stock transport best effort loses most large images. For a
+# camera driver that publishes best effort set qos_overrides./image_raw.subscription.reliability.
 IMAGE = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 LIST = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-# A second of a fast gyro waits here while a node works on a frame.
+# Holds a second of a fast gyro while a node processes a frame.
 IMU = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                    durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -1,4 +1,4 @@
-"""Shared memory of DDS that killed processes left behind."""
+"""Shared memory segments of DDS that killed processes left behind."""
 
 import fcntl
 import os
@@ -8,17 +8,17 @@ import time
 
 _FOLDER = Path('/dev/shm')
 _SEGMENT = re.compile('fastrtps_[0-9a-f]{16}')
-# A process that is starting makes the lock file first and locks it then.
+# A starting process creates the lock file before it locks it.
 _YOUNG_S = 10.0
 
 
 def remove_left_behind(folder: Path = _FOLDER) -> int:
     """
-    Remove the segments of processes that are gone; return their size in bytes.
+    Remove the segments of dead processes; return their size in bytes.
 
-    A process holds a lock (flock) on <segment>_el as long as it lives, and the system frees it
-    however it ends. Killed nodes would fill /dev/shm by 70 MB each: Fast DDS removes a segment
-    only when its owner ends by itself. Files of other users are left alone.
+    Fast DDS removes a segment only when its process exits, so that each killed node leaves 70 MB
+    in /dev/shm. A process holds a lock (flock) on <segment>_el until it dies. Files of other
+    users are left alone.
     """
     removed = 0
     for lock_path in folder.glob('fastrtps_*_el'):

@@ -1,4 +1,4 @@
-"""What the two nodes that make images share: the camera, the pace, the stamps."""
+"""What the two nodes that publish images share: camera, frame rate, stamps."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from std_msgs.msg import Header
 
 @dataclass(frozen=True)
 class SourceOptions(Options):
-    """Pace and stamps of the published images."""
+    """Rate and stamps of the published images."""
 
     frame_rate_hz: float = option(10.0, 'images a second', unit='Hz', low=0.01, high=1000.0)
     frame_count: int = option(0, 'images to publish, 0 for no end', low=0)
@@ -66,19 +66,19 @@ class CameraOptions(Options):
 
 class SourceNode(PipelineNode):
     """
-    Publishes image after image at the wanted rate, once enough subscribers listen.
+    Publishes images at a fixed rate, once enough subscribers are there.
 
-    Until then camera_info alone is published, so that every node knows the camera before
-    the first image. On a machine that is too slow images come late, which is counted, but
-    none is left out: the stamps keep the rate, whatever the clock says.
+    Until then only camera_info is published, so that every node knows the camera before the
+    first image. On a machine that is too slow images are late, which is counted, but none is
+    left out: the stamps keep the rate.
     """
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self._timer: Timer | None = None
-        self._told_camera: Camera | None = None
-        self._image = self.give(Image, 'image_raw', qos.IMAGE)
-        self._camera_info = self.give(CameraInfo, 'camera_info', qos.LIST)
+        self._published_camera: Camera | None = None
+        self._image = self.advertise(Image, 'image_raw', qos.IMAGE)
+        self._camera_info = self.advertise(CameraInfo, 'camera_info', qos.LIST)
 
     def start_ns(self) -> int:
         """Return the stamp of the first image, in ns since the UNIX epoch."""
@@ -86,7 +86,7 @@ class SourceNode(PipelineNode):
         return self.options(SourceOptions).start_ns() or now_ns
 
     def start(self, camera: Camera, publish: Callable[[int, int, float], None]) -> None:
-        """Begin to call publish(index, stamp_ns, time_s), time_s counted from the first image."""
+        """Call publish(index, stamp_ns, time_s) at the frame rate; time_s counts from image 0."""
         self._waiting_camera, self._publish = camera, publish
         if self._timer is not None:
             self.destroy_timer(self._timer)
@@ -97,17 +97,17 @@ class SourceNode(PipelineNode):
 
     def publish_image(self, image: np.ndarray, camera: Camera, header: Header) -> None:
         """Publish an image (H, W) and the camera that took it."""
-        # As in image_transport, the image goes first: its way is the longer one, and camera_info,
-        # which wakes all nodes, would be in it. Another camera is told of before it is used.
-        told, self._told_camera = camera == self._told_camera, camera
-        if not told:
-            self._tell_camera(camera, header)
+        # As in image_transport, the image goes first: camera_info wakes all nodes, which would
+        # delay the image. Only a new camera goes before its first image.
+        same, self._published_camera = camera == self._published_camera, camera
+        if not same:
+            self._publish_camera_info(camera, header)
         self._image.publish(image_to_message(image, header))
-        if told:
-            self._tell_camera(camera, header)
+        if same:
+            self._publish_camera_info(camera, header)
         self.diagnostics.counts['frames'] += 1
 
-    def _tell_camera(self, camera: Camera, header: Header) -> None:
+    def _publish_camera_info(self, camera: Camera, header: Header) -> None:
         self._camera_info.publish(camera_to_message(camera, header))
 
     def sensor_header(self, stamp_ns: int) -> Header:
@@ -122,13 +122,13 @@ class SourceNode(PipelineNode):
             if (self._image.get_subscription_count() < options.wait_for_subscribers
                     or self._camera_info.get_subscription_count()
                     < options.wait_for_camera_users):
-                self._tell_camera(self._waiting_camera,
-                                  self.sensor_header(now_ns + self._stamp_offset_ns))
+                self._publish_camera_info(
+                    self._waiting_camera, self.sensor_header(now_ns + self._stamp_offset_ns))
                 return
             self._begin_ns = now_ns
         since_ns = now_ns - self._begin_ns
         self._publish_next(self._begin_ns, since_ns)
-        # A tick that was missed is made up for: else all later images would be as late.
+        # Make up for a missed tick, so that later images are not late, too.
         if since_ns >= self._due_ns():
             self._publish_next(self._begin_ns, since_ns)
 

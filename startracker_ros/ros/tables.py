@@ -1,5 +1,5 @@
 """
-Annotated YAML and documentation out of the option tables: python -m startracker_ros.ros.tables.
+Annotated YAML and documentation from the option tables: python -m startracker_ros.ros.tables.
 
 Writes config/<node>.yaml and docs/parameters.md of the source tree it is started in.
 """
@@ -41,8 +41,8 @@ def markdown_text() -> str:
         '# Parameters', '',
         f'Made by `{_COMMAND}` from the option tables in the code. A value out of range, of the',
         'wrong type or with an unknown name stops the node at its start with a message that names',
-        'it; a change at run time is refused in the same words. A change that is accepted takes',
-        'effect with the next frame and makes a stateful node forget its state.']
+        'it; a change at run time is rejected with the same message. An accepted change takes',
+        'effect with the next frame and resets a stateful node.']
     for node in NODES:
         lines += ['', f'## {node}', '', '| name | default | unit | range | meaning |',
                   '|---|---|---|---|---|']

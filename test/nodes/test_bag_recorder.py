@@ -119,7 +119,7 @@ from startracker_ros.ros.node import main_of
 from startracker_ros.ros.nodes.bag_recorder import BagRecorderNode
 
 class FullDisk(BagRecorderNode):
-    def configure(self):
+    def rebuild(self):
         # Not earlier: the shared memory of DDS counts as files, too.
         resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 

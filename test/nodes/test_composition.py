@@ -35,28 +35,28 @@ class Line:
 def test_messages_go_from_hand_to_hand_in_the_order_they_were_given():
     composition, order, message = Composition(), [], object()
     first, second = Line('/first'), Line('/second')
-    give_first, give_second = composition.give(first, False), composition.give(second, False)
+    publish_first, publish_second = composition.advertise(first, False), composition.advertise(second, False)
 
     def answer(taken):
         assert taken is message
         order.append('begin')
-        give_second.publish('answer')
+        publish_second.publish('answer')
         order.append('end')
-    composition.take('/first', answer, pytest.fail)
-    composition.take('/first', lambda taken: order.append('other'), pytest.fail)
-    composition.take('/second', order.append, pytest.fail)
+    composition.subscribe('/first', answer, pytest.fail)
+    composition.subscribe('/first', lambda taken: order.append('other'), pytest.fail)
+    composition.subscribe('/second', order.append, pytest.fail)
     composition.connect()
-    give_first.publish(message)
+    publish_first.publish(message)
     assert order == ['begin', 'end', 'other', 'answer']
-    assert give_first.get_subscription_count() == 2
+    assert publish_first.get_subscription_count() == 2
     assert not first.sent and not second.sent
 
 
 def test_who_listens_elsewhere_hears_too():
     composition = Composition()
     heard, last = Line('/heard', subscribers=1), Line('/last')
-    composition.give(heard, False).publish(1)
-    composition.give(last, True).publish(2)
+    composition.advertise(heard, False).publish(1)
+    composition.advertise(last, True).publish(2)
     assert heard.sent == [1]
     assert last.sent == [2], 'who comes later wants the last message'
 
@@ -65,57 +65,57 @@ def test_who_listens_elsewhere_hears_after_those_here():
     composition, order = Composition(), []
     first, second = Line('/first', subscribers=1), Line('/second', subscribers=1)
     first.publish = second.publish = order.append
-    give_first, give_second = composition.give(first, False), composition.give(second, False)
-    composition.take('/first', lambda taken: give_second.publish('second out'), pytest.fail)
-    composition.take('/second', lambda taken: order.append('second in'), pytest.fail)
+    publish_first, publish_second = composition.advertise(first, False), composition.advertise(second, False)
+    composition.subscribe('/first', lambda taken: publish_second.publish('second out'), pytest.fail)
+    composition.subscribe('/second', lambda taken: order.append('second in'), pytest.fail)
     composition.connect()
-    give_first.publish('first out')
+    publish_first.publish('first out')
     assert order == ['second in', 'first out', 'second out']
 
 
 def test_what_nobody_waits_for_comes_last():
     composition, order = Composition(), []
-    give_first, give_second = (composition.give(Line(topic), False)
+    publish_first, publish_second = (composition.advertise(Line(topic), False)
                                for topic in ('/first', '/second'))
 
     def answer(message):
-        composition.afterwards(lambda: order.append('afterwards'))
-        give_second.publish('second')
+        composition.defer(lambda: order.append('deferred'))
+        publish_second.publish('second')
         order.append('first')
-    composition.take('/first', lambda message: order.append('in no hurry'), pytest.fail, last=True)
-    composition.take('/first', answer, pytest.fail)
-    composition.take('/second', order.append, pytest.fail)
+    composition.subscribe('/first', lambda message: order.append('in no hurry'), pytest.fail, last=True)
+    composition.subscribe('/first', answer, pytest.fail)
+    composition.subscribe('/second', order.append, pytest.fail)
     composition.connect()
-    give_first.publish('first')
-    assert order == ['first', 'second', 'in no hurry', 'afterwards']
-    composition.afterwards(lambda: order.append('at once'))
+    publish_first.publish('first')
+    assert order == ['first', 'second', 'in no hurry', 'deferred']
+    composition.defer(lambda: order.append('at once'))
     assert order[-1] == 'at once'
 
 
 def test_only_what_no_node_gives_is_subscribed_to():
     composition, subscribed = Composition(), []
-    composition.take('/own', print, lambda: subscribed.append('/own'))
-    composition.take('/foreign', print, lambda: subscribed.append('/foreign'))
-    composition.give(Line('/own'), False)
+    composition.subscribe('/own', print, lambda: subscribed.append('/own'))
+    composition.subscribe('/foreign', print, lambda: subscribed.append('/foreign'))
+    composition.advertise(Line('/own'), False)
     assert not subscribed, 'a node that gives it may still come'
     composition.connect()
-    composition.take('/late', print, lambda: subscribed.append('/late'))
-    composition.take('/own', print, lambda: subscribed.append('/own'))
+    composition.subscribe('/late', print, lambda: subscribed.append('/late'))
+    composition.subscribe('/own', print, lambda: subscribed.append('/own'))
     assert subscribed == ['/foreign', '/late']
 
 
 def test_an_error_does_not_leave_messages_behind():
     composition, taken = Composition(), []
-    give = composition.give(Line('/topic'), False)
+    publisher = composition.advertise(Line('/topic'), False)
 
     def fail(message):
         raise RuntimeError(message)
-    composition.take('/topic', fail, pytest.fail)
-    composition.take('/topic', taken.append, pytest.fail)
+    composition.subscribe('/topic', fail, pytest.fail)
+    composition.subscribe('/topic', taken.append, pytest.fail)
     with pytest.raises(RuntimeError, match='first'):
-        give.publish('first')
+        publisher.publish('first')
     with pytest.raises(RuntimeError, match='second'):
-        give.publish('second')
+        publisher.publish('second')
     assert not taken
 
 

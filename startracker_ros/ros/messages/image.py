@@ -8,6 +8,7 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
 from startracker_ros.bag.layouts import MessageError
+from startracker_ros.ros.rclpy_internals import set_image_data
 from std_msgs.msg import Header
 
 _CDR_LITTLE_ENDIAN = b'\x00\x01'
@@ -17,25 +18,23 @@ def image_to_message(image: np.ndarray, header: Header) -> Image:
     """
     Return mono8, mono16 or rgb8 of (H, W) uint8 or uint16 or (H, W, 3) uint8.
 
-    The message shows the image itself: whoever changes that changes both.
+    The message shows the image itself: a change of one is a change of the other.
     """
     image = np.ascontiguousarray(image)
     encoding = {(2, 1): 'mono8', (2, 2): 'mono16', (3, 1): 'rgb8'}[image.ndim, image.itemsize]
     message = Image(header=header, height=image.shape[0], width=image.shape[1],
                     encoding=encoding, is_bigendian=sys.byteorder == 'big',
                     step=image.strides[0])
-    # The property would copy into an array.array; what makes DDS samples of messages takes any
-    # buffer, and so does image_from_message().
-    message._data = image.data.cast('B')
+    set_image_data(message, image.data.cast('B'))
     return message
 
 
 def image_message_from_cdr(data: bytes) -> Image:
     """
-    Return a serialized image, whose data shows the bytes; MessageError if it is none.
+    Return a message that shows the pixels of a serialized one; MessageError if it is damaged.
 
-    rclpy would copy the data three times. CDR as in OMG DDSI-RTPS 10.2, little-endian; other
-    encodings are rclpy's.
+    rclpy would copy the pixels three times. Little-endian CDR (OMG DDSI-RTPS 10.2) is read here,
+    other encodings by rclpy.
     """
     if not data.startswith(_CDR_LITTLE_ENDIAN):
         return deserialize_message(data, Image)
@@ -54,19 +53,19 @@ def image_message_from_cdr(data: bytes) -> Image:
     message = Image(header=Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id),
                     height=height, width=width, encoding=encoding, is_bigendian=big_endian,
                     step=step)
-    message._data = memoryview(data)[begin:begin + count]
+    set_image_data(message, memoryview(data)[begin:begin + count])
     return message
 
 
-def _aligned(place: int) -> int:
-    """Return where the next number of four bytes begins; the encapsulation has four itself."""
-    return -(-place // 4) * 4
+def _aligned(offset: int) -> int:
+    """Return the offset of the next number of four bytes; the encapsulation has four itself."""
+    return -(-offset // 4) * 4
 
 
-def _cdr_string(data: bytes, place: int) -> tuple[str, int]:
-    """Return a string, with its length and a zero at the end, and the place behind it."""
-    begin = place + 4
-    end = begin + struct.unpack_from('<I', data, place)[0]
+def _cdr_string(data: bytes, offset: int) -> tuple[str, int]:
+    """Return a zero-terminated string that follows its length, and the offset of its end."""
+    begin = offset + 4
+    end = begin + struct.unpack_from('<I', data, offset)[0]
     if end > len(data):
         raise IndexError(end)
     return data[begin:end].rstrip(b'\0').decode(errors='replace'), end

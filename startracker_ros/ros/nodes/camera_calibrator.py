@@ -20,7 +20,6 @@ from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages.clouds import centroids_from_rows
 from startracker_ros.ros.node import main_of
-from std_srvs.srv import Trigger
 
 
 @dataclass(frozen=True)
@@ -40,19 +39,19 @@ class CameraCalibratorNode(CameraNode):
 
     def __init__(self) -> None:
         super().__init__('camera_calibrator')
-        self.take(PointCloud2, 'stars', self._take_stars, qos.LIST)
-        self.create_service(Trigger, '~/calibrate', self._calibrate)
-        self.offer_reset()
+        self.subscribe(PointCloud2, 'stars', self._on_stars, qos.LIST)
+        self.advertise_trigger('calibrate', self._calibrate)
+        self.advertise_reset()
 
-    def configure(self) -> None:
+    def rebuild(self) -> None:
         if self.camera is not None:
             self._places = camera_places(load_catalog(), self.camera, self.epoch_year)
             self._collection = ViewCollection(self.camera, self.options(CollectionOptions))
             self._describe()
 
-    def _take_stars(self, message: PointCloud2) -> None:
+    def _on_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)
-        camera = self.known_camera()
+        camera = self.camera_or_drop()
         if camera is None or not self.in_order('stars', message.header.stamp):
             return
         centroids = centroids_from_rows(rows)
@@ -80,25 +79,22 @@ class CameraCalibratorNode(CameraNode):
             'frames': len(self._collection), 'stars': self._collection.stars,
             'field_covered_percent': f'{self._collection.covered_percent:.0f}'})
 
-    def _calibrate(self, request: Trigger.Request, response: Trigger.Response
-                   ) -> Trigger.Response:
-        response.success = False
+    def _calibrate(self) -> tuple[bool, str]:
+        """Calibrate from the collected frames; return whether it worked, and the result."""
         if self.camera is None:
-            response.message = 'no valid camera_info received'
-            return response
-        output = self.options(OutputOptions).output_file
+            return False, 'no valid camera_info received'
+        output, done = self.options(OutputOptions).output_file, False
         try:
             calibration = calibrate(self._collection.views, self.camera, self._places)
             save_camera(calibration.camera, output)
         except CalibrationError as error:
-            response.message = str(error)
+            message = str(error)
         except OSError as error:
-            response.message = f'output_file {output}: {error.strerror}'
+            message = f'output_file {output}: {error.strerror}'
         else:
-            response.success = True
-            response.message = f'{sentence(calibration)}; written to {output}'
-        self.get_logger().info(response.message)
-        return response
+            done, message = True, f'{sentence(calibration)}; written to {output}'
+        self.get_logger().info(message)
+        return done, message
 
 
 main = main_of(CameraCalibratorNode)

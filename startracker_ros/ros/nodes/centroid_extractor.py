@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
 from startracker_ros.bag.layouts import image_from_message, MessageError
-from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.extraction import CentroidExtractor, Extraction, ExtractionOptions
 from startracker_ros.pipeline.annotate import annotate
 from startracker_ros.ros import qos
@@ -21,33 +20,33 @@ from visualization_msgs.msg import ImageMarker
 
 
 class CentroidExtractorNode(CameraNode):
-    """Turns each image into a list of centroids; an empty list means looked, found none."""
+    """Extracts the centroids of each image; an empty list means that there are none."""
 
     option_classes = (ExtractionOptions,)
     task = 'centroids'
 
     def __init__(self) -> None:
         super().__init__('centroid_extractor')
-        # The nodes of a pipeline share the cores; OpenCV's threads, with which images are
-        # annotated, would only wait for each other.
+        # The nodes of a pipeline share the cores: more threads of OpenCV would only compete.
         cv2.setNumThreads(1)
-        self.steady_topic = 'image_raw'
-        self._centroids = self.give(PointCloud2, 'centroids', qos.LIST)
-        self._annotated = self.give(Image, 'image_annotated', qos.IMAGE)
-        self._markers = self.give(ImageMarker, 'image_markers', qos.LIST)
+        self.frame_topic = 'image_raw'
+        self._centroids = self.advertise(PointCloud2, 'centroids', qos.LIST)
+        self._annotated = self.advertise(Image, 'image_annotated', qos.IMAGE)
+        self._markers = self.advertise(ImageMarker, 'image_markers', qos.LIST)
 
-    def configure(self) -> None:
+    def rebuild(self) -> None:
         self._extractor = CentroidExtractor(self.options(ExtractionOptions))
 
-    def prepare(self, camera: Camera) -> None:
-        self.tell_of_compiling()
+    def warm_up(self) -> None:
+        self.report_compiling()
         self._extractor.warm_up()
-        # Images are taken from here on: a source that waits for subscribers then loses none.
-        self.take(Image, 'image_raw', self._take_image, qos.IMAGE, decode=image_message_from_cdr)
+        # Only now, so that a source that waits for subscribers loses no image.
+        self.subscribe(Image, 'image_raw', self._on_image, qos.IMAGE,
+                       decode=image_message_from_cdr)
 
-    def _take_image(self, message: Image) -> None:
+    def _on_image(self, message: Image) -> None:
         image = image_from_message(message)
-        camera = self.known_camera()
+        camera = self.camera_or_drop()
         if camera is None or not self.in_order('image_raw', message.header.stamp):
             return
         if image.shape != (camera.height, camera.width):
@@ -57,10 +56,10 @@ class CentroidExtractorNode(CameraNode):
         extraction = self._extractor.extract(image)
         self._centroids.publish(centroids_to_message(
             extraction.centroids, camera, message.header))
-        self.afterwards(partial(self._tell, message.header, image, extraction))
+        self.defer(partial(self._report, message.header, image, extraction))
 
-    def _tell(self, header: Header, image: np.ndarray, extraction: Extraction) -> None:
-        """Publish the spots of an image for viewers, and report on it."""
+    def _report(self, header: Header, image: np.ndarray, extraction: Extraction) -> None:
+        """Publish the centroids for viewers, and the status."""
         if self._annotated.get_subscription_count():
             self._annotated.publish(image_to_message(
                 annotate(image, extraction.centroids.uv), header))

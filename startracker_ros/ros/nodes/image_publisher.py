@@ -12,7 +12,7 @@ from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.node import main_of, StartError
 from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
 
-_KEPT_BYTES = 256 * 2 ** 20
+_CACHE_BYTES = 256 * 2 ** 20
 _SUFFIXES = {'.png', '.tif', '.tiff', '.jpg', '.jpeg', '.bmp', '.pgm'}
 
 
@@ -43,8 +43,8 @@ class ImagePublisherNode(SourceNode):
     """
     Publishes image files with the camera they were taken with.
 
-    Images that are published again and again are kept, up to _KEPT_BYTES: reading a file takes
-    longer than all the stages behind it.
+    With loop, images are cached up to _CACHE_BYTES: reading a file takes longer than the whole
+    pipeline.
     """
 
     option_classes = (SourceOptions, CameraOptions, FileOptions, FrameOptions)
@@ -52,9 +52,9 @@ class ImagePublisherNode(SourceNode):
 
     def __init__(self) -> None:
         super().__init__('image_publisher')
-        self._kept: dict[tuple[Path, int], np.ndarray] = {}
+        self._cached: dict[tuple[Path, int], np.ndarray] = {}
 
-    def configure(self) -> None:
+    def rebuild(self) -> None:
         self._files = self.options(FileOptions).files()
         # A bad first image or camera file stops the node here, where the user looks.
         try:
@@ -64,7 +64,7 @@ class ImagePublisherNode(SourceNode):
         self.start(self._camera, self._publish_file)
 
     def _use_camera_for(self, shape: tuple[int, int]) -> None:
-        """Read the camera once for all images of a size."""
+        """Build the camera of images of one size."""
         self._shape = shape
         height, width = shape
         self._camera = self.options(CameraOptions).camera(width, height)
@@ -92,12 +92,12 @@ class ImagePublisherNode(SourceNode):
             key = path, path.stat().st_mtime_ns
         except OSError as error:
             raise ImageError(f'{path}: {error.strerror}') from error
-        if key not in self._kept:
+        if key not in self._cached:
             image = read_image(path)
-            if sum(kept.nbytes for kept in self._kept.values()) + image.nbytes > _KEPT_BYTES:
+            if image.nbytes + sum(one.nbytes for one in self._cached.values()) > _CACHE_BYTES:
                 return image
-            self._kept[key] = image
-        return self._kept[key]
+            self._cached[key] = image
+        return self._cached[key]
 
 
 main = main_of(ImagePublisherNode)

@@ -1,4 +1,4 @@
-"""Processes end by SIGINT and SIGTERM with exit code 0, whatever they are at."""
+"""Processes end on SIGINT and SIGTERM with exit code 0, whatever they are doing."""
 
 import signal
 import subprocess
@@ -9,42 +9,42 @@ import pytest
 from startracker_ros.harness.processes import node_command
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
-# A node takes in what it has created just after it says that it is ready.
+# The executor adds the entities of a node just after the node logs that it is ready.
 DELAYS_S = (0.0, 0.001, 0.003, 0.01)
 
 
 def script(*lines):
-    """Run lines after those that take the signals; return what they print."""
+    """Run lines after the handlers are installed; return what they print."""
     start = ('import os, signal, threading, time',
-             'from startracker_ros.ros.ending import Ending',
-             'ending, woken = Ending(), threading.Event()')
+             'from startracker_ros.ros.shutdown import Shutdown',
+             'shutdown, woken = Shutdown(), threading.Event()')
     done = subprocess.run([sys.executable, '-c', '\n'.join((*start, *lines))],
                           stdout=subprocess.PIPE, text=True, timeout=60, check=True)
     return done.stdout.split()
 
 
 @pytest.mark.parametrize('number', NUMBERS, ids=lambda number: number.name)
-def test_a_loop_hears_of_a_signal_that_came_before_it(number):
+def test_an_early_signal_ends_the_loop(number):
     assert script(
         f'os.kill(os.getpid(), {number:d})',
-        'with ending.awaited(woken.set):',
-        '    while not ending.asked: time.sleep(0.01)',
+        'with shutdown.while_spinning(woken.set):',
+        '    while not shutdown.requested: time.sleep(0.01)',
         f'os.kill(os.getpid(), {number:d})',
         'print(woken.wait(10))') == ['True']
 
 
-def test_a_node_may_ask_itself():
+def test_a_node_may_request_shutdown():
     assert script(
-        'with ending.awaited(woken.set):',
-        '    ending.ask()',
-        '    print(woken.wait(10), ending.asked)') == ['True', 'True']
+        'with shutdown.while_spinning(woken.set):',
+        '    shutdown.request()',
+        '    print(woken.wait(10), shutdown.requested)') == ['True', 'True']
 
 
 @pytest.mark.parametrize('number', NUMBERS, ids=lambda number: number.name)
-def test_what_does_not_end_is_interrupted_after_a_while(number):
+def test_a_long_callback_is_interrupted(number):
     assert script(
         'try:',
-        '    with ending.awaited(woken.set):',
+        '    with shutdown.while_spinning(woken.set):',
         '        begin_s = time.monotonic()',
         f'        os.kill(os.getpid(), {number:d})',
         '        while True: time.sleep(0.01)',
@@ -55,7 +55,7 @@ def test_what_does_not_end_is_interrupted_after_a_while(number):
 
 
 @pytest.mark.parametrize('number', NUMBERS, ids=lambda number: number.name)
-def test_a_node_that_has_just_begun_ends_cleanly(nodes, tmp_path, number):
+def test_a_node_that_has_just_started_ends_cleanly(nodes, tmp_path, number):
     for index, delay_s in enumerate(DELAYS_S):
         process = nodes.run(f'{index}', node_command('camera_calibrator'))
         log = tmp_path / f'{index}.log'

@@ -1,4 +1,4 @@
-"""An end for a process whose main thread may never come back."""
+"""Exit of a process whose main thread may hang."""
 
 import ctypes
 import sys
@@ -16,7 +16,7 @@ class _SignalEvent(ctypes.Structure):
 
 
 class _TimerTime(ctypes.Structure):
-    """struct itimerspec: the interval, and the time to the first end, in s and ns."""
+    """struct itimerspec: the interval, and the time to the first expiry, in s and ns."""
 
     _fields_ = [('interval_s', ctypes.c_long), ('interval_ns', ctypes.c_long),
                 ('value_s', ctypes.c_long), ('value_ns', ctypes.c_long)]
@@ -26,9 +26,9 @@ def exit_after(seconds: float, code: int) -> None:
     """
     End this process with an exit code after a time, whatever it is doing then.
 
-    A timer of the system, as a Python thread could not run: Fast DDS may spin for ever with
-    the interpreter locked when it removes a participant just while it hears of the end of
-    another (eProsima/Fast-DDS issue 6513). Where there is no such timer nothing happens.
+    Fast DDS may spin for ever while it removes a participant, if another one leaves at the same
+    time (eProsima/Fast-DDS issue 6513). It then holds the interpreter lock, so that a Python
+    thread could not run: a timer of the system calls _exit(). Linux only.
     """
     if not sys.platform.startswith('linux'):
         return

@@ -8,7 +8,7 @@ import pytest
 
 HANG = """
 import ctypes, sys
-from startracker_ros.ros.last_resort import exit_after
+from startracker_ros.ros.forced_exit import exit_after
 exit_after(float(sys.argv[1]), int(sys.argv[2]))
 ctypes.PyDLL(None).sleep(60)  # keeps the lock of the interpreter
 """

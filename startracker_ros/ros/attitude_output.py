@@ -1,0 +1,63 @@
+"""The attitude on its four topics."""
+
+from dataclasses import replace
+
+from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, TransformStamped
+import numpy as np
+from sensor_msgs.msg import Imu
+from startracker_ros.attitude.result import AttitudeEstimate
+from startracker_ros.attitude.validation import TrustedAttitude
+from startracker_ros.maths.rotation import ARCSEC
+from startracker_ros.ros import qos
+from startracker_ros.ros.diagnostics import OK, WARN
+from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.messages.attitude import (
+    attitude_to_imu, attitude_to_pose, attitude_to_transform, quaternion_to_message,
+    tracked_attitude_to_imu)
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.node import PipelineNode
+from startracker_ros.track.tracks import TrackedAttitude
+
+
+class AttitudeOutput:
+    """Publishes trusted attitudes as attitude, attitude_cov, attitude_transform, attitude_imu."""
+
+    def __init__(self, node: PipelineNode) -> None:
+        self._diagnostics = node.diagnostics
+        self._quaternion = node.advertise(QuaternionStamped, 'attitude', qos.LIST)
+        self._pose = node.advertise(PoseWithCovarianceStamped, 'attitude_cov', qos.LIST)
+        self._imu = node.advertise(Imu, 'attitude_imu', qos.LIST)
+        self._transform = node.advertise(TransformStamped, 'attitude_transform', qos.LIST)
+
+    def publish(self, stamp_ns: int, result: TrustedAttitude, tracked: TrackedAttitude | None,
+                frames: FrameOptions) -> None:
+        """
+        Publish the attitude of a frame, with the body rate where a tracker knows it.
+
+        Without a trusted attitude only attitude_imu is published, marked as invalid.
+        """
+        attitude = result.attitude
+        header = make_header(stamp_ns, frames.inertial_frame_id)
+        sensor_header = make_header(stamp_ns, frames.sensor_frame_id)
+        if attitude is None:
+            self._imu.publish(attitude_to_imu(None, sensor_header))
+            self._diagnostics.counts['frames without attitude'] += 1
+            self._diagnostics.report(WARN, f'no attitude: {result.reason}')
+            return
+        # First, as a control loop may depend on it.
+        self._quaternion.publish(quaternion_to_message(attitude.quaternion, header))
+        self._pose.publish(attitude_to_pose(attitude, header))
+        self._transform.publish(attitude_to_transform(attitude, header, frames.sensor_frame_id))
+        self._imu.publish(
+            attitude_to_imu(attitude, sensor_header) if tracked is None else
+            tracked_attitude_to_imu(replace(tracked, attitude=attitude), sensor_header))
+        self._diagnostics.counts['attitudes'] += 1
+        self._diagnostics.values.update(_describe(attitude))
+        self._diagnostics.report(OK, 'publishing attitude')
+
+
+def _describe(attitude: AttitudeEstimate) -> dict[str, str]:
+    sigma = np.sqrt(np.diag(attitude.covariance_sensor)) / ARCSEC
+    return {'stars': str(attitude.stars),
+            'cross_boresight_sigma_arcsec': f'{np.hypot(*sigma[:2]) / np.sqrt(2):.2f}',
+            'roll_sigma_arcsec': f'{sigma[2]:.2f}'}

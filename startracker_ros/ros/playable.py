@@ -1,0 +1,39 @@
+"""Which topics of a bag are published."""
+
+from collections.abc import Callable, Iterable
+
+from startracker_ros.bag.patterns import selected
+from startracker_ros.bag.playback import PlayOptions
+from startracker_ros.bag.reader import BagTopic
+from startracker_ros.bag.schemas import message_schema
+from startracker_ros.ros.messages.message_types import message_class
+
+
+def playable_topics(topics: Iterable[BagTopic], options: PlayOptions, *, own_clock: bool,
+                    warn: Callable[[str], object]) -> list[BagTopic]:
+    """Return the selected topics that can be published; warn of each that cannot."""
+    playable = []
+    for topic in topics:
+        if selected(topic.name, options.topics, options.exclude):
+            reason = _why_not_playable(topic, own_clock)
+            if reason:
+                warn(f'{topic.name} is not played: {reason}')
+            else:
+                playable.append(topic)
+    return playable
+
+
+def _why_not_playable(topic: BagTopic, own_clock: bool) -> str:
+    """Return why a topic cannot be published, empty if it can; own_clock: the player makes it."""
+    if topic.encoding != 'cdr':
+        return f'its messages are {topic.encoding!r}, not cdr'
+    if topic.name == '/clock' and own_clock:
+        return 'clock_rate_hz makes a new one'
+    try:
+        message_class(topic.type_name)
+    except (ImportError, ValueError):
+        return f'{topic.type_name or "a topic without a type"} is not installed'
+    installed = message_schema(topic.type_name).type_hash
+    if topic.schema.type_hash and installed not in ('', topic.schema.type_hash):
+        return f'{topic.type_name} was recorded with another definition'
+    return ''

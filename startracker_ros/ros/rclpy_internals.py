@@ -1,0 +1,33 @@
+"""
+What rclpy keeps private and the nodes need: tried with rclpy 7.1, each with a way around.
+
+Where a later rclpy has renamed an attribute, images are copied once more and misspelt parameters
+are ignored, as in any other node.
+"""
+
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+
+def set_image_data(message: Image, data: memoryview) -> None:
+    """
+    Let an image message show a buffer instead of a copy.
+
+    The property would copy it into an array.array; the conversion to DDS takes any buffer.
+    """
+    if hasattr(message, '_data'):
+        message._data = data
+    else:
+        message.data.frombytes(data)
+
+
+def parameter_overrides(node: Node) -> dict[str, Any]:
+    """Return the parameters given at the start by name, as rclpy.parameter.Parameter."""
+    return getattr(node, '_parameter_overrides', {})
+
+
+def declared_parameters(node: Node) -> list[str]:
+    """Return the names of the parameters that a node declared."""
+    return list(getattr(node, '_parameters', {}))

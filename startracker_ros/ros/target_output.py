@@ -1,0 +1,32 @@
+"""The target among the stars, beside a star tracker: target_centroid."""
+
+from sensor_msgs.msg import PointCloud2
+from startracker_ros.attitude.result import AttitudeEstimate
+from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.camera.model import Camera
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.clouds import centroids_to_message
+from startracker_ros.ros.node import PipelineNode
+from startracker_ros.track.target import TargetTracker
+from std_msgs.msg import Header
+
+
+class TargetOutput:
+    """Searches each frame for the target and publishes it, while anybody subscribes."""
+
+    def __init__(self, node: PipelineNode) -> None:
+        self._diagnostics = node.diagnostics
+        self._publisher = node.advertise(PointCloud2, 'target_centroid', qos.LIST)
+
+    def update(self, tracker: TargetTracker, attitude: AttitudeEstimate, centroids: Centroids,
+               camera: Camera, header: Header) -> None:
+        """Publish the target of a frame, an empty cloud if there is none."""
+        if not self._publisher.get_subscription_count():
+            return
+        target = tracker.update(ns_from_stamp(header.stamp), attitude, centroids)
+        self._publisher.publish(centroids_to_message(
+            Centroids.empty() if target is None else target.centroid, camera, header))
+        self._diagnostics.values.update(
+            spots_without_star=tracker.spots,
+            target='none' if target is None else f'{target.rate_deg_s:.4f} deg/s')
