@@ -28,7 +28,7 @@ def generate_launch_description() -> LaunchDescription:
             description='folder with one parameter file <node>.yaml for each node'),
         DeclareLaunchArgument(
             'composed', default_value='false',
-            description='run the four stages in one process: faster, but a crash ends all of them'),
+            description='run the four stages in one process: faster, but a crash ends all'),
         DeclareLaunchArgument(
             'record', default_value='false', description='record all topics into a bag'),
     ]

@@ -21,9 +21,9 @@ def generate_launch_description() -> LaunchDescription:
     share = get_package_share_directory('startracker_ros')
     arguments = [
         DeclareLaunchArgument(
-            'observer_1', default_value='tracker_1', description='namespace of the first tracker'),
+            'observer_1', default_value='tracker_1', description='namespace of tracker 1'),
         DeclareLaunchArgument(
-            'observer_2', default_value='tracker_2', description='namespace of the second tracker'),
+            'observer_2', default_value='tracker_2', description='namespace of tracker 2'),
         DeclareLaunchArgument(
             'config', default_value=os.path.join(share, 'config'),
             description='folder with one parameter file <node>.yaml for each node'),
