@@ -1,7 +1,7 @@
 """Attitude of one star image, without ROS."""
 
 import numpy as np
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.identify.methods import make_identifier
 

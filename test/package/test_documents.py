@@ -17,12 +17,12 @@ from docutils.core import publish_doctree
 from docutils.utils import Reporter
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.cli import main
 from startracker_ros.executables import EXECUTABLES, NODES
+from startracker_ros.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.ros.node import PipelineNode
-from startracker_ros.rotation import ARCSEC, attitude_error
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 
