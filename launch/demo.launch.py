@@ -1,4 +1,4 @@
-"""The star tracker behind a simulated camera, recorded: pipeline.launch.py and sky_simulator."""
+"""Star tracker with a simulated camera and recorder: pipeline.launch.py and sky_simulator."""
 
 import os
 
@@ -12,7 +12,7 @@ from startracker_ros.harness.processes import node_environment
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the pipeline with the recorder, and the sky it looks at."""
+    """Return the pipeline with the recorder, and the simulator."""
     share = get_package_share_directory('startracker_ros')
     arguments = [
         DeclareLaunchArgument(

@@ -1,8 +1,8 @@
 """
-The star tracker behind a camera: image_raw and camera_info of its namespace -> attitude.
+Star tracker for a camera: image_raw and camera_info of its namespace -> attitude.
 
-A camera of one's own: copy the parameter files, change them, pass their folder as
-`config:=...`; the focal length and the distortion come with the camera's camera_info.
+For your own camera copy the parameter files, change them and pass their folder as
+`config:=...`. Focal length and distortion come from the camera_info of the camera.
 """
 
 import os
@@ -28,7 +28,7 @@ def generate_launch_description() -> LaunchDescription:
             description='folder with one parameter file <node>.yaml for each node'),
         DeclareLaunchArgument(
             'composed', default_value='false',
-            description='run the four stages in one process: faster, but they fall together'),
+            description='run the four stages in one process: faster, but a crash ends all'),
         DeclareLaunchArgument(
             'record', default_value='false', description='record all topics into a bag'),
     ]
@@ -47,7 +47,7 @@ def generate_launch_description() -> LaunchDescription:
         *arguments,
         node('bag_recorder', IfCondition(LaunchConfiguration('record'))),
         *(node(name, UnlessCondition(composed)) for name in STAGES),
-        # Without a name, which all of its nodes would take.
+        # Without a name: it would rename all nodes of the process.
         Node(package='startracker_ros', executable='composed_pipeline', output='screen',
              namespace=LaunchConfiguration('namespace'),
              parameters=[parameter_file(name) for name in STAGES],

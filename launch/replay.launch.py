@@ -1,8 +1,8 @@
 """
-A recording in place of a camera: pipeline.launch.py and bag_player with images and rates.
+Star tracker on a recording: pipeline.launch.py, and bag_player with images and rates.
 
-`bag:=folder` names the bag; what the nodes of the recording said of its images is not played,
-the pipeline says it anew.
+`bag:=folder` names the bag. Only images, camera_info and imu are played: the pipeline publishes
+the other topics again.
 """
 
 import os
@@ -17,7 +17,7 @@ from startracker_ros.harness.processes import node_environment
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the pipeline, and the bag that it listens to."""
+    """Return the pipeline and the bag player."""
     share = get_package_share_directory('startracker_ros')
     config = DeclareLaunchArgument(
         'config', default_value=os.path.join(share, 'config'),

@@ -1,8 +1,8 @@
 """
-Two star trackers, each behind its own camera, and the locator of the target both see.
+Two star trackers, each with its own camera, and the locator of a target that both see.
 
-Each camera publishes image_raw and camera_info in the namespace of its tracker, the navigation
-of each satellite nav_msgs/Odometry on odometry there.
+Each camera publishes image_raw and camera_info in the namespace of its tracker. The navigation
+of each satellite publishes nav_msgs/Odometry on odometry in the same namespace.
 """
 
 import os
@@ -21,9 +21,9 @@ def generate_launch_description() -> LaunchDescription:
     share = get_package_share_directory('startracker_ros')
     arguments = [
         DeclareLaunchArgument(
-            'observer_1', default_value='tracker_1', description='namespace of one tracker'),
+            'observer_1', default_value='tracker_1', description='namespace of tracker 1'),
         DeclareLaunchArgument(
-            'observer_2', default_value='tracker_2', description='namespace of the other tracker'),
+            'observer_2', default_value='tracker_2', description='namespace of tracker 2'),
         DeclareLaunchArgument(
             'config', default_value=os.path.join(share, 'config'),
             description='folder with one parameter file <node>.yaml for each node'),
