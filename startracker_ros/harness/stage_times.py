@@ -35,7 +35,8 @@ def timed(node_class: type[PipelineNode], passages: list[tuple[str, int, int]], 
                 passages.append((place, ns_from_stamp(message.header.stamp), time.time_ns()))
                 callback(message)
             stamped = hasattr(message_type, 'header')
-            super().subscribe(message_type, topic, clocked if stamped else callback, profile, **how)
+            super().subscribe(
+                message_type, topic, clocked if stamped else callback, profile, **how)
 
         def publish_image(self, image: np.ndarray, camera: Any, header: Any) -> None:
             passages.append((f'{self.get_name()} sends', ns_from_stamp(header.stamp),

@@ -35,7 +35,8 @@ class Line:
 def test_messages_go_from_hand_to_hand_in_the_order_they_were_given():
     composition, order, message = Composition(), [], object()
     first, second = Line('/first'), Line('/second')
-    publish_first, publish_second = composition.advertise(first, False), composition.advertise(second, False)
+    publish_first = composition.advertise(first, False)
+    publish_second = composition.advertise(second, False)
 
     def answer(taken):
         assert taken is message
@@ -65,8 +66,10 @@ def test_who_listens_elsewhere_hears_after_those_here():
     composition, order = Composition(), []
     first, second = Line('/first', subscribers=1), Line('/second', subscribers=1)
     first.publish = second.publish = order.append
-    publish_first, publish_second = composition.advertise(first, False), composition.advertise(second, False)
-    composition.subscribe('/first', lambda taken: publish_second.publish('second out'), pytest.fail)
+    publish_first = composition.advertise(first, False)
+    publish_second = composition.advertise(second, False)
+    composition.subscribe(
+        '/first', lambda taken: publish_second.publish('second out'), pytest.fail)
     composition.subscribe('/second', lambda taken: order.append('second in'), pytest.fail)
     composition.connect()
     publish_first.publish('first out')
@@ -82,7 +85,8 @@ def test_what_nobody_waits_for_comes_last():
         composition.defer(lambda: order.append('deferred'))
         publish_second.publish('second')
         order.append('first')
-    composition.subscribe('/first', lambda message: order.append('in no hurry'), pytest.fail, last=True)
+    composition.subscribe(
+        '/first', lambda message: order.append('in no hurry'), pytest.fail, last=True)
     composition.subscribe('/first', answer, pytest.fail)
     composition.subscribe('/second', order.append, pytest.fail)
     composition.connect()

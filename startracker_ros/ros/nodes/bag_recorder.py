@@ -88,7 +88,7 @@ class BagRecorderNode(PipelineNode):
         # After a publisher with a weaker profile the next discovery subscribes again.
         events = SubscriptionEventCallbacks(
             message_lost=lambda event: self.diagnostics.counts.update(
-                {_LOST_BEFORE: event.total_count_change}),
+                {_LOST_BEFORE: event.total_count_change}),  # type: ignore[attr-defined]
             incompatible_qos=lambda _: self._incompatible.add(topic))
         # rclpy passes the info to a callback of two arguments, unlike its type hint.
         return self.create_subscription(
