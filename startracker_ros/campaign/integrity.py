@@ -9,7 +9,7 @@ from startracker_ros.attitude.attitude_state import turned
 from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
 from startracker_ros.attitude.wrong import error_over_bound, WRONG_ARCSEC, WRONG_SIGMAS
 from startracker_ros.camera import Camera
-from startracker_ros.campaign.spread import split, spread
+from startracker_ros.campaign.spread import parallel_map, split
 from startracker_ros.catalog.places import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.identification import IdentificationOptions, Identifier
@@ -241,7 +241,7 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
     rows = []
     for number, name in enumerate(only or CONDITIONS):
         pieces = [(name, *piece) for piece in split(trials, _PIECE, seed + 7919 * number)]
-        tally = sum(spread(integrity_runs, pieces, title=name, scheduler=scheduler), Tally())
+        tally = sum(parallel_map(integrity_runs, pieces, title=name, scheduler=scheduler), Tally())
         share = 100 * tally.published / tally.frames
         needed = CONDITIONS[name].needed_percent
         rows.append({
