@@ -60,7 +60,7 @@ def _damage_rows(inputs: int, seed: int) -> list[Row]:
         print(text)
     return [
         _row('damaged bags read', result.inputs, 'files'),
-        _row('rejected with a clear error', result.rejected, 'files'),
+        _row('rejected, clear error', result.rejected, 'files'),
         _row('anything else went wrong', len(result.wrong), 'files', '= 0', not result.wrong),
         _row('slowest file', 1e3 * result.slowest_s, 'ms', '<= 1000', result.slowest_s <= 1.0),
         _row('growth of memory', result.memory_mb, 'MB', '<= 300', result.memory_mb <= 300)]
