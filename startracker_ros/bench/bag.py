@@ -11,9 +11,9 @@ import numpy as np
 from startracker_ros.bag.writer import BagOptions, BagWriter
 from startracker_ros.bench.bag_fuzz import fuzz_in_processes
 from startracker_ros.bench.bag_read import read_figures
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.ros.processes import node_environment, NodeProcesses
+from startracker_ros.harness.processes import node_environment, NodeProcesses
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.table import Result

@@ -14,7 +14,7 @@ from startracker_ros.bag.info import describe
 from startracker_ros.bag.qos import QosProfile
 from startracker_ros.bag.reader import decode, read_messages
 from startracker_ros.bag.writer import BagOptions, BagWriter
-from startracker_ros.campaign.spread import parallel_map, split
+from startracker_ros.campaign.parallel import parallel_map, split
 
 _TYPE = 'diagnostic_msgs/msg/DiagnosticStatus'
 # An empty DiagnosticStatus: level, three empty strings, no values.

@@ -12,8 +12,8 @@ import numpy as np
 from startracker_ros.bench.corpus import ALL_CELLS, Cell, Frame, frames, View, VIEWS
 from startracker_ros.bench.peers import (
     CEDAR, Cedar, Database, measure_database, peer_version, race, Solver, solvers, TUNED, WARM_UP)
-from startracker_ros.campaign.spread import parallel_map, split
-from startracker_ros.rotation import attitude_error
+from startracker_ros.campaign.parallel import parallel_map, split
+from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.table import Result
 
 DATABASE = 'database'

@@ -10,14 +10,14 @@ from functools import cache
 import time
 
 import numpy as np
-from startracker_ros.camera import Camera
-from startracker_ros.campaign.spread import parallel_map, split
-from startracker_ros.catalog.places import star_places
+from startracker_ros.camera.model import Camera
+from startracker_ros.campaign.parallel import parallel_map, split
+from startracker_ros.catalog.onboard import star_places
 from startracker_ros.catalog.stars import CATALOG_EPOCH_YEAR, load_catalog
 from startracker_ros.identify.hausdorff import bright_sets, HausdorffIdentifier, Pivots
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     attitude_error, quaternion_from_pointing, radec_from_unit, rotate)
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result

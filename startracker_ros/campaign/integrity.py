@@ -6,15 +6,15 @@ from functools import cache
 
 import numpy as np
 from startracker_ros.attitude.attitude_state import turned
-from startracker_ros.attitude.trusted import AttitudeTrust, TrustOptions
-from startracker_ros.attitude.wrong import error_over_bound, WRONG_ARCSEC, WRONG_SIGMAS
-from startracker_ros.camera import Camera
-from startracker_ros.campaign.spread import parallel_map, split
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.attitude.validation import AttitudeTrust, TrustOptions
+from startracker_ros.camera.model import Camera
+from startracker_ros.campaign.parallel import parallel_map, split
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.figures import error_over_bound, WRONG_ARCSEC, WRONG_SIGMAS
 from startracker_ros.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.rotation import ARCSEC, attitude_error, conjugate, rotate
+from startracker_ros.maths.rotation import ARCSEC, attitude_error, conjugate, rotate
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result
 from startracker_ros.track.options import TrackerOptions

@@ -16,9 +16,9 @@ from startracker_ros.campaign.jpdaf_methods import (
 from startracker_ros.campaign.jpdaf_runs import (
     CAMERA, Cell, DETECTION_PROBABILITY, DT_S, FALSE_POINTS, FRAMES, make_run, ORBIT_RATE_RAD_S,
     PUBLISHED, RATE_SIGMA_RAD_S, Run, sightings, STARS)
-from startracker_ros.campaign.spread import parallel_map, split
+from startracker_ros.campaign.parallel import parallel_map, split
 from startracker_ros.extras import new_figure
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     ARCSEC, attitude_error, conjugate, matrix_from_quaternion, quaternion_from_rotation_vector,
     rotate)
 from startracker_ros.table import Result

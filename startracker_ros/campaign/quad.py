@@ -10,11 +10,11 @@ from functools import cache
 import time
 
 import numpy as np
-from startracker_ros.camera import Camera
-from startracker_ros.campaign.spread import parallel_map, split
+from startracker_ros.camera.model import Camera
+from startracker_ros.campaign.parallel import parallel_map, split
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.quad import QuadIdentifier
-from startracker_ros.rotation import attitude_error
+from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result

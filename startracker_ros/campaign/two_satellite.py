@@ -14,14 +14,14 @@ import time
 
 import numpy as np
 from scipy import stats
-from startracker_ros.camera import Camera
+from startracker_ros.astro.constants import EARTH_RADIUS_M
+from startracker_ros.astro.orbit import Elements, orbit_frame, state_from_elements
+from startracker_ros.camera.model import Camera
 from startracker_ros.extras import new_figure
 from startracker_ros.locate.location import locate, LocationOptions
-from startracker_ros.locate.orbit import Elements, orbit_frame, state_from_elements
 from startracker_ros.locate.sight import Sight, sight
 from startracker_ros.locate.solution import LOCATED, solve_all
-from startracker_ros.rotation import ARCSEC, quaternion_from_matrix
-from startracker_ros.sky.orbit import EARTH_RADIUS_M
+from startracker_ros.maths.rotation import ARCSEC, quaternion_from_matrix
 from startracker_ros.table import Result
 
 # Not printed in the paper; with these its figures come out, see docs/target.md.

@@ -22,7 +22,7 @@ from startracker_ros.cli.shared import become_node, json_option, namespace_optio
 def record(topics: tuple[str, ...], output: Path | None, exclude: tuple[str, ...],
            compression: str, max_file_size_mb: float, max_file_duration_s: float) -> None:
     """Record TOPICs (patterns with *, all by default) into an MCAP bag, until Ctrl-C."""
-    from startracker_ros.ros.processes import parameter_arguments
+    from startracker_ros.harness.processes import parameter_arguments
     parameters = {'compression': compression, 'max_file_size_mb': max_file_size_mb,
                   'max_file_duration_s': max_file_duration_s}
     if output is not None:
@@ -59,7 +59,7 @@ def _full_names(patterns: tuple[str, ...]) -> tuple[str, ...]:
 def play(bag: Path, topics: tuple[str, ...], exclude: tuple[str, ...], remaps: tuple[str, ...],
          **options: float | bool) -> None:
     """Publish the messages of a BAG (folder or .mcap file) at the pace of the recording."""
-    from startracker_ros.ros.processes import parameter_arguments
+    from startracker_ros.harness.processes import parameter_arguments
     parameters: dict[str, object] = {'path': str(bag), **options}
     if topics:
         parameters['topics'] = _full_names(topics)

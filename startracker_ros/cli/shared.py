@@ -45,7 +45,7 @@ def _check_pictures(context: click.Context, option: click.Parameter, folder: Pat
 
 def become_node(node: str, arguments: Sequence[str]) -> NoReturn:
     """Replace this process by that of a node; KeyError for an unknown name."""
-    from startracker_ros.ros.processes import node_command, node_environment
+    from startracker_ros.harness.processes import node_command, node_environment
     command = node_command(node, arguments)
     os.execve(command[0], command, node_environment())
 

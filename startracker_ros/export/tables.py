@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from startracker_ros.export.segments import lock_segments
 from startracker_ros.extras import extra
+from startracker_ros.maths.rotation import pointing_from_quaternion
 from startracker_ros.report.panels import utc
 from startracker_ros.report.recording import Recording
-from startracker_ros.rotation import pointing_from_quaternion
 
 Table = Mapping[str, np.ndarray]
 """Columns (N,) by name; the names carry the units."""

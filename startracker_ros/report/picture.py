@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from startracker_ros.extras import new_figure
-from startracker_ros.report.annotate import annotate
+from startracker_ros.pipeline.annotate import annotate
 from startracker_ros.report.recording import Recording
 
 

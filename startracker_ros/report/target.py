@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from startracker_ros.astro.orbit import orbit_frame
 from startracker_ros.bag.reader import decode, read_messages
 from startracker_ros.extras import new_figure
-from startracker_ros.locate.orbit import orbit_frame
-from startracker_ros.report.annotate import annotate
+from startracker_ros.pipeline.annotate import annotate
 from startracker_ros.report.picture import draw_error
 
 WRONG_SIGMAS = 5.0

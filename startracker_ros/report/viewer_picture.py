@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 from startracker_ros.extras import new_figure
-from startracker_ros.report.annotate import stretch
+from startracker_ros.maths.rotation import matrix_from_quaternion, rotate
+from startracker_ros.pipeline.annotate import stretch
 from startracker_ros.report.frames import read_frame
 from startracker_ros.report.recording import load_recording, Recording
-from startracker_ros.ros.image_marker import TICKS_PX
-from startracker_ros.rotation import matrix_from_quaternion, rotate
+from startracker_ros.ros.messages.image_marker import TICKS_PX
 
 _DARK = '#05070d'
 

@@ -20,14 +20,15 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from sensor_msgs.msg import CameraInfo
+from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
 from startracker_ros.extras import MissingLibraryError
+from startracker_ros.harness.processes import node_environment, NodeProcesses
 from startracker_ros.machine_code import kept_functions, machine_code_folder
+from startracker_ros.maths.rotation import ARCSEC, attitude_error, pointing_from_quaternion
 from startracker_ros.ros import qos
-from startracker_ros.ros.message_types import message_class
-from startracker_ros.ros.messages import (
-    image_from_message, ns_from_stamp, quaternion_from_message, tracks_from_message)
-from startracker_ros.ros.processes import node_environment, NodeProcesses
-from startracker_ros.rotation import ARCSEC, attitude_error, pointing_from_quaternion
+from startracker_ros.ros.messages.attitude import quaternion_from_message
+from startracker_ros.ros.messages.clouds import tracks_from_message
+from startracker_ros.ros.messages.message_types import message_class
 from startracker_ros.table import Result
 
 if TYPE_CHECKING:

@@ -13,18 +13,19 @@ import rclpy
 from rclpy.serialization import deserialize_message
 from rich.table import Table
 from sensor_msgs.msg import CameraInfo
+from startracker_ros.astro.circular_orbit import CircularOrbit
+from startracker_ros.astro.constants import EARTH_RADIUS_M
+from startracker_ros.astro.orbit import orbit_frame
+from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
 from startracker_ros.bag.reader import read_messages
-from startracker_ros.locate.orbit import orbit_frame
+from startracker_ros.harness.demo import (
+    begin_s, DemoError, draw_if_possible, end, Monitor, prepare, watch)
+from startracker_ros.harness.processes import NodeProcesses
+from startracker_ros.maths.rotation import radec_from_unit
 from startracker_ros.report.target import draw_target, load_target, summarise_target
 from startracker_ros.ros import qos
-from startracker_ros.ros.demo import (
-    begin_s, DemoError, draw_if_possible, end, Monitor, prepare, watch)
-from startracker_ros.ros.message_types import message_class
-from startracker_ros.ros.messages import (
-    centroids_from_message, image_from_message, ns_from_stamp, tracks_from_message)
-from startracker_ros.ros.processes import NodeProcesses
-from startracker_ros.rotation import radec_from_unit
-from startracker_ros.sky.orbit import CircularOrbit, EARTH_RADIUS_M
+from startracker_ros.ros.messages.clouds import centroids_from_message, tracks_from_message
+from startracker_ros.ros.messages.message_types import message_class
 from startracker_ros.sky.target import Target, TargetOptions
 from startracker_ros.table import Result
 
