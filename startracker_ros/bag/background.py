@@ -1,4 +1,4 @@
-"""Writes a bag in a thread of its own, so that compression and disk keep no subscriber waiting."""
+"""Writes a bag in its own thread, so that compression and disk do not block subscribers."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -10,50 +10,50 @@ from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.qos import QosProfile
 from startracker_ros.bag.writer import BagWriter, check_times
 
-# Together with the time of writing a flush stays well within the second that may be lost.
+# Period and writing time together stay well below the 1 s that may be lost.
 _FLUSH_PERIOD_S = 0.5
 
 
 class BackgroundWriter:
     """
-    A queue in front of a BagWriter; write() takes no longer than noting the message.
+    A queue in front of a BagWriter; write() only appends to it.
 
-    dropped counts the messages that found the queue full, or a bag that had failed; error is
-    why it failed, None while all is well.
+    dropped counts the messages that met a full queue or a failed bag; error is why the bag
+    failed, None otherwise.
     """
 
     def __init__(self, writer: BagWriter, *, queue_bytes: int) -> None:
         self._writer = writer
-        self._room = queue_bytes
+        self._free_bytes = queue_bytes
         self._queue: deque[tuple[str, bytes, int, int]] = deque()
         self._changed = threading.Condition()
         self._writer_lock = threading.Lock()
         self._closing = False
         self.dropped = 0
         self.error: BagError | None = None
-        self._thread = threading.Thread(target=self._work, name='bag writer', daemon=True)
+        self._thread = threading.Thread(target=self._write_queued, name='bag writer', daemon=True)
         self._thread.start()
 
     def add_topic(self, name: str, type_name: str, qos: Sequence[QosProfile] = ()) -> None:
-        """Take up a topic, as the writer does."""
+        """Add a topic to the bag; errors as those of the BagWriter."""
         with self._writer_lock:
             self._writer.add_topic(name, type_name, qos)
 
     def write(self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> bool:
-        """Queue a message for the writer; return False, and count it, if it is lost."""
+        """Queue a message for the writer; return False and count it if it is dropped."""
         check_times(topic, log_time_ns, publish_time_ns)
         with self._changed:
             # A message larger than the whole queue still goes through an empty one.
-            if self.error is not None or (self._queue and len(cdr) > self._room):
+            if self.error is not None or (self._queue and len(cdr) > self._free_bytes):
                 self.dropped += 1
                 return False
-            self._room -= len(cdr)
+            self._free_bytes -= len(cdr)
             self._queue.append((topic, cdr, log_time_ns, publish_time_ns))
             self._changed.notify()
             return True
 
     def close(self) -> None:
-        """Write what is queued, index and metadata; BagError if that fails."""
+        """Write the queue, index and metadata; BagError if that fails."""
         with self._changed:
             self._closing = True
             self._changed.notify()
@@ -67,7 +67,7 @@ class BackgroundWriter:
                  trace: TracebackType | None) -> None:
         self.close()
 
-    def _work(self) -> None:
+    def _write_queued(self) -> None:
         flushed_s = time.monotonic()
         try:
             while True:
@@ -85,10 +85,10 @@ class BackgroundWriter:
                         flushed_s = time.monotonic()
                 if message is not None:
                     with self._changed:
-                        self._room += len(message[1])
+                        self._free_bytes += len(message[1])
         except BagError as error:
             with self._changed:
                 self.error = error
-                # The message under way may be lost as well; it is counted with the others.
+                # The current message may be lost as well.
                 self.dropped += len(self._queue) + (message is not None)
                 self._queue.clear()

@@ -1,8 +1,8 @@
-"""What can go wrong with a bag."""
+"""Errors of bags."""
 
 
 class BagError(OSError):
-    """A bag cannot be written or read; the text says which file and why."""
+    """A bag cannot be written or read; the text names the file and the reason."""
 
 
 class UnfinishedBagError(BagError):

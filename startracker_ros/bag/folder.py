@@ -23,8 +23,8 @@ def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
     """
     Return the files of a bag folder, or the file itself; BagError if they cannot be read.
 
-    Without a metadata.yaml, as a recorder that was killed leaves it, all .mcap files are taken.
-    With report, a metadata.yaml that is damaged is told of and passed over.
+    Without a metadata.yaml, which a killed recorder does not write, these are all .mcap files.
+    With report, a damaged metadata.yaml is reported and ignored.
     """
     if not bag.is_dir():
         return BagFiles((bag,))
@@ -43,7 +43,7 @@ def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
 
 
 class _MetadataError(ValueError):
-    """A metadata.yaml that says nothing usable."""
+    """A metadata.yaml without usable content."""
 
 
 def _information(path: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a bag holds, as rows."""
+"""The contents of a bag as rows."""
 
 from datetime import datetime, UTC
 from pathlib import Path
@@ -12,9 +12,9 @@ from startracker_ros.table import Result
 
 def describe(bag: Path) -> tuple[Result, list[str]]:
     """
-    Return a row for each topic, and what is wrong with the bag; BagError if it is none.
+    Return a row for each topic, and the problems of the bag; BagError if it is no bag.
 
-    A bag that is whole is told from its index alone, of another one every message is looked at.
+    A sound index is used alone; otherwise every message is read.
     """
     problems: list[str] = []
     try:
@@ -22,7 +22,7 @@ def describe(bag: Path) -> tuple[Result, list[str]]:
     except BagError:
         topics = read_topics(bag, tolerant=True, report=problems.append)
         if not problems:
-            # The index alone is wrong.
+            # Only the index is wrong.
             problems = [f'{bag} is damaged, all its messages can be read']
     span_ns = read_span_ns(bag)
     files = find_files(bag, problems.append if problems else None).paths
@@ -57,7 +57,7 @@ def _compression(files: tuple[Path, ...]) -> str:
 
 
 def _utc(stamp_ns: int) -> str:
-    # Integers all the way: a float of the full time is good to a quarter of a microsecond.
+    # In integers: a float of the full time resolves a quarter of a microsecond.
     seconds, nanoseconds = divmod(stamp_ns, 10 ** 9)
     try:
         moment = datetime.fromtimestamp(seconds, UTC)

@@ -1,4 +1,9 @@
-"""One MCAP file, whole or damaged, read in bounded memory (format: mcap.dev/spec)."""
+"""
+One MCAP file, complete or damaged, read in bounded memory (format: mcap.dev/spec).
+
+The readers of the mcap library are not used: they stop at the first damage, load files without
+chunks completely and unpack chunks of any size (docs/bags.md, `startracker bench bag`).
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -9,28 +14,21 @@ import struct
 from types import TracebackType
 import zlib
 
-import lz4.frame
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
+from startracker_ros.bag.compression import DECODING_ERRORS, MAX_RECORD_BYTES, unpack
 from startracker_ros.bag.errors import BagError, UnfinishedBagError
-import zstandard
-
-MAX_RECORD_BYTES = 2 ** 28
-"""Larger records, and chunks that unpack to more, are taken for damage: memory is not for them."""
 
 _MAX_PENDING_BYTES = 2 ** 30
 _MAGIC = b'\x89MCAP0\r\n'
-# Opcode and length of the content stand before each record.
+# Before each record: opcode and length of the content.
 _FRAME = struct.Struct('<BQ')
 # Times of the first and last message, size and CRC unpacked, length of the compression's name.
 _CHUNK = struct.Struct('<QQQLL')
 # Channel, sequence number, log time, publish time.
 _MESSAGE = struct.Struct('<HLQQ')
-# What the libraries raise on bytes that are not what they should be; lz4 raises RuntimeErrors.
-_DAMAGE = (McapError, zstandard.ZstdError, ValueError, KeyError, RuntimeError, MemoryError,
-           OverflowError, OSError, struct.error)
+_ERRORS = (*DECODING_ERRORS, OSError)
 
 
 @dataclass(frozen=True)
@@ -45,8 +43,8 @@ class RawMessage:
 
 
 @dataclass(frozen=True, slots=True)
-class _Piece:
-    """A chunk, or a message outside of chunks: its place in the file and its log times."""
+class _Block:
+    """A chunk, or a message outside of chunks: where it is in the file, and its log times."""
 
     offset: int
     length: int
@@ -68,9 +66,9 @@ class _Damage(Exception):
 
 class McapFile:
     """
-    An open MCAP file; what it holds is found by walking over its records once.
+    An open MCAP file, indexed by one pass over the heads of its records.
 
-    schemas and channels by id; statistics is the file's own count, None where it has none;
+    schemas and channels by id; statistics is the file's own record, None if absent;
     compressions are those of its chunks.
     """
 
@@ -90,13 +88,13 @@ class McapFile:
         self.channels: dict[int, Channel] = {}
         self.statistics: Statistics | None = None
         self.compressions: set[str] = set()
-        self._pieces: list[_Piece] = []
+        self._blocks: list[_Block] = []
         self._channels_of_chunk: dict[int, frozenset[int]] = {}
         self._problems: list[_Damage] = []
         self._has_summary = False
         self._unfinished: UnfinishedBagError | None = None
         try:
-            self._walk()
+            self._scan()
         except BaseException:
             self._file.close()
             raise
@@ -110,11 +108,11 @@ class McapFile:
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
-        """First and last log time, as the chunks say; None without messages."""
-        held = [piece for piece in self._pieces if piece.end_ns or not piece.is_chunk]
-        if not held:
+        """First and last log time by the heads of the chunks; None without messages."""
+        filled = [block for block in self._blocks if block.end_ns or not block.is_chunk]
+        if not filled:
             return None
-        return min(piece.start_ns for piece in held), max(piece.end_ns for piece in held)
+        return min(block.start_ns for block in filled), max(block.end_ns for block in filled)
 
     def check(self) -> None:
         """Raise UnfinishedBagError or BagError unless the file is complete and its index sound."""
@@ -128,7 +126,7 @@ class McapFile:
         """
         Yield messages in the order of their log times; errors as check(), or at the damage.
 
-        With report, damaged chunks of a file with a sound index are told of and left out.
+        With report, damaged chunks of a file with a sound index are reported and left out.
         """
         self.check()
 
@@ -137,17 +135,17 @@ class McapFile:
                 raise self._error(damage) from damage
             report(f'{self.path}: {damage}')
         if not self._has_summary:
-            self._find_channels(fail)
+            self._read_definitions(fail)
         wanted = {number for number, channel in self.channels.items()
                   if not topics or channel.topic in topics}
-        yield from self._in_order(wanted, start_ns, bool(topics), fail)
+        yield from self._in_time_order(wanted, start_ns, bool(topics), fail)
 
-    def whole_messages(self, report: Callable[[str], None]) -> Iterator[RawMessage]:
-        """Yield what is whole in the order of the file; report() is told of what is not."""
-        for piece in self._pieces:
+    def intact_messages(self, report: Callable[[str], None]) -> Iterator[RawMessage]:
+        """Yield intact messages in the order of the file; report() each damage."""
+        for block in self._blocks:
             try:
-                for _, content in self._contents(piece):
-                    yield self._message(content, piece.offset)
+                for _, content in self._message_records(block):
+                    yield self._message(content, block.offset)
             except _Damage as damage:
                 # A damaged chunk costs its own messages only.
                 report(f'{self.path}: {damage}')
@@ -161,8 +159,8 @@ class McapFile:
 
     # --- the records of the file ---
 
-    def _walk(self) -> None:
-        """Note where chunks, messages, schemas and channels are, and how the file ends."""
+    def _scan(self) -> None:
+        """Index chunks, messages, schemas and channels; check the end of the file."""
         at = len(_MAGIC)
         in_summary = False
         while True:
@@ -170,24 +168,24 @@ class McapFile:
             opcode, length = _FRAME.unpack(frame) if len(frame) == _FRAME.size else (0, 0)
             end = at + _FRAME.size + length
             if end > self.size or not opcode:
-                self._note_end(at, length)
+                self._add_end_problem(at, length)
                 return
             try:
                 if opcode == Opcode.DATA_END:
                     in_summary = True
                 elif opcode == Opcode.FOOTER:
-                    self._take_footer(at, length)
+                    self._check_footer(at, length)
                     return
                 else:
-                    self._take(opcode, at + _FRAME.size, length, in_summary)
-            except _DAMAGE as error:
+                    self._scan_record(opcode, at + _FRAME.size, length, in_summary)
+            except _ERRORS as error:
                 self._problems.append(_Damage(at, _text(error)))
             except _Damage as damage:
                 self._problems.append(damage)
             at = end
 
-    def _note_end(self, at: int, length: int) -> None:
-        """Tell a file that was cut from one whose records are wrong."""
+    def _add_end_problem(self, at: int, length: int) -> None:
+        """Distinguish a file that was cut from one whose records are wrong."""
         if self._bytes(self.size - len(_MAGIC), len(_MAGIC)) == _MAGIC and self.size > at + len(
                 _MAGIC):
             self._problems.append(_Damage(at, f'no record is {length} bytes long there'))
@@ -196,10 +194,10 @@ class McapFile:
                 f'{self.path} was not finished: its index is missing, whole records end at byte '
                 f'{at} of {self.size}')
 
-    def _take(self, opcode: int, offset: int, length: int, in_summary: bool) -> None:
+    def _scan_record(self, opcode: int, offset: int, length: int, in_summary: bool) -> None:
         if opcode == Opcode.CHUNK and not in_summary:
             start_ns, end_ns, _, _, name_length = _CHUNK.unpack(self._bytes(offset, _CHUNK.size))
-            self._pieces.append(_Piece(offset, length, start_ns, end_ns, True))
+            self._blocks.append(_Block(offset, length, start_ns, end_ns, True))
             if name_length < 100:
                 name = self._bytes(offset + _CHUNK.size, name_length)
                 self.compressions.add(name.decode())
@@ -207,7 +205,7 @@ class McapFile:
             if length < _MESSAGE.size:
                 raise ValueError(f'a message of {length} bytes')
             log_time_ns = _MESSAGE.unpack(self._bytes(offset, _MESSAGE.size))[2]
-            self._pieces.append(_Piece(offset, length, log_time_ns, log_time_ns, False))
+            self._blocks.append(_Block(offset, length, log_time_ns, log_time_ns, False))
         elif opcode == Opcode.STATISTICS:
             self.statistics = Statistics.read(self._stream(offset, length))
         elif opcode == Opcode.CHUNK_INDEX:
@@ -218,15 +216,15 @@ class McapFile:
             self._has_summary |= in_summary and opcode == Opcode.CHANNEL
             self._define(opcode, self._read(offset, length))
 
-    def _take_footer(self, at: int, length: int) -> None:
+    def _check_footer(self, at: int, length: int) -> None:
         footer = Footer.read(self._stream(at + _FRAME.size, length))
         end = at + _FRAME.size + length
-        chunks = sum(piece.is_chunk for piece in self._pieces)
+        chunks = sum(block.is_chunk for block in self._blocks)
         if self.statistics is not None and self.statistics.chunk_count != chunks:
             self._problems.append(_Damage(
                 at, f'the index counts {self.statistics.chunk_count} chunks, {chunks} are there'))
         if self._bytes(end, len(_MAGIC) + 1) != _MAGIC:
-            self._note_end(at, length)
+            self._add_end_problem(at, length)
         elif footer.summary_crc and footer.summary_start:
             # Of everything from the summary's start to the CRC itself.
             summary = self._read(footer.summary_start, end - 4 - footer.summary_start)
@@ -248,7 +246,7 @@ class McapFile:
         return self._file.read(length)
 
     def _read(self, offset: int, length: int) -> bytes:
-        """Return bytes that must be there, never so many that memory is in danger."""
+        """Return exactly length bytes, at most MAX_RECORD_BYTES; _Damage otherwise."""
         if not 0 <= length <= MAX_RECORD_BYTES:
             raise _Damage(offset, f'a record of {length} bytes')
         try:
@@ -264,31 +262,31 @@ class McapFile:
 
     # --- messages ---
 
-    def _find_channels(self, fail: Callable[[_Damage], None]) -> None:
-        """Take schemas and channels out of the chunks, for a file without a summary."""
-        for piece in self._pieces:
-            if piece.is_chunk:
+    def _read_definitions(self, fail: Callable[[_Damage], None]) -> None:
+        """Read schemas and channels from the chunks, for a file without a summary."""
+        for block in self._blocks:
+            if block.is_chunk:
                 try:
-                    for _ in self._records(piece):
+                    for _ in self._chunk_records(block):
                         pass
                 except _Damage as damage:
                     fail(damage)
 
-    def _in_order(self, wanted: set[int], start_ns: int, chosen: bool,
-                  fail: Callable[[_Damage], None]) -> Iterator[RawMessage]:
-        # Messages are kept with their places in the file, which put equal times in order.
+    def _in_time_order(self, wanted: set[int], start_ns: int, chosen: bool,
+                       fail: Callable[[_Damage], None]) -> Iterator[RawMessage]:
+        # Equal log times stay in the order of the file.
         heap: list[tuple[int, int, int, bytes]] = []
         pending_bytes = 0
-        for piece in sorted(self._pieces, key=lambda piece: (piece.start_ns, piece.offset)):
-            while heap and heap[0][0] < piece.start_ns:
+        for block in sorted(self._blocks, key=lambda block: (block.start_ns, block.offset)):
+            while heap and heap[0][0] < block.start_ns:
                 message = self._pop(heap)
                 pending_bytes -= len(message.data)
                 yield message
-            held = self._channels_of_chunk.get(piece.offset, wanted)
-            if piece.end_ns < start_ns or (chosen and wanted.isdisjoint(held)):
+            channels = self._channels_of_chunk.get(block.offset, wanted)
+            if block.end_ns < start_ns or (chosen and wanted.isdisjoint(channels)):
                 continue
             try:
-                for entry in self._entries(piece):
+                for entry in self._entries(block):
                     log_time_ns, _, _, content = entry
                     if _MESSAGE.unpack_from(content)[0] in wanted and log_time_ns >= start_ns:
                         pending_bytes += len(content) - _MESSAGE.size
@@ -296,34 +294,34 @@ class McapFile:
             except _Damage as damage:
                 fail(damage)
             if pending_bytes > _MAX_PENDING_BYTES:
-                fail(_Damage(piece.offset, f'{pending_bytes} bytes of chunks overlap in time'))
+                fail(_Damage(block.offset, f'{pending_bytes} bytes of chunks overlap in time'))
                 while heap:
                     yield self._pop(heap)
                 pending_bytes = 0
         while heap:
             yield self._pop(heap)
 
-    def _entries(self, piece: _Piece) -> Iterator[tuple[int, int, int, bytes]]:
-        """Yield log time, place of the piece, place in the piece and content of its messages."""
-        for order, content in self._contents(piece):
+    def _entries(self, block: _Block) -> Iterator[tuple[int, int, int, bytes]]:
+        """Yield log time, offset of the block, offset in the block and content of its messages."""
+        for order, content in self._message_records(block):
             channel, _, log_time_ns, _ = _MESSAGE.unpack_from(content)
-            if not piece.start_ns <= log_time_ns <= piece.end_ns:
-                raise _Damage(piece.offset, f'a message of {log_time_ns} ns in a chunk from '
-                                            f'{piece.start_ns} to {piece.end_ns} ns')
+            if not block.start_ns <= log_time_ns <= block.end_ns:
+                raise _Damage(block.offset, f'a message of {log_time_ns} ns in a chunk from '
+                                            f'{block.start_ns} to {block.end_ns} ns')
             if channel not in self.channels:
-                raise _Damage(piece.offset, f'a message of an unknown channel, {channel}')
-            yield log_time_ns, piece.offset, order, content
+                raise _Damage(block.offset, f'a message of an unknown channel, {channel}')
+            yield log_time_ns, block.offset, order, content
 
     def _pop(self, heap: list[tuple[int, int, int, bytes]]) -> RawMessage:
         _, offset, _, content = heapq.heappop(heap)
         return self._message(content, offset)
 
-    def _contents(self, piece: _Piece) -> Iterator[tuple[int, bytes]]:
-        """Yield the messages of a piece with their place in it."""
-        if piece.is_chunk:
-            yield from self._records(piece)
+    def _message_records(self, block: _Block) -> Iterator[tuple[int, bytes]]:
+        """Yield the message records of a block with their offset in it."""
+        if block.is_chunk:
+            yield from self._chunk_records(block)
         else:
-            yield 0, self._read(piece.offset, piece.length)
+            yield 0, self._read(block.offset, block.length)
 
     def _message(self, content: bytes, offset: int) -> RawMessage:
         number, _, log_time_ns, publish_time_ns = _MESSAGE.unpack_from(content)
@@ -333,9 +331,9 @@ class McapFile:
         return RawMessage(channel, self.schemas.get(channel.schema_id), log_time_ns,
                           publish_time_ns, content[_MESSAGE.size:])
 
-    def _records(self, piece: _Piece) -> Iterator[tuple[int, bytes]]:
-        """Yield the message records of a chunk; its schemas and channels are noted."""
-        data = memoryview(self._unpacked(piece))
+    def _chunk_records(self, block: _Block) -> Iterator[tuple[int, bytes]]:
+        """Yield the message records of a chunk; store its schemas and channels."""
+        data = memoryview(self._unpacked(block))
         at = 0
         while at < len(data):
             try:
@@ -349,12 +347,12 @@ class McapFile:
                     if length < _MESSAGE.size:
                         raise ValueError(f'a message of {length} bytes')
                     yield at, bytes(data[start:end])
-            except _DAMAGE as error:
-                raise _Damage(piece.offset, f'{_text(error)} at {at} in the chunk') from error
+            except _ERRORS as error:
+                raise _Damage(block.offset, f'{_text(error)} at {at} in the chunk') from error
             at = end
 
-    def _unpacked(self, piece: _Piece) -> bytes:
-        content = self._read(piece.offset, piece.length)
+    def _unpacked(self, block: _Block) -> bytes:
+        content = self._read(block.offset, block.length)
         try:
             _, _, size, crc, name_length = _CHUNK.unpack_from(content)
             name_end = _CHUNK.size + name_length
@@ -367,33 +365,8 @@ class McapFile:
             if crc and zlib.crc32(data) != crc:
                 raise ValueError('the CRC of the chunk differs')
             return data
-        except _DAMAGE as error:
-            raise _Damage(piece.offset, _text(error)) from error
-
-
-def unpack(data: bytes | memoryview, compression: str, size: int | None = None) -> bytes:
-    """
-    Return data unpacked, size bytes where that is known; an exception of _DAMAGE otherwise.
-
-    No more than MAX_RECORD_BYTES are ever made of it, whatever it says of itself.
-    """
-    limit = MAX_RECORD_BYTES if size is None else size
-    if limit > MAX_RECORD_BYTES:
-        raise ValueError(f'{size} bytes unpacked')
-    if compression == 'zstd':
-        told = zstandard.get_frame_parameters(data).content_size
-        if told != zstandard.CONTENTSIZE_UNKNOWN and told > limit:
-            raise ValueError(f'{told} bytes unpacked instead of {limit}')
-        unpacked = zstandard.ZstdDecompressor().decompress(data, max_output_size=max(limit, 1))
-    elif compression == 'lz4':
-        unpacked = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit + 1)
-    elif compression == '':
-        unpacked = bytes(data)
-    else:
-        raise ValueError(f'compression {compression!r} is not known')
-    if size is not None and len(unpacked) != size:
-        raise ValueError(f'{len(unpacked)} bytes unpacked instead of {size}')
-    return unpacked
+        except _ERRORS as error:
+            raise _Damage(block.offset, _text(error)) from error
 
 
 def _text(error: Exception) -> str:

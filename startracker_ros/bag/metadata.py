@@ -7,7 +7,7 @@ from typing import Any
 from startracker_ros.bag.qos import QosProfile
 import yaml
 
-# What rosbag2 notes as the start of a bag without messages.
+# The start of a bag without messages, as rosbag2 writes it.
 _NEVER_NS = 2 ** 63 - 1
 
 
@@ -32,7 +32,7 @@ class FileRecord:
     span_ns: tuple[int, int] | None = None
 
     def count(self, log_time_ns: int) -> None:
-        """Take a message into account."""
+        """Add a message."""
         start_ns, end_ns = self.span_ns or (log_time_ns, log_time_ns)
         self.span_ns = min(start_ns, log_time_ns), max(end_ns, log_time_ns)
         self.message_count += 1
@@ -58,7 +58,7 @@ def bag_information(files: Sequence[FileRecord], topics: Sequence[TopicRecord]) 
             },
             'message_count': topic.message_count,
         } for topic in topics],
-        # Of whole files or messages; MCAP compresses its chunks by itself.
+        # Of complete files or single messages; chunks are compressed by MCAP.
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': [file.name for file in files],

@@ -13,9 +13,9 @@ from startracker_ros.options import option, Options
 
 _AHEAD_BYTES = 2 ** 26
 _AHEAD_MESSAGES = 1000
-# Bags that were never finished are read in the order of writing, nearly that of time.
+# Unfinished bags are read in the order of writing, which is nearly that of time.
 _DISORDER_NS = 10 ** 9
-# A day of a thousand messages a second would fill memory with figures nobody looks at.
+# Bounds the memory of errors_s: 1000 s at 1 kHz.
 _MAX_ERRORS = 10 ** 6
 
 
@@ -56,9 +56,9 @@ class Playback:
     """
     Calls publish(message) when each message is due and tick(time_ns) as a clock, in a thread.
 
-    read(start_ns) gives the messages from a log time on, as often as it is played; span_ns is
-    the first and last log time of the bag. finished is called at the end, with the exception
-    that ended it or None. published counts messages; errors_s holds how late each one was.
+    read(start_ns) yields the messages from a log time on, once for each pass; span_ns is the
+    first and last log time of the bag. finished is called at the end, with the exception that
+    ended it or None. published counts messages; errors_s is the lateness of each one.
     """
 
     def __init__(self, read: Callable[[int], Iterator[BagMessage]], span_ns: tuple[int, int],
@@ -76,7 +76,7 @@ class Playback:
         self._changed = threading.Condition()
         self._steps = 0
         self._stopped = False
-        # Bag time and monotonic time that belong together; while paused the first stands.
+        # Bag time and monotonic time of one instant; while paused the bag time is fixed.
         self._origin_ns = self._begin_ns
         self._origin_s = 0.0
         self._paused = options.start_paused
@@ -86,11 +86,11 @@ class Playback:
         self._thread = threading.Thread(target=self._run, name='bag playback', daemon=True)
 
     def start(self) -> None:
-        """Begin; once only."""
+        """Start the thread; once only."""
         self._thread.start()
 
     def stop(self) -> None:
-        """End and wait for the message under way."""
+        """Stop after the current message."""
         with self._changed:
             self._stopped = True
             self._changed.notify()
@@ -99,7 +99,7 @@ class Playback:
 
     @property
     def paused(self) -> bool:
-        """Whether messages wait for resume() or step()."""
+        """Whether playback is paused."""
         return self._paused
 
     @property
@@ -111,7 +111,7 @@ class Playback:
         return self._origin_ns + round(elapsed_s * self._options.rate * 1e9)
 
     def pause(self) -> bool:
-        """Stand still; return False if it did already."""
+        """Pause; return False if it is paused."""
         with self._changed:
             if self._paused:
                 return False
@@ -121,7 +121,7 @@ class Playback:
             return True
 
     def resume(self) -> bool:
-        """Go on; return False if it did already."""
+        """Resume; return False if it is not paused."""
         with self._changed:
             if not self._paused:
                 return False
@@ -150,14 +150,14 @@ class Playback:
             while not self._stopped and self._play_once() and self._options.loop:
                 pass
         except Exception as error:
-            # Whoever started the playback has to hear of it; a thread has no caller.
+            # A thread has no caller: the exception goes to finished().
             failure = error
         self._finished(failure)
 
     def _play_once(self) -> bool:
-        """Play from begin to end; return whether there was anything."""
+        """Play from begin to end; return whether a message was published."""
         before = self.published
-        ahead = _Ahead(self._read(self._begin_ns), self._end_ns)
+        ahead = _ReadAhead(self._read(self._begin_ns), self._end_ns)
         try:
             first = True
             for message in ahead:
@@ -166,18 +166,18 @@ class Playback:
                         self._origin_ns = self._begin_ns
                         self._origin_s = self._next_tick_s = time.monotonic()
                     first = False
-                if not self._wait_for(message.log_time_ns):
+                if not self._wait_until(message.log_time_ns):
                     break
                 self._publish(message)
                 self.published += 1
-            # A silent end belongs to the bag, too.
+            # Wait to the end of the span, also after the last message.
             if not first and not self._stopped:
-                self._wait_for(self._end_ns)
+                self._wait_until(self._end_ns)
         finally:
             ahead.close()
         return self.published > before
 
-    def _wait_for(self, due_ns: int) -> bool:
+    def _wait_until(self, due_ns: int) -> bool:
         """Wait until a bag time is due, ticking the clock; False when playback is stopped."""
         while True:
             with self._changed:
@@ -211,8 +211,8 @@ class Playback:
                 return True
 
 
-class _Ahead:
-    """Reads messages in a thread, some time before they are wanted."""
+class _ReadAhead:
+    """Reads messages in a thread, ahead of playback."""
 
     def __init__(self, messages: Iterator[BagMessage], end_ns: int) -> None:
         self._messages = messages
@@ -222,7 +222,7 @@ class _Ahead:
         self._changed = threading.Condition()
         self._closed = False
         self._failure: Exception | None = None
-        self._thread = threading.Thread(target=self._work, name='bag reader', daemon=True)
+        self._thread = threading.Thread(target=self._fill, name='bag reader', daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -246,7 +246,7 @@ class _Ahead:
                 self._changed.notify_all()
             yield message
 
-    def _work(self) -> None:
+    def _fill(self) -> None:
         try:
             for message in self._messages:
                 if message.log_time_ns > self._end_ns:

@@ -1,4 +1,4 @@
-"""Quality of service as rosbag2 notes it, free of ROS."""
+"""Quality of service as rosbag2 writes it, without rclpy."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -8,7 +8,7 @@ from startracker_ros.bag.yaml_text import load_yaml
 
 INFINITE_NS = 2 ** 63 - 1
 
-# The names of rmw/qos_string_conversions; ros2 bag play refuses others.
+# The names of rmw/qos_string_conversions; ros2 bag play rejects others.
 _POLICIES = {
     'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
     'reliability': ('system_default', 'reliable', 'best_effort', 'best_available', 'unknown'),
@@ -29,7 +29,7 @@ _NUMBERED = {
 @dataclass(frozen=True)
 class QosProfile:
     """
-    What one publisher offers; the defaults are those of a plain publisher seen over DDS.
+    What one publisher offers; the defaults are those of a default publisher seen over DDS.
 
     History and depth do not travel over DDS: a recorder sees 'unknown' and 0.
     """
@@ -59,7 +59,7 @@ class QosProfile:
         """
         Return the profile of a mapping of any version; ValueError if it is none.
 
-        What is missing stays at its default.
+        Missing entries keep their defaults.
         """
         values: dict[str, Any] = {}
         for field in fields(cls):

@@ -4,27 +4,21 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-import struct
 from typing import Any
 
-from mcap.exceptions import McapError
 from mcap.records import Channel, Schema
 from mcap_ros2.decoder import DecoderFactory
+from startracker_ros.bag.compression import DECODING_ERRORS, unpack
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.folder import find_files
-from startracker_ros.bag.mcap_file import McapFile, RawMessage, unpack
+from startracker_ros.bag.mcap_file import McapFile, RawMessage
 from startracker_ros.bag.qos import qos_from_yaml, QosProfile
 from startracker_ros.bag.schemas import message_schema, MessageSchema
-from zstandard import ZstdError
-
-# What the decoder raises on bytes that are not what they should be.
-_DAMAGE = (McapError, ZstdError, ValueError, KeyError, RuntimeError, MemoryError, OverflowError,
-           struct.error)
 
 
 @dataclass(frozen=True)
 class BagMessage:
-    """A message as it came in: serialized data, when it was received and when it was sent."""
+    """A message as recorded: serialized data, time of receipt (log) and of sending (publish)."""
 
     topic: str
     type_name: str
@@ -60,10 +54,10 @@ def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
     """
     Yield the messages of a bag folder or an MCAP file in the order of their log times.
 
-    topics: those wanted, all if empty; start_ns: the first log time wanted.
-    tolerant: read what is whole of an unfinished or damaged file, in the order of writing where
-    the index is lost, and tell report() what is not whole, with its place; otherwise
-    UnfinishedBagError before the first message, or BagError where the damage is.
+    topics: only these, all if empty; start_ns: skip earlier log times.
+    tolerant: read the intact messages of an unfinished or damaged file, in the order of writing
+    if the index is lost, and report() each damage with its byte; otherwise UnfinishedBagError
+    before the first message, or BagError at the damage.
     """
     files = find_files(Path(bag), report if tolerant else None)
     for path in files.paths:
@@ -76,7 +70,7 @@ def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
                 if files.message_compression:
                     try:
                         data = unpack(data, files.message_compression)
-                    except _DAMAGE as error:
+                    except DECODING_ERRORS as error:
                         problem = f'{path}: a message of {record.channel.topic}: {error}'
                         if not tolerant:
                             raise BagError(problem) from error
@@ -108,7 +102,7 @@ def decode(type_name: str, cdr: bytes) -> Any:
     decoder = _decoder(type_name)
     try:
         return decoder(cdr)
-    except _DAMAGE as error:
+    except DECODING_ERRORS as error:
         raise BagError(f'{len(cdr)} bytes are no {type_name}: {error}') from error
 
 
@@ -139,7 +133,7 @@ def _records(file: McapFile, topics: Sequence[str], start_ns: int, tolerant: boo
     try:
         file.check()
     except BagError:
-        return file.whole_messages(report)
+        return file.intact_messages(report)
     return file.messages(topics, start_ns, report=report)
 
 
@@ -168,7 +162,7 @@ def _topic(channel: Channel, schema: Schema | None, count: int) -> BagTopic:
     try:
         qos = qos_from_yaml(channel.metadata.get('offered_qos_profiles', ''))
     except ValueError:
-        # A recording of other software, maybe; its messages are as good.
+        # Recorded by other software, perhaps; the messages are usable all the same.
         qos = ()
     definition = MessageSchema('', '', '') if schema is None else MessageSchema(
         schema.encoding, schema.data.decode(errors='replace'),

@@ -1,4 +1,4 @@
-"""A whole bag out of what is left of one."""
+"""Recovers a damaged or unfinished bag into a new one."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,10 +9,10 @@ from startracker_ros.bag.writer import BagWriter
 
 def recover(bag: Path, folder: Path, *, report: Callable[[str], None]) -> int:
     """
-    Write every message of a bag that is whole into a new bag; return their number.
+    Write every intact message of a bag into a new bag; return their number.
 
-    Definitions, hashes and quality of service are those of the old bag. What is not whole is
-    told to report(). BagError if nothing can be read of the old bag or the new one not written.
+    Definitions, hashes and quality of service are copied. report() is called with each damage.
+    BagError if the old bag cannot be read at all, or the new one cannot be written.
     """
     topics = read_topics(bag, tolerant=True)
     count = 0

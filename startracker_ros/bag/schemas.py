@@ -1,4 +1,4 @@
-"""What a bag says about a message type: its definition and hash, as they are installed."""
+"""Definition and hash of an installed message type, as a bag stores them."""
 
 from dataclasses import dataclass
 import json

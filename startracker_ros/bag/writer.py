@@ -13,7 +13,7 @@ from startracker_ros.bag.qos import QosProfile
 from startracker_ros.bag.schemas import message_schema, MessageSchema
 from startracker_ros.options import option, Options
 
-# So much log time is lost at most when the process is killed.
+# Most log time that is lost when the process is killed.
 _FLUSH_NS = 10 ** 9
 
 
@@ -39,13 +39,13 @@ class BagWriter:
     """
     A bag being written: a folder of MCAP files, and metadata.yaml once it is closed.
 
-    What was written reaches the operating system within 1 s of log time: it outlives the
+    Messages reach the operating system within 1 s of log time: they survive the end of the
     process, not a power cut. After a BagError from write() or flush() the bag is closed and
-    what came before is readable.
+    the earlier messages are readable.
     """
 
     def __init__(self, folder: Path, *, options: BagOptions = BagOptions()) -> None:
-        """Make the folder; BagError if it holds something or cannot be written."""
+        """Create the folder; BagError if it is not empty or cannot be written."""
         self._folder = Path(folder)
         self._options = options
         self._topics: dict[str, TopicRecord] = {}
@@ -67,7 +67,7 @@ class BagWriter:
     def add_topic(self, topic: str, type_name: str, qos: Sequence[QosProfile] = (), *,
                   schema: MessageSchema | None = None, encoding: str = 'cdr') -> None:
         """
-        Take up a topic with what its publishers offer; BagError if it is there already.
+        Add a topic with the QoS its publishers offer; BagError if it was added before.
 
         schema: the definition of its type where it is not the installed one.
         """
@@ -98,7 +98,7 @@ class BagWriter:
                 self._open_file()
                 self._start_file()
             if len(cdr) >= self._options.chunk_size_bytes:
-                # Large messages have chunks of their own: who wants others need not unpack them.
+                # A large message has its own chunk: others can be read without unpacking it.
                 self._writer.flush()
             if not self._files[-1].message_count:
                 self._flushed_ns = log_time_ns
@@ -112,12 +112,12 @@ class BagWriter:
                 self._flushed_ns = log_time_ns
 
     def flush(self) -> None:
-        """Hand all messages to the operating system; for the time when none come in."""
+        """Pass all messages to the operating system, for times without new messages."""
         with self._writing():
             self._writer.flush()
 
     def close(self) -> None:
-        """Write index and metadata; nothing happens when the bag is closed already."""
+        """Write index and metadata; a second call does nothing."""
         if self._file.closed:
             return
         with self._writing():

@@ -9,10 +9,9 @@ _MAX_DEPTH = 30
 
 def load_yaml(text: str | bytes) -> Any:
     """
-    Return what YAML says; ValueError if it is none.
+    Return the document; ValueError if it is no YAML, has aliases or is nested too deeply.
 
-    Nesting without end crashes libyaml, and aliases make much out of little; rosbag2 writes
-    neither.
+    Deep nesting crashes libyaml, and aliases expand exponentially; rosbag2 writes neither.
     """
     try:
         depth = 0
@@ -26,6 +25,6 @@ def load_yaml(text: str | bytes) -> Any:
             if depth > _MAX_DEPTH:
                 raise ValueError(f'it is nested deeper than {_MAX_DEPTH}')
         return yaml.load(text, Loader=yaml.CSafeLoader)
-    # A scalar that is not of its tag is anything, an IndexError for an empty !!int.
+    # A scalar that does not fit its tag raises many kinds: IndexError for an empty !!int.
     except (yaml.YAMLError, ValueError, LookupError, TypeError, OverflowError) as error:
         raise ValueError(f'no YAML: {error}') from error

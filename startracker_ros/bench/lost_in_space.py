@@ -12,7 +12,7 @@ import numpy as np
 from startracker_ros.bench.corpus import ALL_CELLS, Cell, Frame, frames, View, VIEWS
 from startracker_ros.bench.peers import (
     CEDAR, Cedar, Database, measure_database, peer_version, race, Solver, solvers, TUNED, WARM_UP)
-from startracker_ros.campaign.parallel import split, spread
+from startracker_ros.campaign.parallel import parallel_map, split
 from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.table import Result
 
@@ -144,7 +144,7 @@ def run_lost_in_space_bench(*, trials: int, seed: int, only: Sequence[str],
             rows = [database_row(*built) for built in databases(views, cedar)]
         cells = [(view, ALL_CELLS[name]) for name in names for view in views]
         parts = split(trials, _PIECE, seed)
-        outcomes = iter(spread(
+        outcomes = iter(parallel_map(
             piece, [(view, cell, *part, cedar) for view, cell in cells for part in parts],
             title='lost in space', scheduler=scheduler))
     for name in names:

@@ -15,9 +15,10 @@ from startracker_ros.attitude.estimate import cramer_rao
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.propagate import AttitudePrediction, AttitudePropagator
 from startracker_ros.camera.model import Camera
-from startracker_ros.campaign.parallel import split, spread
+from startracker_ros.campaign.parallel import parallel_map, split
 from startracker_ros.catalog.onboard import camera_places, StarPlaces
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.extras import new_figure
 from startracker_ros.identify.extended_grid import ExtendedGridIdentifier, PredictedField
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
@@ -240,8 +241,9 @@ def run_extended_grid_campaign(*, trials: int, seed: int, scheduler: str = '',
     """Run every condition; with an output folder the two curves are drawn there."""
     conditions = list(dict.fromkeys([PERFECT, *POSITIONS, *MAGNITUDES, *PERIODS, *SPARSE]))
     pieces = split(trials, _PIECE, seed)
-    done = spread(frames, [(condition, *piece) for condition in conditions for piece in pieces],
-                  title='extended grid', scheduler=scheduler)
+    done = parallel_map(
+        frames, [(condition, *piece) for condition in conditions for piece in pieces],
+        title='extended grid', scheduler=scheduler)
     tally = {condition: _joined(done[k * len(pieces):(k + 1) * len(pieces)])
              for k, condition in enumerate(conditions)}
     if output is not None:
@@ -340,8 +342,7 @@ def rows(tally: dict[Condition, Tally]) -> list[Row]:
 
 def draw_curves(tally: dict[Condition, Tally], folder: Path) -> Path:
     """Draw success over position and over magnitude noise; return the picture."""
-    from matplotlib.figure import Figure
-    figure = Figure(figsize=(10, 4), layout='constrained')
+    figure = new_figure(figsize=(10, 4))
     axes = figure.subplots(1, 2, sharey=True)
     for axis, conditions, name, label in (
             (axes[0], POSITIONS, 'position_px', 'position noise, px (0.2 mag)'),

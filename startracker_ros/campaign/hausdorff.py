@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 from startracker_ros.camera.model import Camera
-from startracker_ros.campaign.parallel import split, spread
+from startracker_ros.campaign.parallel import parallel_map, split
 from startracker_ros.catalog.onboard import star_places
 from startracker_ros.catalog.stars import CATALOG_EPOCH_YEAR, load_catalog
 from startracker_ros.identify.hausdorff import bright_sets, HausdorffIdentifier, Pivots
@@ -212,7 +212,7 @@ def run_hausdorff_campaign(*, trials: int, seed: int, scheduler: str = '',
               for piece in split(trials, _PIECE, seed)]
     outcomes: dict[tuple[str, float], dict[str, list[Outcome]]] = {
         cell: {name: [] for name in VARIANTS} for cell in cells}
-    found = spread(directions, pieces, title='directions', scheduler=scheduler)
+    found = parallel_map(directions, pieces, title='directions', scheduler=scheduler)
     for (method, magnitude_limit, name, _, _), part in zip(pieces, found):
         outcomes[method, magnitude_limit][name] += part
     rows = [row for cell in cells for row in _cell(*cell, outcomes[cell])]

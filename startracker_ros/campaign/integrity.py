@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from startracker_ros.attitude.attitude_state import turned
 from startracker_ros.camera.model import Camera
-from startracker_ros.campaign.parallel import split, spread
+from startracker_ros.campaign.parallel import parallel_map, split
 from startracker_ros.catalog.onboard import camera_places, StarPlaces
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
@@ -236,7 +236,7 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
     rows = []
     for number, name in enumerate(only or CONDITIONS):
         pieces = [(name, *piece) for piece in split(trials, _PIECE, seed + 7919 * number)]
-        tally = sum(spread(integrity_runs, pieces, title=name, scheduler=scheduler), Tally())
+        tally = sum(parallel_map(integrity_runs, pieces, title=name, scheduler=scheduler), Tally())
         share = 100 * tally.published / tally.frames
         needed = CONDITIONS[name].needed_percent
         rows.append({

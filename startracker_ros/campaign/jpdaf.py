@@ -16,7 +16,8 @@ from startracker_ros.campaign.jpdaf_methods import (
 from startracker_ros.campaign.jpdaf_runs import (
     CAMERA, Cell, DETECTION_PROBABILITY, DT_S, FALSE_POINTS, FRAMES, make_run, ORBIT_RATE_RAD_S,
     PUBLISHED, RATE_SIGMA_RAD_S, Run, sightings, STARS)
-from startracker_ros.campaign.parallel import split, spread
+from startracker_ros.campaign.parallel import parallel_map, split
+from startracker_ros.extras import new_figure
 from startracker_ros.maths.rotation import (
     ARCSEC, attitude_error, conjugate, matrix_from_quaternion, quaternion_from_rotation_vector,
     rotate)
@@ -189,13 +190,14 @@ def run_jpdaf_campaign(*, trials: int, seed: int, scheduler: str = '',
                        output: Path | None = None) -> Result:
     """Run every cell; with an output folder the errors over the frames are drawn there."""
     pieces = split(trials, _PIECE, seed)
-    done = spread(errors, [(cell, *piece) for cell in PUBLISHED for piece in pieces],
-                  title='jpdaf', scheduler=scheduler)
+    done = parallel_map(errors, [(cell, *piece) for cell in PUBLISHED for piece in pieces],
+                        title='jpdaf', scheduler=scheduler)
     found = {cell: _joined(done[k * len(pieces):(k + 1) * len(pieces)])
              for k, cell in enumerate(PUBLISHED)}
     models = split(max(trials, _MODEL_RUNS), _PIECE, seed)
-    squares = spread(normalised_errors, [(cell, *piece) for cell in MODELS for piece in models],
-                     title='consistency', scheduler=scheduler)
+    squares = parallel_map(
+        normalised_errors, [(cell, *piece) for cell in MODELS for piece in models],
+        title='consistency', scheduler=scheduler)
     rows = [row for cell in PUBLISHED for row in cell_rows(cell, found[cell])]
     for cell in PUBLISHED:
         if not cell.jitter_deg_s:
@@ -245,8 +247,7 @@ def _joined(parts: Sequence[Errors]) -> Errors:
 
 def draw_errors(found: dict[Cell, Errors], folder: Path) -> Path:
     """Draw the errors over the frames, mean of all runs, at 0.02 px^2; return the picture."""
-    from matplotlib.figure import Figure
-    figure = Figure(figsize=(12, 6), layout='constrained')
+    figure = new_figure(figsize=(12, 6))
     cells = [cell for cell in found if cell.variance_px2 == 0.02]
     for axis, cell in zip(figure.subplots(2, len(cells) // 2, sharex=True, sharey=True).flat,
                           cells):

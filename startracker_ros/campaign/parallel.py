@@ -1,39 +1,35 @@
 """Independent pieces of a campaign over the cores of this machine, or over a cluster."""
 
 from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 import os
 from typing import Any
 
-import dask
-from dask.callbacks import Callback
-from rich.progress import Progress
+from rich.progress import track
+from startracker_ros.extras import extra
 
 
-class _Bar(Callback):
-    """Shows how many pieces are done."""
-
-    def __init__(self, progress: Progress, title: str, count: int) -> None:
-        task = progress.add_task(title, total=count)
-        super().__init__(posttask=lambda *_: progress.advance(task))
-
-
-def spread(work: Callable[..., Any], pieces: Iterable[tuple], *, title: str,
-           scheduler: str = '') -> list[Any]:
+def parallel_map(work: Callable[..., Any], pieces: Iterable[tuple], *, title: str,
+                 scheduler: str = '') -> list[Any]:
     """
     Return work(*piece) of each piece, in order.
 
     work is a function of a module, its arguments can be pickled. scheduler is the address of
-    a dask cluster; without one the pieces go over the cores of this machine, each worker a
-    process whose libraries keep to one thread.
+    a dask cluster; without one the pieces run on the cores of this machine, in processes whose
+    libraries use one thread each. MissingLibraryError for a scheduler without dask.
     """
-    tasks = [dask.delayed(work, pure=False)(*piece) for piece in pieces]
+    pieces = list(pieces)
     if scheduler:
-        from dask.distributed import Client
-        with Client(scheduler):
-            return list(dask.compute(*tasks))
+        with extra('scale', 'dask', 'A scheduler'):
+            from dask.distributed import Client
+        with Client(scheduler) as client:
+            return client.gather([client.submit(work, *piece, pure=False) for piece in pieces])
     os.environ.update(OMP_NUM_THREADS='1', OPENBLAS_NUM_THREADS='1')
-    with Progress(transient=True) as progress, _Bar(progress, title, len(tasks)):
-        return list(dask.compute(*tasks, scheduler='processes', num_workers=os.cpu_count()))
+    # The libraries read the number of threads when they are imported: not in a forked process.
+    with ProcessPoolExecutor(mp_context=get_context('spawn')) as executor:
+        done = executor.map(work, *zip(*pieces))
+        return list(track(done, title, total=len(pieces), transient=True))
 
 
 def split(trials: int, size: int, seed: int) -> list[tuple[int, int]]:

@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 from startracker_ros.camera.model import Camera
-from startracker_ros.campaign.parallel import split, spread
+from startracker_ros.campaign.parallel import parallel_map, split
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.quad import QuadIdentifier
 from startracker_ros.maths.rotation import attitude_error
@@ -154,9 +154,9 @@ def _summary(case: str, frames: list[Frame], published: bool) -> Iterator[Row]:
 def run_quad_campaign(*, trials: int, seed: int, scheduler: str = '') -> Result:
     """Identify trials frames along the orbit, and as many of the whole sky."""
     pieces = split(trials, _PIECE, seed)
-    along = spread(orbit_frames, [(_PIECE * i, *piece) for i, piece in enumerate(pieces)],
-                   title='orbit', scheduler=scheduler)
-    around = spread(sky_frames, pieces, title='whole sky', scheduler=scheduler)
+    along = parallel_map(orbit_frames, [(_PIECE * i, *piece) for i, piece in enumerate(pieces)],
+                         title='orbit', scheduler=scheduler)
+    around = parallel_map(sky_frames, pieces, title='whole sky', scheduler=scheduler)
     rows = [*_database(), *_summary('orbit', sum(along, []), True),
             *_summary('whole sky', sum(around, []), False)]
     corner_deg = 2 * np.degrees(CAMERA.corner_angle_rad)

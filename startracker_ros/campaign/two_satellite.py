@@ -17,6 +17,7 @@ from scipy import stats
 from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.orbit import Elements, orbit_frame, state_from_elements
 from startracker_ros.camera.model import Camera
+from startracker_ros.extras import new_figure
 from startracker_ros.locate.location import locate, LocationOptions
 from startracker_ros.locate.sight import Sight, sight
 from startracker_ros.locate.solution import LOCATED, solve_all
@@ -358,8 +359,7 @@ def run_two_satellite_campaign(*, trials: int, seed: int, output: Path | None = 
 
 def draw_baselines(table: dict[float, tuple[float, np.ndarray]], folder: Path) -> Path:
     """Draw 1 sigma over the baseline; return the picture."""
-    from matplotlib.figure import Figure
-    figure = Figure(figsize=(7, 4.5), layout='constrained')
+    figure = new_figure(figsize=(7, 4.5))
     axis = figure.subplots()
     sigma_m = np.array([sigma for _, sigma in table.values()])
     axis.plot(list(table), np.linalg.norm(sigma_m, axis=1), 'ko-', label='all axes')

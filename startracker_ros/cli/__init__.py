@@ -1,5 +1,7 @@
 """The command line: parses, calls, prints. Heavy imports wait until a command needs them."""
 
+from typing import Any
+
 import click
 from startracker_ros import __version__
 from startracker_ros.cli.bags import export, info, play, record, report
@@ -7,9 +9,19 @@ from startracker_ros.cli.benches import bench
 from startracker_ros.cli.campaigns import campaign
 from startracker_ros.cli.nodes import demo, doctor, run
 from startracker_ros.cli.photographs import calibrate, solve
+from startracker_ros.cli.shared import told
+from startracker_ros.extras import MissingLibraryError
 
 
-@click.group(context_settings={'help_option_names': ['-h', '--help']})
+class _Main(click.Group):
+    """Ends every command with status 1 and one line where the library of an extra is missing."""
+
+    def invoke(self, context: click.Context) -> Any:
+        with told(MissingLibraryError):
+            return super().invoke(context)
+
+
+@click.group(cls=_Main, context_settings={'help_option_names': ['-h', '--help']})
 @click.version_option(__version__, prog_name='startracker')
 def main() -> None:
     """Star images to spacecraft attitude."""

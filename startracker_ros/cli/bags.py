@@ -126,10 +126,9 @@ def export(bag: Path, output: Path, formats: tuple[str, ...], originator: str, o
     from startracker_ros.bag.errors import BagError
     from startracker_ros.export.aem import AemError, AemLabels
     from startracker_ros.export.files import export_bag
-    from startracker_ros.export.tables import MissingLibraryError
     from startracker_ros.table import show
     with refused(AemError):
         labels = AemLabels(originator, object_name, object_id)
-    with told(BagError, AemError, MissingLibraryError, output=output):
+    with told(BagError, AemError, output=output):
         result = export_bag(bag, output, formats, labels, namespace)
     show(result, as_json)

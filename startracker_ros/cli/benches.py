@@ -59,12 +59,12 @@ def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python:
 @bench.command('bag')
 @click.option('--inputs', type=click.IntRange(1), default=100_000, show_default=True,
               help='Damaged bags to read.')
-@click.option('--only', multiple=True, type=click.Choice(['damage', 'pace', 'record']),
+@click.option('--only', multiple=True, type=click.Choice(['damage', 'read', 'pace', 'record']),
               help='Parts to run.')
 @seed_option
 @json_option
 def bench_bag(inputs: int, only: tuple[str, ...], seed: int, as_json: bool) -> None:
-    """Damaged bags, the pace of a playback, the cost of recording images."""
+    """Damaged bags, reading beside the mcap library, pace of a playback, cost of recording."""
     from startracker_ros.bench.bag import CASES, run_bag_bench
     finish(run_bag_bench(inputs=inputs, seed=seed, only=only or CASES), as_json)
 

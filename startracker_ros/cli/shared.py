@@ -8,6 +8,7 @@ import sys
 from typing import Any, NoReturn, TYPE_CHECKING, TypeVar
 
 import click
+from startracker_ros.extras import new_figure
 
 if TYPE_CHECKING:
     from startracker_ros.table import Result
@@ -29,9 +30,17 @@ def trials_option(default: int, what: str, *, least: int = 1) -> Callable[[_Comm
 
 
 def picture_option(what: str) -> Callable[[_Command], _Command]:
-    """Return the option --output of a command that draws a picture where it is told to."""
+    """Return the option --output of a command that draws a picture into that folder."""
     return click.option('--output', type=click.Path(path_type=Path, file_okay=False),
-                        help=f'Folder for a picture of {what}.')
+                        callback=_check_pictures, help=f'Folder for a picture of {what}.')
+
+
+def _check_pictures(context: click.Context, option: click.Parameter, folder: Path | None
+                    ) -> Path | None:
+    """Fail before a long campaign, not after it, where matplotlib is missing."""
+    if folder is not None:
+        new_figure()
+    return folder
 
 
 def become_node(node: str, arguments: Sequence[str]) -> NoReturn:

@@ -13,9 +13,9 @@ from startracker_ros.executables import EXECUTABLES
 # Module and the distribution that tells its version; Debian packages may tell none.
 PACKAGES = (
     ('numpy', 'numpy'), ('scipy', 'scipy'), ('numba', 'numba'),
-    ('cv2', 'opencv-python-headless'), ('dask', 'dask'), ('matplotlib', 'matplotlib'),
-    ('mcap', 'mcap'), ('mcap_ros2', 'mcap-ros2-support'), ('zstandard', 'zstandard'),
-    ('yaml', 'PyYAML'), ('rclpy', 'ros-rclpy'), ('sensor_msgs.msg', 'ros-sensor-msgs'))
+    ('cv2', 'opencv-python-headless'), ('mcap', 'mcap'), ('mcap_ros2', 'mcap-ros2-support'),
+    ('lz4', 'lz4'), ('zstandard', 'zstandard'), ('psutil', 'psutil'), ('yaml', 'PyYAML'),
+    ('rclpy', 'ros-rclpy'), ('sensor_msgs.msg', 'ros-sensor-msgs'))
 _OLDEST_PYTHON = (3, 11)
 _ENV_SHEBANG = b'#!/usr/bin/env python3'
 

@@ -7,16 +7,13 @@ from typing import Any
 
 import numpy as np
 from startracker_ros.export.segments import lock_segments
+from startracker_ros.extras import extra
 from startracker_ros.maths.rotation import pointing_from_quaternion
 from startracker_ros.report.panels import utc
 from startracker_ros.report.recording import Recording
 
 Table = Mapping[str, np.ndarray]
 """Columns (N,) by name; the names carry the units."""
-
-
-class MissingLibraryError(RuntimeError):
-    """An optional library is not installed; the text names it."""
 
 
 def attitude_table(recording: Recording) -> Table:
@@ -81,14 +78,10 @@ def _cells(column: np.ndarray) -> np.ndarray:
 
 
 def load_parquet_writer() -> Any:
-    """Return pyarrow and its parquet module; MissingLibraryError says how to get them."""
-    try:
+    """Return pyarrow with its parquet module; MissingLibraryError without the library."""
+    with extra('parquet', 'pyarrow', 'Parquet'):
         import pyarrow
         import pyarrow.parquet
-    except ImportError as error:
-        raise MissingLibraryError(
-            "Parquet needs pyarrow, which is not installed: pip install 'startracker_ros[parquet]'"
-            ' or pip install pyarrow') from error
     return pyarrow
 
 

@@ -1,9 +1,9 @@
-"""What the system says that a process holds: memory, handles, threads, processor time."""
+"""What a process uses: memory, file descriptors, threads, processor time."""
 
 from dataclasses import dataclass
 import os
-from pathlib import Path
-import re
+
+import psutil
 
 _MIB = 2 ** 20
 
@@ -19,20 +19,15 @@ class ProcessSample:
 
 
 def sample_process(pid: int) -> ProcessSample:
-    """Return what a process of this user holds now (Linux)."""
-    folder = Path(f'/proc/{pid}')
-    rollup = (folder / 'smaps_rollup').read_text()
-    private_kib = sum(int(number) for number in re.findall(
-        r'^Private_(?:Clean|Dirty):\s+(\d+) kB', rollup, re.MULTILINE))
-    fields = (folder / 'stat').read_text().rpartition(')')[2].split()
-    return ProcessSample(
-        private_kib * 1024 / _MIB, len(os.listdir(folder / 'fd')), int(fields[17]),
-        (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK'))
+    """Return what a process of this user uses now."""
+    process = psutil.Process(pid)
+    cpu = process.cpu_times()
+    return ProcessSample(process.memory_full_info().uss / _MIB, process.num_fds(),
+                         process.num_threads(), cpu.user + cpu.system)
 
 
 def shared_memory_mib(pids: list[int]) -> float:
     """Return the size of all files in /dev/shm that processes have mapped."""
-    files = {line.split()[-1] for pid in pids
-             for line in Path(f'/proc/{pid}/maps').read_text().splitlines()
-             if '/dev/shm/' in line and not line.endswith('(deleted)')}
+    files = {mapped.path for pid in pids for mapped in psutil.Process(pid).memory_maps()
+             if mapped.path.startswith('/dev/shm/')}
     return sum(os.stat(file).st_size for file in files if os.path.exists(file)) / _MIB

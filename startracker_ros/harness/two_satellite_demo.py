@@ -18,7 +18,8 @@ from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.orbit import orbit_frame
 from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
 from startracker_ros.bag.reader import read_messages
-from startracker_ros.harness.demo import begin_s, DemoError, end, Monitor, prepare, watch
+from startracker_ros.harness.demo import (
+    begin_s, DemoError, draw_if_possible, end, Monitor, prepare, watch)
 from startracker_ros.harness.processes import NodeProcesses
 from startracker_ros.maths.rotation import radec_from_unit
 from startracker_ros.report.target import draw_target, load_target, summarise_target
@@ -186,7 +187,8 @@ def run_two_satellite_demo(output: Path, *, seconds: float, seed: int) -> Result
                  'ours': monitor.first_position_s - started_s, 'unit': 's', 'bound': '',
                  'holds': True})
     picture = output / 'two_satellite.png'
-    draw_target(picture, recording, {name: _last_frame(bag, name) for name in OBSERVERS})
+    drawn = draw_if_possible(picture, lambda: draw_target(
+        picture, recording, {name: _last_frame(bag, name) for name in OBSERVERS}))
     size_mb = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
     return Result('demo two-satellite', rows, {
         'observers': f'{_ORBIT["altitude_km"]:g} km, {_ORBIT["inclination_deg"]:g} deg, 4 deg of '
@@ -196,7 +198,7 @@ def run_two_satellite_demo(output: Path, *, seconds: float, seed: int) -> Result
         'sky': '1024 x 1024 px, mono16 (12 bit), 12 deg field, 2 Hz, aberration and motion '
                f'smear; frames of the second camera {_LATER_S[1]:g} s after those of the first',
         'processes': len(nodes.processes),
-        'bag': f'{bag} ({size_mb:.0f} MB)', 'picture': str(picture)})
+        'bag': f'{bag} ({size_mb:.0f} MB)', 'picture': drawn})
 
 
 def _last_frame(bag: Path, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from startracker_ros.extras import new_figure
 from startracker_ros.pipeline.annotate import annotate
 from startracker_ros.report.recording import Recording
 
@@ -21,12 +22,8 @@ def draw_error(axis: Any, time_s: np.ndarray, error: np.ndarray, sigma: np.ndarr
 
 def draw_run(path: Path, recording: Recording, image: np.ndarray, uv: np.ndarray,
              hip: np.ndarray, title: str) -> None:
-    """Write a PNG; image (H, W) with tracks at uv (N, 2) named by hip (N,)."""
-    # Agg draws without a display; pyplot, which would look for one, is not needed.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    figure = Figure(figsize=(15, 8), layout='constrained')
-    FigureCanvasAgg(figure)
+    """Write a PNG: image (H, W) with tracks at uv (N, 2), labelled with hip (N,)."""
+    figure = new_figure(figsize=(15, 8))
     figure.suptitle(title)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1))
     field = figure.add_subplot(grid[:, 0])

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from startracker_ros.astro.orbit import orbit_frame
 from startracker_ros.bag.reader import decode, read_messages
+from startracker_ros.extras import new_figure
 from startracker_ros.pipeline.annotate import annotate
 from startracker_ros.report.picture import draw_error
 
@@ -125,10 +126,7 @@ def summarise_target(recording: TargetRecording, frames: int) -> list[dict[str, 
 
 def draw_target(path: Path, recording: TargetRecording, pictures: dict[str, tuple]) -> None:
     """Write a PNG; pictures holds image (H, W), uv (N, 2), hip (N,) and the target's uv (2,)."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    figure = Figure(figsize=(17, 6.5), layout='constrained')
-    FigureCanvasAgg(figure)
+    figure = new_figure(figsize=(17, 6.5))
     grid = figure.add_gridspec(3, 3, width_ratios=(1, 1, 0.9))
     for column, (name, (image, uv, hip, target)) in enumerate(pictures.items()):
         field = figure.add_subplot(grid[:, column])

@@ -10,6 +10,7 @@ import sys
 from typing import Any
 
 import numpy as np
+from startracker_ros.extras import new_figure
 from startracker_ros.maths.rotation import matrix_from_quaternion, rotate
 from startracker_ros.pipeline.annotate import stretch
 from startracker_ros.report.frames import read_frame
@@ -21,9 +22,6 @@ _DARK = '#05070d'
 
 def draw_viewer(bag: Path, output: Path) -> None:
     """Write a PNG of the middle of a bag; BagError or ValueError when it has not all topics."""
-    # Agg draws without a display; pyplot, which would look for one, is not needed.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     recording = load_recording(bag)
     common = np.intersect1d(np.intersect1d(recording.image_ns, recording.attitude_ns),
                             recording.tracks.stamp_ns)
@@ -33,8 +31,7 @@ def draw_viewer(bag: Path, output: Path) -> None:
     image = read_frame(bag, recording, int(np.searchsorted(recording.image_ns, stamp_ns)))
     if image is None:
         raise ValueError(f'{bag} has no image of {stamp_ns} ns')
-    figure = Figure(figsize=(14, 8), layout='constrained', facecolor='#e8eaee')
-    FigureCanvasAgg(figure)
+    figure = new_figure(figsize=(14, 8), facecolor='#e8eaee')
     grid = figure.add_gridspec(4, 3, width_ratios=(1, 1, 0.9))
     _draw_image(figure.add_subplot(grid[:3, 0]), image, recording, stamp_ns)
     _draw_sky(figure.add_subplot(grid[:3, 1], projection='3d'), recording, stamp_ns)

@@ -41,7 +41,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def test_damaged_bags_by_the_thousand() -> None:
     result = fuzz(seed=20, inputs=1500)
     assert result.wrong == ()
-    assert 1000 < result.refused < 1500
+    assert 1000 < result.rejected < 1500
     assert result.memory_mb < 300
 
 

