@@ -8,10 +8,10 @@ import numpy as np
 from startracker_ros.attitude.attitude_state import turned
 from startracker_ros.attitude.validation import AttitudeTrust, TrustOptions
 from startracker_ros.camera.model import Camera
-from startracker_ros.campaign.parallel import split, spread
+from startracker_ros.campaign.parallel import parallel_map, split_trials
 from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.figures import error_over_bound, WRONG_ARCSEC, WRONG_SIGMAS
+from startracker_ros.figures.correctness import error_over_bound, WRONG_TEXT
 from startracker_ros.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, conjugate, rotate
@@ -240,8 +240,8 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
     """Follow trials runs of FRAMES frames in each condition."""
     rows = []
     for number, name in enumerate(only or CONDITIONS):
-        pieces = [(name, *piece) for piece in split(trials, _PIECE, seed + 7919 * number)]
-        tally = sum(spread(integrity_runs, pieces, title=name, scheduler=scheduler), Tally())
+        parts = [(name, *part) for part in split_trials(trials, _PIECE, seed + 7919 * number)]
+        tally = sum(parallel_map(integrity_runs, parts, title=name, scheduler=scheduler), Tally())
         share = 100 * tally.published / tally.frames
         needed = CONDITIONS[name].needed_percent
         rows.append({
@@ -254,8 +254,7 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
         'camera': '1024 x 1024 px, 12 deg, 10 Hz, centroids of 0.1 px, stars to V 6.5',
         'chain': 'lost-in-space identification, tracker (model attitude), trust; each run of '
                  f'{FRAMES} frames begins lost at a random attitude',
-        'wrong': f'off by more than {WRONG_SIGMAS:g} sigma of its own covariance and '
-                 f'{WRONG_ARCSEC:g} arcsec on any axis',
+        'wrong': WRONG_TEXT,
         'mean_nees': 'normalised squared error, 3 when the covariance is true',
         'losses': 'times that the tracker went from TRACKING to another state',
         'trials': trials, 'seed': seed})
