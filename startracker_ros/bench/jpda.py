@@ -211,7 +211,7 @@ class FilterRow:
     scene: str
     tracks: int
     clutter: int
-    filter: str
+    filter: str  # noqa: A003
     median_ms: float
     worst_ms: float
     rms_px: float

@@ -196,7 +196,7 @@ class Cedar:
 
     def timed_attitudes(self, view: View, camera: Camera, frames: list[Frame],
                         ) -> tuple[list[np.ndarray | None], np.ndarray]:
-        """Return the result of timed_attitudes() from the process of this solver."""
+        """Return attitudes and CPU times from the process of this solver."""
         with tempfile.TemporaryDirectory() as folder:
             inputs, outputs = Path(folder) / 'frames.npz', Path(folder) / 'results.npz'
             np.savez(inputs, uv=np.concatenate([frame.centroids.uv for frame in frames]),

@@ -134,7 +134,7 @@ def _times(scene: Scene, seed: int) -> Iterator[CampaignRow]:
 
     def solution_with_sights() -> None:
         lines = [sight(CAMERA, one.uv, 0.33, quaternion, np.eye(3) * ARCSEC ** 2, one.position_m,
-                      np.eye(3)) for one, quaternion in zip(scene.observers, quaternions)]
+                       np.eye(3)) for one, quaternion in zip(scene.observers, quaternions)]
         locate(lines[0], lines[1])
 
     for name, function in (('solution', lambda: locate(first, second)),
