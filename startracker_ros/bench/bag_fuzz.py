@@ -1,4 +1,4 @@
-"""Randomly damaged bags: the reader has to end soon, if it fails then with a BagError."""
+"""Damaged bags by the thousand: whatever the bytes, the reader ends soon, and with a BagError."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -26,11 +26,11 @@ _WORDS = (0, 1, 2 ** 31 - 1, 2 ** 31, 2 ** 32 - 1, 2 ** 32, 2 ** 40, 2 ** 62, 2 
 @dataclass(frozen=True)
 class FuzzResult:
     """
-    Totals of damaged inputs.
+    What came of damaged inputs.
 
-    refused counts inputs that strict reading rejects with a BagError; wrong has a text for each
-    input with any other failure; slowest_s is the longest CPU time of an input; memory_mb is
-    the largest growth of the resident memory of a process.
+    refused: of them, those whose strict reading ended in a BagError; wrong: what else went
+    wrong, one text for each input; slowest_s: CPU time of the slowest; memory_mb: growth of
+    the resident memory of a process over all.
     """
 
     inputs: int
@@ -56,7 +56,7 @@ def sound_bags() -> list[bytes]:
             files.append(next(bag.glob('*.mcap')).read_bytes())
         for chunking in (False, True):
             for summary in (False, True):
-                # Without CRCs the damage reaches the reader.
+                # Without CRCs nothing stands between the damage and the reader.
                 path = Path(folder, f'plain_{chunking}_{summary}.mcap')
                 with open(path, 'wb') as file:
                     mcap = Writer(
@@ -104,9 +104,9 @@ def damage(content: bytes, rng: np.random.Generator) -> bytes:
 
 def examine(path: Path) -> bool:
     """
-    Read a file in every way; return whether strict reading rejects it.
+    Read a file in every way; return whether strict reading refused it.
 
-    Raise whatever is no BagError.
+    Anything but a BagError comes out.
     """
     refused = False
     try:
@@ -116,13 +116,13 @@ def examine(path: Path) -> bool:
     except BagError as error:
         refused = True
         if path.name not in str(error):
-            raise AssertionError(f'an error without the name of the file: {error}') from error
+            raise AssertionError(f'an error that does not name the file: {error}') from error
     problems: list[str] = []
     try:
         for _ in read_messages(path, tolerant=True, report=problems.append):
             pass
         if refused and not problems:
-            raise AssertionError('rejected by strict reading, but no problem reported')
+            raise AssertionError('refused by strict reading, but no problem was told')
         describe(path)
     except BagError as error:
         if 'is no MCAP file' not in str(error):
@@ -140,7 +140,7 @@ def fuzz(seed: int, inputs: int) -> FuzzResult:
     rng = np.random.default_rng(seed)
     bags = sound_bags()
     refused, wrong, slowest_s = 0, [], 0.0
-    # In memory where possible: the disk is not under test.
+    # In memory where there is such a place: the disk is not what is tested.
     shared = Path('/dev/shm')
     folder = shared if shared.is_dir() and os.access(shared, os.W_OK) else None
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
@@ -148,17 +148,17 @@ def fuzz(seed: int, inputs: int) -> FuzzResult:
         for bag in bags:
             path.write_bytes(bag)
             examine(path)
-        # Reset the peak, which imports and the parent process have raised.
+        # Peaks of the imports, or of the process that started this one, are none of these files.
         Path('/proc/self/clear_refs').write_text('5')
         before_mb = _peak_memory_mb()
         for number in range(inputs):
             path.write_bytes(damage(bags[number % len(bags)], rng))
-            start_s = time.process_time()
+            begin_s = time.process_time()
             try:
                 refused += examine(path)
             except Exception as error:
                 wrong.append(f'seed {seed}, input {number}: {type(error).__name__}: {error}')
-            slowest_s = max(slowest_s, time.process_time() - start_s)
+            slowest_s = max(slowest_s, time.process_time() - begin_s)
     return FuzzResult(inputs, refused, tuple(wrong), slowest_s, _peak_memory_mb() - before_mb)
 
 

@@ -126,9 +126,9 @@ def _jpdaf(run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 def _neighbourhood(run: Run) -> np.ndarray:
     """
-    Return the index (F, 4) of the centroid that SNA associates with each star, -1 for none.
+    Return the index (F, 4) of the centroid that SNA assigns to each star, -1 for none.
 
-    Stars are predicted by the true body rate, missing stars from their last prediction.
+    The body rate is the true one; a missed star is propagated.
     """
     uv_stars = run.start
     assigned = [run.seen[0]]
