@@ -2,10 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-import gc
-import os
-import platform
-import time
 
 import numpy as np
 from rich.progress import track as progress
@@ -14,6 +10,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from startracker_ros.attitude.estimate import (
     AttitudeEstimate, cramer_rao, estimate_attitude, SOLVERS)
+from startracker_ros.figures.machine import machine
+from startracker_ros.figures.rows import BenchRow, mean_chi_square_bounds
+from startracker_ros.figures.timing import cpu_timed, garbage_collector_off
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, matrix_from_quaternion
 from startracker_ros.sky.star_lists import random_attitude
 from startracker_ros.table import Result
@@ -23,12 +22,10 @@ FOV_DEG = 12.0
 SIGMA_ARCSEC = (5.0, 20.0)
 PEER = 'align_vectors'
 OPTIMAL = tuple(name for name in SOLVERS if name != 'triad')
-_BUDGET_US = 25.0  # of one attitude from so many vectors
+_BUDGET_US = 25.0  # of one attitude from _BUDGET_VECTORS vectors
 _BUDGET_VECTORS = 20
 _AGREEMENT_RAD = 1e-10
-_CALLS = 20  # timed in one go: the clock of processes is coarse
-
-Row = dict[str, object]
+_CALLS = 20  # timed together: the resolution of the CPU clock is coarse
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,7 @@ def ours(solver: str) -> Callable[[Draw], AttitudeEstimate]:
 
 
 def peer(seen: Draw) -> tuple[Rotation, float]:
-    """Return what SciPy gives: rotation and residual, without a covariance."""
+    """Return the rotation and the residual of SciPy, which has no covariance."""
     return Rotation.align_vectors(seen.icrf, seen.sensor, weights=1 / seen.sigma_rad ** 2)
 
 
@@ -74,19 +71,17 @@ def times_us(draws: Sequence[Draw]) -> dict[str, float]:
     spent: dict[str, list[float]] = {name: [] for name in calls}
     for call in calls.values():
         call(draws[0])
-    gc.collect()
-    gc.disable()
-    try:
+    with garbage_collector_off():
         for begin in range(0, len(draws), _CALLS):
             some = draws[begin:begin + _CALLS]
             for name, call in calls.items():
-                start_s = time.process_time()
-                for seen in some:
-                    call(seen)
-                spent[name].append((time.process_time() - start_s) / len(some))
-    finally:
-        gc.enable()
+                spent[name].append(cpu_timed(_call_with_all, call, some)[0] / len(some))
     return {name: 1e6 * float(np.median(each)) for name, each in spent.items()}
+
+
+def _call_with_all(call: Callable[[Draw], object], draws: Sequence[Draw]) -> None:
+    for seen in draws:
+        call(seen)
 
 
 @dataclass(frozen=True)
@@ -129,21 +124,20 @@ def measure(draws: Sequence[Draw]) -> dict[str, Errors]:
     return figures
 
 
-def _row(case: str, ours: float, unit: str, peer: float | None, bound: str, holds: bool) -> Row:
-    return {'case': case, 'ours': ours, 'unit': unit,
-            'peer': '' if peer is None else f'{PEER} {peer:.3g}',
-            'ratio': None if peer is None else ours / peer, 'bound': bound, 'holds': bool(holds)}
+def _beside_peer(case: str, ours: float, unit: str, peer: float, bound: str, holds: bool
+                 ) -> BenchRow:
+    return BenchRow(case, ours, unit, f'{PEER} {peer:.3g}', ours / peer, bound, holds)
 
 
-def time_rows(count: int, median_us: dict[str, float]) -> Iterator[Row]:
+def time_rows(count: int, median_us: dict[str, float]) -> Iterator[BenchRow]:
     """Yield the time of each solver."""
     for name in SOLVERS:
         limit_us = _BUDGET_US if count == _BUDGET_VECTORS else median_us[PEER]
-        yield _row(f'{count} vectors: {name}, time of a call', median_us[name], 'us',
-                   median_us[PEER], f'<= {limit_us:.3g}', median_us[name] <= limit_us)
+        yield _beside_peer(f'{count} vectors: {name}, time of a call', median_us[name], 'us',
+                           median_us[PEER], f'<= {limit_us:.3g}', median_us[name] <= limit_us)
 
 
-def error_rows(count: int, figures: dict[str, Errors]) -> Iterator[Row]:
+def error_rows(count: int, figures: dict[str, Errors]) -> Iterator[BenchRow]:
     """Yield the errors of each solver, and how well the optimal ones agree."""
     draws = len(figures[PEER].nees)
     for name in SOLVERS:
@@ -151,28 +145,30 @@ def error_rows(count: int, figures: dict[str, Errors]) -> Iterator[Row]:
             value = getattr(figures[name], axis)
             # Two stars alone cannot reach the bound of all.
             limit = np.sqrt(chi2.ppf(0.999, squares) / squares) if name in OPTIMAL else np.inf
-            yield _row(f'{count} vectors: {name}, {axis.replace("_", "-")} error over the bound',
-                       value, '', getattr(figures[PEER], axis),
-                       f'<= {limit:.3f}' if name in OPTIMAL else '', value <= limit)
+            yield _beside_peer(
+                f'{count} vectors: {name}, {axis.replace("_", "-")} error over the bound',
+                value, '', getattr(figures[PEER], axis),
+                f'<= {limit:.3f}' if name in OPTIMAL else '', value <= limit)
     apart = max(np.linalg.norm(attitude_error(
         figures[name].quaternion, figures[OPTIMAL[0]].quaternion), axis=1).max()
         for name in OPTIMAL[1:])
-    yield _row(f'{count} vectors: {", ".join(OPTIMAL)}, largest angle between them', float(apart),
-               'rad', None, f'<= {_AGREEMENT_RAD:g}', apart <= _AGREEMENT_RAD)
+    yield BenchRow(f'{count} vectors: {", ".join(OPTIMAL)}, largest angle between them',
+                   float(apart), 'rad', bound=f'<= {_AGREEMENT_RAD:g}',
+                   holds=apart <= _AGREEMENT_RAD)
 
 
-def consistency_rows(figures: Sequence[dict[str, Errors]]) -> Iterator[Row]:
+def consistency_rows(figures: Sequence[dict[str, Errors]]) -> Iterator[BenchRow]:
     """Yield the mean normalised error squared of each solver over all draws; 3 is right."""
     for name in SOLVERS:
         nees = np.concatenate([each[name].nees for each in figures])
-        low, high = chi2.ppf([0.025, 0.975], 3 * len(nees)) / len(nees)
-        yield _row(f'all: {name}, normalised error squared', nees.mean(), '', None,
-                   f'{low:.3f} .. {high:.3f}', low <= nees.mean() <= high)
+        low, high = mean_chi_square_bounds(3, len(nees))
+        yield BenchRow(f'all: {name}, normalised error squared', nees.mean(), '',
+                       bound=f'{low:.3f} .. {high:.3f}', holds=low <= nees.mean() <= high)
 
 
 def run_attitude_bench(*, trials: int, seed: int, vectors: Sequence[int] = VECTORS) -> Result:
     """Run all solvers and the peer on the same draws of each number of vectors."""
-    table: list[Row] = []
+    table: list[BenchRow] = []
     figures = []
     for count in progress(vectors, 'attitude', transient=True):
         rng = np.random.default_rng((seed, count))
@@ -182,9 +178,7 @@ def run_attitude_bench(*, trials: int, seed: int, vectors: Sequence[int] = VECTO
         table += error_rows(count, figures[-1])
     table += consistency_rows(figures)
     return Result('bench attitude', table, {
-        'machine': f'{platform.machine()}, {os.cpu_count()} cores, Python '
-                   f'{platform.python_version()}, NumPy {np.__version__}, SciPy '
-                   f'{scipy.__version__}',
+        'machine': machine(f'SciPy {scipy.__version__}'),
         'vectors': f'all over a square field of {FOV_DEG:g} deg, random attitudes; sigma of each '
                    f'{SIGMA_ARCSEC[0]:g} to {SIGMA_ARCSEC[1]:g} arcsec, known to the solvers',
         'error over the bound': 'root mean square, each error over the Cramer-Rao bound of its '

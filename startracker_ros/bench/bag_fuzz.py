@@ -14,7 +14,7 @@ from startracker_ros.bag.info import describe
 from startracker_ros.bag.qos import QosProfile
 from startracker_ros.bag.reader import decode, read_messages
 from startracker_ros.bag.writer import BagOptions, BagWriter
-from startracker_ros.campaign.parallel import parallel_map, split
+from startracker_ros.campaign.parallel import parallel_map, split_trials
 
 _TYPE = 'diagnostic_msgs/msg/DiagnosticStatus'
 # An empty DiagnosticStatus: level, three empty strings, no values.
@@ -171,7 +171,7 @@ def _peak_memory_mb() -> float:
 def fuzz_in_processes(seed: int, inputs: int) -> FuzzResult:
     """Examine damaged files on all cores."""
     results: list[FuzzResult] = parallel_map(
-        fuzz, [(piece_seed, count) for count, piece_seed in split(inputs, 1000, seed)],
+        fuzz, [(part_seed, count) for count, part_seed in split_trials(inputs, 1000, seed)],
         title='damaged bags')
     return FuzzResult(
         sum(result.inputs for result in results), sum(result.rejected for result in results),

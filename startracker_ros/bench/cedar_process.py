@@ -1,15 +1,15 @@
 """
-cedar-solve in a Python of its own, which it needs: NumPy below 2.
+cedar-solve in a Python of its own, with the NumPy below 2 that it needs.
 
 Run by path; imports nothing of this package:
 
     python cedar_process.py build CATALOGUE DATABASE FOV_DEG MAGNITUDE_LIMIT EPOCH_YEAR
-    python cedar_process.py solve DATABASE FRAMES.npz ANSWERS.npz
+    python cedar_process.py solve DATABASE FRAMES.npz RESULTS.npz
 
 build prints seconds and MB. FRAMES has uv (N, 2) in px, (0, 0) the centre of the top-left
 pixel, of all frames after one another, count (F,) of each, size_px, fov_deg and warm_up, the
-number of first frames that get no answer. ANSWERS has pointing_deg (F - warm_up, 3): right
-ascension, declination and roll as cedar-solve means it, NaN without a solution; cpu_s
+number of first frames without a result. RESULTS has pointing_deg (F - warm_up, 3): right
+ascension, declination and roll in the convention of cedar-solve, NaN without a solution; cpu_s
 (F - warm_up,).
 """
 
@@ -28,8 +28,8 @@ TIME_LIMIT_MS = 1000
 
 
 def measure(build: Callable[[], object]) -> tuple[object, float, float]:
-    """Return what build() returns, its wall time in s, and what memory grew to, in MB."""
-    # Linux then counts the peak from here.
+    """Return the result of build(), its wall time in s and the growth of memory in MB."""
+    # Linux counts the peak from here on.
     Path('/proc/self/clear_refs').write_text('5')
     before_mb = _status_mb('VmRSS')
     start_s = time.perf_counter()
@@ -53,27 +53,27 @@ def _build(catalogue: str, database: str, fov_deg: str, magnitude_limit: str,
     print(seconds, memory_mb)
 
 
-def _solve(database: str, frames: str, answers: str) -> None:
+def _solve(database: str, frames: str, results: str) -> None:
     import tetra3
     solver = tetra3.Tetra3(load_database=database)
-    with np.load(frames) as asked:
-        fields = np.split(asked['uv'], np.cumsum(asked['count'])[:-1])
-        size_px, fov_deg = int(asked['size_px']), float(asked['fov_deg'])
-        warm_up = int(asked['warm_up'])
+    with np.load(frames) as inputs:
+        fields = np.split(inputs['uv'], np.cumsum(inputs['count'])[:-1])
+        size_px, fov_deg = int(inputs['size_px']), float(inputs['fov_deg'])
+        warm_up = int(inputs['warm_up'])
     pointing_deg, cpu_s = [], []
     gc.disable()
     for uv in fields:
         # Rows of (y, x), (0, 0) the corner of the image.
         yx = uv[:, ::-1] + 0.5
         start_s = time.process_time()
-        answer = solver.solve_from_centroids(
+        result = solver.solve_from_centroids(
             yx, (size_px, size_px), fov_estimate=fov_deg, fov_max_error=FOV_TOLERANCE * fov_deg,
             match_max_error=None, solve_timeout=TIME_LIMIT_MS)
         cpu_s.append(time.process_time() - start_s)
-        solved = answer['RA'] is not None
-        pointing_deg.append([answer['RA'], answer['Dec'], answer['Roll']] if solved
+        solved = result['RA'] is not None
+        pointing_deg.append([result['RA'], result['Dec'], result['Roll']] if solved
                             else [np.nan] * 3)
-    np.savez(answers, pointing_deg=np.array(pointing_deg)[warm_up:],
+    np.savez(results, pointing_deg=np.array(pointing_deg)[warm_up:],
              cpu_s=np.array(cpu_s)[warm_up:])
 
 

@@ -3,11 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-import gc
-from importlib import import_module, metadata
-import os
-import platform
-import time
+from importlib import import_module
 from typing import Any
 
 import cv2
@@ -17,31 +13,32 @@ from scipy.spatial import cKDTree
 from startracker_ros.bench import star_images
 from startracker_ros.bench.star_images import star_image, StarImage
 from startracker_ros.centroid.extraction import CentroidExtractor
+from startracker_ros.figures.machine import installed_version, machine, PACKAGE, peer_versions
+from startracker_ros.figures.rows import Check, combined
+from startracker_ros.figures.timing import cpu_timed, garbage_collector_off
 from startracker_ros.table import Result
 
 SNRS = (7, 10, 30, 100, 300)
-MATCH_PX = 1.5  # a star is found when a centroid is so near
+MATCH_PX = 1.5  # largest distance of a found star from its centroid
 _FLOORS: dict[str, Callable[[np.ndarray], object]] = {
     'memcpy': np.ndarray.copy, 'np.max': np.max}
-_PIECE = 10  # images held at a time
+_BATCH = 10  # images in memory at a time
 _WARM_UP = 3
 _FWHM = 2.3548 * star_images.PSF_SIGMA_PX
 
-Row = dict[str, object]
-
 
 class Peer(ABC):
-    """Finds stars; package is what has to be installed for it."""
+    """Finds stars; package has to be installed for it."""
 
-    package = 'startracker_ros'
+    package = PACKAGE
 
     @abstractmethod
     def extract(self, image: np.ndarray) -> Any:
-        """Return the peer's own answer: the call that is timed."""
+        """Return the result in the form of the peer: the call that is timed."""
 
     @abstractmethod
-    def uv(self, answer: Any) -> np.ndarray:
-        """Return the places (N, 2) of an answer."""
+    def uv(self, result: Any) -> np.ndarray:
+        """Return the positions (N, 2) px of a result."""
 
 
 class Ours(Peer):
@@ -53,8 +50,8 @@ class Ours(Peer):
     def extract(self, image: np.ndarray) -> Any:
         return self._extractor.extract(image)
 
-    def uv(self, answer: Any) -> np.ndarray:
-        return answer.centroids.uv
+    def uv(self, result: Any) -> np.ndarray:
+        return result.centroids.uv
 
 
 class Tetra3rs(Peer):
@@ -68,10 +65,10 @@ class Tetra3rs(Peer):
     def extract(self, image: np.ndarray) -> Any:
         return self._function(image, threads=1)
 
-    def uv(self, answer: Any) -> np.ndarray:
-        # Its places count from the middle of the image.
+    def uv(self, result: Any) -> np.ndarray:
+        # Its pixels count from the centre of the image.
         middle = (star_images.SIZE_PX - 1) / 2
-        return np.array([(star.x, star.y) for star in answer.centroids]).reshape(-1, 2) + middle
+        return np.array([(star.x, star.y) for star in result.centroids]).reshape(-1, 2) + middle
 
 
 class Sep(Peer):
@@ -87,8 +84,8 @@ class Sep(Peer):
         background = self._sep.Background(data)
         return self._sep.extract(data - background, 1.5, err=background.globalrms)
 
-    def uv(self, answer: Any) -> np.ndarray:
-        return np.stack([answer['x'], answer['y']], 1)
+    def uv(self, result: Any) -> np.ndarray:
+        return np.stack([result['x'], result['y']], 1)
 
 
 class DaoStarFinder(Peer):
@@ -104,10 +101,10 @@ class DaoStarFinder(Peer):
         _, median, deviation = self._clipped(image, sigma=3.0)
         return self._finder(threshold=5 * deviation, fwhm=_FWHM)(image - median)
 
-    def uv(self, answer: Any) -> np.ndarray:
-        if answer is None:
+    def uv(self, result: Any) -> np.ndarray:
+        if result is None:
             return np.empty((0, 2))
-        return np.stack([answer['x_centroid'], answer['y_centroid']], 1)
+        return np.stack([result['x_centroid'], result['y_centroid']], 1)
 
 
 PEERS: dict[str, tuple[str, Callable[[], Peer]]] = {
@@ -116,12 +113,12 @@ PEERS: dict[str, tuple[str, Callable[[], Peer]]] = {
     'tetra3rs fast': (Tetra3rs.package, lambda: Tetra3rs('extract_centroids_fast')),
     'sep': (Sep.package, Sep),
     'DAOStarFinder': (DaoStarFinder.package, DaoStarFinder)}
-"""Ours and its peers: the package of each, and what makes it."""
+"""Ours and its peers: package and constructor."""
 
 
 @dataclass
 class Tally:
-    """What one extractor did: times in s, squares of errors over the bound, stars."""
+    """Totals of one extractor: times in s, squares of errors over the bound, stars."""
 
     cpu_s: list[float] = field(default_factory=list)
     square_ratio: list[np.ndarray] = field(default_factory=list)
@@ -130,7 +127,7 @@ class Tally:
     stars: int = 0
 
     def count(self, scene: StarImage, uv: np.ndarray) -> None:
-        """Add the places uv (N, 2) found in an image."""
+        """Add the positions uv (N, 2) px found in an image."""
         self.stars += len(scene.uv)
         if not len(uv):
             return
@@ -152,59 +149,46 @@ class Tally:
 
 
 def installed() -> dict[str, Peer]:
-    """Return ours and the peers that are there."""
-    return {name: make() for name, (package, make) in PEERS.items() if version(package)}
+    """Return ours and the peers that are installed."""
+    return {name: make() for name, (package, make) in PEERS.items()
+            if installed_version(package)}
 
 
-def version(package: str) -> str:
-    """Return the version of a package, empty when it is not installed."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return '' if package != Peer.package else 'this'
-
-
-def _race(work: Callable[[np.ndarray], Any], scenes: Sequence[StarImage]
-          ) -> Iterator[tuple[float, Any]]:
-    """Yield the process CPU time in s and the answer of each image, after some to warm up."""
-    gc.collect()
-    gc.disable()
-    try:
+def _timed_calls(extract: Callable[[np.ndarray], Any], scenes: Sequence[StarImage]
+                 ) -> Iterator[tuple[float, Any]]:
+    """Yield the process CPU time in s and the result of each image, after a warm-up."""
+    with garbage_collector_off():
         for _ in range(_WARM_UP):
-            work(scenes[0].image)
+            extract(scenes[0].image)
         for scene in scenes:
-            start_s = time.process_time()
-            answer = work(scene.image)
-            yield time.process_time() - start_s, answer
-    finally:
-        gc.enable()
+            yield cpu_timed(extract, scene.image)
 
 
 def measure(snr: float, trials: int, seed: int, peers: Mapping[str, Peer]) -> dict[str, Tally]:
-    """Send the same images through one peer after another, a few at a time."""
+    """Run one peer after another on the same images, a batch at a time."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng((seed, round(1000 * snr)))
     tallies = {name: Tally() for name in (*peers, *_FLOORS)}
-    for begin in progress(range(0, trials, _PIECE), f'SNR {snr:g}', transient=True):
-        scenes = [star_image(snr, rng) for _ in range(min(_PIECE, trials - begin))]
+    for begin in progress(range(0, trials, _BATCH), f'SNR {snr:g}', transient=True):
+        scenes = [star_image(snr, rng) for _ in range(min(_BATCH, trials - begin))]
         for name, peer in peers.items():
-            for scene, (cpu_s, answer) in zip(scenes, _race(peer.extract, scenes)):
+            for scene, (cpu_s, result) in zip(scenes, _timed_calls(peer.extract, scenes)):
                 tallies[name].cpu_s.append(cpu_s)
-                tallies[name].count(scene, peer.uv(answer))
-        for name, work in _FLOORS.items():
-            tallies[name].cpu_s += [cpu_s for cpu_s, _ in _race(work, scenes)]
+                tallies[name].count(scene, peer.uv(result))
+        for name, floor in _FLOORS.items():
+            tallies[name].cpu_s += [cpu_s for cpu_s, _ in _timed_calls(floor, scenes)]
     return tallies
 
 
-def bounds(snr: float, figures: Mapping[str, Mapping[str, float]]) -> list[tuple[str, bool]]:
-    """Return what ours is held against, and whether it holds."""
+def bounds(snr: float, figures: Mapping[str, Mapping[str, float]]) -> list[Check]:
+    """Return the bounds of ours."""
     ours = figures['ours']
     checks = [('<= 2 ms', ours['median_ms'] <= 2),
               ('false <= 0.1', ours['false_per_image'] <= 0.1)]
     if snr >= 10:
         checks += [('RMS <= 1.05', ours['rms_over_bound'] <= 1.05),
                    ('found >= 99.5 %', ours['found_percent'] >= 99.5)]
-    # Its fast mode does not find the faint stars.
+    # Its fast mode misses the faint stars.
     peer = figures.get('tetra3rs')
     if peer:
         checks.append((f'<= {peer["median_ms"]:.3g} ms (tetra3rs)',
@@ -212,18 +196,28 @@ def bounds(snr: float, figures: Mapping[str, Mapping[str, float]]) -> list[tuple
     return checks
 
 
-def rows(snr: float, tallies: Mapping[str, Tally]) -> Iterator[Row]:
+@dataclass(frozen=True)
+class ExtractorRow:
+    """One extractor at one SNR; a floor finds no stars."""
+
+    snr: float
+    extractor: str
+    found_percent: float | None = None
+    false_per_image: float | None = None
+    rms_over_bound: float | None = None
+    median_ms: float = np.nan
+    bound: str = ''
+    holds: bool = True
+
+
+def rows(snr: float, tallies: Mapping[str, Tally]) -> Iterator[ExtractorRow]:
     """Yield a row of each extractor, then the floors."""
     figures = {name: tally.figures for name, tally in tallies.items() if tally.stars}
     for name, own in figures.items():
-        checks = bounds(snr, figures) if name == 'ours' else []
-        yield {'snr': snr, 'extractor': name, **own,
-               'bound': '; '.join(text for text, _ in checks),
-               'holds': all(holds for _, holds in checks)}
+        bound, holds = combined(bounds(snr, figures) if name == 'ours' else [])
+        yield ExtractorRow(snr, name, **own, bound=bound, holds=holds)
     for name in _FLOORS:
-        median_ms = 1e3 * float(np.median(tallies[name].cpu_s))
-        yield {'snr': snr, 'extractor': name, 'found_percent': None, 'false_per_image': None,
-               'rms_over_bound': None, 'median_ms': median_ms, 'bound': '', 'holds': True}
+        yield ExtractorRow(snr, name, median_ms=1e3 * float(np.median(tallies[name].cpu_s)))
 
 
 def run_centroid_bench(*, trials: int, seed: int, snrs: Sequence[float] = SNRS) -> Result:
@@ -231,11 +225,8 @@ def run_centroid_bench(*, trials: int, seed: int, snrs: Sequence[float] = SNRS) 
     peers = installed()
     table = [row for snr in snrs for row in rows(snr, measure(snr, trials, seed, peers))]
     images = star_images
-    versions = {package: version(package) or 'absent: pip install startracker_ros[bench]'
-                for package in ('tetra3rs', 'sep', 'photutils')}
     return Result('bench centroid', table, {
-        'machine': f'{platform.machine()}, {os.cpu_count()} cores, Python '
-                   f'{platform.python_version()}, NumPy {np.__version__}',
+        'machine': machine(),
         'images': f'{images.SIZE_PX} x {images.SIZE_PX} uint16, {images.STARS} stars of sigma '
                   f'{images.PSF_SIGMA_PX:g} px, sky {images.SKY_E:g} e- with a gradient of '
                   f'{images.SKY_GRADIENT:.0%}, read noise {images.READ_NOISE_E:g} e-, 1 e-/DN',
@@ -245,5 +236,6 @@ def run_centroid_bench(*, trials: int, seed: int, snrs: Sequence[float] = SNRS) 
                           'width and background known',
         'found': f'a centroid within {MATCH_PX:g} px',
         'times': 'process CPU time of the call, one thread, garbage collector off, each '
-                 f'extractor alone over {_PIECE} images in turn',
-        **versions, 'trials': trials, 'seed': seed})
+                 f'extractor alone over {_BATCH} images in turn',
+        **peer_versions(Tetra3rs.package, Sep.package, DaoStarFinder.package),
+        'trials': trials, 'seed': seed})

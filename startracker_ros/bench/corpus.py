@@ -1,4 +1,4 @@
-"""The frames of the lost-in-space comparison: cameras, cells, and what a cell looks like."""
+"""The frames of the lost-in-space comparison: cameras, cells, simulated centroids."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +21,7 @@ _MAGNITUDE_SIGMA = 0.1
 
 @dataclass(frozen=True)
 class View:
-    """A camera, its field of view across the width, and the faintest V that it sees."""
+    """A camera, its field of view across the width, and its magnitude limit V."""
 
     name: str
     width: int
@@ -30,12 +30,12 @@ class View:
 
     @cached_property
     def camera(self) -> Camera:
-        """Return the camera that takes the frames."""
+        """Return the camera of the frames."""
         return Camera.from_fov(self.width, self.width, self.fov_deg)
 
     @cached_property
     def places(self) -> StarPlaces:
-        """Return what the camera can see of the sky."""
+        """Return the stars that the camera can detect."""
         return camera_places(load_catalog(), self.camera, EPOCH_YEAR, self.magnitude_limit)
 
 
@@ -46,12 +46,12 @@ VIEWS = {view.name: view for view in (
 @dataclass(frozen=True)
 class Cell:
     """
-    What the frames of one cell have in common.
+    The conditions of the frames of one cell.
 
-    sigma_px is the centroid noise per axis, missing the share of stars that are not found,
+    sigma_px is the centroid noise per axis, missing the share of undetected stars,
     false the number of false stars. sky is `any`; `none`: as many false stars as a real
     field has stars; `mirrored`: a real field left to right; `Pleiades`: around them.
-    focal_ratio is the true focal length over the one that the solvers are told.
+    focal_ratio is the true focal length over that of the solvers.
     """
 
     sigma_px: float = 0.3
@@ -62,7 +62,7 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """How --only calls it."""
+        """Return the name of the cell in --only."""
         return (f'{self.sigma_px:g}px' + (f'-{self.missing:.0%}missing' if self.missing else '')
                 + (f'-{self.false}false' if self.false else '')).replace('%', '')
 
@@ -70,7 +70,7 @@ class Cell:
 _TRAPS = {
     'false-only': Cell(sky='none'),
     'mirrored': Cell(sky='mirrored'),
-    # A wrong scale leaves many chance matches in the corner where the cluster stands.
+    # A wrong scale makes many chance matches in the corner with the cluster.
     'pleiades-3-percent-off': Cell(sky='Pleiades', focal_ratio=1.03),
 }
 _PRODUCT = [Cell(*factors) for factors in product(
@@ -88,9 +88,9 @@ CELLS = {cell.name: cell for cell in _CHOSEN} | _TRAPS
 @dataclass(frozen=True)
 class Frame:
     """
-    Centroids, brightest first, and the q_icrf_from_sensor (4,) they were seen at.
+    Centroids, brightest first, and their true q_icrf_from_sensor (4,).
 
-    truth is None where no attitude is right.
+    truth is None where no attitude is correct.
     """
 
     centroids: Centroids

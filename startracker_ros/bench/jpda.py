@@ -4,19 +4,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
-import gc
 from importlib import import_module
 from itertools import product
-import os
-import platform
-import time
 from typing import Any
 
 import numpy as np
 from rich.progress import track as progress
 from startracker_ros.bench import moving_targets as scene
-from startracker_ros.bench.centroid import version
 from startracker_ros.bench.moving_targets import moving_targets, Targets
+from startracker_ros.figures.machine import installed_version, machine, PACKAGE, peer_versions
+from startracker_ros.figures.rows import Check, combined
+from startracker_ros.figures.timing import cpu_timed, garbage_collector_off
 from startracker_ros.table import Result
 from startracker_ros.track.association import (
     event_weights, gate_size, gated_density, joint_probabilities)
@@ -27,26 +25,24 @@ TRACKS = (4, 10, 20, 40, 100, 200)
 CLUTTER = (2, 10)
 GATE_PROBABILITY = 0.9999
 LARGEST_OF_PEERS = 40
-"""More tracks are for ours alone: a frame would take the peers seconds."""
+"""More tracks run without the peers, which would need seconds for a frame."""
 
 _ACCELERATION = (scene.ACCELERATION_PX_S2, scene.ACCELERATION_PX_S2)
 _VARIANCE = scene.SIGMA_PX ** 2
 
-Row = dict[str, object]
-
 
 class Filter(ABC):
-    """A JPDA filter in the middle of a run; package is what has to be installed for it."""
+    """A JPDA filter during a run; package has to be installed for it."""
 
-    package = 'startracker_ros'
+    package = PACKAGE
 
     @abstractmethod
     def __init__(self, targets: Targets, clutter: int) -> None:
-        """Begin with what is known at the start, expecting clutter points a frame."""
+        """Start from the initial estimates, with clutter expected false points a frame."""
 
     @abstractmethod
     def measurements(self, uv: np.ndarray) -> Any:
-        """Return centroids (M, 2) of the next frame in the form that this filter takes."""
+        """Return centroids (M, 2) of the next frame in the form of this filter."""
 
     @abstractmethod
     def step(self, measurements: Any) -> None:
@@ -84,7 +80,7 @@ class Ours(Filter):
 
 
 class StoneSoup(Filter):
-    """Stone Soup (https://stonesoup.readthedocs.io) the way its JPDA tutorial puts it together."""
+    """Stone Soup (https://stonesoup.readthedocs.io) as assembled in its JPDA tutorial."""
 
     package = 'stonesoup'
     associator = ('stonesoup.dataassociator.probability', 'JPDAwithEHM2')
@@ -115,8 +111,8 @@ class StoneSoup(Filter):
 
     def measurements(self, uv: np.ndarray) -> Any:
         self._now += timedelta(seconds=scene.DT_S)
-        return {self._detection(place, timestamp=self._now, measurement_model=self._measured)
-                for place in uv}
+        return {self._detection(each, timestamp=self._now, measurement_model=self._measured)
+                for each in uv}
 
     def step(self, measurements: Any) -> None:
         found = self._associator.associate(self._tracks, measurements, self._now)
@@ -141,38 +137,31 @@ FILTERS: dict[str, type[Filter]] = {
 
 @dataclass
 class Tally:
-    """What one filter did: CPU times in s, squares of position errors, swapped tracks."""
+    """Totals of one filter: CPU times in s, squares of position errors, swapped tracks."""
 
     cpu_s: list[float] = field(default_factory=list)
     square_px2: list[np.ndarray] = field(default_factory=list)
     swapped: list[np.ndarray] = field(default_factory=list)
 
     @property
-    def figures(self) -> dict[str, float]:
-        """Return the columns of a row; the error is that of tracks that kept to their target."""
-        kept = [square[:, ~swapped] for square, swapped in zip(self.square_px2, self.swapped)]
+    def figures(self) -> dict[str, Any]:
+        """Return the columns of a row; the error is that of tracks that are not swapped."""
+        unswapped = [square[:, ~swapped] for square, swapped in zip(self.square_px2, self.swapped)]
         return {'median_ms': 1e3 * float(np.median(self.cpu_s)),
                 'worst_ms': 1e3 * max(self.cpu_s),
-                'rms_px': float(np.sqrt(np.concatenate(kept, axis=None).mean())),
+                'rms_px': float(np.sqrt(np.concatenate(unswapped, axis=None).mean())),
                 'tracks_run': sum(len(swapped) for swapped in self.swapped),
                 'swapped': int(sum(swapped.sum() for swapped in self.swapped))}
 
 
 def run(make: type[Filter], targets: Targets, clutter: int, tally: Tally) -> None:
-    """Send a run through a filter."""
+    """Run a filter on the targets, and add its times and errors to the tally."""
     own = make(targets, clutter)
     square = np.empty((len(targets.frames), len(targets.state)))
-    gc.collect()
-    gc.disable()
-    try:
+    with garbage_collector_off():
         for frame, uv in enumerate(targets.frames):
-            measurements = own.measurements(uv)
-            start_s = time.process_time()
-            own.step(measurements)
-            tally.cpu_s.append(time.process_time() - start_s)
+            tally.cpu_s.append(cpu_timed(own.step, own.measurements(uv))[0])
             square[frame] = np.mean((own.uv - targets.truth[frame + 1, :, ::2]) ** 2, axis=1)
-    finally:
-        gc.enable()
     tally.square_px2.append(square)
     tally.swapped.append(swapped(own.uv, targets.truth[-1, :, ::2]))
 
@@ -185,10 +174,10 @@ def swapped(uv: np.ndarray, truth_uv: np.ndarray) -> np.ndarray:
 
 def measure(kind: str, tracks: int, clutter: int, trials: int, seed: int,
             filters: Mapping[str, type[Filter]]) -> dict[str, Tally]:
-    """Send the same runs through one filter after another."""
+    """Run one filter after another on the same targets."""
     tallies = {name: Tally() for name in filters}
     for name, make in filters.items():
-        # What comes first compiles, imports and fills caches.
+        # Warm-up: the first run compiles, imports and fills caches.
         run(make, moving_targets(kind, 4, clutter, np.random.default_rng(0)), clutter, Tally())
         rng = np.random.default_rng((seed, scene.SCENES.index(kind), tracks, clutter))
         for _ in range(trials):
@@ -196,8 +185,8 @@ def measure(kind: str, tracks: int, clutter: int, trials: int, seed: int,
     return tallies
 
 
-def bounds(kind: str, tracks: int, tallies: Mapping[str, Tally]) -> list[tuple[str, bool]]:
-    """Return what ours is held against, and whether it holds."""
+def bounds(kind: str, tracks: int, tallies: Mapping[str, Tally]) -> list[Check]:
+    """Return the bounds of ours."""
     ours = tallies['ours']
     peers = [tally for name, tally in tallies.items() if name != 'ours']
     checks = []
@@ -205,41 +194,54 @@ def bounds(kind: str, tracks: int, tallies: Mapping[str, Tally]) -> list[tuple[s
         checks.append(('<= 0.4 ms', ours.figures['median_ms'] <= 0.4))
     if peers:
         rms_px = min(tally.figures['rms_px'] for tally in peers)
-        # The last digits depend on the order in which each adds up.
+        # The last digits depend on the order of summation.
         checks.append(('RMS <= that of the peers',
                        ours.figures['rms_px'] <= rms_px * (1 + 1e-6)))
     if peers and kind == 'crossing':
         lost = np.concatenate(ours.swapped)
-        kept = ~np.logical_and.reduce([np.concatenate(tally.swapped) for tally in peers])
-        checks.append(('keeps what a peer keeps', not (lost & kept).any()))
+        avoidable = ~np.logical_and.reduce([np.concatenate(tally.swapped) for tally in peers])
+        checks.append(('keeps what a peer keeps', not (lost & avoidable).any()))
     return checks
 
 
-def rows(kind: str, tracks: int, clutter: int, tallies: Mapping[str, Tally]) -> Iterator[Row]:
+@dataclass(frozen=True)
+class FilterRow:
+    """One filter in one scene."""
+
+    scene: str
+    tracks: int
+    clutter: int
+    filter: str  # noqa: A003
+    median_ms: float
+    worst_ms: float
+    rms_px: float
+    tracks_run: int
+    swapped: int
+    bound: str
+    holds: bool
+
+
+def rows(kind: str, tracks: int, clutter: int, tallies: Mapping[str, Tally]
+         ) -> Iterator[FilterRow]:
     """Yield a row of each filter."""
     for name, tally in tallies.items():
-        checks = bounds(kind, tracks, tallies) if name == 'ours' else []
-        yield {'scene': kind, 'tracks': tracks, 'clutter': clutter, 'filter': name,
-               **tally.figures, 'bound': '; '.join(text for text, _ in checks),
-               'holds': all(holds for _, holds in checks)}
+        bound, holds = combined(bounds(kind, tracks, tallies) if name == 'ours' else [])
+        yield FilterRow(kind, tracks, clutter, name, **tally.figures, bound=bound, holds=holds)
 
 
 def run_jpda_bench(*, trials: int, seed: int, scenes: Sequence[str] = scene.SCENES,
                    tracks: Sequence[int] = TRACKS) -> Result:
     """Run all filters through each scene, number of tracks and number of clutter points."""
-    there = {name: make for name, make in FILTERS.items()
-             if version(make.package) and (make is Ours or version(StoneSoup.package))}
-    table: list[Row] = []
+    installed = {name: make for name, make in FILTERS.items() if installed_version(make.package)
+                 and (make is Ours or installed_version(StoneSoup.package))}
+    table: list[FilterRow] = []
     cells = list(product(scenes, tracks, CLUTTER))
     for kind, count, clutter in progress(cells, 'scenes', transient=True):
-        filters = there if count <= LARGEST_OF_PEERS else {'ours': Ours}
+        filters = installed if count <= LARGEST_OF_PEERS else {'ours': Ours}
         table += rows(kind, count, clutter,
                       measure(kind, count, clutter, trials, seed, filters))
-    versions = {package: version(package) or 'absent: pip install startracker_ros[bench]'
-                for package in (StoneSoup.package, StoneSoupPyehm.package)}
     return Result('bench jpda', table, {
-        'machine': f'{platform.machine()}, {os.cpu_count()} cores, Python '
-                   f'{platform.python_version()}, NumPy {np.__version__}',
+        'machine': machine(),
         'targets': f'{scene.FRAMES} frames of {scene.DT_S:g} s, {scene.SIDE_PX} x '
                    f'{scene.SIDE_PX} px, sigma {scene.SIGMA_PX:g} px, seen '
                    f'{scene.DETECTION_PROBABILITY:.0%}, {scene.SPEED_PX_S:g} px/s and white '
@@ -252,4 +254,5 @@ def run_jpda_bench(*, trials: int, seed: int, scenes: Sequence[str] = scene.SCEN
         'swapped': 'tracks that end nearer to another target',
         'times': 'process CPU time of a frame: predict, gate, associate, update; garbage '
                  'collector off, each filter alone over all runs',
-        **versions, 'trials': trials, 'seed': seed})
+        **peer_versions(StoneSoup.package, StoneSoupPyehm.package),
+        'trials': trials, 'seed': seed})

@@ -1,90 +1,107 @@
-"""The same star lists through ours, tetra3rs and cedar-solve: right, wrong, time, database."""
+"""Ours, tetra3rs and cedar-solve on the same star lists: correct, wrong, time, database."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, fields
 from functools import lru_cache
 import multiprocessing
-import os
-import platform
 import tempfile
 
 import numpy as np
-from startracker_ros.bench.corpus import ALL_CELLS, Cell, Frame, frames, View, VIEWS
+from startracker_ros.bench.corpus import ALL_CELLS, Cell, frames, View, VIEWS
 from startracker_ros.bench.peers import (
-    CEDAR, Cedar, Database, measure_database, peer_version, race, Solver, solvers, TUNED, WARM_UP)
-from startracker_ros.campaign.parallel import parallel_map, split
-from startracker_ros.maths.rotation import attitude_error
+    CEDAR, Cedar, Database, measure_database, Solver, solvers, timed_attitudes, TUNED, WARM_UP)
+from startracker_ros.campaign.parallel import concatenated, parallel_trials
+from startracker_ros.figures.correctness import CORRECT_TEXT, is_correct
+from startracker_ros.figures.machine import machine, peer_versions
+from startracker_ros.figures.rows import Check, combined
 from startracker_ros.table import Result
 
 DATABASE = 'database'
-"""What --only calls the building of the databases."""
+"""The name in --only of the building of the databases."""
 
-_PIECE = 250
-_COLUMNS = ('cell', 'camera', 'solver', 'correct_percent', 'wrong_percent', 'median_ms', 'p99_ms',
-            'build_s', 'file_mb', 'memory_mb', 'bound', 'holds')
-_NO_ANSWER, _CORRECT, _WRONG = range(3)
-
-# Answers (N,) of the kinds above, and CPU times (N,) in s, by solver.
-Outcome = Mapping[str, tuple[np.ndarray, np.ndarray]]
-Row = dict[str, object]
-Check = tuple[str, bool]
+_PART_TRIALS = 250
+UNSOLVED, CORRECT, WRONG = range(3)
 
 
-def judge(attitude: np.ndarray | None, truth: np.ndarray | None) -> int:
-    """Return whether an answer (4,) is correct: 0.05 deg cross-boresight, 0.5 deg of roll."""
+@dataclass(frozen=True)
+class Outcome:
+    """Results of a solver: UNSOLVED, CORRECT or WRONG (N,), and process CPU times (N,) in s."""
+
+    kind: np.ndarray
+    cpu_s: np.ndarray
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Return the columns of a row."""
+        return {'correct_percent': 100 * float(np.mean(self.kind == CORRECT)),
+                'wrong_percent': 100 * float(np.mean(self.kind == WRONG)),
+                'median_ms': 1e3 * float(np.median(self.cpu_s)),
+                'p99_ms': 1e3 * float(np.percentile(self.cpu_s, 99))}
+
+
+def kind_of(attitude: np.ndarray | None, truth: np.ndarray | None) -> int:
+    """Return UNSOLVED, CORRECT or WRONG; without a true attitude (4,) every solution is wrong."""
     if attitude is None:
-        return _NO_ANSWER
-    if truth is None:
-        return _WRONG
-    x, y, roll = np.degrees(attitude_error(attitude, truth))
-    return _CORRECT if np.hypot(x, y) < 0.05 and abs(roll) < 0.5 else _WRONG
+        return UNSOLVED
+    return CORRECT if truth is not None and is_correct(attitude, truth) else WRONG
 
 
-def piece(view: View, cell: Cell, trials: int, seed: int, cedar: Cedar | None) -> Outcome:
-    """Send the same frames through one solver after another, so that all see the same load."""
-    shown = frames(view, cell, WARM_UP + trials, seed)
-    runs = {name: race(solver, shown)
-            for name, solver in _ready(view, cell.focal_ratio).items()}
+def solve_frames(view: View, cell: Cell, cedar: Cedar | None, trials: int, seed: int
+                 ) -> dict[str, Outcome]:
+    """Run one solver after another on the same frames, so that all have the same load."""
+    seen = frames(view, cell, WARM_UP + trials, seed)
+    runs = {name: timed_attitudes(solver, seen)
+            for name, solver in _built_solvers(view, cell.focal_ratio).items()}
     if cedar is not None:
         camera = view.camera.with_focal_ratio(1 / cell.focal_ratio)
-        runs[CEDAR] = cedar.race(view, camera, shown)
-    return {name: (_judged(attitudes, shown[WARM_UP:]), cpu_s)
+        runs[CEDAR] = cedar.timed_attitudes(view, camera, seen)
+    truths = [frame.truth for frame in seen[WARM_UP:]]
+    return {name: Outcome(np.array([kind_of(*pair) for pair in zip(attitudes, truths)]), cpu_s)
             for name, (attitudes, cpu_s) in runs.items()}
 
 
 @lru_cache(maxsize=8)
-def _ready(view: View, focal_ratio: float) -> dict[str, Solver]:
+def _built_solvers(view: View, focal_ratio: float) -> dict[str, Solver]:
     """Return the solvers of a view, built once in each process."""
-    ready = solvers()
-    for solver in ready.values():
+    built = solvers()
+    for solver in built.values():
         solver.build(view, view.camera.with_focal_ratio(1 / focal_ratio))
-    return ready
+    return built
 
 
-def _judged(attitudes: Sequence[np.ndarray | None], shown: Sequence[Frame]) -> np.ndarray:
-    return np.array([judge(attitude, frame.truth) for attitude, frame in zip(attitudes, shown)])
+@dataclass(frozen=True)
+class SolverRow:
+    """One solver in one cell, or the cost of its database."""
+
+    cell: str
+    camera: str
+    solver: str
+    correct_percent: float | None = None
+    wrong_percent: float | None = None
+    median_ms: float | None = None
+    p99_ms: float | None = None
+    build_s: float | None = None
+    file_mb: float | None = None
+    memory_mb: float | None = None
+    bound: str = ''
+    holds: bool = True
 
 
-def cell_rows(view: View, name: str, cell: Cell, outcome: Outcome) -> Iterator[Row]:
-    """Yield a row of each solver; that of ours is held against its bounds."""
-    figures = {solver: _figures(*run) for solver, run in outcome.items()}
+def cell_rows(view: View, name: str, cell: Cell, outcomes: Mapping[str, Outcome]
+              ) -> Iterator[SolverRow]:
+    """Yield a row of each solver, that of ours with its bounds."""
+    figures = {solver: outcome.figures for solver, outcome in outcomes.items()}
     for solver, own in figures.items():
-        shown: dict[str, float | None] = {**own}
-        if cell.sky in ('none', 'mirrored'):
-            shown = {**own, 'correct_percent': None}
-        checks = bounds(view, cell, figures) if solver == 'ours' else []
-        yield _row(name, view, solver, checks, **shown)
-
-
-def _figures(answers: np.ndarray, cpu_s: np.ndarray) -> dict[str, float]:
-    return {'correct_percent': 100 * float(np.mean(answers == _CORRECT)),
-            'wrong_percent': 100 * float(np.mean(answers == _WRONG)),
-            'median_ms': 1e3 * float(np.median(cpu_s)),
-            'p99_ms': 1e3 * float(np.percentile(cpu_s, 99))}
+        bound, holds = combined(bounds(view, cell, figures) if solver == 'ours' else [])
+        solvable = cell.sky not in ('none', 'mirrored')
+        yield SolverRow(name, view.name, solver, own['correct_percent'] if solvable else None,
+                        own['wrong_percent'], own['median_ms'], own['p99_ms'],
+                        bound=bound, holds=holds)
 
 
 def bounds(view: View, cell: Cell, figures: Mapping[str, Mapping[str, float]]) -> list[Check]:
-    """Return what ours is held against in a cell, and whether it holds."""
+    """Return the bounds of ours in a cell."""
     ours = figures['ours']
     peers = {name: own for name, own in figures.items() if name != 'ours'}
     checks = [('wrong = 0', ours['wrong_percent'] == 0)]
@@ -105,15 +122,8 @@ def bounds(view: View, cell: Cell, figures: Mapping[str, Mapping[str, float]]) -
     return checks
 
 
-def _row(cell: str, view: View, solver: str, checks: Sequence[Check], **figures: object) -> Row:
-    named = {'cell': cell, 'camera': view.name, 'solver': solver, **figures,
-             'bound': '; '.join(text for text, _ in checks),
-             'holds': all(holds for _, holds in checks)}
-    return {column: named.get(column) for column in _COLUMNS}
-
-
 def databases(views: Sequence[View], cedar: Cedar | None) -> Iterator[tuple[View, str, Database]]:
-    """Yield what each database takes, built in a process that has done nothing else."""
+    """Yield the cost of each database, built in a new process."""
     spawn = multiprocessing.get_context('spawn')
     for view in views:
         for solver in solvers():
@@ -123,11 +133,13 @@ def databases(views: Sequence[View], cedar: Cedar | None) -> Iterator[tuple[View
             yield view, CEDAR, cedar.build(view)
 
 
-def database_row(view: View, solver: str, database: Database) -> Row:
-    """Return what a database takes; ours shall be built within a second."""
-    checks = [('build <= 1 s', database.seconds <= 1)] if solver == 'ours' else []
-    return _row(DATABASE, view, solver, checks, build_s=database.seconds,
-                file_mb=database.file_mb, memory_mb=database.memory_mb)
+def database_row(view: View, solver: str, database: Database) -> SolverRow:
+    """Return the cost of a database; ours has to be built within a second."""
+    bound, holds = combined(
+        [('build <= 1 s', database.seconds <= 1)] if solver == 'ours' else [])
+    return SolverRow(DATABASE, view.name, solver, build_s=database.seconds,
+                     file_mb=database.file_mb, memory_mb=database.memory_mb, bound=bound,
+                     holds=holds)
 
 
 def run_lost_in_space_bench(*, trials: int, seed: int, only: Sequence[str],
@@ -139,35 +151,34 @@ def run_lost_in_space_bench(*, trials: int, seed: int, only: Sequence[str],
     with tempfile.TemporaryDirectory() as folder:
         cedar = Cedar(cedar_python, folder) if cedar_python else None
         versions = _versions(cedar)
-        rows = []
+        rows: list[SolverRow] = []
         if DATABASE in only or cedar is not None:
             rows = [database_row(*built) for built in databases(views, cedar)]
-        cells = [(view, ALL_CELLS[name]) for name in names for view in views]
-        parts = split(trials, _PIECE, seed)
-        outcomes = iter(parallel_map(
-            piece, [(view, cell, *part, cedar) for view, cell in cells for part in parts],
-            title='lost in space', scheduler=scheduler))
-    for name in names:
-        for view in views:
-            pieces = [next(outcomes) for _ in parts]
-            joined = {solver: (np.concatenate([run[solver][0] for run in pieces]),
-                               np.concatenate([run[solver][1] for run in pieces]))
-                      for solver in pieces[0]}
-            rows += cell_rows(view, name, ALL_CELLS[name], joined)
-    used = [column for column in _COLUMNS if any(row[column] is not None for row in rows)]
-    return Result('bench lost-in-space', [{column: row[column] for column in used}
-                                          for row in rows], {
-        'machine': f'{platform.machine()}, {os.cpu_count()} cores, Python '
-                   f'{platform.python_version()}, NumPy {np.__version__}',
+        cells = [(view, name) for name in names for view in views]
+        done = parallel_trials(
+            solve_frames, [(view, ALL_CELLS[name], cedar) for view, name in cells], trials,
+            _PART_TRIALS, seed, title='lost in space', scheduler=scheduler)
+    for (view, name), parts in zip(cells, done):
+        joined = {solver: concatenated([part[solver] for part in parts]) for solver in parts[0]}
+        rows += cell_rows(view, name, ALL_CELLS[name], joined)
+    return Result('bench lost-in-space', _used_columns(rows), {
+        'machine': machine(),
         'cameras': '; '.join(f'{view.name}: {view.fov_deg:g} deg, {view.width} px, V '
                              f'{view.magnitude_limit:g}' for view in views),
-        'correct': 'boresight within 0.05 deg, roll within 0.5 deg; wrong: any other answer',
+        'correct': f'{CORRECT_TEXT}; wrong: any other solution',
         'times': 'process CPU time of the solve call, garbage collector off, after '
                  f'{WARM_UP} frames; build_s is wall time in a fresh process',
         'memory_mb': 'growth of the resident memory to its peak while building',
         **versions, 'trials': trials, 'seed': seed})
 
 
+def _used_columns(rows: Sequence[SolverRow]) -> list[dict[str, object]]:
+    """Return the rows without the columns that none of them has."""
+    names = [column.name for column in fields(SolverRow)]
+    used = [name for name in names if any(getattr(row, name) is not None for row in rows)]
+    return [{name: getattr(row, name) for name in used} for row in rows]
+
+
 def _versions(cedar: Cedar | None) -> dict[str, str]:
-    return {'tetra3rs': peer_version() or 'absent: pip install startracker_ros[bench]',
+    return {**peer_versions('tetra3rs'),
             CEDAR: cedar.version() if cedar else 'absent: --cedar-python names its venv'}

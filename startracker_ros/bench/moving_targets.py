@@ -23,7 +23,7 @@ class Targets:
     """
     One run: truth (F + 1, N, 4) as in motion_models, from the start on.
 
-    state (N, 4) and covariance (N, 4, 4) are what a filter knows at the start; frames
+    state (N, 4) and covariance (N, 4, 4) are the initial estimate of a filter; frames
     holds the centroids (M, 2) of each frame after it, in random order.
     """
 
@@ -46,42 +46,43 @@ def moving_targets(kind: str, tracks: int, clutter: int, rng: np.random.Generato
     back = np.linalg.inv(transition)
     truth = np.empty((FRAMES + 1, tracks, 4))
     truth[half] = middle
-    # A push along u moves u and u_rate, one along v the other two.
-    push = rng.normal(0, ACCELERATION_PX_S2, (FRAMES, tracks, 2))
-    pushed = np.einsum('fna,ai->fni', push, np.array(
+    # An acceleration along u changes u and u_rate, one along v the other two.
+    acceleration = rng.normal(0, ACCELERATION_PX_S2, (FRAMES, tracks, 2))
+    change = np.einsum('fna,ai->fni', acceleration, np.array(
         [[DT_S ** 2 / 2, DT_S, 0, 0], [0, 0, DT_S ** 2 / 2, DT_S]]))
     for frame in range(half, FRAMES):
-        truth[frame + 1] = truth[frame] @ transition.T + pushed[frame]
+        truth[frame + 1] = truth[frame] @ transition.T + change[frame]
     for frame in range(half, 0, -1):
-        truth[frame - 1] = (truth[frame] - pushed[frame - 1]) @ back.T
+        truth[frame - 1] = (truth[frame] - change[frame - 1]) @ back.T
     return Targets(
         truth, truth[0] + rng.normal(0, np.sqrt(_START_VARIANCE), (tracks, 4)),
         np.tile(np.diag(_START_VARIANCE), (tracks, 1, 1)),
-        [_seen(truth[frame, :, ::2], clutter, rng) for frame in range(1, FRAMES + 1)])
+        [_detections(truth[frame, :, ::2], clutter, rng) for frame in range(1, FRAMES + 1)])
 
 
 def _pairs(kind: str, pairs: int, rng: np.random.Generator) -> np.ndarray:
     """Return states (2 P, 4) of pairs, one after another."""
-    place = rng.uniform(0, SIDE_PX, (pairs, 1, 2)).repeat(2, axis=1)
+    position = rng.uniform(0, SIDE_PX, (pairs, 1, 2)).repeat(2, axis=1)
     heading = rng.uniform(0, 2 * np.pi, (pairs, 1)).repeat(2, axis=1)
     aside = rng.uniform(0, 2 * np.pi, pairs)
     aside = np.stack([np.cos(aside), np.sin(aside)], -1)
     if kind == 'apart':
-        place, heading = rng.uniform(0, SIDE_PX, (pairs, 2, 2)), rng.uniform(
-            0, 2 * np.pi, (pairs, 2))
+        position = rng.uniform(0, SIDE_PX, (pairs, 2, 2))
+        heading = rng.uniform(0, 2 * np.pi, (pairs, 2))
     elif kind == 'crossing':
         heading[:, 1] += np.radians(rng.uniform(10, 150, pairs))
-        place[:, 1] += rng.uniform(0, 1, (pairs, 1)) * aside
+        position[:, 1] += rng.uniform(0, 1, (pairs, 1)) * aside
     else:
-        place[:, 1] += CLOSE_PX * aside
+        position[:, 1] += CLOSE_PX * aside
     state = np.empty((pairs, 2, 4))
-    state[..., ::2] = place
+    state[..., ::2] = position
     state[..., 1] = SPEED_PX_S * np.cos(heading)
     state[..., 3] = SPEED_PX_S * np.sin(heading)
     return state.reshape(-1, 4)
 
 
-def _seen(uv: np.ndarray, clutter: int, rng: np.random.Generator) -> np.ndarray:
+def _detections(uv: np.ndarray, clutter: int, rng: np.random.Generator) -> np.ndarray:
+    """Return the noisy positions of detected targets and the clutter, in random order."""
     seen = uv[rng.random(len(uv)) < DETECTION_PROBABILITY]
     return rng.permutation(np.concatenate([
         seen + rng.normal(0, SIGMA_PX, seen.shape), rng.uniform(0, SIDE_PX, (clutter, 2))]))

@@ -1,5 +1,5 @@
 """
-Ours and its peers behind one door: a database, a solve call to be timed, an attitude.
+One interface to ours and its peers: a database, a solve call that is timed, an attitude.
 
 tetra3rs (https://github.com/ssmichael1/tetra3rs) and cedar-solve
 (https://github.com/smroid/cedar-solve) find attitudes by hashes of four-star patterns.
@@ -7,13 +7,10 @@ tetra3rs (https://github.com/ssmichael1/tetra3rs) and cedar-solve
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-import gc
-from importlib import metadata
 import os
 from pathlib import Path
 import subprocess
 import tempfile
-import time
 from typing import Any
 
 import numpy as np
@@ -23,20 +20,22 @@ from startracker_ros.bench.corpus import EPOCH_YEAR, Frame, View
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.figures.machine import installed_version
+from startracker_ros.figures.timing import cpu_timed, garbage_collector_off
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.maths.rotation import conjugate, quaternion_from_pointing
 
 WARM_UP = 20
-"""Frames that each solver sees before its time counts."""
+"""Frames that each solver solves before its time counts."""
 
-# Stars whose magnitude is noisy, or in another band, shall not be missing from a database.
+# A database has to hold stars whose magnitude is noisy or in another band.
 _MAGNITUDE_MARGIN = 0.3
 
 
 @dataclass(frozen=True)
 class Database:
-    """What it takes to build one: wall time, the file, how far memory grew at its peak."""
+    """The cost of a database: wall time of its build, file, peak growth of memory."""
 
     seconds: float
     file_mb: float
@@ -44,27 +43,27 @@ class Database:
 
 
 class Solver(ABC):
-    """Finds attitudes of one camera; the camera may be told wrongly."""
+    """Finds attitudes of one camera, whose focal length may be off."""
 
     @abstractmethod
     def build(self, view: View, camera: Camera) -> None:
-        """Make ready to solve frames of view, taken for those of camera."""
+        """Build the database of a view, to solve its frames as those of camera."""
 
     @abstractmethod
     def store(self, folder: Path) -> None:
         """Write the database into a folder."""
 
     @abstractmethod
-    def question(self, centroids: Centroids) -> Any:
-        """Return the centroids in the form that this solver takes."""
+    def prepare(self, centroids: Centroids) -> Any:
+        """Return the centroids in the form of this solver."""
 
     @abstractmethod
-    def solve(self, question: Any) -> Any:
-        """Return the solver's own answer: the call that is timed."""
+    def solve(self, prepared: Any) -> Any:
+        """Return the result in the form of this solver: the call that is timed."""
 
     @abstractmethod
-    def attitude(self, answer: Any) -> np.ndarray | None:
-        """Return q_icrf_from_sensor (4,) of an answer, None when it is none."""
+    def attitude(self, result: Any) -> np.ndarray | None:
+        """Return q_icrf_from_sensor (4,) of a result, None without a solution."""
 
 
 class Ours(Solver):
@@ -75,20 +74,20 @@ class Ours(Solver):
             camera, EPOCH_YEAR, IdentificationOptions(magnitude_limit=view.magnitude_limit))
 
     def store(self, folder: Path) -> None:
-        """Nothing to do: the identifier has left its database in the cache."""
+        """Do nothing: build() has stored the database in the cache."""
 
-    def question(self, centroids: Centroids) -> Any:
+    def prepare(self, centroids: Centroids) -> Any:
         return centroids
 
-    def solve(self, question: Any) -> Any:
-        return self._identifier.identify(question)
+    def solve(self, prepared: Any) -> Any:
+        return self._identifier.identify(prepared)
 
-    def attitude(self, answer: Any) -> np.ndarray | None:
-        return None if answer.attitude is None else answer.attitude.quaternion
+    def attitude(self, result: Any) -> np.ndarray | None:
+        return None if result.attitude is None else result.attitude.quaternion
 
 
 class Tetra3rs(Solver):
-    """tetra3rs; with a pattern error it is tuned to the camera, else as it comes."""
+    """tetra3rs, with a pattern error tuned to the camera, else with its defaults."""
 
     def __init__(self, pattern_max_error: float | None = None) -> None:
         self._pattern_max_error = pattern_max_error
@@ -105,23 +104,23 @@ class Tetra3rs(Solver):
         self._options: dict[str, Any] = {
             'fov_estimate_deg': fov_deg, 'image_width': camera.width,
             'image_height': camera.height,
-            # A star off by 1 px changes the scale of a small pattern by per cents.
+            # An error of 1 px changes the scale of a small pattern by several per cent.
             'fov_max_error_deg': None if not tuned else cedar_process.FOV_TOLERANCE * fov_deg}
 
     def store(self, folder: Path) -> None:
         self._database.save_to_file(str(folder / 'tetra3rs.bin'))
 
-    def question(self, centroids: Centroids) -> Any:
+    def prepare(self, centroids: Centroids) -> Any:
         return np.column_stack([centroids.uv - self._center, centroids.flux])
 
-    def solve(self, question: Any) -> Any:
-        return self._database.solve_from_centroids(question, **self._options)
+    def solve(self, prepared: Any) -> Any:
+        return self._database.solve_from_centroids(prepared, **self._options)
 
-    def attitude(self, answer: Any) -> np.ndarray | None:
-        # It tries mirrored images as well; whoever knows the camera leaves those answers out.
-        if not answer or answer.parity_flip:
+    def attitude(self, result: Any) -> np.ndarray | None:
+        # It solves mirrored images as well, which this camera has not.
+        if not result or result.parity_flip:
             return None
-        w, x, y, z = answer.quaternion
+        w, x, y, z = result.quaternion
         return conjugate(np.array([x, y, z, w]))
 
 
@@ -132,47 +131,35 @@ CEDAR = 'cedar-solve'
 
 
 class PeerError(RuntimeError):
-    """A peer that was asked for is not there."""
-
-
-def peer_version() -> str:
-    """Return the version of tetra3rs, empty when it is not installed."""
-    try:
-        return metadata.version('tetra3rs')
-    except metadata.PackageNotFoundError:
-        return ''
+    """A requested peer is not installed."""
 
 
 def solvers() -> dict[str, Solver]:
-    """Return ours and what is installed of its peers, by name."""
-    if not peer_version():
+    """Return ours and its installed peers, by name."""
+    if not installed_version('tetra3rs'):
         return {'ours': Ours()}
     return {'ours': Ours(), 'tetra3rs': Tetra3rs(),
             **{name: Tetra3rs(error) for name, error in TUNED.items()}}
 
 
-def race(solver: Solver, frames: list[Frame]) -> tuple[list[np.ndarray | None], np.ndarray]:
-    """Return attitudes, and the process CPU time (N,) in s, of all frames but the first 20."""
-    questions = [solver.question(frame.centroids) for frame in frames]
-    attitudes, cpu_s = [], []
-    gc.collect()
-    gc.disable()
-    try:
-        for question in questions:
-            start_s = time.process_time()
-            answer = solver.solve(question)
-            cpu_s.append(time.process_time() - start_s)
-            attitudes.append(solver.attitude(answer))
-    finally:
-        gc.enable()
-    return attitudes[WARM_UP:], np.array(cpu_s[WARM_UP:])
+def timed_attitudes(solver: Solver, frames: list[Frame]
+                    ) -> tuple[list[np.ndarray | None], np.ndarray]:
+    """Return attitudes and process CPU times (N,) in s of all frames after the warm-up."""
+    prepared = [solver.prepare(frame.centroids) for frame in frames]
+    attitudes, times_s = [], []
+    with garbage_collector_off():
+        for each in prepared:
+            cpu_s, result = cpu_timed(solver.solve, each)
+            times_s.append(cpu_s)
+            attitudes.append(solver.attitude(result))
+    return attitudes[WARM_UP:], np.array(times_s[WARM_UP:])
 
 
 def measure_database(name: str, view: View) -> Database:
-    """Build the database of a solver; to be called in a fresh process."""
+    """Build the database of a solver; for a new process, whose memory has not grown yet."""
     solver = solvers()[name]
     with tempfile.TemporaryDirectory() as folder:
-        # Ours would find its database in the cache.
+        # An empty cache: ours would load its database from a full one.
         os.environ['XDG_CACHE_HOME'] = folder
         _, seconds, memory_mb = measure(lambda: solver.build(view, view.camera))
         solver.store(Path(folder))
@@ -189,9 +176,9 @@ class Cedar:
 
     def version(self) -> str:
         """Return its version; PeerError when this Python has none."""
-        asked = f'from importlib import metadata; print(metadata.version({CEDAR!r}))'
+        code = f'from importlib import metadata; print(metadata.version({CEDAR!r}))'
         try:
-            return subprocess.run([self.python, '-c', asked], capture_output=True, text=True,
+            return subprocess.run([self.python, '-c', code], capture_output=True, text=True,
                                   check=True).stdout.strip()
         except (OSError, subprocess.CalledProcessError) as error:
             raise PeerError(f'{self.python} has no {CEDAR}: in a venv of its own, pip install '
@@ -199,7 +186,7 @@ class Cedar:
 
     def build(self, view: View) -> Database:
         """Build its database of a view from the stars of this package."""
-        # The stem names the format: cedar-solve takes it from there.
+        # cedar-solve knows the format by the stem.
         catalogue = Path(self.folder) / 'hip_main.dat'
         catalogue.write_text(_hip_main())
         printed = self._run('build', catalogue, self._database(view), view.fov_deg,
@@ -207,21 +194,21 @@ class Cedar:
         seconds, memory_mb = map(float, printed.split())
         return Database(seconds, self._database(view).stat().st_size / 1e6, memory_mb)
 
-    def race(self, view: View, camera: Camera, frames: list[Frame],
-             ) -> tuple[list[np.ndarray | None], np.ndarray]:
-        """Run a race in the process of the solver, with the result of one in this process."""
+    def timed_attitudes(self, view: View, camera: Camera, frames: list[Frame],
+                        ) -> tuple[list[np.ndarray | None], np.ndarray]:
+        """Return attitudes and CPU times from the process of this solver."""
         with tempfile.TemporaryDirectory() as folder:
-            asked, answered = Path(folder) / 'frames.npz', Path(folder) / 'answers.npz'
-            np.savez(asked, uv=np.concatenate([frame.centroids.uv for frame in frames]),
+            inputs, outputs = Path(folder) / 'frames.npz', Path(folder) / 'results.npz'
+            np.savez(inputs, uv=np.concatenate([frame.centroids.uv for frame in frames]),
                      count=[len(frame.centroids) for frame in frames], size_px=camera.width,
                      fov_deg=np.degrees(camera.fov_x_rad), warm_up=WARM_UP)
-            self._run('solve', self._database(view), asked, answered)
-            with np.load(answered) as answers:
+            self._run('solve', self._database(view), inputs, outputs)
+            with np.load(outputs) as results:
                 # Its roll is that of north from image up, ours of image up from north.
                 attitudes = [None if np.isnan(ra) else
                              quaternion_from_pointing(*np.radians([ra, dec, -roll]))
-                             for ra, dec, roll in answers['pointing_deg']]
-                return attitudes, answers['cpu_s']
+                             for ra, dec, roll in results['pointing_deg']]
+                return attitudes, results['cpu_s']
 
     def _database(self, view: View) -> Path:
         return Path(self.folder) / f'cedar-{view.name}.npz'

@@ -5,21 +5,21 @@ from contextlib import contextmanager
 import json
 import os
 from pathlib import Path
-import platform
 import subprocess
 import sys
 import tempfile
 import time
-from typing import Any
 
 import cv2
 import numpy as np
-import psutil
 from rich.progress import track as progress
 from startracker_ros.attitude.estimate import cramer_rao
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.figures.correctness import is_correct
+from startracker_ros.figures.machine import machine, scheduling, StealTime
+from startracker_ros.figures.rows import PercentileRow
 from startracker_ros.harness.processes import node_environment
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
@@ -43,25 +43,10 @@ _LATENCY_GOALS = {'processes': (6.0, 10.0, 100.0), 'composed': (4.0, np.inf, 200
 
 _LATENCY_RATE_HZ = {512: 100.0, 1024: 100.0, 2048: 20.0}
 
-_HALT_POLL = Path('/sys/module/haltpoll/parameters/guest_halt_poll_ns')
-
-Row = dict[str, object]
-
 
 def _row(case: str, ours: float, unit: str, bound: str, holds: bool, peer: str = '',
-         ratio: float | None = None, p95: float | None = None, p99: float | None = None) -> Row:
-    return {'case': case, 'ours': ours, 'p95': p95, 'p99': p99, 'unit': unit, 'peer': peer,
-            'ratio': ratio, 'bound': bound, 'holds': bool(holds)}
-
-
-def _times_row(case: str, times_ms: np.ndarray, p50_ms: float = np.inf,
-               p95_ms: float = np.inf) -> Row:
-    """Return a row of p50, p95 and p99, and whether the first two are within their bounds."""
-    p50, p95, p99 = np.percentile(times_ms, [50, 95, 99])
-    bounds = (f'{name} <= {limit:g}' for name, limit in (('p50', p50_ms), ('p95', p95_ms))
-              if np.isfinite(limit))
-    return _row(case, p50, 'ms', ', '.join(bounds), p50 <= p50_ms and p95 <= p95_ms,
-                p95=p95, p99=p99)
+         ratio: float | None = None) -> PercentileRow:
+    return PercentileRow(case, ours, unit=unit, peer=peer, ratio=ratio, bound=bound, holds=holds)
 
 
 @contextmanager
@@ -78,7 +63,7 @@ def _empty_cache() -> Iterator[str]:
                 os.environ['XDG_CACHE_HOME'] = before
 
 
-def noise_free(trials: int, seed: int) -> Iterator[Row]:
+def noise_free(trials: int, seed: int) -> Iterator[PercentileRow]:
     """Images without noise, through extraction, identification and attitude."""
     rng = np.random.default_rng(seed)
     count = min(trials, 100)
@@ -102,7 +87,7 @@ def noise_free(trials: int, seed: int) -> Iterator[Row]:
                cross < 0.1)
 
 
-def cramer_rao_ratio(trials: int, seed: int) -> Iterator[Row]:
+def cramer_rao_ratio(trials: int, seed: int) -> Iterator[PercentileRow]:
     """Single-frame attitude at 0.1 px against the bound of the same frames."""
     rng = np.random.default_rng(seed)
     places = camera_places(load_catalog(), SMALL_CAMERA, EPOCH_YEAR, 6.0)
@@ -129,7 +114,7 @@ def cramer_rao_ratio(trials: int, seed: int) -> Iterator[Row]:
                ratio <= 1.1, 'Cramer-Rao 1', ratio)
 
 
-def pyramid(trials: int, seed: int) -> Iterator[Row]:
+def pyramid(trials: int, seed: int) -> Iterator[PercentileRow]:
     """Lost-in-space identification of random attitudes without false stars."""
     rng = np.random.default_rng(seed)
     places = camera_places(load_catalog(), SMALL_CAMERA, EPOCH_YEAR, 6.0)
@@ -144,8 +129,7 @@ def pyramid(trials: int, seed: int) -> Iterator[Row]:
         result = identifier.identify(centroids)
         times_ms.append((time.process_time() - start_s) * 1e3)
         if result.attitude is not None:
-            error = np.abs(np.degrees(attitude_error(result.attitude.quaternion, q)))
-            right = np.hypot(error[0], error[1]) < 0.05 and error[2] < 0.5
+            right = is_correct(result.attitude.quaternion, q)
             solved, wrong = solved + right, wrong + (not right)
     case = '0.3 px, 12 deg, 512 px, V 6'
     share, median = 100 * solved / trials, float(np.median(times_ms))
@@ -155,7 +139,7 @@ def pyramid(trials: int, seed: int) -> Iterator[Row]:
     yield _row(f'{case}: time, p99', float(np.percentile(times_ms, 99)), 'ms', '', True)
 
 
-def database(trials: int, seed: int) -> Iterator[Row]:
+def database(trials: int, seed: int) -> Iterator[PercentileRow]:
     """Time how long the pattern database takes to build, and to load from the cache."""
     with _empty_cache():
         for name, bound in (('built', 2.0), ('out of the cache', 2.0)):
@@ -166,7 +150,7 @@ def database(trials: int, seed: int) -> Iterator[Row]:
                        elapsed_s <= bound)
 
 
-def rendering(trials: int, seed: int) -> Iterator[Row]:
+def rendering(trials: int, seed: int) -> Iterator[PercentileRow]:
     """Simulate 1024 x 1024 frames, plain and with every effect of the sensor."""
     everything = DetectorOptions(
         dark_current_e_s=50.0, hot_pixel_fraction=1e-3, flat_field_percent=1.0,
@@ -184,7 +168,7 @@ def rendering(trials: int, seed: int) -> Iterator[Row]:
         yield _row(f'rendering, 1024 px, {name}: median', median, 'ms', '<= 10', median <= 10)
 
 
-def core_work(trials: int, seed: int) -> Iterator[Row]:
+def core_work(trials: int, seed: int) -> Iterator[PercentileRow]:
     """Centroids, tracking and attitude of 1024 x 1024 frames on one core."""
     count = min(trials, 100)
     cv2.setNumThreads(1)
@@ -216,7 +200,7 @@ def core_work(trials: int, seed: int) -> Iterator[Row]:
     yield _row('core work, 1024 px: all, median', total, 'ms', '<= 15', total <= 15)
 
 
-def processes(trials: int, seed: int) -> Iterator[Row]:
+def processes(trials: int, seed: int) -> Iterator[PercentileRow]:
     """Run the demo, each node a process, from an empty cache and from a full one."""
     with _empty_cache() as folder:
         for run, limit_s in (('first', 10.0), ('second', 5.0)):
@@ -238,7 +222,7 @@ def processes(trials: int, seed: int) -> Iterator[Row]:
                 yield _row(f'processes, {run} run: {case}', figures[case], 'ms', '', True)
 
 
-def latency(trials: int, seed: int) -> Iterator[Row]:
+def latency(trials: int, seed: int) -> Iterator[PercentileRow]:
     """Image to attitude through the nodes, stage by stage, and how many images a second."""
     from startracker_ros.harness.rig import log_folder
     for size in (512, 1024, 2048):
@@ -246,7 +230,7 @@ def latency(trials: int, seed: int) -> Iterator[Row]:
             yield from _latency_of_size(size, folder, trials, seed)
 
 
-def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterator[Row]:
+def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterator[PercentileRow]:
     """Send the same images, of one field with noise of their own, every way that there is."""
     from startracker_ros.harness.latency import core_ms, crossing_ms, measure, UNHURRIED_HZ
     simulator = SkySimulator(Camera.from_fov(size, size, 12.0),
@@ -257,10 +241,12 @@ def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterato
     for index in range(8):
         cv2.imwrite(str(images / f'{index}.png'), simulator.frame(0.0).image)
     rate_hz, count = _LATENCY_RATE_HZ[size], min(trials, 1000)
-    yield _times_row(f'{size} px: image to attitude in one process, without messages',
-                     core_ms(images, 12.0, EPOCH_YEAR, rate_hz=rate_hz, count=count))
-    yield _times_row(f'{size} px: image to a process that does nothing with it',
-                     crossing_ms(images, 12.0, folder, rate_hz=rate_hz, count=count))
+    yield PercentileRow.of_times(
+        f'{size} px: image to attitude in one process, without messages',
+        core_ms(images, 12.0, EPOCH_YEAR, rate_hz=rate_hz, count=count))
+    yield PercentileRow.of_times(
+        f'{size} px: image to a process that does nothing with it',
+        crossing_ms(images, 12.0, folder, rate_hz=rate_hz, count=count))
     for composed in (False, True):
         mode = 'composed' if composed else 'processes'
         case = f'{size} px, {mode}'
@@ -268,47 +254,26 @@ def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterato
         p50_ms, p95_ms, least_hz = goals.get(mode, (np.inf, np.inf, 0.0))
         result = measure(images, 12.0, folder, composed=composed, rate_hz=rate_hz, count=count)
         for stage, times_ms in result.stages_ms.items():
-            yield _times_row(f'{case}: {stage}', times_ms)
-        yield _times_row(f'{case}: image to attitude', result.total_ms, p50_ms, p95_ms)
-        yield _times_row(f'{case}: image to attitude at {UNHURRIED_HZ:g} Hz',
-                         result.unhurried_ms)
+            yield PercentileRow.of_times(f'{case}: {stage}', times_ms)
+        yield PercentileRow.of_times(f'{case}: image to attitude', result.total_ms, p50_ms, p95_ms)
+        yield PercentileRow.of_times(f'{case}: image to attitude at {UNHURRIED_HZ:g} Hz',
+                                     result.unhurried_ms)
         yield _row(f'{case}: images a second', result.highest_hz, 'Hz',
                    f'>= {least_hz:g}' if least_hz else '', result.highest_hz >= least_hz)
 
 
-CASES: dict[str, Callable[[int, int], Iterator[Row]]] = {
+CASES: dict[str, Callable[[int, int], Iterator[PercentileRow]]] = {
     'noise-free': noise_free, 'cramer-rao': cramer_rao_ratio, 'pyramid': pyramid,
     'database': database, 'rendering': rendering, 'core-work': core_work, 'processes': processes,
     'latency': latency}
 
 
-def _scheduling() -> str:
-    """Return at what priority this process runs, and how fast processors fall asleep."""
-    priority = 'normal' if os.sched_getscheduler(0) == os.SCHED_OTHER else 'real-time'
-    if not _HALT_POLL.exists():
-        return f'{priority} priority'
-    return (f'{priority} priority, virtual processors that sleep after '
-            f'{int(_HALT_POLL.read_text()) * 1e-6:g} ms')
-
-
-def _kept_back(before: Any) -> str:
-    """Return which share of the time that virtual processors wanted was given to others."""
-    now = psutil.cpu_times()
-    if not hasattr(now, 'steal'):
-        return ''
-    stolen_s = now.steal - before.steal
-    used_s = now.user + now.system - before.user - before.system
-    return f', {stolen_s / max(stolen_s + used_s, 1e-9):.1%} of their time kept back by the host'
-
-
 def run_pipeline_bench(*, trials: int, seed: int, only: tuple[str, ...]) -> Result:
     """Run the named cases one after another."""
-    before = psutil.cpu_times()
+    steal_time = StealTime()
     rows = [row for name in only for row in CASES[name](trials, seed)]
     return Result('bench pipeline', rows, {
-        'machine': f'{platform.machine()}, {os.cpu_count()} cores, Python '
-                   f'{platform.python_version()}, NumPy {np.__version__}, {_scheduling()}'
-                   f'{_kept_back(before)}',
+        'machine': machine(scheduling(), str(steal_time)),
         'times': 'process CPU time of one thread, except start-up, database and the way of images '
                  '(wall time; from image to attitude at the full pace the quietest of three runs)',
         'Cramer-Rao bound': 'takes the noise of all pixels as equal in angle; off the axis they '

@@ -1,8 +1,8 @@
 """
 Centroids of real stars at right and wrong thresholds, as Gao and Cui (2016) compare them.
 
-The camera makes angles of pixels: between stars of one image the ratio of the angle on the sky
-to the distance in pixels is the same for all pairs, and its spread is the error of the centroids.
+Between two stars of one image the ratio of the angle on the sky to the distance in pixels is the
+same for all pairs; its scatter is the error of the centroids.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,20 +27,20 @@ EPOCH_YEAR = 2019.57  # of the night
 METHODS = (*WEIGHTS, 'gaussian')
 FACTORS = {'right': 1.0, 'half': 0.5, 'double': 2.0}
 STARS = 3  # per image, the brightest, as in the paper
-NAMED_PX = 4.0  # distance to the catalogue star; the lens is off by up to 2 px
-APART_PX = 100.0  # shorter distances say nothing about the ratio
+MATCH_PX = 4.0  # distance to the catalogue star; the lens is off by up to 2 px
+SEPARATION_PX = 100.0  # the ratio of closer pairs is too noisy
 
 
 class DataError(RuntimeError):
-    """The folder has no images with known attitudes."""
+    """A folder without images with known attitudes."""
 
 
 @dataclass(frozen=True)
 class Photograph:
     """
-    image (H, W) with the catalogue stars in it, brightest first, at uv (S, 2) px.
+    An image (H, W) and its catalogue stars, brightest first, at uv (S, 2) px.
 
-    camera, by which they are there, has no distortion.
+    uv is projected by camera, which has no distortion.
     """
 
     image: np.ndarray
@@ -58,52 +58,53 @@ def photographs(folder: Path) -> list[Photograph]:
     catalog = load_catalog()
     order = np.argsort(catalog.magnitude)
     direction = catalog.directions(EPOCH_YEAR)[order]
-    shown = []
+    found = []
     for row in solutions:
         image = read_image(folder / row['file'])
         camera = Camera.from_fov(image.shape[1], image.shape[0], float(row['hfov_deg']))
         q = np.array([float(row[name]) for name in ('qx', 'qy', 'qz', 'qw')])
         uv = camera.project(rotate(conjugate(q / np.linalg.norm(q)), direction))
         inside = camera.contains(uv)
-        shown.append(Photograph(image, camera, uv[inside]))
-    return shown
+        found.append(Photograph(image, camera, uv[inside]))
+    return found
 
 
 def extract(photograph: Photograph, method: str, factor: float) -> Centroids:
-    """Return the centroids with pixels above this many times the iterative threshold."""
+    """Return the centroids with pixels above factor times the iterative threshold."""
     options = ExtractionOptions(method=method, threshold='iterative', max_stars=150)
     return CentroidExtractor(options, factor).extract(photograph.image).centroids
 
 
-def named(photograph: Photograph, centroids: Centroids) -> np.ndarray:
-    """Return the measured places (S, 2) px of the catalogue stars, NaN where not found."""
-    places = np.full((len(photograph.uv), 2), np.nan)
+def identified(photograph: Photograph, centroids: Centroids) -> np.ndarray:
+    """Return the measured positions (S, 2) px of the catalogue stars, NaN where not found."""
+    uv = np.full((len(photograph.uv), 2), np.nan)
     if len(centroids):
-        # Of two catalogue stars at one centroid it is the brighter.
+        # A centroid belongs to the brightest catalogue star within MATCH_PX.
         distance, star = cKDTree(photograph.uv).query(centroids.uv, k=3)
-        star = np.where(distance < NAMED_PX, star, len(photograph.uv)).min(axis=1)
+        star = np.where(distance < MATCH_PX, star, len(photograph.uv)).min(axis=1)
         known = star < len(photograph.uv)
-        places[star[known]] = centroids.uv[known]
-    return places
+        uv[star[known]] = centroids.uv[known]
+    return uv
 
 
-def without_lens(shown: Sequence[Photograph], places: Sequence[np.ndarray]) -> list[np.ndarray]:
+def without_lens(images: Sequence[Photograph], measured: Sequence[np.ndarray]
+                 ) -> list[np.ndarray]:
     """
-    Return the places as a pinhole would show them.
+    Return the measured positions without the distortion of the lens.
 
-    What all images have in common of a polynomial of the third degree is the lens; pointing,
-    scale and refraction are a linear map of each. Fitted to the very places, so that no
-    method is measured with the lens of another.
+    The distortion is a polynomial of the third degree, the same for all images; pointing, scale
+    and refraction are a linear map of each image. It is fitted to the measured positions, so
+    that every method has a lens of its own.
     """
     rows, offsets, owners = [], [], []
-    for index, (photograph, seen) in enumerate(zip(shown, places)):
+    for index, (photograph, seen) in enumerate(zip(images, measured)):
         found = np.flatnonzero(np.isfinite(seen[:, 0]))
         camera = photograph.camera
         x, y = ((photograph.uv[found] - [camera.cx, camera.cy]) / camera.cx).T
-        own = np.zeros((len(found), len(shown), 3))
+        own = np.zeros((len(found), len(images), 3))
         own[:, index] = np.stack([np.ones_like(x), x, y], 1)
         lens = [x * x, x * y, y * y, x ** 3, x * x * y, x * y * y, y ** 3]
-        rows.append(np.hstack([own.reshape(len(found), 3 * len(shown)), np.stack(lens, 1)]))
+        rows.append(np.hstack([own.reshape(len(found), 3 * len(images)), np.stack(lens, 1)]))
         offsets.append(seen[found] - photograph.uv[found])
         owners.append(found)
     matrix, offset = np.concatenate(rows), np.concatenate(offsets)
@@ -112,46 +113,47 @@ def without_lens(shown: Sequence[Photograph], places: Sequence[np.ndarray]) -> l
         terms = np.linalg.lstsq(matrix[good], offset[good], rcond=None)[0]
         error = np.hypot(*(offset - matrix @ terms).T)
         good = error < 4 * np.median(error)
-    corrected = [seen.copy() for seen in places]
+    corrected = [seen.copy() for seen in measured]
     for seen, found, row in zip(corrected, owners, rows):
         seen[found] -= row @ terms
     return corrected
 
 
-def ratios(photograph: Photograph, places: np.ndarray, stars: np.ndarray) -> np.ndarray:
+def ratios(photograph: Photograph, uv: np.ndarray, stars: np.ndarray) -> np.ndarray:
     """Return angle over distance in pixels of all pairs of stars, over that of the pinhole."""
     pairs = np.array(list(combinations(stars, 2))).reshape(-1, 2)
     ideal = np.linalg.norm(np.diff(photograph.uv[pairs], axis=1)[:, 0], axis=1)
-    seen = np.linalg.norm(np.diff(places[pairs], axis=1)[:, 0], axis=1)
-    return (ideal / seen)[ideal > APART_PX]
+    seen = np.linalg.norm(np.diff(uv[pairs], axis=1)[:, 0], axis=1)
+    return (ideal / seen)[ideal > SEPARATION_PX]
 
 
-def spreads(shown: Sequence[Photograph]) -> tuple[dict[tuple[str, str], float], int]:
+def ratio_scatter(images: Sequence[Photograph]) -> tuple[dict[tuple[str, str], float], int]:
     """
-    Return the spread of the ratios by method and threshold, and how many stars made it.
+    Return the standard deviation of the ratios by method and threshold, and the number of stars.
 
     The stars are the same for all: the brightest that every method finds at every threshold.
     """
-    places = {(method, name): [named(photograph, extract(photograph, method, factor))
-                               for photograph in shown]
-              for method in METHODS for name, factor in FACTORS.items()}
+    measured = {(method, name): [identified(photograph, extract(photograph, method, factor))
+                                 for photograph in images]
+                for method in METHODS for name, factor in FACTORS.items()}
     stars = [np.flatnonzero(np.isfinite(np.stack(seen)[..., 0]).all(0))[:STARS]
-             for seen in zip(*places.values())]
-    found = {}
-    for key, seen in places.items():
-        corrected = without_lens(shown, seen)
-        found[key] = float(np.std(np.concatenate(
-            [ratios(*each) for each in zip(shown, corrected, stars)])))
-    return found, sum(map(len, stars))
+             for seen in zip(*measured.values())]
+    scatter = {}
+    for key, seen in measured.items():
+        corrected = without_lens(images, seen)
+        scatter[key] = float(np.std(np.concatenate(
+            [ratios(*each) for each in zip(images, corrected, stars)])))
+    return scatter, sum(map(len, stars))
 
 
-def conclusions(found: dict[tuple[str, str], float]) -> dict[str, bool]:
-    """Return the paper's conclusions, and whether these spreads of its four kinds confirm them."""
+def conclusions(scatter: dict[tuple[str, str], float]) -> dict[str, bool]:
+    """Return the paper's conclusions, and whether the scatter of its methods confirms them."""
     def best(name: str) -> str:
-        return min(WEIGHTS, key=lambda method: found[method, name])
+        return min(WEIGHTS, key=lambda method: scatter[method, name])
 
     def change(method: str) -> float:
-        return max(abs(np.log(found[method, name] / found[method, 'right'])) for name in FACTORS)
+        return max(abs(np.log(scatter[method, name] / scatter[method, 'right']))
+                   for name in FACTORS)
 
     return {'right threshold: binary is the most accurate': best('right') == 'binary',
             'wrong threshold: the weighted kinds are': 'binary' not in (best('half'),
@@ -159,25 +161,36 @@ def conclusions(found: dict[tuple[str, str], float]) -> dict[str, bool]:
             'thresholded changes least': min(WEIGHTS, key=change) == 'thresholded'}
 
 
-def _rows(found: dict[tuple[str, str], float]) -> Iterator[dict[str, object]]:
+@dataclass(frozen=True)
+class MethodRow:
+    """The relative scatter of a method with the right, half and double threshold."""
+
+    method: str
+    right_ppm: float
+    half_ppm: float
+    double_ppm: float
+    worst_over_right: float
+
+
+def _rows(scatter: dict[tuple[str, str], float]) -> Iterator[MethodRow]:
     for method in METHODS:
-        own = {f'{name}_ppm': 1e6 * found[method, name] for name in FACTORS}
-        yield {'method': method, **own, 'worst_over_right': max(own.values()) / own['right_ppm']}
+        right, half, double = (1e6 * scatter[method, name] for name in FACTORS)
+        yield MethodRow(method, right, half, double, max(right, half, double) / right)
 
 
 def run_centroid_campaign(folder: Path | None = None) -> Result:
     """Compare the methods on the photographs of a folder, or of STARTRACKER_DATA."""
     if folder is None:
         folder = Path(os.environ.get('STARTRACKER_DATA', '../shared/data')) / 'night-sky-11deg'
-    shown = photographs(folder)
-    found, stars = spreads(shown)
-    return Result('campaign centroid', list(_rows(found)), {
+    images = photographs(folder)
+    scatter, stars = ratio_scatter(images)
+    return Result('campaign centroid', list(_rows(scatter)), {
         **{f'paper, {words}': 'confirmed' if holds else 'not confirmed'
-           for words, holds in conclusions(found).items()},
+           for words, holds in conclusions(scatter).items()},
         'columns': 'standard deviation of angle over distance in pixels, relative, in 1e-6, '
                    'with the right, half and double threshold',
-        'stars': f'{stars} in {len(shown)} images of {folder}: the {STARS} brightest of each that '
-                 f'all find, pairs beyond {APART_PX:g} px; pixels freed of the lens, a cubic '
-                 'polynomial fitted to the same centroids',
+        'stars': f'{stars} in {len(images)} images of {folder}: the {STARS} brightest of each '
+                 f'that all find, pairs beyond {SEPARATION_PX:g} px; without the distortion of '
+                 'the lens, a cubic polynomial fitted to the same centroids',
         'right threshold': 'the iterative one of the window of each star; the gaussian fit '
                            'has none'})

@@ -7,29 +7,32 @@ Zahednamazi, Toloei, Ghasemi 2023: 200 directions at each of four magnitude limi
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-import time
+from itertools import chain
 
 import numpy as np
 from startracker_ros.camera.model import Camera
-from startracker_ros.campaign.parallel import parallel_map, split
+from startracker_ros.campaign.parallel import parallel_trials
 from startracker_ros.catalog.onboard import star_places
 from startracker_ros.catalog.stars import CATALOG_EPOCH_YEAR, load_catalog
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.figures.correctness import CORRECT_TEXT, is_correct
+from startracker_ros.figures.rows import Check, combined
+from startracker_ros.figures.timing import cpu_timed
 from startracker_ros.identify.hausdorff import bright_sets, HausdorffIdentifier, Pivots
-from startracker_ros.identify.identification import IdentificationOptions
+from startracker_ros.identify.identification import (
+    Candidates, FieldStars, IdentificationOptions)
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.maths.rotation import (
-    attitude_error, quaternion_from_pointing, radec_from_unit, rotate)
+from startracker_ros.maths.rotation import quaternion_from_pointing, radec_from_unit, rotate
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
 EPOCH_YEAR = 2000.0
-# Every star of an image is looked at: any of them may be the one at the centre.
+# All stars of an image: any of them may be the one at the centre.
 _IMAGE_STARS = 100
 # Directions of each cell of the paper.
 _PUBLISHED_TRIALS = 200
-# A piece of the work, and the directions before it that load what is needed and are not timed.
-_PIECE = 50
+_PART_TRIALS = 50
 _WARM_UP = 3
 
 
@@ -60,11 +63,11 @@ CELLS = tuple(PUBLISHED)
 @dataclass(frozen=True)
 class Variant:
     """
-    How a direction is looked at.
+    One way to identify a direction.
 
-    verified takes the method as it runs in the node; otherwise the nearest distance is the
-    answer, as in the paper. at_pivot puts a pivot of the database at the centre of the field,
-    as in the paper: a random star, or the node next to a random direction.
+    verified is the method of the node; otherwise the set at the nearest distance is the result,
+    as in the paper. at_pivot puts a pivot of the database at the centre of the field, as in the
+    paper: a random star, or the node next to a random direction.
     """
 
     verified: bool
@@ -84,9 +87,9 @@ VARIANTS = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one direction; stars counts those in the image."""
+    """The result of one direction; stars counts those in the image."""
 
-    answered: bool
+    solved: bool
     correct: bool
     stars: int
     time_ms: float
@@ -103,7 +106,7 @@ def _identifier(method: str, magnitude_limit: float) -> HausdorffIdentifier:
 
 def directions(method: str, magnitude_limit: float, name: str, count: int,
                seed: int) -> list[Outcome]:
-    """Return the outcomes of so many random directions in the named variant."""
+    """Return the outcomes of count random directions in the named variant."""
     warm, rng = np.random.default_rng(0), np.random.default_rng(seed)
     for _ in range(_WARM_UP):
         _direction(_identifier(method, magnitude_limit), VARIANTS[name], warm)
@@ -116,23 +119,24 @@ def _direction(identifier: HausdorffIdentifier, variant: Variant,
     q = _attitude(identifier.pivots, rng) if variant.at_pivot else random_attitude(rng)
     centroids, hip = star_list(identifier.places, CAMERA, q, variant.sigma_px, rng,
                                magnitude_sigma=variant.sigma_mag)
-    start_s = time.process_time()
     if variant.verified:
-        attitude = identifier.identify(centroids).attitude
-        time_ms = (time.process_time() - start_s) * 1e3
-        answered = correct = attitude is not None
-        if attitude is not None:
-            error_deg = np.abs(np.degrees(attitude_error(attitude.quaternion, q)))
-            correct = np.hypot(error_deg[0], error_deg[1]) < 0.05 and error_deg[2] < 0.5
+        cpu_s, identified = cpu_timed(identifier.identify, centroids)
+        attitude = identified.attitude
+        solved = attitude is not None
+        correct = attitude is not None and is_correct(attitude.quaternion, q)
     else:
-        field = identifier.field_stars(centroids)
-        found = identifier.nearest(field)
-        time_ms = (time.process_time() - start_s) * 1e3
-        answered = correct = found is not None
-        if found is not None:
-            correct = np.array_equal(hip[field.index[found.base]],
-                                     identifier.places.hip[found.stars[0]])
-    return Outcome(answered, bool(correct), len(hip), time_ms)
+        cpu_s, (field, found) = cpu_timed(_nearest_set, identifier, centroids)
+        solved = found is not None
+        correct = found is not None and np.array_equal(
+            hip[field.index[found.base]], identifier.places.hip[found.stars[0]])
+    return Outcome(solved, correct, len(hip), 1e3 * cpu_s)
+
+
+def _nearest_set(identifier: HausdorffIdentifier, centroids: Centroids
+                 ) -> tuple[FieldStars, Candidates | None]:
+    """Return the stars of the field and the set at the nearest distance, as in the paper."""
+    field = identifier.field_stars(centroids)
+    return field, identifier.nearest(field)
 
 
 def _attitude(pivots: Pivots, rng: np.random.Generator) -> np.ndarray:
@@ -145,11 +149,8 @@ def _attitude(pivots: Pivots, rng: np.random.Generator) -> np.ndarray:
     return quaternion_from_pointing(ra_rad, dec_rad, rng.uniform(0, 2 * np.pi))
 
 
-Row = dict[str, object]
-
-
 def stored_sets(method: str, magnitude_limit: float) -> int:
-    """Return the sets of the catalogue as it is, without merging the doubles of an image."""
+    """Return the number of sets of the catalogue with unmerged doubles."""
     stars = star_places(load_catalog(), CATALOG_EPOCH_YEAR, magnitude_limit=magnitude_limit,
                         merge_rad=0.0, crowd_rad=0.0)
     identifier = _identifier(method, magnitude_limit)
@@ -157,79 +158,84 @@ def stored_sets(method: str, magnitude_limit: float) -> int:
                            identifier.radius_rad).feature)
 
 
-def _row(case: str, variant: str, sets: int | None, poor: float | None, none: float,
-         correct: float, wrong: float, mean_ms: float | None, bound: str = '',
-         holds: bool = True) -> Row:
-    return {'case': case, 'variant': variant, 'sets': sets, 'under_5_stars': poor,
-            'none': none, 'correct': correct, 'wrong': wrong, 'mean_ms': mean_ms,
-            'bound': bound, 'holds': bool(holds)}
+@dataclass(frozen=True)
+class VariantRow:
+    """The paper or one variant in one cell; shares in % of the directions."""
+
+    case: str
+    variant: str
+    sets: int | None
+    under_5_stars: float | None
+    none: float
+    correct: float
+    wrong: float
+    mean_ms: float | None
+    bound: str = ''
+    holds: bool = True
 
 
 def _cell(method: str, magnitude_limit: float,
-          outcomes: dict[str, list[Outcome]]) -> Iterator[Row]:
-    """Yield the rows of one cell of the paper, its own first."""
+          outcomes: dict[str, list[Outcome]]) -> Iterator[VariantRow]:
+    """Yield the rows of one cell, that of the paper first."""
     case = f'{method}, V {magnitude_limit:g}'
     paper = PUBLISHED[method, magnitude_limit]
-    yield _row(case, 'paper', paper.sets, None, paper.none, paper.correct, paper.wrong,
-               paper.mean_ms)
+    yield VariantRow(case, 'paper', paper.sets, None, paper.none, paper.correct, paper.wrong,
+                     paper.mean_ms)
     for name, found in outcomes.items():
         poor, none, correct, wrong = (100 * float(np.mean(share)) for share in (
             [outcome.stars < 5 for outcome in found],
-            [not outcome.answered for outcome in found],
+            [not outcome.solved for outcome in found],
             [outcome.correct for outcome in found],
-            [outcome.answered and not outcome.correct for outcome in found]))
+            [outcome.solved and not outcome.correct for outcome in found]))
         mean_ms = float(np.mean([outcome.time_ms for outcome in found]))
-        sets, bounds, holds = None, [], []
+        sets = None
+        checks: list[Check] = []
         if name == 'as published':
             sets = stored_sets(method, magnitude_limit)
             least = _least_right(paper)
-            bounds = ['sets within 1 %', f'right of answered >= {least:.1f} %']
-            holds = [abs(sets / paper.sets - 1) <= 0.01, correct >= least / 100 * (100 - none)]
+            checks = [('sets within 1 %', abs(sets / paper.sets - 1) <= 0.01),
+                      (f'right of answered >= {least:.1f} %',
+                       correct >= least / 100 * (100 - none))]
         elif VARIANTS[name].verified:
-            bounds, holds = ['wrong = 0'], [wrong == 0]
-            # Anywhere is not where the paper looked: its figure binds where no field is poor.
+            checks = [('wrong = 0', wrong == 0)]
+            # The paper has only pivots: anywhere, its figure binds where no field is poor.
             if VARIANTS[name].at_pivot or poor < 1:
-                bounds.append(f'correct >= {paper.correct:g}')
-                holds.append(correct >= paper.correct)
+                checks.append((f'correct >= {paper.correct:g}', correct >= paper.correct))
             if paper.mean_ms is not None:
-                bounds.append(f'mean <= {paper.mean_ms:g} ms')
-                holds.append(mean_ms <= paper.mean_ms)
-        yield _row(case, name, sets, poor, none, correct, wrong, mean_ms, ', '.join(bounds),
-                   all(holds))
+                checks.append((f'mean <= {paper.mean_ms:g} ms', mean_ms <= paper.mean_ms))
+        bound, holds = combined(checks, ', ')
+        yield VariantRow(case, name, sets, poor, none, correct, wrong, mean_ms, bound, holds)
 
 
 def _least_right(paper: Published) -> float:
-    """Return the paper's share of right answers in % less three errors of its 200 draws."""
+    """Return the paper's correct share of solutions in % less three errors of its 200 draws."""
     right = paper.correct / (paper.correct + paper.wrong)
-    answered = _PUBLISHED_TRIALS * (paper.correct + paper.wrong) / 100
-    return 100 * (right - 3 * np.sqrt(right * (1 - right) / answered))
+    solved = _PUBLISHED_TRIALS * (paper.correct + paper.wrong) / 100
+    return 100 * (right - 3 * np.sqrt(right * (1 - right) / solved))
 
 
 def run_hausdorff_campaign(*, trials: int, seed: int, scheduler: str = '',
                            cells: Sequence[tuple[str, float]] = CELLS) -> Result:
-    """Look at trials directions for each cell of the paper and each variant."""
-    pieces = [(*cell, name, *piece) for cell in cells for name in VARIANTS
-              for piece in split(trials, _PIECE, seed)]
-    outcomes: dict[tuple[str, float], dict[str, list[Outcome]]] = {
-        cell: {name: [] for name in VARIANTS} for cell in cells}
-    found = parallel_map(directions, pieces, title='directions', scheduler=scheduler)
-    for (method, magnitude_limit, name, _, _), part in zip(pieces, found):
-        outcomes[method, magnitude_limit][name] += part
-    rows = [row for cell in cells for row in _cell(*cell, outcomes[cell])]
+    """Identify trials directions in each cell of the paper and each variant."""
+    done = iter(parallel_trials(
+        directions, [(*cell, name) for cell in cells for name in VARIANTS], trials, _PART_TRIALS,
+        seed, title='directions', scheduler=scheduler))
+    rows = [row for cell in cells for row in _cell(
+        *cell, {name: list(chain.from_iterable(next(done))) for name in VARIANTS})]
     return Result('campaign hausdorff', rows, {
         'camera': '512 x 512 px, 12 deg from edge to edge; Hipparcos, epoch 2000, any roll',
         'columns': '% of the directions; under_5_stars is the share of fields with fewer stars: '
-                   'no set for pivot, for segment now and then enough to verify one; mean_ms is '
+                   'no set for pivot, for segment rarely enough to verify one; mean_ms is '
                    'process CPU time of one thread after warm-up, the paper used MATLAB',
-        'as published': 'the nearest distance is the answer, right when each star of the set is '
-                        'named; a pivot of the database is at the centre of the field: for '
+        'as published': 'the set at the nearest distance, correct when each of its stars is '
+                        'identified; a pivot of the database is at the centre of the field: for '
                         'pivot a random star, for segment a node',
         'as published, 0.0005 px': 'the paper states no noise; so little per axis gives its '
                                    'figures within the chance of the draw',
         'anywhere': 'random attitudes, without a pivot of the database at the centre: harder than '
                     'in the paper, whose figure binds where hardly a field is poor in stars',
-        'verified': 'every agreeing set is judged by all stars of the field; right when the '
-                    'boresight is within 0.05 deg and the rotation within 0.5 deg',
+        'verified': f'every agreeing set is verified by all stars of the field; correct: '
+                    f'{CORRECT_TEXT}',
         '0.1 px': 'Gaussian noise per axis, and 0.1 mag',
         'sets': 'of the stars up to the limit, doubles unmerged, around pivots within 6 deg; our '
                 'magnitudes put 3 to 16 stars more within a limit than the paper has',

@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 from startracker_ros.attitude.attitude_state import turned
 from startracker_ros.camera.model import Camera
-from startracker_ros.campaign.parallel import parallel_map, split
+from startracker_ros.campaign.parallel import parallel_map, split_trials
 from startracker_ros.catalog.onboard import camera_places, StarPlaces
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.figures import error_over_bound, WRONG_ARCSEC, WRONG_SIGMAS
+from startracker_ros.figures.correctness import error_over_bound, WRONG_TEXT
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, conjugate, rotate
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
@@ -235,8 +235,8 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
     """Follow trials runs of FRAMES frames in each condition."""
     rows = []
     for number, name in enumerate(only or CONDITIONS):
-        pieces = [(name, *piece) for piece in split(trials, _PIECE, seed + 7919 * number)]
-        tally = sum(parallel_map(integrity_runs, pieces, title=name, scheduler=scheduler), Tally())
+        parts = [(name, *part) for part in split_trials(trials, _PIECE, seed + 7919 * number)]
+        tally = sum(parallel_map(integrity_runs, parts, title=name, scheduler=scheduler), Tally())
         share = 100 * tally.published / tally.frames
         needed = CONDITIONS[name].needed_percent
         rows.append({
@@ -250,8 +250,7 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
         'chain': 'lost-in-space identification, tracker (model attitude), trust; each run of '
                  f'{FRAMES} frames, or 20 where nothing can be right, begins lost at a random '
                  'attitude',
-        'wrong': f'off by more than {WRONG_SIGMAS:g} sigma of its own covariance and '
-                 f'{WRONG_ARCSEC:g} arcsec on any axis',
+        'wrong': WRONG_TEXT,
         'mean_nees': 'normalised squared error, 3 when the covariance is true',
         'losses': 'times that the tracker went from TRACKING to another state',
         'trials': trials, 'seed': seed})

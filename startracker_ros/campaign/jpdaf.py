@@ -4,20 +4,21 @@ Attitude of four tracked stars by SNA, JPDAF and coupled, beside the published f
 Sadeghi, Sabahi, Saberali.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import chi2
 from startracker_ros.campaign.jpdaf_methods import (
     attitudes, CLUTTER_PX2, COUPLED, METHODS, star_model, track_stars)
 from startracker_ros.campaign.jpdaf_runs import (
     CAMERA, Cell, DETECTION_PROBABILITY, DT_S, FALSE_POINTS, FRAMES, make_run, ORBIT_RATE_RAD_S,
     PUBLISHED, RATE_SIGMA_RAD_S, Run, sightings, STARS)
-from startracker_ros.campaign.parallel import parallel_map, split
+from startracker_ros.campaign.parallel import concatenated, parallel_trials
+from startracker_ros.campaign.picture import save_picture
 from startracker_ros.extras import new_figure
+from startracker_ros.figures.rows import mean_chi_square_bounds
 from startracker_ros.maths.rotation import (
     ARCSEC, attitude_error, conjugate, matrix_from_quaternion, quaternion_from_rotation_vector,
     rotate)
@@ -26,10 +27,10 @@ from startracker_ros.track.motion_models import image_jacobian, POSITION, VELOCI
 
 COUPLED_RATIO = 0.4
 MODELS = Cell('turning', 0.1, 0.02), Cell('linear', 0.1, 0.02)
-"""The cells in which each motion model is put to the test of its own truth."""
+"""The cells in which the covariance of each motion model is tested on motion by that model."""
 
-_PIECE = 10
-# Far more than any error of attitude (rad) and rate (rad/s): nothing is known.
+_PART_TRIALS = 10
+# Far more than any error of attitude (rad) and rate (rad/s): no prior knowledge.
 _UNKNOWN_RAD = 0.1
 # Runs and frames of the filter's own model.
 _MODEL_RUNS, _MODEL_FRAMES = 100, 100
@@ -38,7 +39,7 @@ _MODEL_RUNS, _MODEL_FRAMES = 100, 100
 @dataclass(frozen=True)
 class Errors:
     """
-    What became of T runs of a cell.
+    The errors of T runs of a cell.
 
     error (T, K, F, 3) is the attitude error of each of METHODS about sensor axes, in arcsec;
     bound (T, F) the least variance of the boresight, both axes, in arcsec^2, NaN unless the
@@ -67,7 +68,7 @@ class Errors:
 
 
 def errors(cell: Cell, trials: int, seed: int) -> Errors:
-    """Return the errors of so many runs."""
+    """Return the errors of trials runs."""
     rng = np.random.default_rng(seed)
     error, bound, square = [], [], []
     for _ in range(trials):
@@ -85,9 +86,9 @@ def cramer_rao_bound(run: Run) -> np.ndarray:
     """
     Return the posterior Cramer-Rao bound (F, 3, 3) rad^2 of the attitude error.
 
-    Of a rate that is constant, and unknown at the start: the recursion of Tichavsky,
-    Muravchik and Nehorai (IEEE Trans. Signal Process. 46, 1998) without process noise. Which
-    centroid is which star is known, and which stars are missing: no filter knows more.
+    The rate is constant and unknown at the start: the recursion of Tichavsky, Muravchik and
+    Nehorai (IEEE Trans. Signal Process. 46, 1998) without process noise. The association of
+    centroids and stars is known.
     """
     inverse = np.eye(6) * _UNKNOWN_RAD ** 2
     bound = []
@@ -106,8 +107,8 @@ def cramer_rao_bound(run: Run) -> np.ndarray:
     return np.stack(bound)
 
 
-def _same(value: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Return a noise that does not depend on the places."""
+def _constant(value: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Return a process noise that does not depend on the positions."""
     return value
 
 
@@ -115,8 +116,8 @@ def normalised_errors(cell: Cell, trials: int, seed: int) -> np.ndarray:
     """
     Return the normalised estimation errors squared (trials, 4) of the states of stars.
 
-    Of the last of a hundred frames, where the stars move as the filter takes it; four
-    degrees of freedom each.
+    They are those of the last of _MODEL_FRAMES frames of stars that move by the model of the
+    filter, with four degrees of freedom each.
     """
     rng = np.random.default_rng(seed)
     transition, noise = star_model(cell)
@@ -135,78 +136,80 @@ def normalised_errors(cell: Cell, trials: int, seed: int) -> np.ndarray:
         _, frames = sightings(np.stack(path)[..., POSITION], cell.sigma_px, rng)
         states, covariances = track_stars(
             state, np.tile(covariance, (STARS, 1, 1)), frames[1:], cell.sigma_px, transition,
-            partial(_same, own))
+            partial(_constant, own))
         error = states[-1] - path[-1]
         result.append(np.einsum('ni,nij,nj->n', error, np.linalg.inv(covariances[-1]), error))
     return np.array(result)
 
 
-Row = dict[str, object]
+@dataclass(frozen=True)
+class MethodRow:
+    """A figure of a method; ratios are to SNA, whole is the error of the whole attitude."""
+
+    case: str
+    ours: float
+    paper: float | None = None
+    unit: str = ''
+    ratio: float | None = None
+    paper_ratio: float | None = None
+    whole: float | None = None
+    whole_ratio: float | None = None
+    bound: str = ''
+    holds: bool = True
 
 
-def _row(case: str, ours: float, unit: str, *, paper: float | None = None,
-         ratio: float | None = None, paper_ratio: float | None = None,
-         whole: float | None = None, whole_ratio: float | None = None, bound: str = '',
-         holds: bool = True) -> Row:
-    return {'case': case, 'ours': ours, 'paper': paper, 'unit': unit, 'ratio': ratio,
-            'paper_ratio': paper_ratio, 'whole': whole, 'whole_ratio': whole_ratio,
-            'bound': bound, 'holds': bool(holds)}
-
-
-def cell_rows(cell: Cell, found: Errors) -> Iterator[Row]:
+def cell_rows(cell: Cell, found: Errors) -> Iterator[MethodRow]:
     """Yield a row for each method in one cell, SNA first: the others are compared to it."""
     sna, jpdaf = PUBLISHED[cell]
     boresight, whole = found.boresight.mean(axis=(0, 2)), found.whole.mean(axis=(0, 2))
-    same = 0.9 <= boresight[0] / sna <= 1.1
-    yield _row(f'{cell}: SNA', boresight[0], 'arcsec', paper=sna, whole=whole[0],
-               bound='0.9 .. 1.1 of the paper', holds=same)
+    yield MethodRow(f'{cell}: SNA', boresight[0], sna, 'arcsec', whole=whole[0],
+                    bound='0.9 .. 1.1 of the paper', holds=0.9 <= boresight[0] / sna <= 1.1)
     for k, method in enumerate(METHODS[1:], 1):
         ratio = boresight[k] / boresight[0]
         most = COUPLED_RATIO if method == COUPLED else jpdaf / sna
-        yield _row(f'{cell}: {method}', boresight[k], 'arcsec', paper=jpdaf, ratio=ratio,
-                   paper_ratio=jpdaf / sna, whole=whole[k], whole_ratio=whole[k] / whole[0],
-                   bound=f'ratio <= {most:.3f}', holds=ratio <= most)
+        yield MethodRow(f'{cell}: {method}', boresight[k], jpdaf, 'arcsec', ratio,
+                        jpdaf / sna, whole[k], whole[k] / whole[0], f'ratio <= {most:.3f}',
+                        ratio <= most)
 
 
-def constant_rate_rows(cell: Cell, found: Errors) -> Iterator[Row]:
-    """Yield the rows of a cell where the truth is what the coupled filter takes it for."""
+def constant_rate_rows(cell: Cell, found: Errors) -> Iterator[MethodRow]:
+    """Yield the rows of a cell with a constant rate, the model of the coupled filter."""
     for method in METHODS:
         ours, most = found.over_bound(method), 1.1 if method == COUPLED else np.inf
-        yield _row(f'{cell}: {method} over the Cramer-Rao bound', ours, '',
-                   bound='<= 1.1' if method == COUPLED else '', holds=ours <= most)
+        yield MethodRow(f'{cell}: {method} over the Cramer-Rao bound', ours,
+                        bound='<= 1.1' if method == COUPLED else '', holds=ours <= most)
     yield consistency_row(f'{cell}: normalised error squared, {COUPLED}', found.square, 3)
 
 
-def consistency_row(case: str, squares: np.ndarray, freedom: int) -> Row:
-    """Return the row of the average of normalised errors squared of that many degrees each."""
-    degrees = freedom * squares.size
-    low, high = chi2.ppf([0.025, 0.975], degrees) / degrees
-    ours = float(squares.sum() / degrees)
-    return _row(case, ours, '',
-                bound=f'{low:.3f} .. {high:.3f}', holds=low <= ours <= high)
+def consistency_row(case: str, squares: np.ndarray, degrees: int) -> MethodRow:
+    """Return the mean of normalised errors squared over the degrees of freedom of each."""
+    low, high = (bound / degrees for bound in mean_chi_square_bounds(degrees, squares.size))
+    ours = float(squares.mean() / degrees)
+    return MethodRow(case, ours, bound=f'{low:.3f} .. {high:.3f}', holds=low <= ours <= high)
 
 
 def run_jpdaf_campaign(*, trials: int, seed: int, scheduler: str = '',
                        output: Path | None = None) -> Result:
     """Run every cell; with an output folder the errors over the frames are drawn there."""
-    pieces = split(trials, _PIECE, seed)
-    done = parallel_map(errors, [(cell, *piece) for cell in PUBLISHED for piece in pieces],
-                        title='jpdaf', scheduler=scheduler)
-    found = {cell: _joined(done[k * len(pieces):(k + 1) * len(pieces)])
-             for k, cell in enumerate(PUBLISHED)}
-    models = split(max(trials, _MODEL_RUNS), _PIECE, seed)
-    squares = parallel_map(
-        normalised_errors, [(cell, *piece) for cell in MODELS for piece in models],
-        title='consistency', scheduler=scheduler)
+    done = parallel_trials(errors, [(cell,) for cell in PUBLISHED], trials, _PART_TRIALS, seed,
+                           title='jpdaf', scheduler=scheduler)
+    found = {cell: concatenated(parts) for cell, parts in zip(PUBLISHED, done)}
+    squares = parallel_trials(
+        normalised_errors, [(cell,) for cell in MODELS], max(trials, _MODEL_RUNS), _PART_TRIALS,
+        seed, title='consistency', scheduler=scheduler)
     rows = [row for cell in PUBLISHED for row in cell_rows(cell, found[cell])]
     for cell in PUBLISHED:
         if not cell.jitter_deg_s:
             rows += constant_rate_rows(cell, found[cell])
-    rows += [consistency_row(f'{cell}: normalised error squared, JPDAF', np.concatenate(
-        squares[k * len(models):(k + 1) * len(models)]), 4) for k, cell in enumerate(MODELS)]
+    rows += [consistency_row(f'{cell}: normalised error squared, JPDAF', np.concatenate(parts), 4)
+             for cell, parts in zip(MODELS, squares)]
     if output is not None:
         draw_errors(found, output)
-    return Result('campaign jpdaf', rows, {
+    return Result('campaign jpdaf', rows, _conditions(trials, seed))
+
+
+def _conditions(trials: int, seed: int) -> dict[str, object]:
+    return {
         'camera': f'{CAMERA.width} x {CAMERA.height} px, 12 x 12 deg: '
                   f'{CAMERA.pixel_rad / ARCSEC:.1f} arcsec a pixel',
         'error': 'angle between true and estimated boresight, mean over frames and runs. The '
@@ -215,34 +218,28 @@ def run_jpdaf_campaign(*, trials: int, seed: int, scheduler: str = '',
                  'makes of the boresight with this camera. The whole angle, in whole, is mostly '
                  'roll and follows from the pixel count alone: it would take 6000 px across',
         'stars': 'the four brightest to V 6.5 that stay in the image and have no close neighbour, '
-                 'anywhere in the orbit; named in the first frame',
+                 'anywhere in the orbit; identified in the first frame',
         'orbit': '700 km, 30 deg, 90 minutes as in the paper (Kepler: 98.8). turning: boresight '
                  'along the orbit normal; linear: to the zenith',
         'frames': f'{FRAMES} at {1 / DT_S:g} Hz, {FALSE_POINTS} false points in each on average, '
                   f'uniform ({CLUTTER_PX2:.2g} px^-2); a star is missing in '
                   f'{100 * (1 - DETECTION_PROBABILITY):.2g} %',
         'jitter': 'roll rate uniform either way, constant over ten frames',
-        'SNA': 'given the true body rate; TRIAD of the measured places, of three stars or more',
-        'JPDAF': f'knows the rate at the start to {np.degrees(RATE_SIGMA_RAD_S):g} deg/s and the '
+        'SNA': 'with the true body rate; TRIAD of the measured positions, of three stars or more',
+        'JPDAF': f'initial rate known to {np.degrees(RATE_SIGMA_RAD_S):g} deg/s and the '
                  'jitter; constant velocity for linear, coordinated turn at the rate of the orbit '
                  'for turning; process noise by one rule: the velocity change that the motion '
-                 'makes and the model leaves out (curve of the path, changes of the roll rate, '
+                 'makes beyond the model (curve of the path, changes of the roll rate, '
                  'Coriolis and centrifugal acceleration), as a random walk',
-        'attitude-coupled': "the tracker's model attitude, named in two frames, with the body "
-                            'accelerations of the same rule, far larger in roll than across',
+        'attitude-coupled': "the tracker's model attitude, identified in two frames, with the "
+                            'body accelerations of the same rule, far larger in roll than across',
         'Cramer-Rao bound': 'posterior, rms of the boresight, of a constant rate unknown at the '
-                            'start; JPDAF knows it better at first',
+                            'start; JPDAF starts with a better estimate of it',
         'normalised error squared': 'over its degrees of freedom, with 95 % chi-square bounds. '
-                                    f'JPDAF: state of a star after {_MODEL_FRAMES} frames that '
-                                    'move as the filter takes them to; attitude-coupled: attitude '
-                                    'of the last frame at a constant rate',
-        'trials': trials, 'seed': seed})
-
-
-def _joined(parts: Sequence[Errors]) -> Errors:
-    return Errors(np.concatenate([part.error for part in parts]),
-                  np.concatenate([part.bound for part in parts]),
-                  np.concatenate([part.square for part in parts]))
+                                    f'JPDAF: state of a star after {_MODEL_FRAMES} frames by the '
+                                    'model of the filter; attitude-coupled: attitude of the last '
+                                    'frame at a constant rate',
+        'trials': trials, 'seed': seed}
 
 
 def draw_errors(found: dict[Cell, Errors], folder: Path) -> Path:
@@ -260,7 +257,4 @@ def draw_errors(found: dict[Cell, Errors], folder: Path) -> Path:
     figure.supylabel('boresight error, arcsec')
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='outside upper center',
                   ncols=len(METHODS))
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / 'jpdaf.png'
-    figure.savefig(path, dpi=120)
-    return path
+    return save_picture(figure, folder / 'jpdaf.png')

@@ -1,4 +1,4 @@
-"""What SNA, JPDAF and the coupled filter make of a run: the attitude of each frame."""
+"""The attitude of each frame of a run by SNA, JPDAF and the coupled filter."""
 
 from collections.abc import Callable, Sequence
 
@@ -23,22 +23,22 @@ METHODS = 'SNA', 'JPDAF, TRIAD', 'JPDAF, optimal', 'attitude-coupled'
 COUPLED = METHODS[-1]
 CLUTTER_PX2 = FALSE_POINTS / (CAMERA.width * CAMERA.height)
 GATE_PROBABILITY = 1 - 1e-9
-"""The jitter makes jumps, which a Gaussian of their variance all but excludes."""
+"""Close to 1: the jitter makes jumps far in the tails of a Gaussian of their variance."""
 
 LEAST_DEG_S2 = 1e-6
-"""The smallest acceleration that the tracker takes: a constant rate."""
+"""The smallest acceleration that the tracker accepts: a constant rate."""
 
 
 def velocity_changes(cell: Cell) -> tuple[float, float]:
     """
     Return 1-sigma changes per frame, of any star's velocity in px/s and of the roll rate.
 
-    One rule for all cells: the change that the motion makes and the model leaves out, as
-    the random walk that comes as far. A straight line leaves out the curve of a star across
-    the image, an acceleration of 2 w^2 times the distance from the centre, all the time.
-    Neither model knows the roll of the jitter, a rate uniform in +-jitter, new in each block:
-    its change moves stars across their radius, and while it lasts the Coriolis and the
-    centrifugal acceleration of a rolling image act. Distances are those of the edge.
+    One rule for all cells: the change of velocity that is not in the model, as a random walk of
+    the same size. The constant-velocity model lacks the curve of the path across the image, a
+    steady acceleration of 2 w^2 times the distance from the centre. Both models lack the roll
+    of the jitter, a rate uniform in +-jitter, constant in each block: its change moves stars
+    across their radius, and during the block the Coriolis and the centrifugal acceleration of
+    a rolling image act. Distances are those of the edge.
     """
     edge_px, focal_px = CAMERA.width / 2, CAMERA.fx
     jitter = np.radians(cell.jitter_deg_s)
@@ -54,7 +54,7 @@ def body_changes(cell: Cell) -> tuple[float, float]:
     """
     Return 1-sigma changes per frame of the body rate across and about the boresight, rad/s.
 
-    By the same rule: what is constant in space is no more so on the axes of a rolling camera.
+    By the same rule: a rate that is constant in space changes on the axes of a rolling camera.
     """
     across = 0.0
     if cell.motion == 'linear':
@@ -126,32 +126,32 @@ def _jpdaf(run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 def _neighbourhood(run: Run) -> np.ndarray:
     """
-    Return the index (F, 4) of the centroid that SNA takes for each star, -1 for none.
+    Return the index (F, 4) of the centroid that SNA assigns to each star, -1 for none.
 
-    It is given the true body rate; a star that is missing is carried on.
+    The body rate is the true one; a missed star is propagated.
     """
-    place = run.start
+    uv_stars = run.start
     assigned = [run.seen[0]]
     for rate, uv in zip(run.rate_rad_s, run.centroids[1:]):
-        place = carried(CAMERA, place, rate, DT_S)
-        index = star_neighbourhood(CAMERA, place, run.icrf, uv,
+        uv_stars = carried(CAMERA, uv_stars, rate, DT_S)
+        index = star_neighbourhood(CAMERA, uv_stars, run.icrf, uv,
                                    np.full(len(uv), run.cell.sigma_px))
-        place[index >= 0] = uv[index[index >= 0]]
+        uv_stars[index >= 0] = uv[index[index >= 0]]
         assigned.append(index)
     return np.stack(assigned)
 
 
-def _measured(run: Run) -> np.ndarray:
+def _star_neighbourhood_attitudes(run: Run) -> np.ndarray:
     """
-    Return the attitudes (F, 4) of SNA: TRIAD, or the true body rate where it names too few.
+    Return the attitudes (F, 4) of SNA: TRIAD, or the true body rate with fewer than three stars.
 
-    Two that are left may be next to each other: one such attitude would outweigh a run.
+    Two stars may be next to each other: the error of one such attitude would dominate a run.
     """
     quaternions = []
     for k, (index, uv) in enumerate(zip(_neighbourhood(run), run.centroids)):
-        named = index >= 0
-        if named.sum() >= 3:
-            quaternion = _attitude(uv[index[named]], run.icrf[named], np.ones(named.sum()),
+        found = index >= 0
+        if found.sum() >= 3:
+            quaternion = _attitude(uv[index[found]], run.icrf[found], np.ones(found.sum()),
                                    'triad')
         else:
             quaternion = multiply(quaternion, quaternion_from_rotation_vector(
@@ -164,13 +164,13 @@ def _coupled(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the attitudes (F, 4) of the tracker with one filter, and their covariances.
 
-    It starts with two named frames and finds the rate by them; by the rate it goes on through
-    frames of too few stars.
+    It is initialised by two identified frames, which give the rate; frames of too few stars are
+    propagated by the rate.
     """
-    names = np.arange(1, STARS + 1, dtype=np.int32)
+    numbers = np.arange(1, STARS + 1, dtype=np.int32)
     across, roll = np.degrees(body_changes(run.cell)) / DT_S
     tracker = StarTracker(
-        CAMERA, StarPlaces(names, run.icrf, np.full(STARS, 4.0), np.zeros(STARS, bool)),
+        CAMERA, StarPlaces(numbers, run.icrf, np.full(STARS, 4.0), np.zeros(STARS, bool)),
         TrackerOptions(model='attitude', max_stars=STARS, min_stars=STARS - 1,
                        acceleration_deg_s2=max(across, LEAST_DEG_S2),
                        roll_acceleration_deg_s2=max(roll, LEAST_DEG_S2),
@@ -182,18 +182,18 @@ def _coupled(run: Run) -> tuple[np.ndarray, np.ndarray]:
         frame = Centroids(uv=uv, flux=np.ones(len(uv)), snr=np.full(len(uv), 30.0),
                           sigma_px=np.full(len(uv), run.cell.sigma_px))
         tracker.update(stamp_ns, frame)
-        there = seen >= 0
+        visible = seen >= 0
         if not started:
             hip = np.zeros(len(uv), np.int32)
-            hip[seen[there]] = names[there]
+            hip[seen[visible]] = numbers[visible]
             tracker.identified(stamp_ns, frame, hip)
         if tracker.attitude is not None:
             started, attitude, rate = True, tracker.attitude.attitude, tracker.attitude.rate_rad_s
             quaternion, covariance = attitude.quaternion, attitude.covariance_sensor
-        elif not started and there.sum() >= 2:
+        elif not started and visible.sum() >= 2:
             attitude = estimate_attitude(
-                CAMERA.unproject(uv[seen[there]]), run.icrf[there],
-                np.full(there.sum(), run.cell.sigma_px * CAMERA.pixel_rad))
+                CAMERA.unproject(uv[seen[visible]]), run.icrf[visible],
+                np.full(visible.sum(), run.cell.sigma_px * CAMERA.pixel_rad))
             quaternion, covariance = attitude.quaternion, attitude.covariance_sensor
         else:
             quaternion = multiply(quaternion, quaternion_from_rotation_vector(rate * DT_S))
@@ -203,13 +203,13 @@ def _coupled(run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 
 def attitudes(run: Run) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return (F, 4) quaternions that each of METHODS makes of a run, and the last covariance."""
-    places, sigma_px = _jpdaf(run)
+    """Return the quaternions (F, 4) of each of METHODS, and the covariances of the last."""
+    positions, sigma_px = _jpdaf(run)
     filtered = [np.stack([_attitude(uv, run.icrf, sigma, solver)
-                          for uv, sigma in zip(places, sigma_px)])
+                          for uv, sigma in zip(positions, sigma_px)])
                 for solver in ('triad', 'quest')]
     coupled, covariance = _coupled(run)
-    return [_measured(run), *filtered, coupled], covariance
+    return [_star_neighbourhood_attitudes(run), *filtered, coupled], covariance
 
 
 def _attitude(uv: np.ndarray, icrf: np.ndarray, sigma_px: np.ndarray, solver: str) -> np.ndarray:

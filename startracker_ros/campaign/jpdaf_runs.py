@@ -1,5 +1,5 @@
 """
-What the camera sees of four stars in 400 frames of two motions, three jitters, three noises.
+Runs of four stars in 400 frames, in cells of two motions, three jitters and three noises.
 
 Sadeghi, Sabahi, Saberali.
 """
@@ -29,7 +29,7 @@ BLOCK_S = 1.0
 DETECTION_PROBABILITY = 0.99
 FALSE_POINTS = 100
 RATE_SIGMA_RAD_S = np.radians(0.01)
-"""What is not known of the body rate at the start, about each axis; the jitter comes on top."""
+"""1 sigma of the body rate at the start, about each axis, in addition to the jitter."""
 
 _MARGIN_PX = 2.0
 
@@ -73,10 +73,10 @@ PUBLISHED = {
 @dataclass(frozen=True)
 class Run:
     """
-    The truth of one run, its four stars, and what the camera sees of it.
+    The truth of one run, its four stars and its centroids.
 
     quaternion (F, 4) and rate_rad_s (F, 3) are the truth at each frame; icrf (4, 3) the
-    stars; start_rate_rad_s (3,) what is known of the rate at the first frame; seen (F, 4) the
+    stars; start_rate_rad_s (3,) the initial estimate of the rate; seen (F, 4) the
     index of each star among the centroids of a frame, -1 where it is missing; centroids
     holds (M, 2) px of each frame.
     """
@@ -91,7 +91,7 @@ class Run:
 
     @property
     def start(self) -> np.ndarray:
-        """Return stars (4, 2) px of the first frame, as lost-in-space identification has them."""
+        """Return the stars (4, 2) px of the first frame, identified lost in space."""
         return self.centroids[0][self.seen[0]]
 
 
@@ -146,12 +146,12 @@ def sightings(uv: np.ndarray, sigma_px: float, rng: np.random.Generator
     measured = uv + rng.normal(0, sigma_px, uv.shape)
     seen = np.full(uv.shape[:2], -1)
     centroids = []
-    for row, there, place in zip(seen, found, measured):
+    for row, detected, uv_stars in zip(seen, found, measured):
         false = rng.uniform(-0.5, [CAMERA.width - 0.5, CAMERA.height - 0.5],
                             (rng.poisson(FALSE_POINTS), 2))
-        order = rng.permutation(there.sum() + len(false))
+        order = rng.permutation(detected.sum() + len(false))
         frame = np.empty((len(order), 2))
-        frame[order] = np.concatenate([place[there], false])
-        row[there] = order[:there.sum()]
+        frame[order] = np.concatenate([uv_stars[detected], false])
+        row[detected] = order[:detected.sum()]
         centroids.append(frame)
     return seen, centroids

@@ -1,13 +1,17 @@
-"""Independent pieces of a campaign over the cores of this machine, or over a cluster."""
+"""Independent trials of a campaign on the cores of this machine, or on a cluster."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import fields
 from multiprocessing import get_context
 import os
-from typing import Any
+from typing import Any, TypeVar
 
+import numpy as np
 from rich.progress import track
 from startracker_ros.extras import extra
+
+_Arrays = TypeVar('_Arrays')
 
 
 def parallel_map(work: Callable[..., Any], pieces: Iterable[tuple], *, title: str,
@@ -32,11 +36,32 @@ def parallel_map(work: Callable[..., Any], pieces: Iterable[tuple], *, title: st
         return list(track(done, title, total=len(pieces), transient=True))
 
 
-def split(trials: int, size: int, seed: int) -> list[tuple[int, int]]:
+def split_trials(trials: int, size: int, seed: int) -> list[tuple[int, int]]:
     """
-    Return pieces (trials, seed) of at most size trials; the seeds follow from the first.
+    Return parts (trials, seed) of at most size trials; the seeds follow from the first.
 
-    The pieces do not depend on the machine, so the figures do not either.
+    The parts do not depend on the machine, so the figures do not either.
     """
     return [(min(size, trials - begin), seed * 1_000_003 + begin)
             for begin in range(0, trials, size)]
+
+
+def parallel_trials(work: Callable[..., Any], cases: Iterable[tuple], trials: int, size: int,
+                    seed: int, *, title: str, scheduler: str = '') -> list[list[Any]]:
+    """
+    Return for each case the results of its parts of at most size trials.
+
+    work is called with the case, the trials of the part and its seed; the parts of all cases run
+    side by side as in parallel_map().
+    """
+    cases, parts = list(cases), split_trials(trials, size, seed)
+    results = iter(parallel_map(work, [(*case, *part) for case in cases for part in parts],
+                                title=title, scheduler=scheduler))
+    return [[next(results) for _ in parts] for _ in cases]
+
+
+def concatenated(parts: Sequence[_Arrays]) -> _Arrays:
+    """Return dataclasses of arrays as one, each field concatenated along its first axis."""
+    kind: Any = type(parts[0])
+    return kind(*(np.concatenate([getattr(part, column.name) for part in parts])
+                  for column in fields(kind)))

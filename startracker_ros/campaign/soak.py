@@ -1,6 +1,7 @@
-"""The soak: whether anything grows over many frames."""
+"""The soak: memory, handles, processor time and latency over many frames."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.harness.rig import log_folder
@@ -12,7 +13,17 @@ _WARM_UP = 0.1
 _GROWTH_MIB = 2.0
 _LATER = 1.2
 
-Row = dict[str, object]
+
+@dataclass(frozen=True)
+class SoakRow:
+    """A figure of a run; error is 2 sigma."""
+
+    case: str
+    ours: float
+    error: float | None
+    unit: str
+    bound: str
+    holds: bool
 
 
 def growth(frames: Sequence[int], values: Sequence[float]) -> tuple[float, float]:
@@ -32,9 +43,8 @@ def growth(frames: Sequence[int], values: Sequence[float]) -> tuple[float, float
 
 
 def _row(case: str, ours: float, unit: str, bound: str = '', holds: bool = True,
-         error: float | None = None) -> Row:
-    return {'case': case, 'ours': ours, 'error': error, 'unit': unit, 'bound': bound,
-            'holds': bool(holds)}
+         error: float | None = None) -> SoakRow:
+    return SoakRow(case, ours, error, unit, bound, holds)
 
 
 def _tenths(values: Sequence[float] | np.ndarray) -> tuple[float, float]:
@@ -43,7 +53,7 @@ def _tenths(values: Sequence[float] | np.ndarray) -> tuple[float, float]:
     return float(np.median(values[:tenth])), float(np.median(values[-tenth:]))
 
 
-def rows_of(result: SoakResult) -> list[Row]:
+def rows_of(result: SoakResult) -> list[SoakRow]:
     """Return the figures of a run, each with its bound."""
     count = len(result.sampled_frames)
     warm = slice(min(int(np.ceil(_WARM_UP * count)), count - 2), None)
@@ -76,12 +86,12 @@ def rows_of(result: SoakResult) -> list[Row]:
     return rows
 
 
-def _growth_row(node: str, name: str, counts: list[int]) -> Row:
+def _growth_row(node: str, name: str, counts: list[int]) -> SoakRow:
     first, last = _tenths(counts)
     return _row(f'{node}: {name}, growth', last - first, name, '= 0', last <= first)
 
 
-def _cpu_row(node: str, frames: Sequence[int], cpu_s: list[float]) -> Row:
+def _cpu_row(node: str, frames: Sequence[int], cpu_s: list[float]) -> SoakRow:
     first_ms, last_ms = _tenths(1e3 * np.diff(cpu_s) / np.maximum(np.diff(frames), 1))
     return _row(f'{node}: CPU time a frame, last tenth', last_ms, 'ms',
                 f'<= {_LATER:g} x {first_ms:.3g}', last_ms <= _LATER * first_ms)
@@ -93,10 +103,10 @@ def run_soak_campaign(*, frames: int, seed: int) -> Result:
         result = soak.run(frames)
     return Result('campaign soak', rows_of(result), {
         'pipeline': f'four stages and a recorder, a process each; images of {CAMERA.width} x '
-                    f'{CAMERA.height} px, stamps of 10 Hz, sent as fast as answered, '
-                    f'{IN_FLIGHT} under way',
+                    f'{CAMERA.height} px, stamps of 10 Hz, sent as fast as processed, '
+                    f'{IN_FLIGHT} in flight',
         'recorder': f'all topics but the images, files of {BAG_FILE_MB:g} MB',
         'times': 'medians of the last tenth of the run, beside those of the first',
         'memory': 'private pages of the process; growth by a straight line after the first '
-                  'tenth of the run, error 2 sigma; it holds when growth and error together do',
+                  'tenth of the run, error 2 sigma; the sum of growth and error is bounded',
         'seed': seed})

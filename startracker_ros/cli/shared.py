@@ -54,7 +54,7 @@ def finish(result: 'Result', as_json: bool) -> None:
     """Print a result; status 1 when a row does not hold."""
     from startracker_ros.table import show
     show(result, as_json)
-    if not all(row.get('holds', True) for row in result.rows):
+    if not result.holds:
         sys.exit(1)
 
 

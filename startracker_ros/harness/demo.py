@@ -22,6 +22,7 @@ from rich.table import Table
 from sensor_msgs.msg import CameraInfo
 from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
 from startracker_ros.extras import MissingLibraryError
+from startracker_ros.figures.rows import Row
 from startracker_ros.harness.processes import node_environment, NodeProcesses
 from startracker_ros.machine_code import cached_functions, machine_code_folder
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, pointing_from_quaternion
@@ -206,8 +207,7 @@ def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
     rows = summarise(recording)
     start_s = float('nan') if monitor.first_attitude_s is None else (
         monitor.first_attitude_s - started_s)
-    rows.append({'case': 'process start to first attitude', 'ours': start_s, 'unit': 's',
-                 'bound': '<= 10', 'holds': start_s <= 10})
+    rows.append(Row('process start to first attitude', start_s, 's', '<= 10', start_s <= 10))
     picture = output / 'demo.png'
     drawn = draw_if_possible(picture, lambda: _draw(picture, bag, recording))
     size_mb = sum(file.stat().st_size for file in bag.iterdir()) / 1e6

@@ -14,7 +14,7 @@ from startracker_ros.astro.epoch import epoch_year_from_stamp
 from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.figures import error_over_bound
+from startracker_ros.figures.correctness import is_wrong
 from startracker_ros.harness.rig import Rig
 from startracker_ros.maths.rotation import (
     matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
@@ -226,7 +226,7 @@ class Flight(Rig):
             truth = self._truth_at(attitude.stamp_ns)
             other = self._alone.get(attitude.stamp_ns, attitude.quaternion)
             wrong += (truth is None or not np.array_equal(other, attitude.quaternion)
-                      or error_over_bound(attitude.quaternion, attitude.covariance, truth) > 1)
+                      or is_wrong(attitude.quaternion, attitude.covariance, truth))
         return len(chosen), wrong
 
     def _truth_at(self, stamp_ns: int) -> np.ndarray | None:

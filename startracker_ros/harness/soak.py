@@ -14,7 +14,7 @@ from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.executables import STAGES
-from startracker_ros.figures import error_over_bound
+from startracker_ros.figures.correctness import is_wrong
 from startracker_ros.harness.process_sample import ProcessSample, sample_process, shared_memory_mib
 from startracker_ros.harness.processes import RigError
 from startracker_ros.harness.rig import Rig
@@ -173,8 +173,8 @@ class Soak(Rig):
         if tracked is not None:
             attitude = tracked.attitude
             result.attitudes += 1
-            result.wrong += error_over_bound(
-                attitude.quaternion, attitude.covariance_sensor, self._loop[index][1]) > 1
+            result.wrong += is_wrong(
+                attitude.quaternion, attitude.covariance_sensor, self._loop[index][1])
 
     def _wait(self) -> None:
         """

@@ -18,6 +18,7 @@ from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.orbit import orbit_frame
 from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
 from startracker_ros.bag.reader import read_messages
+from startracker_ros.figures.rows import Row
 from startracker_ros.harness.demo import (
     begin_s, DemoError, draw_if_possible, end, Monitor, prepare, watch)
 from startracker_ros.harness.processes import NodeProcesses
@@ -183,9 +184,7 @@ def run_two_satellite_demo(output: Path, *, seconds: float, seed: int) -> Result
     if monitor.first_position_s is None or not len(recording.stamp_ns):
         raise DemoError(f'the target was never located: see {logs}')
     rows = summarise_target(recording, frames)
-    rows.append({'case': 'process start to first position',
-                 'ours': monitor.first_position_s - started_s, 'unit': 's', 'bound': '',
-                 'holds': True})
+    rows.append(Row('process start to first position', monitor.first_position_s - started_s, 's'))
     picture = output / 'two_satellite.png'
     drawn = draw_if_possible(picture, lambda: draw_target(
         picture, recording, {name: _last_frame(bag, name) for name in OBSERVERS}))

@@ -8,11 +8,10 @@ import numpy as np
 from startracker_ros.astro.orbit import orbit_frame
 from startracker_ros.bag.reader import decode, read_messages
 from startracker_ros.extras import new_figure
+from startracker_ros.figures.correctness import WRONG_SIGMAS
+from startracker_ros.figures.rows import Row
 from startracker_ros.pipeline.annotate import annotate
 from startracker_ros.report.picture import draw_error
-
-WRONG_SIGMAS = 5.0
-"""A position further off than this is wrong, not merely noisy."""
 
 
 @dataclass(frozen=True)
@@ -88,40 +87,37 @@ def load_target(bag: Path, observers: tuple[str, str]) -> TargetRecording:
             'truth/attitude', 'attitude_cov', 'target_centroid'))) for name in observers})
 
 
-def summarise_target(recording: TargetRecording, frames: int) -> list[dict[str, object]]:
-    """Return rows of case, ours, unit, bound, holds of a run with so many frames each."""
-    rows: list[dict[str, object]] = []
-
-    def row(case: str, ours: float, unit: str, bound: str = '', holds: bool = True) -> None:
-        rows.append({'case': case, 'ours': ours, 'unit': unit, 'bound': bound,
-                     'holds': bool(holds)})
-
-    def share_row(case: str, stamps: np.ndarray, image_ns: np.ndarray) -> None:
-        # A target is believed after some frames: what counts is that it stays.
-        since = image_ns >= stamps.min(initial=image_ns.max(initial=0))
-        share = 100 * len(stamps) / max(1, int(np.count_nonzero(since)))
-        row(f'{case}, from the first on', share, '%', '>= 90', share >= 90)
-
+def summarise_target(recording: TargetRecording, frames: int) -> list[Row]:
+    """Return the figures of a run with so many frames each."""
+    rows = []
     for name, seen in recording.sightings.items():
-        row(f'{name}: images', len(seen.image_ns), 'frames', f'= {frames}',
-            len(seen.image_ns) == frames)
-        share_row(f'{name}: frames with attitude', seen.attitude_ns, seen.image_ns)
-        share_row(f'{name}: frames with target', seen.target_ns, seen.image_ns)
+        images = len(seen.image_ns)
+        rows += [Row(f'{name}: images', images, 'frames', f'= {frames}', images == frames),
+                 _share_row(f'{name}: frames with attitude', seen.attitude_ns, seen.image_ns),
+                 _share_row(f'{name}: frames with target', seen.target_ns, seen.image_ns)]
     image_ns = next(iter(recording.sightings.values())).image_ns
-    share_row('frames with the target located', recording.stamp_ns, image_ns)
+    rows.append(_share_row('frames with the target located', recording.stamp_ns, image_ns))
     if not len(recording.stamp_ns):
         return rows
-    row('first image to first position', (recording.stamp_ns[0] - image_ns[0]) / 1e9, 's',
-        '<= 10', recording.stamp_ns[0] - image_ns[0] <= 10 * 10 ** 9)
-    error, sigma = recording.errors()
-    row('error of the position, rms', float(np.sqrt(np.mean(np.sum(error ** 2, axis=1)))), 'm')
-    row('sigma of the position, rms', float(np.sqrt(np.mean(np.sum(sigma ** 2, axis=1)))), 'm')
+    start_s = (recording.stamp_ns[0] - image_ns[0]) / 1e9
+    error_m, sigma_m = (float(np.sqrt(np.mean(np.sum(values ** 2, axis=1))))
+                        for values in recording.errors())
     squared = recording.normalised()
-    row('normalised error squared, mean of 3 expected', float(squared.mean()), '', '< 4',
-        squared.mean() < 4)
     wrong = int(np.count_nonzero(squared > WRONG_SIGMAS ** 2))
-    row('wrong positions', wrong, 'frames', '= 0', wrong == 0)
-    return rows
+    return [
+        *rows, Row('first image to first position', start_s, 's', '<= 10', start_s <= 10),
+        Row('error of the position, rms', error_m, 'm'),
+        Row('sigma of the position, rms', sigma_m, 'm'),
+        Row('normalised error squared, mean of 3 expected', float(squared.mean()), '', '< 4',
+            squared.mean() < 4),
+        Row('wrong positions', wrong, 'frames', '= 0', wrong == 0)]
+
+
+def _share_row(case: str, stamps: np.ndarray, image_ns: np.ndarray) -> Row:
+    """Return the share of images with a result, from the first result on: acquisition is free."""
+    since = image_ns >= stamps.min(initial=image_ns.max(initial=0))
+    share = 100 * len(stamps) / max(1, int(np.count_nonzero(since)))
+    return Row(f'{case}, from the first on', share, '%', '>= 90', share >= 90)
 
 
 def draw_target(path: Path, recording: TargetRecording, pictures: dict[str, tuple]) -> None:

@@ -27,7 +27,7 @@ def test_scenes_are_as_described_and_repeatable(kind):
         assert np.median(apart_px[0]) > 300
     seen = np.mean([len(uv) for uv in targets.frames])
     assert seen == pytest.approx(100 * scene.DETECTION_PROBABILITY + 10, abs=1.5)
-    # Both ways from half time the targets accelerate as the filter is told.
+    # Both ways from half time the targets accelerate as in the model of the filter.
     change = np.diff(targets.truth[..., [1, 3]], axis=0) / scene.DT_S
     assert change.std() == pytest.approx(scene.ACCELERATION_PX_S2, rel=0.05)
     moved = targets.truth[:-1, :, [0, 2]] + scene.DT_S * (

@@ -1,4 +1,4 @@
-"""The comparison with the peers: fair frames, right adapters, bounds that can fall short."""
+"""The comparison with the peers: fair frames, correct adapters, bounds that can fail."""
 
 import os
 import subprocess
@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from startracker_ros.bench.corpus import ALL_CELLS, Cell, CELLS, frames, VIEWS
 from startracker_ros.bench.lost_in_space import (
-    bounds, database_row, databases, judge, piece, run_lost_in_space_bench)
+    bounds, CORRECT, database_row, databases, kind_of, run_lost_in_space_bench, solve_frames,
+    UNSOLVED, WRONG)
 from startracker_ros.bench.peers import Cedar, Database, PeerError, solvers
 from startracker_ros.cli import main
 from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
@@ -49,16 +50,17 @@ def test_false_only_fields_have_as_many_stars_as_real_ones():
 @pytest.mark.parametrize('view', VIEWS.values(), ids=list(VIEWS))
 def test_every_solver_solves_frames_without_noise(view):
     """One that does not has got the pixels, the field of view or the attitude wrong."""
-    outcome = piece(view, EASY, 40, 1, None)
-    assert list(outcome) == ['ours', 'tetra3rs', 'tetra3rs 0.003', 'tetra3rs 0.005']
-    for name, (answers, cpu_s) in outcome.items():
-        assert np.mean(answers == 1) >= 0.95 and not np.any(answers == 2), name
-        assert cpu_s.shape == answers.shape == (40,) and np.all(cpu_s >= 0)
+    outcomes = solve_frames(view, EASY, None, 40, 1)
+    assert list(outcomes) == ['ours', 'tetra3rs', 'tetra3rs 0.003', 'tetra3rs 0.005']
+    for name, outcome in outcomes.items():
+        assert np.mean(outcome.kind == CORRECT) >= 0.95, name
+        assert not np.any(outcome.kind == WRONG), name
+        assert outcome.cpu_s.shape == outcome.kind.shape == (40,) and np.all(outcome.cpu_s >= 0)
 
 
 @pytest.fixture(scope='module')
 def cedar_python(tmp_path_factory):
-    """Return the Python of a venv of its own: cedar-solve wants a NumPy that we do not."""
+    """Return the Python of a venv of its own: cedar-solve wants a NumPy below 2."""
     folder = tmp_path_factory.mktemp('cedar')
     subprocess.run([sys.executable, '-m', 'venv', str(folder)], check=True)
     python = str(folder / 'bin' / 'python')
@@ -71,27 +73,27 @@ def test_cedar_solve_solves_frames_without_noise(cedar_python, tmp_path):
     cedar = Cedar(cedar_python, str(tmp_path))
     database = cedar.build(VIEWS['B20'])
     assert database.seconds > 0 and database.file_mb > 0 and database.memory_mb > 0
-    answers, cpu_s = piece(VIEWS['B20'], EASY, 20, 1, cedar)['cedar-solve']
-    assert np.all(answers == 1) and np.all(cpu_s > 0)
+    outcome = solve_frames(VIEWS['B20'], EASY, cedar, 20, 1)['cedar-solve']
+    assert np.all(outcome.kind == CORRECT) and np.all(outcome.cpu_s > 0)
 
 
-def test_a_python_without_cedar_solve_is_an_error_that_says_what_to_do(tmp_path):
+def test_a_python_without_cedar_solve_is_an_error_with_the_remedy(tmp_path):
     with pytest.raises(PeerError, match='pip install cedar-solve'):
         Cedar(sys.executable, str(tmp_path)).version()
 
 
 @pytest.mark.parametrize('attitude, truth, expected', [
-    (off(), off(), 1),
-    (-off(0.03, 0.03, 0.45), off(), 1),
-    (off(0.04, 0.04), off(), 2),
-    (off(roll_deg=-0.6), off(), 2),
-    (multiply(off(30, 40, 50), off(0.01)), off(30, 40, 50), 1),
-    (off(), None, 2),
-    (None, off(), 0),
-    (None, None, 0),
+    (off(), off(), CORRECT),
+    (-off(0.03, 0.03, 0.45), off(), CORRECT),
+    (off(0.04, 0.04), off(), WRONG),
+    (off(roll_deg=-0.6), off(), WRONG),
+    (multiply(off(30, 40, 50), off(0.01)), off(30, 40, 50), CORRECT),
+    (off(), None, WRONG),
+    (None, off(), UNSOLVED),
+    (None, None, UNSOLVED),
 ])
-def test_judgement(attitude, truth, expected):
-    assert judge(attitude, truth) == expected
+def test_solutions_are_compared_with_the_truth(attitude, truth, expected):
+    assert kind_of(attitude, truth) == expected
 
 
 def figures(correct=100.0, wrong=0.0, median=0.05, p99=1.0):
@@ -141,10 +143,10 @@ def test_a_database_is_measured_in_a_process_of_its_own():
     measured = next(databases([A12], None))
     assert measured[:2] == (A12, 'ours') and before == dict(os.environ)
     row = database_row(*measured)
-    assert row['build_s'] > 0 and row['file_mb'] > 0.1 and row['memory_mb'] > 1
-    assert row['bound'] == 'build <= 1 s'
-    assert not database_row(A12, 'ours', Database(1.1, 1, 1))['holds']
-    assert database_row(A12, 'tetra3rs', Database(1.1, 1, 1))['holds']
+    assert row.build_s > 0 and row.file_mb > 0.1 and row.memory_mb > 1
+    assert row.bound == 'build <= 1 s'
+    assert not database_row(A12, 'ours', Database(1.1, 1, 1)).holds
+    assert database_row(A12, 'tetra3rs', Database(1.1, 1, 1)).holds
 
 
 @pytest.mark.parametrize('arguments, words', [

@@ -1,4 +1,4 @@
-"""The centroid campaign: real stars, the paper's conclusions judged, figures repeated."""
+"""The centroid campaign: real stars, the paper's conclusions tested, figures repeated."""
 
 import json
 
@@ -29,10 +29,10 @@ def test_the_fit_is_nearest_to_the_sky(document):
     assert all(150 < row['right_ppm'] < 900 or name == 'gaussian' for name, row in rows.items())
 
 
-def test_the_paper_is_judged(document):
-    verdicts = {key: text for key, text in document['conditions'].items() if 'paper' in key}
-    assert len(verdicts) == 3
-    assert set(verdicts.values()) <= {'confirmed', 'not confirmed'}
+def test_the_conclusions_of_the_paper_are_tested(document):
+    results = {key: text for key, text in document['conditions'].items() if 'paper' in key}
+    assert len(results) == 3
+    assert set(results.values()) <= {'confirmed', 'not confirmed'}
 
 
 def test_conclusions_follow_from_the_figures():
@@ -49,20 +49,20 @@ def test_conclusions_follow_from_the_figures():
 def test_the_lens_is_taken_off():
     rng = np.random.default_rng(1)
     camera = Camera.from_fov(1024, 768, 11.4)
-    shown, seen = [], []
+    images, seen = [], []
     for _ in range(3):
         uv = rng.uniform(0, 767, (60, 2))
         x = (uv - [camera.cx, camera.cy]) / camera.cx
         bent = uv + 2 * x * (x ** 2).sum(1, keepdims=True) + rng.normal(0, 1, 2)
         bent[7] = np.nan
-        shown.append(Photograph(np.empty((0, 0)), camera, uv))
+        images.append(Photograph(np.empty((0, 0)), camera, uv))
         seen.append(bent)
-    for photograph, places in zip(shown, without_lens(shown, seen)):
-        assert np.isnan(places[7]).all()
-        np.testing.assert_allclose(np.delete(places - photograph.uv, 7, 0), 0, atol=1e-9)
+    for photograph, uv in zip(images, without_lens(images, seen)):
+        assert np.isnan(uv[7]).all()
+        np.testing.assert_allclose(np.delete(uv - photograph.uv, 7, 0), 0, atol=1e-9)
 
 
-def test_a_folder_without_answers_is_named(tmp_path):
+def test_a_folder_without_solutions_is_an_error(tmp_path):
     done = CliRunner().invoke(main, ['campaign', 'centroid', '--images', str(tmp_path)])
     assert done.exit_code == 1
     assert 'no solutions.csv' in done.output

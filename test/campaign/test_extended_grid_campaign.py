@@ -8,13 +8,14 @@ import cv2
 import numpy as np
 import pytest
 from startracker_ros.campaign import extended_grid as campaign
+from startracker_ros.campaign.extended_grid_frames import frames, predicted, triangle_votes
 from startracker_ros.identify.extended_grid import PredictedField
 from startracker_ros.maths.rotation import attitude_error
 
 
 @pytest.fixture(scope='module')
 def base():
-    return campaign.frames(campaign.BASE, 100, 5)
+    return frames(campaign.BASE, 100, 5)
 
 
 def test_most_frames_are_solved_and_none_wrongly(base):
@@ -25,40 +26,40 @@ def test_most_frames_are_solved_and_none_wrongly(base):
 
 
 def test_a_seed_repeats_and_has_the_same_directions_under_every_condition(base):
-    again = campaign.frames(campaign.BASE, 20, 5)
+    again = frames(campaign.BASE, 20, 5)
     np.testing.assert_array_equal(again.stars, base.stars[:20])
     np.testing.assert_array_equal(again.extended_right, base.extended_right[:20])
-    noisy = campaign.frames(campaign.POSITIONS[-1], 20, 5)
+    noisy = frames(campaign.POSITIONS[-1], 20, 5)
     assert np.corrcoef(noisy.stars, again.stars)[0, 1] > 0.9
 
 
 def test_without_noise_every_frame_of_two_stars_is_solved():
-    tally = campaign.frames(campaign.PERFECT, 60, 5)
+    tally = frames(campaign.PERFECT, 60, 5)
     assert tally.solved[tally.stars >= 2].all()
 
 
-def test_a_drifting_gyro_is_predicted_within_what_it_says():
+def test_a_drifting_gyro_is_predicted_within_its_covariance():
     rng = np.random.default_rng(1)
     condition = campaign.PERIODS[-1]
     normalised = []
     for _ in range(300):
-        truth, prior = campaign.predicted(np.array([0.5, -0.5, 0.1, 0.7]), condition, rng)
+        truth, prior = predicted(np.array([0.5, -0.5, 0.1, 0.7]), condition, rng)
         error = attitude_error(prior.quaternion, truth)
         normalised.append(error @ np.linalg.solve(prior.covariance_sensor, error))
     assert 2.4 < np.mean(normalised) < 3.6
 
 
-def test_triangles_need_two_neighbours_and_one_answer():
+def test_triangles_need_two_neighbours_and_one_match():
     rng = np.random.default_rng(2)
     place = rng.uniform(-0.05, 0.05, (30, 2))
     inside = (np.abs(place) < 0.03).all(1)
     image = PredictedField(np.arange(30), place, inside, inside)
-    votes = campaign.triangle_votes(place[inside], image, 0.005, 1e-6)
+    votes = triangle_votes(place[inside], image, 0.005, 1e-6)
     np.testing.assert_array_equal(votes, np.flatnonzero(inside))
     shaken = place[inside] + rng.normal(0, 1e-4, (inside.sum(), 2))
-    assert (campaign.triangle_votes(shaken, image, 0.005, 1e-6) == -1).all()
+    assert (triangle_votes(shaken, image, 0.005, 1e-6) == -1).all()
     pair = PredictedField(np.arange(2), place[:2], *np.ones((2, 2), bool))
-    assert (campaign.triangle_votes(place[:2], pair, 0.005, 1e-6) == -1).all()
+    assert (triangle_votes(place[:2], pair, 0.005, 1e-6) == -1).all()
 
 
 def test_the_command_prints_the_rows_and_draws_the_curves(tmp_path):

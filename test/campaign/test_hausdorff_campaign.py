@@ -11,7 +11,7 @@ CELLS_TO_RUN = (('pivot', 5.5), ('segment', 6.0))
 def rows():
     result = run_hausdorff_campaign(trials=20, seed=1, cells=CELLS_TO_RUN)
     assert result.conditions['trials'] == 20
-    return {(row['case'], row['variant']): row for row in result.rows}
+    return {(row.case, row.variant): row for row in result.rows}
 
 
 def test_every_variant_stands_beside_the_paper(rows):
@@ -19,20 +19,20 @@ def test_every_variant_stands_beside_the_paper(rows):
     assert list(rows) == [(case, variant) for case in ('pivot, V 5.5', 'segment, V 6')
                           for variant in ('paper', *VARIANTS)]
     paper = rows['segment, V 6', 'paper']
-    assert (paper['sets'], paper['none'], paper['correct'], paper['wrong'], paper['mean_ms']) == (
+    assert (paper.sets, paper.none, paper.correct, paper.wrong, paper.mean_ms) == (
         65154, 0.15, 67.5, 32.0, 36.4)
     for row in rows.values():
-        assert row['none'] + row['correct'] + row['wrong'] == pytest.approx(100, abs=0.4)
+        assert row.none + row.correct + row.wrong == pytest.approx(100, abs=0.4)
 
 
 def test_the_rows_hold(rows):
-    assert all(row['holds'] for row in rows.values()), rows
+    assert all(row.holds for row in rows.values()), rows
     for case in ('pivot, V 5.5', 'segment, V 6'):
-        assert rows[case, 'verified, 0.1 px']['wrong'] == 0
-        assert 'correct >= ' in rows[case, 'verified, 0.1 px']['bound']
-        # One number does not name stars in noise, which is why the field has to verify them.
+        assert rows[case, 'verified, 0.1 px'].wrong == 0
+        assert 'correct >= ' in rows[case, 'verified, 0.1 px'].bound
+        # One distance does not identify stars in noise: the field has to verify them.
         noisy = rows[case, 'as published, 0.1 px, anywhere']
-        assert noisy['correct'] < rows[case, 'paper']['correct'] / 2
+        assert noisy.correct < rows[case, 'paper'].correct / 2
 
 
 @pytest.mark.parametrize('method, magnitude_limit', [
@@ -44,7 +44,7 @@ def test_the_sets_are_as_many_as_published(method, magnitude_limit):
 
 def test_directions_can_be_repeated():
     def figures(seed):
-        return [(found.answered, found.correct, found.stars) for found in directions(
+        return [(found.solved, found.correct, found.stars) for found in directions(
             'pivot', 5.5, 'verified, 0.1 px, anywhere', 10, seed)]
 
     assert figures(7) == figures(7) != figures(8)

@@ -47,10 +47,9 @@ def test_sna_is_that_of_the_paper_and_jpdaf_beats_its_ratio(found):
         assert optimal < triad < sna * PUBLISHED[cell][1] / PUBLISHED[cell][0]
         assert coupled < min(optimal, 0.4 * sna)
         rows = list(campaign.cell_rows(cell, one))
-        assert [row['case'] for row in rows] == [
+        assert [row.case for row in rows] == [
             f'{cell}: {method}' for method in METHODS]
-        assert rows[1]['ratio'] == triad / sna and all(
-            row['holds'] for row in rows[1:])
+        assert rows[1].ratio == triad / sna and all(row.holds for row in rows[1:])
 
 
 def test_no_method_is_better_than_the_bound_and_the_best_filter_comes_near(found):
@@ -67,8 +66,8 @@ def test_the_bound_is_that_of_all_frames_adjusted_together():
     last = FRAMES // 8
     bound = campaign.cramer_rao_bound(run)[last]
 
-    def places(error):
-        """Return what is seen up to the last frame with an error of its attitude and rate."""
+    def positions(error):
+        """Return the stars in px up to the last frame with an error of its attitude and rate."""
         q = multiply(run.quaternion[last], quaternion_from_rotation_vector(error[:3]))
         rate = run.rate_rad_s[last] + error[3:]
         back = [multiply(q, quaternion_from_rotation_vector(-rate * DT_S * (last - k)))
@@ -78,7 +77,7 @@ def test_the_bound_is_that_of_all_frames_adjusted_together():
             for q, seen in zip(back, run.seen)])
 
     step = 1e-6
-    design = np.stack([(places(step * axis) - places(-step * axis)) / (2 * step)
+    design = np.stack([(positions(step * axis) - positions(-step * axis)) / (2 * step)
                        for axis in np.eye(6)], -1)
     covariance = np.linalg.inv(design.T @ design) * STILL.variance_px2
     np.testing.assert_allclose(bound, covariance[:3, :3], rtol=1e-3,
@@ -109,14 +108,14 @@ def test_process_noise_is_as_large_as_the_changes_of_velocity(motion):
     assert 0.8 < np.mean(whitened) < 1.25
 
 
-def test_false_points_and_missing_stars_are_as_many_as_said():
+def test_false_points_and_missing_stars_are_as_many_as_configured():
     run = make_run(STILL, np.random.default_rng(7))
     assert (run.seen[0] >= 0).all()
     assert 0.97 < (run.seen >= 0).mean() < 1
     false = [len(uv) - (seen >= 0).sum() for uv, seen in zip(run.centroids, run.seen)]
     assert abs(np.mean(false) - FALSE_POINTS) < 3
     truth = states(run)[..., ::2]
-    off = np.concatenate([uv[seen[seen >= 0]] - place[seen >= 0] for uv, seen, place in zip(
+    off = np.concatenate([uv[seen[seen >= 0]] - true_uv[seen >= 0] for uv, seen, true_uv in zip(
         run.centroids, run.seen, truth)])
     assert abs(off.std() / STILL.sigma_px - 1) < 0.05
 
@@ -126,8 +125,8 @@ def test_the_covariance_of_a_star_is_true_where_the_model_is(cell):
     squares = campaign.normalised_errors(cell, 30, 3)
     # 30 runs, 4 stars, 4 degrees of freedom: 1 +- 0.065 (1 sigma).
     assert 0.75 < squares.mean() / 4 < 1.25
-    assert campaign.consistency_row('', squares, 4)['bound'] == '0.877 .. 1.130'
-    assert not campaign.consistency_row('', 2 * squares, 4)['holds']
+    assert campaign.consistency_row('', squares, 4).bound == '0.877 .. 1.130'
+    assert not campaign.consistency_row('', 2 * squares, 4).holds
 
 
 def test_a_seed_repeats(found):

@@ -25,7 +25,7 @@ def test_the_command_prints_the_figures_beside_those_of_the_paper():
 
 def test_frames_can_be_repeated():
     def figures(frames):
-        return [(frame.solved, frame.stars, frame.named, frame.triangles) for frame in frames]
+        return [(frame.solved, frame.stars, frame.identified, frame.triangles) for frame in frames]
 
     assert figures(sky_frames(4, 7)) == figures(sky_frames(4, 7))
     assert figures(orbit_frames(10, 3, 7)) == figures(orbit_frames(10, 3, 7))

@@ -7,7 +7,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.campaign.two_satellite import ALL, Scene
+from startracker_ros.campaign.two_satellite_scene import ALL, Scene
 
 
 @pytest.fixture(scope='module')
@@ -42,6 +42,6 @@ def test_the_same_seed_draws_the_same_errors():
     first, second = (scene.draw((ALL, ALL), 10, 3)[0] for _ in range(2))
     np.testing.assert_array_equal(first, second)
     for one in scene.observers:
-        position_m, direction = one.look(np.zeros((1, 11)))
+        position_m, direction = one.measure(np.zeros((1, 11)))
         line = scene.target_m - position_m[0]
         np.testing.assert_allclose(direction[0], line / np.linalg.norm(line), atol=1e-14)

@@ -27,9 +27,9 @@ def test_no_handle_and_no_thread_is_left_behind(result):
 
 
 def test_the_table_has_a_row_for_each_figure(result):
-    rows = {row['case']: row for row in rows_of(result)}
+    rows = {row.case: row for row in rows_of(result)}
     assert all(f'{node}: growth in 100,000 frames' in rows for node in NODES)
-    assert rows['wrong attitudes']['holds'] and rows['frames without answer']['holds']
+    assert rows['wrong attitudes'].holds and rows['frames without answer'].holds
 
 
 def test_growth_is_found_where_there_is_some():

@@ -39,7 +39,7 @@ def test_figures_of_a_run(run: Path) -> None:
     np.testing.assert_allclose(recording.stage_ms('tracks', 'attitude')[1], 2)
     np.testing.assert_allclose(recording.latency_ms(), 19)
     assert recording.receipt_delay_ns() == 27_000_000
-    assert {row['case']: row['holds'] for row in summarise(recording)}['wrong attitudes']
+    assert {row.case: row.holds for row in summarise(recording)}['wrong attitudes']
 
 
 def test_panels_hold_the_figures(run: Path) -> None:

@@ -1,0 +1,1 @@
+"""What benches, campaigns and reports share: rows, bounds, times, the machine, correctness."""

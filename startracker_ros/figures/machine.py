@@ -1,0 +1,58 @@
+"""What the figures were measured on: machine, versions, scheduling, steal time."""
+
+from importlib import metadata
+import os
+from pathlib import Path
+import platform
+
+import numpy as np
+import psutil
+
+PACKAGE = 'startracker_ros'
+
+_HALT_POLL = Path('/sys/module/haltpoll/parameters/guest_halt_poll_ns')
+
+
+def machine(*others: str) -> str:
+    """Return processor, cores and versions, then what else is given."""
+    return ', '.join([platform.machine(), f'{os.cpu_count()} cores',
+                      f'Python {platform.python_version()}', f'NumPy {np.__version__}', *others])
+
+
+def installed_version(package: str) -> str:
+    """Return the version of a package, empty when it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        # This one may run out of its sources.
+        return 'this' if package == PACKAGE else ''
+
+
+def peer_versions(*packages: str) -> dict[str, str]:
+    """Return the version of each peer, or how to install it."""
+    return {package: installed_version(package) or f'absent: pip install {PACKAGE}[bench]'
+            for package in packages}
+
+
+def scheduling() -> str:
+    """Return the priority of this process, and the sleep of idle virtual processors."""
+    priority = 'normal' if os.sched_getscheduler(0) == os.SCHED_OTHER else 'real-time'
+    if not _HALT_POLL.exists():
+        return f'{priority} priority'
+    return (f'{priority} priority, virtual processors that sleep after '
+            f'{int(_HALT_POLL.read_text()) * 1e-6:g} ms')
+
+
+class StealTime:
+    """The share of processor time that the host gave to others since this was created."""
+
+    def __init__(self) -> None:
+        self._before = psutil.cpu_times()
+
+    def __str__(self) -> str:
+        now = psutil.cpu_times()
+        if not hasattr(now, 'steal'):
+            return 'steal time not measured on this system'
+        stolen_s = now.steal - self._before.steal
+        busy_s = now.user + now.system - self._before.user - self._before.system
+        return f'{stolen_s / max(stolen_s + busy_s, 1e-9):.1%} steal time'

@@ -1,0 +1,83 @@
+"""Rows of tables, a frozen type for each set of columns; the fields are the columns, in order."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+Check = tuple[str, bool]
+"""A bound in words, and whether it holds."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A figure of ours and its bound."""
+
+    case: str
+    ours: float
+    unit: str
+    bound: str = ''
+    holds: bool = True
+
+
+@dataclass(frozen=True)
+class BenchRow:
+    """A figure of ours beside that of a peer; ratio is ours over theirs."""
+
+    case: str
+    ours: float
+    unit: str
+    peer: str = ''
+    ratio: float | None = None
+    bound: str = ''
+    holds: bool = True
+
+
+@dataclass(frozen=True)
+class PercentileRow:
+    """A figure of ours, for times the median, with percentiles 95 and 99."""
+
+    case: str
+    ours: float
+    p95: float | None = None
+    p99: float | None = None
+    unit: str = 'ms'
+    peer: str = ''
+    ratio: float | None = None
+    bound: str = ''
+    holds: bool = True
+
+    @classmethod
+    def of_times(cls, case: str, times_ms: np.ndarray, p50_ms: float = np.inf,
+                 p95_ms: float = np.inf) -> 'PercentileRow':
+        """Return the percentiles of times (N,) in ms, with bounds of the median and of p95."""
+        p50, p95, p99 = np.percentile(times_ms, [50, 95, 99])
+        bound, holds = combined(
+            ((f'{name} <= {limit:g}', value <= limit) for name, value, limit in (
+                ('p50', p50, p50_ms), ('p95', p95, p95_ms)) if np.isfinite(limit)), ', ')
+        return cls(case, p50, p95, p99, bound=bound, holds=holds)
+
+
+@dataclass(frozen=True)
+class CampaignRow:
+    """A figure of ours beside that of a paper."""
+
+    case: str
+    ours: float
+    paper: float | str | None
+    unit: str
+    bound: str = ''
+    holds: bool = True
+
+
+def combined(checks: Iterable[Check], separator: str = '; ') -> Check:
+    """Return several checks as one; without any it holds."""
+    checks = list(checks)
+    return separator.join(text for text, _ in checks), all(holds for _, holds in checks)
+
+
+def mean_chi_square_bounds(degrees: int, count: int) -> tuple[float, float]:
+    """Return the 95 % bounds of the mean of count chi-square values, degrees of freedom each."""
+    low, high = chi2.ppf([0.025, 0.975], degrees * count) / count
+    return float(low), float(high)
