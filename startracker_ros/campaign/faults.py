@@ -6,7 +6,7 @@ import tempfile
 
 from rich.progress import track as progress
 from startracker_ros.attitude.wrong import WRONG_ARCSEC, WRONG_SIGMAS
-from startracker_ros.ros.faults import faults, row_of, Times
+from startracker_ros.ros.faults import faults, inject, row_of, Times
 from startracker_ros.ros.flight import Flight
 from startracker_ros.table import Result
 
@@ -21,7 +21,7 @@ def run_faults_campaign(*, seed: int, only: tuple[str, ...] = (), times: Times =
     folder = Path(tempfile.mkdtemp(prefix='startracker_faults_'))
     with Flight(folder, seed=seed) as flight:
         for name in progress(only or tuple(faults(times)), 'faults', transient=True):
-            rows.append(row_of(flight, name, times))
+            rows.append(row_of(name, inject(flight, name, times)))
     well = all(row['holds'] for row in rows)
     if well:
         shutil.rmtree(folder)
