@@ -164,7 +164,7 @@ def test_the_command_makes_a_bag_of_files(probe, tmp_path):
         time.sleep(0.05)
     probe.spin_for(0.3)
     recorder.send_signal(signal.SIGINT)
-    _, errors = recorder.communicate(timeout=30)
+    _, errors = recorder.communicate(timeout=300)
     assert recorder.returncode == 0 and '30 messages of 1 topics, 0 lost' in errors
     found, _ = recorded(tmp_path / 'bag')
     assert found['/split'] == [str(number) for number in range(30)]

@@ -112,7 +112,7 @@ def test_a_folder_that_is_no_bag_is_not_touched(tmp_path):
     (tmp_path / 'bag').mkdir()
     (tmp_path / 'bag' / 'thesis.txt').write_text('years of work')
     done = subprocess.run([sys.executable, '-m', 'startracker_ros', 'demo',
-                           '--output', str(tmp_path)], capture_output=True, text=True, timeout=60)
+                           '--output', str(tmp_path)], capture_output=True, text=True, timeout=300)
     assert done.returncode == 1
     assert 'exists and holds no bag' in done.stderr
     assert (tmp_path / 'bag' / 'thesis.txt').read_text() == 'years of work'

@@ -20,7 +20,7 @@ _FLAGS = ('--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no
           '--disable-background-networking', '--disable-component-update', '--disable-sync',
           '--disable-dev-shm-usage', '--hide-scrollbars', '--remote-debugging-pipe',
           'about:blank')
-TIMEOUT_S = 60
+TIMEOUT_S = 300
 
 
 class BrowserError(RuntimeError):
