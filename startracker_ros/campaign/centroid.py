@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
-from startracker_ros.camera import Camera
+from startracker_ros.camera.images import read_image
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.centroid.moments import WEIGHTS
-from startracker_ros.images import read_image
-from startracker_ros.rotation import conjugate, rotate
+from startracker_ros.maths.rotation import conjugate, rotate
 from startracker_ros.table import Result
 
 EPOCH_YEAR = 2019.57  # of the night

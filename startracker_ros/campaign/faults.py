@@ -5,9 +5,9 @@ import shutil
 import tempfile
 
 from rich.progress import track as progress
-from startracker_ros.attitude.wrong import WRONG_ARCSEC, WRONG_SIGMAS
-from startracker_ros.ros.faults import faults, inject, row_of, Times
-from startracker_ros.ros.flight import Flight
+from startracker_ros.figures import WRONG_ARCSEC, WRONG_SIGMAS
+from startracker_ros.harness.faults import faults, inject, row_of, Times
+from startracker_ros.harness.flight import Flight
 from startracker_ros.table import Result
 
 NAMES = tuple(faults(Times()))

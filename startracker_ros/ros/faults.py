@@ -10,10 +10,10 @@ import time
 import numpy as np
 
 from startracker_ros.bag.reader import read_messages
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.executables import STAGES
-from startracker_ros.ros.flight import CAMERA, Flight, Frame, in_white
-from startracker_ros.ros.processes import RigError
+from startracker_ros.harness.flight import CAMERA, Flight, Frame, in_white
+from startracker_ros.harness.processes import RigError
 
 _CONSUMED = ('image_raw:sensor_msgs/msg/Image', 'centroids:sensor_msgs/msg/PointCloud2',
              'tracks:sensor_msgs/msg/PointCloud2', 'attitude:geometry_msgs/msg/QuaternionStamped',

@@ -5,7 +5,7 @@ import json
 from click.testing import CliRunner
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.campaign.centroid import conclusions, METHODS, Photograph, without_lens
 from startracker_ros.cli import main
 

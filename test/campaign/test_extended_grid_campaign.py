@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from startracker_ros.campaign import extended_grid as campaign
 from startracker_ros.identify.extended_grid import PredictedField
-from startracker_ros.rotation import attitude_error
+from startracker_ros.maths.rotation import attitude_error
 
 
 @pytest.fixture(scope='module')

@@ -8,7 +8,8 @@ import subprocess
 import sys
 
 import pytest
-from startracker_ros.camera import Camera, save_camera
+from startracker_ros.camera.files import save_camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.doctor import camera, dds, install, storage
 from startracker_ros.executables import EXECUTABLES
 

@@ -7,14 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.distance import directed_hausdorff
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify import identification
 from startracker_ros.identify.hausdorff import (
     bright_sets, brightest_around, hausdorff_distance, Pivots, star_sets)
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.rotation import attitude_error, quaternion_from_pointing, radec_from_unit
+from startracker_ros.maths.rotation import (
+    attitude_error, quaternion_from_pointing, radec_from_unit)
 from startracker_ros.sky.star_lists import random_attitude, star_list
 
 CAMERA = Camera.from_fov(512, 512, 12.0)

@@ -5,13 +5,13 @@ import re
 
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.rotation import attitude_error, quaternion_from_pointing
+from startracker_ros.maths.rotation import attitude_error, quaternion_from_pointing
 from startracker_ros.sky.star_lists import random_attitude, star_list
 
 CAMERA = Camera.from_fov(512, 512, 12.0)

@@ -13,7 +13,7 @@ import pytest
 os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
-from startracker_ros.ros.processes import node_environment, NodeProcesses  # noqa: E402
+from startracker_ros.harness.processes import node_environment, NodeProcesses  # noqa: E402
 
 os.environ.update(node_environment())
 

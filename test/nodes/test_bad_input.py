@@ -5,11 +5,11 @@ import subprocess
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.executables import NODES
+from startracker_ros.harness.processes import node_command, node_environment, parameter_arguments
 from startracker_ros.ros import messages, qos
-from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from startracker_ros.camera import Camera, load_camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.camera.files import load_camera
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.ros import messages, qos
-from startracker_ros.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from std_srvs.srv import Trigger
 

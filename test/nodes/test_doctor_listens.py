@@ -5,7 +5,8 @@ import os
 import subprocess
 import sys
 
-from startracker_ros.camera import Camera, save_camera
+from startracker_ros.camera.files import save_camera
+from startracker_ros.camera.model import Camera
 
 
 def test_doctor_finds_a_live_camera_sound_and_another_file_different(nodes, probe, tmp_path):

@@ -6,7 +6,7 @@ import sys
 import time
 
 import pytest
-from startracker_ros.ros.processes import node_command
+from startracker_ros.harness.processes import node_command
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
 # A node takes in what it has created just after it says that it is ready.

@@ -5,14 +5,15 @@ from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
+from startracker_ros.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.ros import messages, qos
-from startracker_ros.ros.messages import ns_from_stamp, quaternion_from_message
-from startracker_ros.rotation import ARCSEC, attitude_error
+from startracker_ros.ros.messages.attitude import quaternion_from_message
 from startracker_ros.sky.star_lists import random_attitude, star_list
 
 CAMERA = Camera.from_fov(1024, 1024, 4.0)

@@ -1,8 +1,8 @@
 """Every fault of the matrix, shorter than the campaign has it, on one running pipeline."""
 
 import pytest
-from startracker_ros.ros.faults import faults, inject, Times
-from startracker_ros.ros.flight import Flight
+from startracker_ros.harness.faults import faults, inject, Times
+from startracker_ros.harness.flight import Flight
 
 TIMES = Times(blind_s=6.0, stopped_s=4.0, dead_s=2.0, frames_s=2.0, orders=1)
 

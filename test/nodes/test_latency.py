@@ -5,10 +5,10 @@ import time
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.ros import latency
-from startracker_ros.ros.processes import RigError
+from startracker_ros.harness import latency
+from startracker_ros.harness.processes import RigError
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 

@@ -6,10 +6,12 @@ from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
 from sensor_msgs.msg import Image, PointCloud2
-from startracker_ros.camera import Camera, save_camera
+from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.camera.files import save_camera
+from startracker_ros.camera.model import Camera
+from startracker_ros.maths.rotation import attitude_error, pointing_from_quaternion
 from startracker_ros.ros import qos
-from startracker_ros.ros.messages import ns_from_stamp, quaternion_from_message
-from startracker_ros.rotation import attitude_error, pointing_from_quaternion
+from startracker_ros.ros.messages.attitude import quaternion_from_message
 from visualization_msgs.msg import ImageMarker
 
 FRAME_NS = 500_000_000

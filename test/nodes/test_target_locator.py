@@ -7,11 +7,11 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.harness.processes import node_command, node_environment, parameter_arguments
+from startracker_ros.maths.rotation import ARCSEC, quaternion_from_matrix
 from startracker_ros.ros import messages, qos
-from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
-from startracker_ros.rotation import ARCSEC, quaternion_from_matrix
 from visualization_msgs.msg import MarkerArray
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.ros import messages, qos
-from startracker_ros.ros.messages import ns_from_stamp
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
+from startracker_ros.ros import messages, qos
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.track.tracks import Tracks
 
