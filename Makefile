@@ -1,4 +1,4 @@
-# make demo | test | clean. Needs Python 3.11 or 3.12 and a package index; ROS 2 comes as wheels.
+# make demo | test | test-core | clean. Needs Python 3.11 or 3.12 and a package index; ROS 2 comes as wheels.
 
 SUPPORTED = import ensurepip, sys, venv; sys.exit(sys.version_info[:2] not in [(3, 11), (3, 12)])
 PYTHON ?= $(shell for python in python3.12 python3.11 python3; do \
@@ -17,16 +17,22 @@ unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
 	find startracker_ros config launch resource -not -path '*/__pycache__*')
 
-.PHONY: demo test clean
+.PHONY: demo test test-core clean
 
 demo: .venv/package
 	$(RUN) -m startracker_ros demo
 
-# The demos measure how long they take, so they have both cores to themselves.
+# Everything. The demos measure what they show, so they have both cores to themselves.
+PYTEST := $(RUN) -m pytest -q
+ON_BOTH_CORES := -n 2 --dist loadfile
 DEMOS := test/nodes/test_demo.py test/nodes/test_two_satellite_demo.py
 test: .venv/package
-	@$(RUN) -m pytest -q -n 2 --dist loadfile test $(DEMOS:%=--ignore %); others=$$?; \
-		$(RUN) -m pytest -q $(DEMOS) && exit $$others
+	@$(PYTEST) $(ON_BOTH_CORES) test $(DEMOS:%=--ignore %); others=$$?; \
+		$(PYTEST) $(DEMOS) && exit $$others
+
+# What neither starts nodes nor takes long, to be run after each change.
+test-core: .venv/package
+	@$(PYTEST) $(ON_BOTH_CORES) -m core test
 
 .venv/requirements: requirements.txt
 	@"$(PYTHON)" -c '$(SUPPORTED)' 2>/dev/null || { \

@@ -1,10 +1,25 @@
-"""What tests of every room use."""
+"""What tests of every room use, and which of them run where."""
 
-import os
 from pathlib import Path
+from typing import Any
 
 from hypothesis import settings
 import pytest
+
+ROOT = Path(__file__).parent
+# By the longest path that fits: core runs in one process within a minute or two, dds starts
+# nodes, long takes more than some ten seconds a test.
+KINDS = {
+    '': 'core',
+    'campaign': 'long',
+    'nodes': 'dds',
+    'nodes/test_demo.py': 'long',
+    'nodes/test_faults.py': 'long',
+    'nodes/test_soak.py': 'long',
+    'nodes/test_two_satellite_demo.py': 'long',
+    'package/test_install.py': 'long',
+}
+NOT_RUN = pytest.StashKey[str]()
 
 # The machine that runs the tests is shared: no example fails for being slow, all are repeatable.
 settings.register_profile('startracker', deadline=None, derandomize=True, print_blob=True)
@@ -13,9 +28,45 @@ settings.load_profile('startracker')
 
 @pytest.fixture(scope='session')
 def sky_data() -> Path:
-    """Return the folder of real star images; STARTRACKER_DATA names another one."""
-    default = Path(__file__).parents[2] / 'shared' / 'data'
-    folder = Path(os.environ.get('STARTRACKER_DATA', default))
-    if not (folder / 'night-sky-11deg' / 'solutions.csv').is_file():
-        pytest.fail(f'no real star images in {folder}: set STARTRACKER_DATA to their folder')
-    return folder
+    """Return the folder of real star images with known attitudes."""
+    return ROOT / 'data'
+
+
+def kind_of(path: Path) -> str:
+    """Return the marker of a test file."""
+    name = path.relative_to(ROOT).as_posix()
+    return KINDS[max((part for part in KINDS if f'{name}/'.startswith(part and f'{part}/')),
+                     key=len)]
+
+
+@pytest.hookimpl(tryfirst=True, wrapper=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Any:
+    """Mark each test by its path; then leave out what needs a browser where there is none."""
+    for item in items:
+        item.add_marker(kind_of(item.path))
+    result = yield
+    pages = [item for item in items if 'page' in getattr(item, 'fixturenames', ())]
+    if pages:
+        from browser import find_chromium
+        if find_chromium() is None:
+            items[:] = [item for item in items if item not in pages]
+            config.hook.pytest_deselected(items=pages)
+            config.stash[NOT_RUN] = (
+                f'not run: {len(pages)} tests of the report page, which need Chromium: '
+                'apt-get install chromium')
+            if hasattr(config, 'workeroutput'):
+                config.workeroutput['not_run'] = config.stash[NOT_RUN]
+    return result
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Receive from a worker of xdist what was not run."""
+    if 'not_run' in getattr(node, 'workeroutput', {}):
+        node.config.stash[NOT_RUN] = node.workeroutput['not_run']
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Report in one line what was not run, why, and how to get it."""
+    if NOT_RUN in config.stash:
+        terminalreporter.write_line(config.stash[NOT_RUN])

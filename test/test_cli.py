@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
-def startracker(*arguments, timeout_s=120):
+def startracker(*arguments, timeout_s=300):
     return subprocess.run([sys.executable, '-m', 'startracker_ros', *arguments],
                           capture_output=True, text=True, timeout=timeout_s)
 

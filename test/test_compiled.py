@@ -34,7 +34,7 @@ def folder_of(package, home, **environment):
     clean = {name: value for name, value in os.environ.items()
              if name not in ('XDG_CACHE_HOME', 'NUMBA_CACHE_DIR')}
     done = subprocess.run([sys.executable, '-c', PROGRAM], capture_output=True, text=True,
-                          cwd=package.parent, timeout=120,
+                          cwd=package.parent, timeout=300,
                           env={**clean, 'HOME': str(home), 'PYTHONPATH': str(package.parent),
                                **environment})
     assert done.returncode == 0, done.stderr

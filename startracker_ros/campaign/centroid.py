@@ -179,9 +179,16 @@ def _rows(scatter: dict[tuple[str, str], float]) -> Iterator[MethodRow]:
 
 
 def run_centroid_campaign(folder: Path | None = None) -> Result:
-    """Compare the methods on the photographs of a folder, or of STARTRACKER_DATA."""
+    """
+    Compare the methods on the images of a folder, by default night-sky-11deg of STARTRACKER_DATA.
+
+    DataError where the folder has no solutions.csv, or neither names one.
+    """
     if folder is None:
-        folder = Path(os.environ.get('STARTRACKER_DATA', '../shared/data')) / 'night-sky-11deg'
+        if 'STARTRACKER_DATA' not in os.environ:
+            raise DataError('no images: name their folder by --images, as test/data/'
+                            'night-sky-11deg of the source, or its parent by STARTRACKER_DATA')
+        folder = Path(os.environ['STARTRACKER_DATA']) / 'night-sky-11deg'
     images = photographs(folder)
     scatter, stars = ratio_scatter(images)
     return Result('campaign centroid', list(_rows(scatter)), {

@@ -6,7 +6,7 @@ import tempfile
 
 from rich.progress import track as progress
 from startracker_ros.figures.correctness import WRONG_TEXT
-from startracker_ros.harness.faults import faults, row_of, Times
+from startracker_ros.harness.faults import faults, inject, row_of, Times
 from startracker_ros.harness.flight import Flight
 from startracker_ros.table import Result
 
@@ -21,7 +21,7 @@ def run_faults_campaign(*, seed: int, only: tuple[str, ...] = (), times: Times =
     folder = Path(tempfile.mkdtemp(prefix='startracker_faults_'))
     with Flight(folder, seed=seed) as flight:
         for name in progress(only or tuple(faults(times)), 'faults', transient=True):
-            rows.append(row_of(flight, name, times))
+            rows.append(row_of(name, inject(flight, name, times)))
     all_hold = all(row['holds'] for row in rows)
     if all_hold:
         shutil.rmtree(folder)

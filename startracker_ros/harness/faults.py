@@ -44,7 +44,8 @@ class Expected:
 
     Recovery is measured from undone_s, of which undone says what it was; one of the
     diagnostics (node, words) must be heard; recovered, where attitudes do not tell it, returns
-    when all was well again; problem is what else was found amiss.
+    when all was well again; problem is what else was found amiss, whatever the machine's speed;
+    gap_s is the longest time without an attitude where the fault should not interrupt them.
     """
 
     undone: str
@@ -53,6 +54,31 @@ class Expected:
     bound_s: float = _FRAMES_BOUND_S
     recovered: Callable[[float], float | None] | None = None
     problem: str = ''
+    gap_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """
+    What came of a fault.
+
+    recovery_s is None without a recovery; said is the expected diagnostic, empty where none is
+    expected and None where it did not come.
+    """
+
+    expected: Expected
+    recovery_s: float | None
+    longest_gap_s: float
+    attitudes: int
+    wrong: int
+    said: str | None
+
+    @property
+    def holds(self) -> bool:
+        """Return whether the fault ended as it should, and soon enough."""
+        return (self.recovery_s is not None and self.recovery_s <= self.expected.bound_s
+                and self.expected.gap_s <= _FRAMES_BOUND_S and self.wrong == 0
+                and not self.expected.problem and self.said is not None)
 
 
 Fault = Callable[[Flight, Times, np.random.Generator], Expected]
@@ -122,17 +148,18 @@ def _full_disk(flight: Flight, times: Times, rng: np.random.Generator) -> Expect
     size = max(path.stat().st_size for path in bag.glob('*.mcap'))
     resource.prlimit(pid, resource.RLIMIT_FSIZE, (size, hard))
     flight.fly(20.0, lambda: flight.heard('bag_recorder', 'ends here', since_s) is not None)
-    problem = _unreadable(bag) or _interrupted(flight, since_s)
+    problem = _unreadable(bag) or _without_attitudes(flight, time.monotonic())
     resource.prlimit(pid, resource.RLIMIT_FSIZE, (hard, hard))
     return Expected('room on the disk again', time.monotonic(),
                     (('bag_recorder', 'the recording ends here'),), _PROCESS_BOUND_S,
-                    _saying(flight, 'bag_recorder', 'the recording goes on in'), problem)
+                    _saying(flight, 'bag_recorder', 'the recording goes on in'), problem,
+                    flight.longest_gap_s(since_s, time.monotonic()))
 
 
-def _interrupted(flight: Flight, since_s: float) -> str:
-    """Return how long there was no attitude, where there should always have been one."""
-    gap_s = flight.longest_gap_s(since_s, time.monotonic())
-    return f'no attitude for {gap_s:.1f} s' if gap_s > _FRAMES_BOUND_S else ''
+def _without_attitudes(flight: Flight, since_s: float) -> str:
+    """Return what is wrong where a fault that lasts stops the attitudes."""
+    known = flight.wait_recovered(since_s, _ALL_BOUND_S) is not None
+    return '' if known else 'no attitudes while the fault lasts'
 
 
 def _restart_all(flight: Flight, times: Times, rng: np.random.Generator) -> Expected:
@@ -191,12 +218,14 @@ def _slow_consumer(flight: Flight, times: Times, rng: np.random.Generator) -> Ex
     try:
         flight.fly(times.frames_s)
         consumer.send_signal(signal.SIGSTOP)
+        stopped_s = time.monotonic()
         flight.fly(times.frames_s)
+        problem = _without_attitudes(flight, stopped_s)
     finally:
         consumer.kill()
         consumer.wait()
-    return Expected('the consumer is gone', time.monotonic(), (),
-                    problem=_interrupted(flight, since_s))
+    return Expected('the consumer is gone', time.monotonic(), (), problem=problem,
+                    gap_s=flight.longest_gap_s(since_s, time.monotonic()))
 
 
 # --- images ---
@@ -243,11 +272,11 @@ def _clock_unset(flight: Flight, times: Times, rng: np.random.Generator) -> Expe
     now_ns = flight.stamp_ns
     flight.clock_ns -= now_ns
     since_s = time.monotonic()
-    known = flight.wait_recovered(since_s, _PROCESS_BOUND_S) is not None
+    problem = _without_attitudes(flight, since_s)
     flight.clock_ns += now_ns + 1
     return Expected('the clock is set', time.monotonic(),
                     (('centroid_extractor', 'time went ahead by'),),
-                    problem='' if known else 'no attitude in 1970')
+                    problem=problem)
 
 
 def _camera(camera: Camera) -> Fault:
@@ -298,9 +327,8 @@ def faults(times: Times) -> dict[str, Fault]:
                          for number in range(times.orders)}}
 
 
-def row_of(flight: Flight, name: str, times: Times, *, patience_s: float = 30.0
-           ) -> dict[str, object]:
-    """Do one fault to a flight that is well, and return what came of it."""
+def inject(flight: Flight, name: str, times: Times, *, patience_s: float = 30.0) -> Outcome:
+    """Do one fault to a flight that is well, and wait at most patience_s for the recovery."""
     _make_well(flight, patience_s)
     rng = np.random.default_rng([flight.seed, *name.encode()])
     begin_s = time.monotonic()
@@ -308,17 +336,24 @@ def row_of(flight: Flight, name: str, times: Times, *, patience_s: float = 30.0
     recovered = expected.recovered or flight.recovered_s
     flight.fly(patience_s, lambda: recovered(expected.undone_s) is not None)
     when_s = recovered(expected.undone_s)
-    flight.fly(_PROCESS_BOUND_S, lambda: _heard(flight, expected, begin_s) is not None)
+    flight.fly(patience_s, lambda: _heard(flight, expected, begin_s) is not None)
     end_s = time.monotonic()
     said = _heard(flight, expected, begin_s)
-    published, wrong = flight.judge(begin_s, end_s)
-    recovery_s = None if when_s is None else when_s - expected.undone_s
+    attitudes, wrong = flight.judge(begin_s, end_s)
     _undo(flight)
-    return {'fault': name, 'recovery_from': expected.undone, 'recovery_s': recovery_s,
-            'bound_s': expected.bound_s, 'longest_gap_s': flight.longest_gap_s(begin_s, end_s),
-            'attitudes': published, 'wrong': wrong, 'told': expected.problem or said or None,
-            'holds': (recovery_s is not None and recovery_s <= expected.bound_s and wrong == 0
-                      and not expected.problem and said is not None)}
+    return Outcome(expected, None if when_s is None else when_s - expected.undone_s,
+                   flight.longest_gap_s(begin_s, end_s), attitudes, wrong, said)
+
+
+def row_of(name: str, outcome: Outcome) -> dict[str, object]:
+    """Return the row of a fault in the table of the campaign."""
+    expected = outcome.expected
+    problem = expected.problem or (
+        f'no attitude for {expected.gap_s:.1f} s' if expected.gap_s > _FRAMES_BOUND_S else '')
+    return {'fault': name, 'recovery_from': expected.undone, 'recovery_s': outcome.recovery_s,
+            'bound_s': expected.bound_s, 'longest_gap_s': outcome.longest_gap_s,
+            'attitudes': outcome.attitudes, 'wrong': outcome.wrong,
+            'told': problem or outcome.said or None, 'holds': outcome.holds}
 
 
 def _heard(flight: Flight, expected: Expected, begin_s: float) -> str | None:

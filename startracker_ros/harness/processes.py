@@ -100,15 +100,15 @@ class NodeProcesses:
         """Return the names of the nodes that have ended."""
         return [name for name, process in self.processes.items() if process.poll() is not None]
 
-    def stop(self) -> dict[str, int]:
-        """End all nodes, politely first; return their exit codes."""
+    def stop(self, patience_s: float = 15.0) -> dict[str, int]:
+        """End all nodes by SIGTERM, after patience_s by SIGKILL; return their exit codes."""
         for process in self.processes.values():
             if process.poll() is None:
                 process.send_signal(signal.SIGTERM)
         codes = {}
         for name, process in self.processes.items():
             try:
-                codes[name] = process.wait(timeout=15)
+                codes[name] = process.wait(timeout=patience_s)
             except subprocess.TimeoutExpired:
                 process.kill()
                 codes[name] = process.wait()

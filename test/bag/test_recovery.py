@@ -78,7 +78,7 @@ def test_nothing_is_recovered_into_a_folder_in_use(cut: Path, tmp_path: Path) ->
 
 def startracker(*arguments: object) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, '-m', 'startracker_ros', *map(str, arguments)],
-                          capture_output=True, text=True, timeout=60)
+                          capture_output=True, text=True, timeout=300)
 
 
 def test_the_command_recovers_and_lists(cut: Path, tmp_path: Path) -> None:

@@ -66,3 +66,17 @@ def test_a_folder_without_solutions_is_an_error(tmp_path):
     done = CliRunner().invoke(main, ['campaign', 'centroid', '--images', str(tmp_path)])
     assert done.exit_code == 1
     assert 'no solutions.csv' in done.output
+
+
+def test_without_a_folder_it_says_what_to_name(monkeypatch):
+    monkeypatch.delenv('STARTRACKER_DATA', raising=False)
+    done = CliRunner().invoke(main, ['campaign', 'centroid'])
+    assert done.exit_code == 1
+    assert '--images' in done.output and 'STARTRACKER_DATA' in done.output
+
+
+def test_the_environment_names_a_larger_set(monkeypatch, tmp_path):
+    monkeypatch.setenv('STARTRACKER_DATA', str(tmp_path))
+    done = CliRunner().invoke(main, ['campaign', 'centroid'])
+    assert done.exit_code == 1
+    assert 'night-sky-11deg: no solutions.csv' in done.output.replace('\n', '')

@@ -65,7 +65,7 @@ def test_triangles_need_two_neighbours_and_one_match():
 def test_the_command_prints_the_rows_and_draws_the_curves(tmp_path):
     done = subprocess.run(
         [sys.executable, '-m', 'startracker_ros', 'campaign', 'extended-grid', '--trials', '6',
-         '--json', '--output', str(tmp_path)], capture_output=True, text=True, timeout=120)
+         '--json', '--output', str(tmp_path)], capture_output=True, text=True, timeout=600)
     document = json.loads(done.stdout.splitlines()[-1])
     assert document['name'] == 'campaign extended-grid' and document['conditions']['trials'] == 6
     rows = {row['case']: row for row in document['rows']}

@@ -21,7 +21,7 @@ J2026_NS = 1_767_225_600 * 10 ** 9
 def doctor(*arguments, **environment):
     return subprocess.run(
         [sys.executable, '-m', 'startracker_ros', 'doctor', *arguments], text=True,
-        capture_output=True, timeout=120,
+        capture_output=True, timeout=300,
         env={**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
              'ROS_DOMAIN_ID': str(1 + os.getpid() % 100), **environment})
 

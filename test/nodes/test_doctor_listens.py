@@ -17,7 +17,7 @@ def test_doctor_finds_a_live_camera_sound_and_another_file_different(nodes, prob
     done = subprocess.run(
         [sys.executable, '-m', 'startracker_ros', 'doctor', '--json', '--listen', '3',
          '--namespace', 'tracker_1', '--camera', str(tmp_path / 'camera.yaml')],
-        capture_output=True, text=True, timeout=120, env=os.environ)
+        capture_output=True, text=True, timeout=300, env=os.environ)
     rows = {row['check']: row for row in json.loads(done.stdout)['rows']}
     assert done.returncode == 1
     for sound in ('loopback', 'camera_info: field', 'image_raw: encoding', 'image_raw: size',

@@ -66,7 +66,7 @@ def test_attitudes_of_two_and_three_stars(nodes, probe):
                and probe.count_publishers('truth/attitude'), 'the truth')
     probe.spin_for(0.5)
     probe.listen(CameraInfo, 'camera_info', qos.LIST)
-    probe.wait(lambda: len(probe.received['stars']) >= frames, 'all frames', 40)
+    probe.wait(lambda: len(probe.received['stars']) >= frames, 'all frames')
     probe.spin_for(0.5)
     truth = {ns_from_stamp(m.header.stamp): quaternion_from_message(m)
              for m in probe.received['truth/attitude']}

@@ -1,7 +1,7 @@
 """Every fault of the matrix, shorter than the campaign has it, on one running pipeline."""
 
 import pytest
-from startracker_ros.harness.faults import faults, row_of, Times
+from startracker_ros.harness.faults import faults, inject, Times
 from startracker_ros.harness.flight import Flight
 
 TIMES = Times(blind_s=6.0, stopped_s=4.0, dead_s=2.0, frames_s=2.0, orders=1)
@@ -16,8 +16,10 @@ def flight(tmp_path_factory):
 
 @pytest.mark.parametrize('name', faults(TIMES))
 def test_the_nodes_recover_from(flight, name):
-    row = row_of(flight, name, TIMES, patience_s=60.0)
-    assert row['recovery_s'] is not None, row
-    assert row['wrong'] == 0 and row['attitudes'] > 0, row
-    # Later than in the campaign may be, on a machine that runs other tests beside.
-    assert row['holds'] or row['recovery_s'] > row['bound_s'], row
+    """How soon they do is a figure of the campaign; here a limit only means never."""
+    outcome = inject(flight, name, TIMES, patience_s=120.0)
+    assert outcome.attitudes > 0
+    assert outcome.wrong == 0
+    assert outcome.expected.problem == ''
+    assert outcome.said is not None, outcome.expected.diagnostics
+    assert outcome.recovery_s is not None

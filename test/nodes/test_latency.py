@@ -1,5 +1,7 @@
 """The time from image to attitude, measured through real nodes."""
 
+import time
+
 import cv2
 import numpy as np
 import pytest
@@ -27,22 +29,25 @@ def images(tmp_path):
 @pytest.mark.parametrize('composed', [False, True], ids=['processes', 'composed'])
 def test_every_stage_is_timed(images, tmp_path, monkeypatch, composed):
     monkeypatch.setattr(latency, '_LADDER_HZ', (5, 20))
+    begin_s = time.monotonic()
     result = latency.measure(images, 12.0, tmp_path, composed=composed, rate_hz=10, count=75)
+    whole_ms = 1e3 * (time.monotonic() - begin_s)
     assert list(result.stages_ms) == [
         'transport and decoding', 'centroids', 'tracking', 'estimate']
     times_ms = np.array(list(result.stages_ms.values()))
     assert times_ms.shape[1] >= 20
-    # The clock of DDS and ours are one: each stage takes some time, and all of them the whole.
-    assert (times_ms > 0).all() and times_ms.max() < 5000
+    # The clock of DDS and ours are one: each stage takes some time, and their sum is the total.
+    assert (times_ms > 0).all() and times_ms.max() < whole_ms
     np.testing.assert_allclose(times_ms.sum(axis=0), result.total_ms)
     assert len(result.unhurried_ms) >= 20 and (result.unhurried_ms > 0).all()
     assert result.highest_hz in (0, 5, 10, 20)
 
 
 def test_an_image_crosses_alone(images, tmp_path):
+    begin_s = time.monotonic()
     times_ms = latency.crossing_ms(images, 12.0, tmp_path, rate_hz=20, count=20)
     assert 15 <= len(times_ms) <= 20
-    assert 0 < np.median(times_ms) < 1000
+    assert 0 < np.min(times_ms) <= np.max(times_ms) < 1e3 * (time.monotonic() - begin_s)
 
 
 def test_a_rate_holds_where_all_come_through_at_the_pace_of_the_source():

@@ -1,12 +1,15 @@
 """Every node at run time: parameters changed, signals, one line in the log for a transition."""
 
+from contextlib import suppress
 from pathlib import Path
 import re
 import signal
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
+from rclpy.node import NodeNameNonExistentError
 from rclpy.parameter import Parameter, parameter_value_to_python
+from sensor_msgs.msg import Image
 from startracker_ros.bag.reader import read_messages
 from startracker_ros.executables import NODES
 from startracker_ros.ros import qos, tables
@@ -15,7 +18,8 @@ from std_srvs.srv import Trigger
 ROOT = Path(__file__).parents[2]
 GOLDEN_BAG = ROOT / 'bags' / 'slew'
 PIPELINE = ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_estimator')
-SKY = {'width': 256, 'height': 256, 'fov_deg': 20.0, 'frame_rate_hz': 10.0,
+# Slow enough that a frame is done before the next one on a busy machine, too.
+SKY = {'width': 256, 'height': 256, 'fov_deg': 20.0, 'frame_rate_hz': 2.0,
        'motion': 'constant_rate', 'faint_limit': 6.5}
 RESETTABLE = {'star_identifier', 'star_tracker', 'attitude_estimator', 'target_locator',
               'camera_calibrator'}
@@ -37,7 +41,7 @@ def start_all(nodes, probe, folder, sky_data):
         name = '.'.join([place[node], node]) if node in place else node
         lines = ('ready', 'camera ') if node in (*PIPELINE, 'camera_calibrator') else ('ready',)
         for words in lines:
-            probe.wait(lambda n=name, w=words: w in log(folder, n), f'{words!r} of {node}', 60)
+            probe.wait(lambda n=name, w=words: w in log(folder, n), f'{words!r} of {node}')
     return {node: f'/{place[node]}/{node}' if node in place else f'/{node}' for node in NODES}
 
 
@@ -46,10 +50,22 @@ def log(folder, name):
 
 
 def ask_once(probe, service_type, name, request):
-    """Return the answer to a request that must not be repeated."""
+    """
+    Return the answer to a request that must not be repeated.
+
+    One without parameters, which changes nothing, is repeated before it until the service has
+    discovered its client and is heard: see Probe.ask.
+    """
     client = probe.create_client(service_type, name)
     probe.wait(client.service_is_ready, name)
-    probe.spin_for(0.3)
+    asked = []
+
+    def heard():
+        if len(asked) == 0 or probe.get_clock().now().nanoseconds > asked[-1][0] + 3 * 10 ** 9:
+            asked.append((probe.get_clock().now().nanoseconds,
+                          client.call_async(service_type.Request())))
+        return any(future.done() for _, future in asked)
+    probe.wait(heard, f'an answer of {name}')
     future = client.call_async(request)
     probe.wait(future.done, f'an answer of {name}', 300)
     return future.result()
@@ -97,7 +113,7 @@ def test_every_parameter_takes_effect_or_is_refused_with_a_reason(nodes, probe, 
         rows = tables.node_rows(node)
         settable = [row for row in rows if not row.read_only]
         wrong = [row for row in settable if beyond(row) is not None]
-        kept = ask_once(probe, GetParameters, f'{place}/get_parameters', GetParameters.Request(
+        kept = probe.ask(GetParameters, f'{place}/get_parameters', GetParameters.Request(
             names=[row.name for row in settable])).values
         wishes = [changed(row.name, value) for row, before in zip(settable, kept)
                   for value in (another(row), parameter_value_to_python(before))]
@@ -125,7 +141,7 @@ def test_every_parameter_takes_effect_or_is_refused_with_a_reason(nodes, probe, 
             assert result.reason == (
                 f'{row.name} is read at the start only: end the node and start it again with '
                 f'-p {row.name}:=...')
-        now = ask_once(probe, GetParameters, f'{place}/get_parameters', GetParameters.Request(
+        now = probe.ask(GetParameters, f'{place}/get_parameters', GetParameters.Request(
             names=[row.name for row in settable])).values
         assert now == kept
     assert nodes.failed() == []
@@ -136,8 +152,8 @@ def test_several_changes_are_made_together_or_not_at_all(nodes, probe):
     nodes.start('attitude_estimator')
 
     def values():
-        return [parameter_value_to_python(value) for value in ask_once(
-            probe, GetParameters, '/attitude_estimator/get_parameters',
+        return [parameter_value_to_python(value) for value in probe.ask(
+            GetParameters, '/attitude_estimator/get_parameters',
             GetParameters.Request(names=['min_stars', 'max_residual_px'])).values]
 
     def change(*wishes):
@@ -159,7 +175,7 @@ def end_all(nodes, folder, number):
     """End every node by a signal: with status 0, and a bag that needs no mending."""
     for process in nodes.processes.values():
         process.send_signal(number)
-    assert {name: process.wait(15) for name, process in nodes.processes.items()} == (
+    assert {name: process.wait(120) for name, process in nodes.processes.items()} == (
         dict.fromkeys(nodes.processes, 0))
     assert len(list(read_messages(folder / 'bag', topics=('/image_raw',)))) > 5
 
@@ -185,18 +201,26 @@ def test_every_node_talks_on_the_topics_of_the_readme_is_reset_and_ends(nodes, p
             own = {name for name, _ in topics} - {
                 '/diagnostics', '/rosout', '/parameter_events', '/clock'}
             return {re.sub('^tracker_[12]/', '', name.removeprefix(space)) for name in own}
+
+        def publishes_all(node=node, where=where, names=names):
+            with suppress(NodeNameNonExistentError):
+                return names(probe.get_publisher_names_and_types_by_node(
+                    node, where)) == publishes[node]
         if node != 'bag_player':
-            assert names(probe.get_publisher_names_and_types_by_node(
-                node, where)) == publishes[node], node
+            # Endpoints are discovered one after the other.
+            probe.wait(publishes_all, f'the topics of {node}: {publishes[node]}')
         if node != 'bag_recorder':
             assert names(probe.get_subscriber_names_and_types_by_node(
                 node, where)) <= subscribes[node], node
-        services = {name for name, _ in probe.get_service_names_and_types_by_node(node, where)}
-        assert (f'{place}/reset' in services) == (node in RESETTABLE), node
+        reset = f'{place}/reset'
         if node in RESETTABLE:
-            answer = ask_once(probe, Trigger, f'{place}/reset', Trigger.Request())
+            answer = probe.ask(Trigger, reset, Trigger.Request())
             assert answer.success and answer.message == 'state forgotten'
-            assert len(re.findall('reset: state forgotten', log(tmp_path, node))) == 1
+            probe.wait(lambda node=node, reset=reset: len(re.findall(
+                'reset: state forgotten', log(tmp_path, node))) == probe.requests[reset],
+                'a line for each reset')
+        services = {name for name, _ in probe.get_service_names_and_types_by_node(node, where)}
+        assert (reset in services) == (node in RESETTABLE), node
     end_all(nodes, tmp_path, signal.SIGINT)
 
 
@@ -207,41 +231,49 @@ def transitions(folder, node):
 
 def test_each_transition_is_one_line_in_the_log(nodes, probe, tmp_path):
     states = probe.received['tracker_state']
+    frames = probe.received['image_raw']
+    probe.listen(Image, 'image_raw', qos.IMAGE)
     probe.listen(DiagnosticStatus, 'tracker_state', qos.STATE)
     for node in PIPELINE:
         nodes.start(node)
     nodes.start('sky_simulator', {**SKY, 'wait_for_camera_users': len(PIPELINE)})
 
     def reached(state, after=0):
-        probe.wait(lambda: any(s.message == state for s in states[after:]), state, 60)
+        probe.wait(lambda: any(s.message == state for s in states[after:]), state)
         return len(states)
+
+    def fly(count):
+        end = len(frames) + count
+        probe.wait(lambda: len(frames) >= end, f'{count} frames')
 
     def simulate(name, value):
         assert ask_once(probe, SetParameters, '/sky_simulator/set_parameters',
                         SetParameters.Request(parameters=[changed(name, value)])
                         ).results[0].successful
     reached('TRACKING')
-    probe.spin_for(2.0)
+    fly(10)
     seen = len(states)
     simulate('zero_flux_e_s', 1.0)
     seen = reached('LOST', seen)
-    probe.spin_for(2.0)
+    fly(10)
     simulate('zero_flux_e_s', 2e6)
     seen = reached('TRACKING', seen)
-    probe.spin_for(1.0)
+    fly(6)
     simulate('fov_deg', 21.0)
-    reached('TRACKING', len(states))
-    probe.spin_for(1.0)
+
+    def kinds():
+        return [line.partition(':')[0] for line in transitions(tmp_path, 'star_tracker')
+                if line.startswith(('LOST', 'ACQUIRING', 'TRACKING'))]
+    probe.wait(lambda: len(kinds()) >= 6, 'TRACKING with another camera')
+    fly(6)
     told = transitions(tmp_path, 'star_tracker')
-    kinds = [line.partition(':')[0] for line in told if line.startswith(
-        ('LOST', 'ACQUIRING', 'TRACKING'))]
-    assert kinds[:6] == ['LOST', 'ACQUIRING', 'TRACKING', 'LOST', 'ACQUIRING', 'TRACKING'], told
+    assert kinds()[:6] == ['LOST', 'ACQUIRING', 'TRACKING', 'LOST', 'ACQUIRING', 'TRACKING'], told
     assert all(': ' in line and line.partition(': ')[2] for line in told
                if line.startswith(('LOST', 'ACQUIRING', 'TRACKING')))
     for node in PIPELINE:
         told = transitions(tmp_path, node)
         assert len([line for line in told if line.startswith('camera 256 x 256 px')]) == 2, told
-        # A hundred frames and a handful of transitions.
+        # Some fifty frames and a handful of transitions.
         assert len(told) <= 24, told
         repeats = [a for a, b in zip(told, told[1:]) if a == b]
         assert repeats == []

@@ -144,6 +144,6 @@ def test_two_names_for_one_observer_stop_the_node():
     """At the start, with the name in the message."""
     done = subprocess.run(
         node_command('target_locator', parameter_arguments({'observer_2': 'tracker_1'})),
-        env=node_environment(), capture_output=True, text=True, timeout=60)
+        env=node_environment(), capture_output=True, text=True, timeout=300)
     assert done.returncode == 2
     assert "observer_1 and observer_2 are both 'tracker_1'" in done.stderr

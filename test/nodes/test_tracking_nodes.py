@@ -1,8 +1,12 @@
 """Identifier, tracker and estimator over DDS, with a gyro that helps and one that misleads."""
 
+import itertools
+import time
+
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
 from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.camera.model import Camera
@@ -25,20 +29,29 @@ START_NS = 1_790_000_000_000_000_000
 STEP_NS = 100_000_000
 FRAME = 'star_tracker_optical_frame'
 RATE = np.radians([0.05, 0.3, 0.1])
+CHECK_NS = 1_000_000_000
+STATES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Flight:
     """A camera that turns at a steady rate, with a gyro of 100 Hz."""
 
     def __init__(self, nodes, probe):
-        nodes.start('star_identifier', {'check_period_s': 1.0})
+        nodes.start('star_identifier', {'check_period_s': CHECK_NS * 1e-9})
         nodes.start('star_tracker')
         nodes.start('attitude_estimator')
         self.probe = probe
         probe.listen(Imu, 'attitude_imu', qos.LIST)
-        probe.listen(DiagnosticStatus, 'tracker_state', qos.STATE)
+        probe.listen(DiagnosticStatus, 'tracker_state', STATES)
+        probe.listen(PointCloud2, 'stars', qos.LIST)
         info = probe.speak(CameraInfo, 'camera_info', qos.LIST, to=3)
-        info.publish(camera_to_message(CAMERA, make_header(START_NS, FRAME)))
+
+        def camera_known():
+            info.publish(camera_to_message(
+                CAMERA, make_header(START_NS, FRAME)))
+            return all('camera 1024 x 1024' in path.read_text()
+                       for path in nodes.log_folder.glob('*.log'))
+        probe.wait(camera_known, 'the camera in all nodes')
         self.imu = probe.speak(Imu, 'imu', qos.IMU)
         self.centroids = probe.speak(PointCloud2, 'centroids', qos.LIST, to=2)
         probe.wait(lambda: all(probe.count_publishers(topic) and probe.count_subscribers(topic)
@@ -53,8 +66,16 @@ class Flight:
     def header(self, offset_ns=0, frame_id=FRAME):
         return make_header(START_NS + self.index * STEP_NS + offset_ns, frame_id)
 
+    def identified_ns(self):
+        """Return the stamps of the frames that were identified, or tried."""
+        return [ns_from_stamp(m.header.stamp) for m in self.probe.received['stars']]
+
     def frames(self, count, measured=RATE, frame_id=FRAME):
-        """Fly on, frame by frame, and return the answers of the estimator."""
+        """
+        Fly on, frame by frame, and return the answers of the estimator.
+
+        The frame whose identification is due waits for it, so that a slow identifier drops none.
+        """
         before = len(self.probe.received['attitude_imu'])
         for _ in range(count):
             for k in range(9, -1, -1):
@@ -70,20 +91,30 @@ class Flight:
                 centroids_to_message(seen, CAMERA, self.header()))
             self.probe.wait(lambda answers=answers: len(
                 self.probe.received['attitude_imu']) > answers, 'an answer')
+            due_ns = START_NS + self.index * STEP_NS - CHECK_NS
+            self.probe.wait(lambda due_ns=due_ns: self.identified_ns()
+                            and self.identified_ns()[-1] > due_ns, 'the check that is due')
             self.index += 1
             self.q = multiply(self.q, quaternion_from_rotation_vector(RATE * STEP_NS * 1e-9))
         return self.probe.received['attitude_imu'][before:]
 
-    def until_tracking(self):
-        """
-        Fly until the tracker says that it tracks.
+    def until(self, state, measured=RATE):
+        """Fly until the tracker is in a state, up to a second per frame for its identification."""
+        answers = []
 
-        How many frames pass meanwhile is the machine's: frames come as fast as they are answered,
-        and the first identification takes the longer the busier the processors are.
-        """
-        while 'TRACKING' not in {m.message for m in self.probe.received['tracker_state']}:
-            assert self.index < 200, 'no identification has started the tracker'
-            self.frames(1)
+        def reached():
+            states = self.probe.received['tracker_state']
+            return states and states[-1].message == state
+        while not reached():
+            assert len(answers) < 200, f'{state} is not reached'
+            stamp_ns = START_NS + self.index * STEP_NS
+            answers += self.frames(1, measured)
+            # An identifier that has not yet received LOST leaves frames out.
+            deadline_s = time.monotonic() + 1
+            while not (reached() or stamp_ns in self.identified_ns()
+                       or time.monotonic() > deadline_s):
+                self.probe.spin_for(0.02)
+        return answers
 
     def errors(self, answers):
         """Return how far the attitudes of the answers are off (N, 3), in sigma of each axis."""
@@ -103,8 +134,7 @@ class Flight:
 
 def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
     flight = Flight(nodes, probe)
-    probe.listen(PointCloud2, 'stars', qos.LIST)
-    flight.until_tracking()
+    flight.until('TRACKING')
     # The identifier hears of it while it is at one frame or the next.
     settled_ns = START_NS + (flight.index + 3) * STEP_NS
     answers = flight.frames(40)
@@ -117,21 +147,21 @@ def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
 
     # While tracking, one frame a second is identified, and compared with the tracks.
     def identified_ns():
-        stamps = np.array([ns_from_stamp(m.header.stamp) for m in probe.received['stars']])
+        stamps = np.array(flight.identified_ns())
         return stamps[stamps >= settled_ns]
 
     while ((len(identified_ns()) < 4 or int(flight.state('checks_passed')) < 3)
            and flight.index < 300):
         flight.frames(5)
     assert int(flight.state('checks_passed')) >= 3
-    assert set(np.diff(identified_ns())) == {1_000_000_000}
+    assert set(np.diff(identified_ns())) == {CHECK_NS}
     flight.frames(2, frame_id='base_link')
     probe.wait_condition("imu: frame 'base_link' is not that of the centroids")
 
 
 def test_a_gyro_in_degrees_is_named_and_not_used(nodes, probe):
     flight = Flight(nodes, probe)
-    flight.until_tracking()
+    flight.until('TRACKING')
     errors = flight.errors(flight.frames(30, measured=np.degrees(RATE)))
     assert len(errors) == 30 and np.abs(errors).max() < 5
     assert flight.state('gyro') == 'unused'
@@ -140,15 +170,16 @@ def test_a_gyro_in_degrees_is_named_and_not_used(nodes, probe):
 
 def test_a_camera_turned_away_is_lost_and_found(nodes, probe):
     flight = Flight(nodes, probe)
-    flight.until_tracking()
+    flight.until('TRACKING')
     assert len(flight.errors(flight.frames(12))) == 12
     flight.q = random_attitude(np.random.default_rng(7))
-    answers = flight.frames(25, measured=None)
+    answers = flight.frames(1, measured=None)
+    answers += flight.until('LOST', measured=None)
+    answers += flight.until('TRACKING', measured=None)
+    answers += flight.frames(10, measured=None)
     assert np.abs(flight.errors(answers)).max() < 5
     assert tracked_attitude_from_imu(answers[0]) is None
     assert tracked_attitude_from_imu(answers[-1]) is not None
-    states = [m.message for m in probe.received['tracker_state']]
-    assert 'LOST' in states[states.index('TRACKING'):]
 
 
 def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
@@ -162,18 +193,31 @@ def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
     q = quaternion_from_pointing(*np.radians([84.0, 0.0, 20.0]))
     seen, _ = star_list(PLACES, CAMERA, q, 0.1, np.random.default_rng(1))
 
-    def send(index):
+    indices = itertools.count()
+
+    def send():
+        """Send a frame, all of them within one period of checks, and wait a little."""
         centroids.publish(centroids_to_message(
-            seen, CAMERA, make_header(START_NS + index * STEP_NS, FRAME)))
-    send(0)
-    probe.wait(lambda: len(probe.received['stars']) == 1, 'the first check')
-    send(1)
-    probe.wait_condition('resting while the star tracker tracks')
-    assert len(probe.received['stars']) == 1
+            seen, CAMERA, make_header(START_NS + next(indices) * 1_000_000, FRAME)))
+        probe.spin_for(0.3)
+
+    def rests():
+        send()
+        return any('resting while the star tracker tracks' in s.message
+                   for s in probe.statuses())
+    probe.wait(rests, 'a frame that is left out')
+    probe.wait(lambda: probe.received['stars'], 'the first check')
+    probe.spin_for(1.0)
+    checks = len(probe.received['stars'])
+    send()
+    probe.spin_for(1.0)
+    assert len(probe.received['stars']) == checks
     probe.destroy_publisher(state)
-    probe.spin_for(0.5)
-    send(2)
-    probe.wait(lambda: len(probe.received['stars']) == 2, 'another identification')
+
+    def works_on():
+        send()
+        return len(probe.received['stars']) > checks
+    probe.wait(works_on, 'another identification')
 
 
 @pytest.mark.parametrize('solver', ['quest', 'triad'])

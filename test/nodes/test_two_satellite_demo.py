@@ -22,7 +22,7 @@ def demo(tmp_path_factory):
         [sys.executable, '-m', 'startracker_ros', 'demo', 'two-satellite', '--seconds',
          str(FRAMES / 2), '--output', str(output), '--json'],
         env={**os.environ, 'ROS_DOMAIN_ID': str(1 + (os.getpid() + 25) % 100)},
-        capture_output=True, text=True, timeout=180)
+        capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     return output, json.loads(done.stdout.splitlines()[-1])
 

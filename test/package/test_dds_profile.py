@@ -28,7 +28,7 @@ def test_segment_holds_images(profile, enough):
     if profile:
         environment['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profile)
     done = subprocess.run([sys.executable, '-c', PROGRAM], env=environment,
-                          capture_output=True, text=True, timeout=60)
+                          capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert 'Error' not in done.stdout + done.stderr
     assert (int(done.stdout.split()[-1]) >= SEGMENT_BYTES) == enough

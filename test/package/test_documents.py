@@ -82,9 +82,10 @@ def test_cheap_commands_run(option):
 
 
 @pytest.mark.parametrize('text', sorted(
-    {text for _, text in COMMANDS if text.endswith('night-sky-11deg/*.tiff')}))
+    {text for _, text in COMMANDS if text.endswith('night-sky-11deg/*.png')}))
 def test_commands_on_the_photographs_run(text, sky_data, tmp_path, monkeypatch):
-    (tmp_path / 'night-sky-11deg').symlink_to(sky_data / 'night-sky-11deg')
+    (tmp_path / 'test').mkdir()
+    (tmp_path / 'test' / 'data').symlink_to(sky_data)
     monkeypatch.chdir(tmp_path)
     *words, pattern = shlex.split(text)
     files = sorted(path.as_posix() for path in Path().glob(pattern))

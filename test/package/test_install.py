@@ -142,7 +142,7 @@ def test_node_starts_and_ends_cleanly(install):
         [install.prefix / LIB / 'centroid_extractor'], env=install.environment, text=True,
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     # A node that hangs ends the test by its exit code.
-    watchdog = Timer(60.0, node.kill)
+    watchdog = Timer(300.0, node.kill)
     watchdog.start()
     with node:
         lines = []

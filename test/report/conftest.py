@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from browser import browser_page, BrowserError, Page
+from browser import browser_page, Page
 import pytest
 from run_bag import write_run
 
@@ -16,9 +16,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='session')
 def page() -> Iterator[Page]:
-    """Return a tab of headless Chromium; the tests fail where there is none."""
-    try:
-        with browser_page() as page:
-            yield page
-    except BrowserError as error:
-        pytest.fail(str(error))
+    """Return a tab of headless Chromium; tests that use it do not run where there is none."""
+    with browser_page() as page:
+        yield page

@@ -236,7 +236,7 @@ def test_parquet_without_pyarrow_names_it(run: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, '-c', code, str(tmp_path), 'export', str(run), '-o',
          str(tmp_path / 'out'), '--format', 'parquet'],
-        capture_output=True, text=True, timeout=120)
+        capture_output=True, text=True, timeout=300)
     assert done.returncode == 1
     assert 'Parquet needs pyarrow' in done.stderr and 'Traceback' not in done.stderr
     assert not (tmp_path / 'out').exists()
