@@ -17,9 +17,9 @@ and Neta 2000). Of N stars spread evenly over the sky
 
     n_ij = N^2 / 2 sin theta (rho + e theta)
 
-pairs are in the ranges of all bands by chance. Two sides with a common star a are joined
-through lists of partners, the identifier array of Yuan, Zhang, Shi (2017): the join of ab and
-ac has (2 n_ab) (2 n_ac) / (N B) members by chance.
+pairs are in the ranges of all bands by chance. Sides ab and ac are joined in their common star:
+the pairs of ab are listed by star, like the identifier array of Yuan, Zhang, Shi (2017), and each
+pair of ac finds those of its two stars. By chance the join has 4 n_ab n_ac / (N B) members.
 """
 
 from typing import NamedTuple
@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.compiled import compiled, inlined
 from startracker_ros.identify.kvector import first_beyond, first_from, KVectorTable
+from startracker_ros.identify.pairs import PairDatabase
 
 # Width of a band of focal lengths to either side, as a share.
 _BAND = 0.005
@@ -68,6 +69,28 @@ class ScaleBand(NamedTuple):
     half: float
     low: float
     high: float
+
+
+def pair_level(pairs: PairDatabase, direction: np.ndarray, image_stars: int, triangles: int
+               ) -> PairLevel:
+    """Return the level of these pairs; direction (C, 3) are those of the whole catalogue."""
+    stars = len(pairs.star)
+    member = np.stack([pairs.first, pairs.second], -1).ravel()
+    return PairLevel(pairs.kvector.table, pairs.star, direction[pairs.star], member,
+                     _previous_entries(member, stars), np.full(stars, -1, member.dtype),
+                     image_stars, triangles)
+
+
+@compiled
+def _previous_entries(member: np.ndarray, stars: int) -> np.ndarray:
+    """Return the entry (2 P,) before each one of the same star, of member (2 P,), -1 for none."""
+    previous = np.empty_like(member)
+    latest = np.full(stars, -1, member.dtype)
+    for entry in range(len(member)):
+        star = member[entry]
+        previous[entry] = latest[star]
+        latest[star] = entry
+    return previous
 
 
 @compiled
@@ -112,18 +135,6 @@ def entry_range(table: KVectorTable, side: Side, band: ScaleBand) -> tuple[int, 
     theta, rho = side.theta, side.rho
     return (2 * first_from(table, band.centre * theta - rho - band.half * theta),
             2 * first_beyond(table, band.centre * theta + rho + band.half * theta))
-
-
-@compiled
-def previous_entries(member: np.ndarray, stars: int) -> np.ndarray:
-    """Return the entry (2 P,) before each one of the same star, of member (2 P,), -1 for none."""
-    previous = np.empty_like(member)
-    latest = np.full(stars, -1, member.dtype)
-    for entry in range(len(member)):
-        star = member[entry]
-        previous[entry] = latest[star]
-        latest[star] = entry
-    return previous
 
 
 @compiled

@@ -29,8 +29,7 @@ from startracker_ros.identify.association import count_matched, fit
 from startracker_ros.identify.cache import cached_pairs
 from startracker_ros.identify.identification import (
     Identification, IdentificationOptions, Identifier, per_centroid, usable_stars)
-from startracker_ros.identify.pair_search import PairLevel, previous_entries
-from startracker_ros.identify.pairs import PairDatabase
+from startracker_ros.identify.pair_search import pair_level, PairLevel
 from startracker_ros.identify.triangle_order import new_state, next_triangle, TRIANGLE_COST
 from startracker_ros.identify.triangles import catalogue_triangles
 from startracker_ros.identify.verification import (
@@ -96,19 +95,13 @@ class PyramidIdentifier(Identifier):
                              2 * camera.corner_angle_rad * (1 + self.scale_error))
         share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
         bright = int(np.searchsorted(pairs.star, _BRIGHT_STARS_PER_FIELD / share))
-        levels = (self._level(pairs.among(bright), _BRIGHT_IMAGE_STARS, _BRIGHT_TRIANGLES),
-                  self._level(pairs, _IMAGE_STARS, _IMAGE_STARS ** 3))
+        direction = self.places.direction
+        levels = (pair_level(pairs.among(bright), direction, _BRIGHT_IMAGE_STARS,
+                             _BRIGHT_TRIANGLES),
+                  pair_level(pairs, direction, _IMAGE_STARS, _IMAGE_STARS ** 3))
         self._database = _database(levels, self.verifier.data, camera.lens)
         # Compiles at the first use on a machine, before the first frame.
         self.identify(Centroids.empty())
-
-    def _level(self, pairs: PairDatabase, image_stars: int, triangles: int) -> PairLevel:
-        stars = len(pairs.star)
-        member = np.stack([pairs.first, pairs.second], -1).ravel()
-        return PairLevel(
-            pairs.kvector.table, pairs.star, self.places.direction[pairs.star], member,
-            previous_entries(member, stars), np.full(stars, -1, member.dtype), image_stars,
-            triangles)
 
     def identify(self, centroids: Centroids) -> Identification:
         """Return the stars of the first triangle that is verified."""

@@ -199,11 +199,11 @@ def verify(verifier: VerifierData, seen: np.ndarray, sigma: np.ndarray, base: np
     m = max(np.sum(brightest) - len(base), 0)
     n = max(cells - len(base), m)
     p = min(1.0, max(in_field, 1) * np.pi * r ** 2 / area)
-    emptier = np.searchsorted(verifier.counts, in_field, side='right')
+    not_richer = max(int(np.searchsorted(verifier.counts, in_field, side='right')), 1)
     if verifier.bases_by_brightness:
         for i in base:
             brightest[i] = False
-    product = (binomial_tail(m, n, p) * (max(emptier, 1) / len(verifier.counts))
+    product = (binomial_tail(m, n, p) * (not_richer / len(verifier.counts))
                * order_probability(matched, brightest)
                * residual_probability(residual, r, len(base)))
     false_alarm = min(1.0, max(tested, 1) * fisher_combined(product))
