@@ -14,13 +14,13 @@ import numpy as np
 from startracker_ros.attitude.estimate import cramer_rao
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.propagate import AttitudePrediction, AttitudePropagator
-from startracker_ros.camera import Camera
-from startracker_ros.campaign.spread import split, spread
-from startracker_ros.catalog.places import camera_places, StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.campaign.parallel import split, spread
+from startracker_ros.catalog.onboard import camera_places, StarPlaces
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.identify.extended_grid import ExtendedGridIdentifier, PredictedField
 from startracker_ros.identify.identification import IdentificationOptions
-from startracker_ros.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result
 

@@ -1,10 +1,10 @@
 """A field without an image: the centroids of catalogue stars, exact, for warm-ups and checks."""
 
 import numpy as np
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import conjugate, quaternion_from_pointing, rotate
+from startracker_ros.maths.rotation import conjugate, quaternion_from_pointing, rotate
 
 # Orion: bright stars for narrow fields and wide ones.
 _RA_RAD, _DEC_RAD, _ROLL_RAD = np.radians([84.0, 0.0, 30.0])

@@ -10,7 +10,7 @@ from pathlib import Path
 import tempfile
 
 import numpy as np
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.folders import cache_folder
 from startracker_ros.identify.pairs import build_pairs, PairDatabase
 

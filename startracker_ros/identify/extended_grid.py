@@ -17,7 +17,7 @@ import numpy as np
 from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.propagate import AttitudePrediction, AttitudePropagator
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import synthetic_field
@@ -26,8 +26,8 @@ from startracker_ros.identify.identification import (
 from startracker_ros.identify.prior_verification import partial_derivatives, PriorVerifier
 from startracker_ros.identify.pyramid import PyramidIdentifier
 from startracker_ros.identify.verification import Match
+from startracker_ros.maths.rotation import ARCSEC, matrix_from_quaternion
 from startracker_ros.options import option, Options
-from startracker_ros.rotation import ARCSEC, matrix_from_quaternion
 
 _MIN_STARS = 2
 # Share of its cells that a pattern must have in common. At 0.35 px and 0.2 mag 99 % of the right

@@ -17,8 +17,8 @@ from functools import cached_property
 from itertools import combinations, product
 
 import numpy as np
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.identify.identification import (
     CandidateIdentifier, Candidates, FieldStars, IdentificationOptions)

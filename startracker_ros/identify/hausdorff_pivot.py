@@ -1,7 +1,7 @@
 """The pivot approach of hausdorff.py: the pivots are stars of the image and the catalogue."""
 
 import numpy as np
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.identify.hausdorff import FOUR_OF_SIX, HausdorffIdentifier, Pivots
 from startracker_ros.identify.identification import FieldStars
 

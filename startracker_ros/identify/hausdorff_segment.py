@@ -1,10 +1,10 @@
 """The segmentation approach of hausdorff.py: the pivots are nodes of a grid over the sky."""
 
 import numpy as np
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.identify.hausdorff import HausdorffIdentifier, Pivots
 from startracker_ros.identify.identification import FieldStars
-from startracker_ros.rotation import unit_from_radec
+from startracker_ros.maths.rotation import unit_from_radec
 
 # Pivots along one side of a square about the centre of an image, and the share of the radius of
 # the circle from one to the next: 1 deg in a field of 12 deg.

@@ -7,14 +7,14 @@ import time
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.camera.lens import Lens, shows, undistort
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.compiled import compiled
 from startracker_ros.identify.verification import Match, same_attitude, Verifier
-from startracker_ros.lens import Lens, shows, undistort
 from startracker_ros.options import option, Options
 
 METHODS = ('pyramid', 'quad', 'hausdorff_pivot', 'hausdorff_segment', 'extended_grid')

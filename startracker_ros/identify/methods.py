@@ -1,6 +1,6 @@
 """The identification methods by name."""
 
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.identify.extended_grid import ExtendedGridIdentifier
 from startracker_ros.identify.hausdorff_pivot import PivotIdentifier

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.identify.kvector import KVector
 
 # 100 MB, and some two seconds to build.

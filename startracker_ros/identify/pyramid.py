@@ -21,7 +21,8 @@ from numba import objmode, types
 from numba.experimental import structref
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera import Camera
+from startracker_ros.camera.lens import Lens
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.compiled import compiled
@@ -34,7 +35,6 @@ from startracker_ros.identify.triangle_order import new_state, next_triangle, TR
 from startracker_ros.identify.triangles import catalogue_triangles
 from startracker_ros.identify.verification import (
     rejected, same_attitude, tangent_plane, Verification, VerifierData, verify)
-from startracker_ros.lens import Lens
 
 # The relative noise of shorter sides is too large to be of use.
 _MIN_SEPARATION_PX = 20.0

@@ -14,15 +14,15 @@ from itertools import combinations
 
 import numpy as np
 from startracker_ros.attitude.davenport import davenport
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.identify.cache import cached_pairs
 from startracker_ros.identify.identification import (
     CandidateIdentifier, Candidates, FieldStars, IdentificationOptions)
 from startracker_ros.identify.pairs import PairDatabase
 from startracker_ros.identify.verification import MAX_VERIFIED, Verifier
-from startracker_ros.rotation import matrix_from_quaternion
+from startracker_ros.maths.rotation import matrix_from_quaternion
 
 # The relative noise of shorter sides is too large to be of use.
 _MIN_SEPARATION_PX = 20.0

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.catalog.sky_grid import count_in_image, count_near, sky_grid, SkyGrid
 from startracker_ros.compiled import compiled
 from startracker_ros.identify.association import align, fit

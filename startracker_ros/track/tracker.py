@@ -8,18 +8,17 @@ import math
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import synthetic_field
-from startracker_ros.rotation import attitude_error, conjugate, rotate
+from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.track.attitude_model import AttitudeModel
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.model import Fix, rate_between, StarModel
 from startracker_ros.track.newcomers import match_newcomers
 from startracker_ros.track.options import TrackerOptions
-from startracker_ros.track.rotation_fit import (
-    fit_rotation, median, OUTLIER_SIGMA, RotationFit)
+from startracker_ros.track.rotation_fit import fit_rotation, median, OUTLIER_SIGMA, RotationFit
 from startracker_ros.track.starwise import NeighbourhoodModel, StarwiseModel
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 from startracker_ros.attitude.estimate import estimate_attitude
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.synthetic_field import synthetic_field
-from startracker_ros.rotation import ARCSEC
+from startracker_ros.maths.rotation import ARCSEC
 
 
 def test_the_stars_are_exact():

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.propagate import AttitudePrediction
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.extended_grid import ExtendedGridIdentifier, RecursiveIdentifier
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.identify.prior_verification import PriorVerifier
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector)
 from startracker_ros.sky.gyro import Gyro, GyroOptions
 from startracker_ros.sky.star_lists import random_attitude, star_list

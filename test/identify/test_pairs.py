@@ -5,8 +5,8 @@ import os
 
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import camera_places
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.identify import cache
 from startracker_ros.identify.cache import cache_folder, cached_pairs

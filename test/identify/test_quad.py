@@ -5,14 +5,14 @@ from itertools import combinations, permutations
 
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.identify.pairs import build_pairs
 from startracker_ros.identify.quad import base_quads, full_field_match, matching_quads
-from startracker_ros.rotation import attitude_error, conjugate, rotate
+from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.sky.star_lists import random_attitude, star_list
 
 CAMERA = Camera.from_fov(1024, 1024, 20.3)

@@ -4,14 +4,14 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
-from startracker_ros.catalog.places import StarPlaces
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.identify.pair_search import expected_pairs, image_side, pair_level
 from startracker_ros.identify.pairs import build_pairs
 from startracker_ros.identify.triangle_order import new_state, next_triangle
 from startracker_ros.identify.triangles import catalogue_triangles, image_triangle
 from startracker_ros.identify.verification import Verifier
-from startracker_ros.rotation import rotate
+from startracker_ros.maths.rotation import rotate
 from startracker_ros.sky.star_lists import random_attitude
 
 CAMERA = Camera.from_fov(512, 512, 12.0)

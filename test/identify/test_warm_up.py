@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.identify.extended_grid import RecursiveIdentifier
 from startracker_ros.identify.identification import IdentificationOptions, METHODS

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from star_motion import CAMERA, Motion, sky, START_NS, STEP_NS
 from startracker_ros.attitude.estimate import estimate_attitude
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.rotation import (
+from startracker_ros.maths.rotation import (
     attitude_error, multiply, quaternion_from_rotation_vector)
 from startracker_ros.track.options import MODELS, TrackerOptions
 from startracker_ros.track.tracker import StarTracker, TrackerState
