@@ -174,8 +174,8 @@ def _neighbours(identifier: ExtendedGridIdentifier, observed: np.ndarray, hip: n
     star, row = np.nonzero(hip[:, None] == hip_known)
     if not len(star):
         return 0, 0, 0
-    right = hip_known[identifier.patterns(image.place, row)[1]]
-    combined = np.concatenate([observed, image.place[~image.inside]])
+    right = hip_known[identifier.patterns(image.tangent, row)[1]]
+    combined = np.concatenate([observed, image.tangent[~image.inside]])
     hip_combined = np.concatenate([hip, hip_known[~image.inside]])
     extended = hip_combined[identifier.patterns(combined, star)[1]]
     plain = hip[identifier.patterns(observed, star)[1]]
@@ -193,9 +193,9 @@ def triangle_votes(observed: np.ndarray, image: PredictedField, buffer_rad: floa
     three sides have to agree within their known noise, with one star only.
     """
     known = np.flatnonzero(image.inside)
-    combined = np.concatenate([observed, image.place[~image.inside]])
+    combined = np.concatenate([observed, image.tangent[~image.inside]])
     seen = _triangles(combined, np.arange(len(observed)), buffer_rad)
-    there = _triangles(image.place, known, buffer_rad)
+    there = _triangles(image.tangent, known, buffer_rad)
     tolerance = _TRIANGLE_SIGMAS * np.sqrt(2) * sigma_rad
     fits = (np.abs(seen[:, None] - there) <= tolerance).all(2)
     if not len(known):

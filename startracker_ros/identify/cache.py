@@ -1,4 +1,4 @@
-"""Pair databases kept in the user's cache folder, each under what it was built from."""
+"""Pair databases in the user's cache folder, keyed by a hash of what they are built from."""
 
 from contextlib import suppress
 from dataclasses import fields
@@ -14,8 +14,8 @@ from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.folders import cache_folder
 from startracker_ros.identify.pairs import build_pairs, PairDatabase
 
-KEPT_FILES = 20
-"""Databases kept, those last used: a camera has one for each year, a campaign dozens."""
+MAX_FILES = 20
+"""Databases in the cache, the last used ones: a camera needs one a year, a campaign dozens."""
 
 # To be raised whenever the same input would give other pairs or another layout.
 _VERSION = 2
@@ -24,11 +24,11 @@ _VERSION = 2
 def cached_pairs(places: StarPlaces, min_separation_rad: float,
                  max_separation_rad: float) -> PairDatabase:
     """
-    Return the pairs of places out of the cache, or build and store them.
+    Return the pairs of the catalogue from the cache, or build and store them.
 
-    The file begins with the SHA-256 of its content; a file that does not agree with it
-    is built anew. A folder that cannot be written only costs the time to build. The
-    KEPT_FILES last used stay.
+    The file begins with the SHA-256 of its content; a file that does not match is
+    rebuilt. Where the folder cannot be written, the pairs are built each time. The MAX_FILES
+    last used files remain.
     """
     key = hashlib.sha256(repr((_VERSION, min_separation_rad, max_separation_rad)).encode())
     for field in fields(StarPlaces):
@@ -48,9 +48,9 @@ def _load(path: Path) -> PairDatabase | None:
         return None
     digest, body = content[:32], memoryview(content)[32:]
     if hashlib.sha256(body).digest() != digest:
-        logging.getLogger(__name__).warning('%s is damaged and is built anew', path)
+        logging.getLogger(__name__).warning('%s is damaged and is rebuilt', path)
         return None
-    # A cache that belongs to somebody else serves as well; nobody deletes from it, either.
+    # The file of another user can be read but not touched.
     with suppress(OSError):
         os.utime(path)
     stream = io.BytesIO(body)
@@ -64,7 +64,7 @@ def _store(path: Path, pairs: PairDatabase) -> None:
     body = stream.getbuffer()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Renamed when whole, so that another process never reads half a file.
+        # Renamed when complete: another process never reads a partial file.
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             part = Path(folder) / path.name
             with part.open('wb') as stored:
@@ -73,7 +73,7 @@ def _store(path: Path, pairs: PairDatabase) -> None:
             os.replace(part, path)
         newest_first = sorted(path.parent.glob('pairs-*.bin'),
                               key=lambda file: file.stat().st_mtime, reverse=True)
-        for file in newest_first[KEPT_FILES:]:
+        for file in newest_first[MAX_FILES:]:
             file.unlink(missing_ok=True)
     except OSError as error:
         logging.getLogger(__name__).warning(

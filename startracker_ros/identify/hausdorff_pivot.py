@@ -1,4 +1,4 @@
-"""The pivot approach: the pivots are stars, those of the image and those of the catalogue."""
+"""The pivot approach of hausdorff.py: the pivots are stars of the image and the catalogue."""
 
 import numpy as np
 from startracker_ros.catalog.onboard import StarPlaces
@@ -10,10 +10,10 @@ class PivotIdentifier(HausdorffIdentifier):
     """
     Sets of a star and four of its brightest neighbours.
 
-    The paper wants a star at the centre of the field. Here every star of the image is a pivot,
-    the one nearest to the centre first. An image misses part of what is around the outer
-    ones: so sets are stored without any two of the six brightest neighbours, too, and again
-    for the circle through the corners of the image, in which a poor field has more stars.
+    The paper requires a star at the centre of the field. Here every star of the image is a pivot,
+    the one nearest to the centre first. The image does not contain all neighbours of the outer
+    ones: so sets without any two of the six brightest neighbours are stored, too, and again
+    for the circle through the corners of the image, in which a sparse field has more stars.
     """
 
     min_stars = 5

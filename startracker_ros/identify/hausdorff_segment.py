@@ -1,4 +1,4 @@
-"""The segmentation approach: the pivots are no stars, but nodes of a grid over the sky."""
+"""The segmentation approach of hausdorff.py: the pivots are nodes of a grid over the sky."""
 
 import numpy as np
 from startracker_ros.catalog.onboard import StarPlaces
@@ -15,17 +15,17 @@ class SegmentIdentifier(HausdorffIdentifier):
     """
     Sets of a virtual pivot and the four brightest stars around it.
 
-    The nodes stand at every degree of right ascension, 0 to 360, and of declination: 361 x 181.
-    The first meridian and the poles are repeated, as the published counts have it. A node is
-    somewhere near the centre of an image, so the pivots are that centre and points around it:
-    some of them have the very stars around them that a node has.
+    The nodes are at every degree of right ascension, 0 to 360, and of declination: 361 x 181.
+    The first meridian and the poles are repeated, as in the published counts. A node is
+    somewhere near the centre of an image, so the image pivots are that centre and points around
+    it: some of them have the same neighbours as a node.
     """
 
     min_stars = 4
 
     @property
     def pivot_error_rad(self) -> float:
-        """Half the diagonal between nodes; the tangent plane stretches towards its edge."""
+        """Half the diagonal between nodes; the tangent plane is stretched towards its edge."""
         return np.radians(1.0) / np.sqrt(2) / np.cos(self.radius_rad) ** 2
 
     def sky_pivots(self, places: StarPlaces) -> Pivots:

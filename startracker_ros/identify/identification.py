@@ -1,4 +1,4 @@
-"""What the identification methods share: options, usable stars, judgement, result."""
+"""What the identification methods share: options, usable stars, verification, result."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -12,6 +12,7 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.compiled import compiled
 from startracker_ros.identify.verification import Match, same_attitude, Verifier
 from startracker_ros.options import option, Options
@@ -25,27 +26,27 @@ _DUPLICATE_PX = 1.5
 
 @dataclass(frozen=True)
 class IdentificationOptions(Options):
-    """How stars are identified, and when an answer is believed."""
+    """How stars are identified, and when a result is accepted."""
 
     method: str = option('pyramid', 'how candidates are found', choices=METHODS)
     magnitude_limit: float = option(
         0.0, 'faintest stars of the pattern database, V; 0 chooses it so that a field holds '
         'twenty on average', unit='mag', low=0.0, high=9.0)
     max_image_stars: int = option(
-        40, 'brightest centroids that are looked at', low=4, high=200)
+        40, 'brightest centroids that are used', low=4, high=200)
     tolerance_sigmas: float = option(
-        3.5, 'how far stars may stand from where they should, in errors of their centroids',
-        low=1.0, high=10.0)
+        3.5, 'gate of the residuals, in standard deviations of the centroids', low=1.0,
+        high=10.0)
     sigma_floor_px: float = option(
-        0.2, 'error added to that of the centroids, for what the camera model leaves over',
+        0.2, 'standard deviation added to that of the centroids, for errors of the camera model',
         unit='px', low=0.0, high=10.0)
     fov_error_percent: float = option(
-        0.5, 'how far the focal length may be off; it is fitted within', unit='%',
+        0.5, 'tolerance of the focal length, which is fitted within', unit='%',
         low=0.0, high=5.0)
     false_alarm_max: float = option(
-        1e-5, 'largest probability that a believed answer is chance', low=1e-30, high=0.1)
+        1e-5, 'largest probability that an accepted result is chance', low=1e-30, high=0.1)
     time_limit_s: float = option(
-        1.0, 'longest search', unit='s', low=0.001, high=600.0)
+        1.0, 'longest time of a search', unit='s', low=0.001, high=600.0)
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,8 @@ class Identification:
     """
     Which catalogue star each centroid is.
 
-    status is identified, too_few_stars, no_candidate, ambiguous or time_limit; reason says
-    more. hip (N,) int32 is 0 where not identified, magnitude and residual_px (N,) NaN
+    status is identified, too_few_stars, no_candidate, ambiguous or time_limit; reason
+    explains it. hip (N,) int32 is 0 where not identified, magnitude and residual_px (N,) NaN
     there. attitude is None unless identified. focal_ratio is the fitted focal length over
     that of the camera; false_alarm_probability that of the best candidate.
     """
@@ -77,9 +78,9 @@ class Identification:
 @dataclass(frozen=True)
 class FieldStars:
     """
-    The image stars that are looked at, brightest first.
+    The image stars that are used, brightest first.
 
-    index (N,) are their places among the centroids; direction (N, 3) unit vectors in the
+    index (N,) are their rows among the centroids; direction (N, 3) unit vectors in the
     sensor frame; sigma_rad (N,) their errors per axis; flux (N,) in DN.
     """
 
@@ -94,7 +95,7 @@ class FieldStars:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Catalogue stars (M, B), as indices into the places, that image stars base (B,) may be."""
+    """Catalogue indices stars (M, B) that image stars base (B,) may be."""
 
     base: np.ndarray
     stars: np.ndarray
@@ -104,7 +105,7 @@ class Identifier(ABC):
     """
     Identifies frames of one camera at one epoch.
 
-    A candidate is believed only when the whole field verifies it, whatever the method.
+    A candidate is accepted only when all stars of the field verify it, whatever the method.
     """
 
     stars_per_field = 20.0
@@ -114,14 +115,14 @@ class Identifier(ABC):
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions(),
                  catalog: StarCatalog | None = None) -> None:
-        """Build the pattern database, or take it from the cache."""
+        """Build the pattern database, or load it from the cache."""
         catalog = load_catalog() if catalog is None else catalog
         self.camera = camera
         self.options = options
         self.magnitude_limit = options.magnitude_limit or _limit_for(
             camera, catalog, self.stars_per_field)
         self.scale_error = options.fov_error_percent / 100
-        # A year of proper motion is nothing to the tolerances, and one database serves it all.
+        # Proper motion of a year is far below the tolerances: one database for the whole year.
         self.places = camera_places(catalog, camera, round(epoch_year), self.magnitude_limit)
         self._catalog_stars = len(self.places) * _share_of_sky(camera)
         self.verifier = Verifier(camera, self.places, options.tolerance_sigmas, self.scale_error,
@@ -129,119 +130,126 @@ class Identifier(ABC):
 
     @abstractmethod
     def identify(self, centroids: Centroids) -> Identification:
-        """Return which stars the centroids are; never raises for what an image may hold."""
+        """Return which stars the centroids are; no content of an image raises an error."""
+
+    def warm_up(self) -> None:
+        """Compile and load all that a frame needs, by identifying a synthetic field."""
+        self.identify(synthetic_field(self.places, self.camera)[0])
 
     def field_stars(self, centroids: Centroids) -> FieldStars:
-        """Return the brightest sound centroids, each star once."""
+        """Return the brightest usable centroids, each star once."""
         index, direction, sigma_rad = usable_stars(
             self.camera.lens, centroids.uv, np.argsort(-centroids.flux), centroids.sigma_px,
             self.options.max_image_stars, self.options.sigma_floor_px)
         return FieldStars(index, direction, sigma_rad, centroids.flux[index])
 
-    def answer(self, centroids: Centroids, field: FieldStars, match: Match) -> Identification:
-        """Return a believed match as the result."""
-        hip, magnitude, residual_px = spread(
+    def identified(self, centroids: Centroids, field: FieldStars, match: Match) -> Identification:
+        """Return an accepted match as the result."""
+        hip, magnitude, residual_px = per_centroid(
             len(centroids), field.index, match.star, match.residual_px, self.places.hip,
             self.places.magnitude)
         return Identification('identified', f'{match.matched} stars', hip, magnitude, residual_px,
-                              match.attitude, match.focal_ratio, match.chance)
+                              match.attitude, match.focal_ratio, match.false_alarm)
 
     def too_few(self, centroids: Centroids, count: int) -> Identification:
-        """Return that a field holds only so many usable stars."""
-        return self.nothing(centroids, 'too_few_stars',
-                            f'{count} usable stars, {self.options.method} takes '
-                            f'{self.min_stars}: expose longer or lower the threshold')
+        """Return the result for a field of count usable stars, too few for a pattern."""
+        return self.unidentified(centroids, 'too_few_stars',
+                                 f'{count} usable stars, {self.options.method} needs '
+                                 f'{self.min_stars}: expose longer or lower the threshold')
 
-    def nothing(self, centroids: Centroids, status: str, reason: str,
-                chance: float = 1.0) -> Identification:
-        """Return why there is no answer; chance is that of the best candidate."""
+    def unidentified(self, centroids: Centroids, status: str, reason: str,
+                     false_alarm: float = 1.0) -> Identification:
+        """Return the result without an attitude; false_alarm is that of the best candidate."""
         count = len(centroids)
         return Identification(status, reason, np.zeros(count, np.int32), np.full(count, np.nan),
-                              np.full(count, np.nan), None, 1.0, chance)
+                              np.full(count, np.nan), None, 1.0, false_alarm)
 
-    def time_limit(self, centroids: Centroids, tested: int, chance: float) -> Identification:
-        """Return that time was up after so many candidates."""
-        return self.nothing(
-            centroids, 'time_limit', f'no answer within time_limit_s = '
-            f'{self.options.time_limit_s:g}, {tested} candidates tested', chance)
+    def time_limit(self, centroids: Centroids, tested: int,
+                   false_alarm: float) -> Identification:
+        """Return the result of a search that reached time_limit_s."""
+        return self.unidentified(
+            centroids, 'time_limit', f'not identified within time_limit_s = '
+            f'{self.options.time_limit_s:g}, {tested} candidates tested', false_alarm)
 
     def no_candidate(self, centroids: Centroids, count: int, tested: int,
-                     chance: float) -> Identification:
-        """Return that of so many candidates for count stars none was believed."""
-        return self.nothing(
+                     false_alarm: float) -> Identification:
+        """Return the result of a search of count stars in which no candidate was accepted."""
+        return self.unidentified(
             centroids, 'no_candidate', f'{count} stars, {tested} candidates tested, none is '
-            'surely right: many false stars, a wrong focal length, or a magnitude limit that '
+            'verified: many false stars, a wrong focal length, or a magnitude limit that '
             f'does not fit (a field holds {self._catalog_stars:.1f} catalogue stars on average)',
-            chance)
+            false_alarm)
 
 
 class CandidateIdentifier(Identifier):
-    """An identifier whose method gives candidates, the most promising first."""
+    """An identifier whose method yields candidates, the most probable first."""
 
     @abstractmethod
     def candidates(self, field: FieldStars) -> Iterator[Candidates]:
-        """Yield what some of the image stars may be."""
+        """Yield the catalogue stars that some of the image stars may be."""
 
     def identify(self, centroids: Centroids) -> Identification:
-        """Return the first candidate that the field verifies."""
+        """Return the first candidate that is verified."""
         field = self.field_stars(centroids)
         if len(field) < self.min_stars:
             return self.too_few(centroids, len(field))
         deadline_s = time.perf_counter() + self.options.time_limit_s
-        chance = 1.0
+        false_alarm = 1.0
         tested = 0
         for found in self.candidates(field):
             tested += len(found.stars)
             supported = self.verifier.supported(field.direction, field.sigma_rad, found.base,
                                                 found.stars)
-            matches = [self.verifier.judge(field.direction, field.sigma_rad, found.base,
-                                           found.stars[candidate], tested)
+            matches = [self.verifier.verify(field.direction, field.sigma_rad, found.base,
+                                            found.stars[candidate], tested)
                        for candidate in supported]
-            matches.sort(key=lambda match: match.chance)
+            matches.sort(key=lambda match: match.false_alarm)
             if matches:
-                chance = min(chance, matches[0].chance)
-                if chance <= self.options.false_alarm_max:
+                false_alarm = min(false_alarm, matches[0].false_alarm)
+                if false_alarm <= self.options.false_alarm_max:
                     return self._decide(centroids, field, matches)
             if time.perf_counter() > deadline_s:
-                return self.time_limit(centroids, tested, chance)
-        return self.no_candidate(centroids, len(field), tested, chance)
+                return self.time_limit(centroids, tested, false_alarm)
+        return self.no_candidate(centroids, len(field), tested, false_alarm)
 
     def _decide(self, centroids: Centroids, field: FieldStars,
                 matches: list[Match]) -> Identification:
         """Return the best of the verified candidates, unless another one contradicts it."""
         best = matches[0]
         for other in matches[1:]:
-            if (other.chance <= self.options.false_alarm_max
+            if (other.false_alarm <= self.options.false_alarm_max
                     and not same_attitude(other.star, best.star)):
-                return self.nothing(centroids, 'ambiguous', 'two attitudes fit the field '
-                                    f'({best.matched} and {other.matched} stars)', best.chance)
-        return self.answer(centroids, field, best)
+                return self.unidentified(
+                    centroids, 'ambiguous', 'two attitudes fit the field '
+                    f'({best.matched} and {other.matched} stars)', best.false_alarm)
+        return self.identified(centroids, field, best)
 
 
 @compiled
-def usable_stars(lens: Lens, uv: np.ndarray, order: np.ndarray, sigma_px: np.ndarray, most: int,
-                 sigma_floor_px: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def usable_stars(lens: Lens, uv: np.ndarray, order: np.ndarray, sigma_px: np.ndarray,
+                 max_stars: int, sigma_floor_px: float
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Return the first sound ones of the centroids in an order, each star once.
+    Return the first usable centroids in an order, each star once.
 
     Their indices (N,), directions (N, 3) and errors (N,) in rad, as in FieldStars.
     """
-    chosen = np.empty(min(most, len(order)), np.int64)
+    chosen = np.empty(min(max_stars, len(order)), np.int64)
     count = 0
     for i in order:
         u, v = uv[i, 0], uv[i, 1]
         # NaN is in no range.
-        sound = shows(lens, u, v) and 0 < sigma_px[i] < np.inf
-        for j in range(count if sound else 0):
+        usable = shows(lens, u, v) and 0 < sigma_px[i] < np.inf
+        for j in range(count if usable else 0):
             du, dv = uv[chosen[j], 0] - u, uv[chosen[j], 1] - v
             if du * du + dv * dv < _DUPLICATE_PX * _DUPLICATE_PX:
-                sound = False
+                usable = False
                 break
-        if not sound:
+        if not usable:
             continue
         chosen[count] = i
         count += 1
-        if count == most:
+        if count == max_stars:
             break
     chosen = chosen[:count]
     direction, sigma_rad = np.empty((count, 3)), np.empty(count)
@@ -256,9 +264,14 @@ def usable_stars(lens: Lens, uv: np.ndarray, order: np.ndarray, sigma_px: np.nda
 
 
 @compiled
-def spread(count: int, index: np.ndarray, star: np.ndarray, residual_px: np.ndarray,
-           hip: np.ndarray, magnitude: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return hip, magnitude and residual of each of count centroids, those of index matched."""
+def per_centroid(count: int, index: np.ndarray, star: np.ndarray, residual_px: np.ndarray,
+                 hip: np.ndarray, magnitude: np.ndarray
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return hip, magnitude and residual of all count centroids: 0 or NaN where unmatched.
+
+    index (N,) are the rows of the image stars, star (N,) their catalogue indices, -1 for none.
+    """
     hips = np.zeros(count, np.int32)
     magnitudes = np.full(count, np.nan)
     residuals_px = np.full(count, np.nan)
@@ -275,7 +288,7 @@ def _share_of_sky(camera: Camera) -> float:
 
 
 def _limit_for(camera: Camera, catalog: StarCatalog, stars_per_field: float) -> float:
-    """Return the magnitude to which a field holds so many stars on average."""
+    """Return the magnitude limit at which a field holds stars_per_field stars on average."""
     wanted = min(int(stars_per_field / _share_of_sky(camera)), len(catalog) - 1)
     # Rounded up, so that cameras that are nearly alike share a database.
     return float(np.ceil(catalog.magnitude[wanted] * 10) / 10)

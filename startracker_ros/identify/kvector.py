@@ -7,7 +7,7 @@ from startracker_ros.compiled import compiled, inlined
 
 
 class KVectorTable(NamedTuple):
-    """Sorted values (N,) float64 and how many of them, below (N + 1,), lie under each step."""
+    """Sorted values (N,) float64, and below (N + 1,), the number of values under each step."""
 
     values: np.ndarray
     below: np.ndarray
@@ -19,9 +19,9 @@ class KVector:
     """
     Range search over sorted values (N,).
 
-    A straight line from the first value to the last cuts the range into N steps; step i
-    knows how many values lie below it (Yuan, Zhang, Shi 2017, section 2). A range maps to
-    steps by division, and only the values that share a step with its ends are compared.
+    The line z(i) = start + i / per_step, from the first value to the last in N steps, and the
+    number below[i] of values under z(i) (Yuan, Zhang, Shi 2017, section 2). A limit maps to
+    its step by i = (limit - start) per_step; only the values of that step are compared.
     """
 
     def __init__(self, values: np.ndarray) -> None:
@@ -48,22 +48,22 @@ def _step(table: KVectorTable, value: float) -> int:
 
 @compiled
 def first_from(table: KVectorTable, low: float) -> int:
-    """Return the place of the first value that is not below low."""
-    # The division rounds, hence the look to both sides.
-    place = table.below[_step(table, low)]
-    while place > 0 and table.values[place - 1] >= low:
-        place -= 1
-    while place < len(table.values) and table.values[place] < low:
-        place += 1
-    return place
+    """Return the index of the first value that is not below low."""
+    # The division rounds, hence the comparison to both sides.
+    index = table.below[_step(table, low)]
+    while index > 0 and table.values[index - 1] >= low:
+        index -= 1
+    while index < len(table.values) and table.values[index] < low:
+        index += 1
+    return index
 
 
 @compiled
 def first_beyond(table: KVectorTable, high: float) -> int:
-    """Return the place of the first value above high."""
-    place = table.below[_step(table, high)]
-    while place > 0 and table.values[place - 1] > high:
-        place -= 1
-    while place < len(table.values) and table.values[place] <= high:
-        place += 1
-    return place
+    """Return the index of the first value above high."""
+    index = table.below[_step(table, high)]
+    while index > 0 and table.values[index - 1] > high:
+        index -= 1
+    while index < len(table.values) and table.values[index] <= high:
+        index += 1
+    return index

@@ -17,5 +17,5 @@ _METHODS: dict[str, type[Identifier]] = {
 def make_identifier(camera: Camera, epoch_year: float,
                     options: IdentificationOptions = IdentificationOptions(),
                     catalog: StarCatalog | None = None) -> Identifier:
-    """Return an identifier of the chosen method, its database built or out of the cache."""
+    """Return an identifier of the chosen method, its database built or cached."""
     return _METHODS[options.method](camera, epoch_year, options, catalog)

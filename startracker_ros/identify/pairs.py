@@ -1,4 +1,4 @@
-"""All pairs of catalogue stars that one image can hold, sorted by separation."""
+"""All pairs of catalogue stars that fit into one image, sorted by separation."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,8 +16,8 @@ class PairDatabase:
     """
     Star pairs by angular separation.
 
-    star (S,) int32 are indices into the StarPlaces that it was built from; separation
-    (P,) float64 rad ascending; first, second (P,) int32 are positions in star.
+    star (S,) int32 are catalogue indices; separation (P,) float64 rad ascending; first, second
+    (P,) int32 are indices into star.
     """
 
     star: np.ndarray
@@ -31,10 +31,10 @@ class PairDatabase:
         return KVector(self.separation)
 
     def among(self, count: int) -> 'PairDatabase':
-        """Return the pairs of the first count of star alone."""
-        kept = (self.first < count) & (self.second < count)
-        return PairDatabase(self.star[:count], self.separation[kept], self.first[kept],
-                            self.second[kept])
+        """Return the pairs of the count brightest stars alone."""
+        chosen = (self.first < count) & (self.second < count)
+        return PairDatabase(self.star[:count], self.separation[chosen],
+                            self.first[chosen], self.second[chosen])
 
     def between(self, low_rad: float, high_rad: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the pairs of a separation in both orders: stars a (M,) and b (M,)."""
@@ -46,16 +46,16 @@ class PairDatabase:
 def build_pairs(places: StarPlaces, min_separation_rad: float,
                 max_separation_rad: float) -> PairDatabase:
     """
-    Return all pairs of stars that are alone enough to have a true centroid.
+    Return all pairs of stars whose centroids no neighbour disturbs.
 
-    A catalogue too deep for so wide a field would fill the memory: pairs are then made of its
-    brightest stars alone.
+    A deep catalogue and a wide field make too many pairs for the memory: the brightest stars
+    then make _MOST_PAIRS at most.
     """
     # Of S stars spread over the sky, S^2 (1 - cos) / 4 pairs are closer than an angle.
     most = int(np.sqrt(4 * _MOST_PAIRS / max(1 - np.cos(max_separation_rad), 1e-12)))
     star = np.flatnonzero(~places.crowded)[:most]
     direction = places.direction[star]
-    # Here, as a database out of the cache needs no tree, which takes long to import.
+    # Imported here: a cached database needs no tree, whose import is slow.
     from scipy.spatial import cKDTree
     pairs = cKDTree(direction).query_pairs(2 * np.sin(max_separation_rad / 2),
                                            output_type='ndarray')

@@ -1,18 +1,26 @@
 """
-Whether recognised stars stand where a predicted attitude has them, and what chance would do.
+Verification of recognised stars against a predicted attitude.
 
-The statistical model. Were the prediction wrong, or the stars false, the n observed stars
-would be spread over the image by chance. Then pairs of an observed star and a predicted
-place that agree within the uncertainty of the prediction number, on average, the sum of
-the areas of their gates over the area of the image. One such pair leaves little of that
-uncertainty but a turn about the star; each of the other n - 1 stars falls into one of the
-gates that are left with a probability p, their areas over that of the image, and m - 1 of
-them or more do so with the probability of a binomial tail. The product is the false-alarm
-probability, as in chance.py but with the area that the prediction leaves to search
-instead of the whole sky.
+All stars are points x / z, y / z of the tangent plane in the sensor frame. The state is the
+error of the prediction, small: a rotation vector about sensor axes in rad and the relative
+error of the focal length. With its covariance P, the partial derivatives H_j of predicted star j
+and the variance sigma_i^2 of observed star i, the innovation is y_ij = z_i - z_j, its covariance
 
-All places are x / z, y / z in the sensor frame. The state is the error of the prediction,
-small: a rotation vector about sensor axes in rad and the relative error of the focal length.
+    S_ij = H_j P H_j^T + sigma_i^2 I,
+
+and the two may be the same star where y^T S^-1 y <= n^2, n = tolerance_sigmas. The gate has the
+area pi n^2 sqrt(det S).
+
+False-alarm probability. Were the prediction wrong, or the stars false, the n observed stars
+would be anywhere in the image. The expected number E of pairs of an observed and a predicted
+star within their gate is the sum of all gate areas over the area A of the image. One such pair,
+as a measurement, leaves little of P but the turn about that star. Each of the other n - 1 stars
+falls into one of the gates that remain with the probability p, their total area over A, and
+m - 1 or more of them do so with the binomial tail:
+
+    P_FA = E sum_{k = m - 1}^{n - 1} C(n - 1, k) p^k (1 - p)^(n - 1 - k),
+
+as in false_alarm.py but with the area that the prediction leaves instead of the whole sky.
 """
 
 from dataclasses import dataclass
@@ -23,41 +31,40 @@ import numpy as np
 @dataclass(frozen=True)
 class PriorMatch:
     """
-    Observed stars at predicted places.
+    Observed stars associated with predicted ones.
 
     row (N,) is the predicted star of each observed one, -1 for none; focal_ratio the fitted
-    focal length over that of the camera; chance the false-alarm probability;
-    contradicted is True when other recognised stars make another answer as believable.
+    focal length over that of the camera; contradicted is True when other recognised stars
+    give another association of a sufficient false-alarm probability.
     """
 
     row: np.ndarray
     focal_ratio: float
-    chance: float
+    false_alarm: float
     contradicted: bool
 
 
 @dataclass(frozen=True)
 class _Gates:
     """
-    How N observed stars and M predicted places agree; of one state, or of K side by side.
+    Gates of N observed stars about M predicted ones; of one state, or of K side by side.
 
-    square (..., N, M) is the squared distance in sigmas; area (..., N) the summed areas of the
-    gates of each observed star in rad^2; change (..., 4) and covariance (..., 4, 4) the state
-    they hold for.
+    square (..., N, M) is y^T S^-1 y; area (..., N) the summed areas of the gates of each
+    observed star in rad^2; state (..., 4) and covariance (..., 4, 4) they hold for.
     """
 
     square: np.ndarray
     area: np.ndarray
-    change: np.ndarray
+    state: np.ndarray
     covariance: np.ndarray
 
     def __getitem__(self, k: int) -> '_Gates':
-        return _Gates(self.square[k], self.area[k], self.change[k], self.covariance[k])
+        return _Gates(self.square[k], self.area[k], self.state[k], self.covariance[k])
 
 
-def partial_derivatives(place: np.ndarray) -> np.ndarray:
-    """Return how places (M, 2) move with the state, (M, 2, 4)."""
-    x, y = place.T
+def partial_derivatives(tangent: np.ndarray) -> np.ndarray:
+    """Return H (M, 2, 4) of predicted stars (M, 2) by the state."""
+    x, y = tangent.T
     # v_sensor = R(q)^T v: a turn of the sensor by d moves a star by -d x v_sensor.
     return np.stack([np.stack([x * y, -1 - x * x, y, x], -1),
                      np.stack([1 + y * y, -x * y, -x, y], -1)], -2)
@@ -66,111 +73,110 @@ def partial_derivatives(place: np.ndarray) -> np.ndarray:
 class PriorVerifier:
     """One frame against one prediction."""
 
-    # Recognised stars, the brightest, whose places are tried as the true ones.
-    _TRIALS = 20
+    # Recognised stars, the brightest, each of which is tried as the first true one.
+    _HYPOTHESES = 20
 
     def __init__(self, observed: np.ndarray, sigma_rad: np.ndarray, predicted: np.ndarray,
                  inside: np.ndarray, covariance: np.ndarray, tolerance_sigmas: float,
                  area: float) -> None:
         """
-        Take observed (N, 2) with errors sigma_rad (N,) per axis and predicted (M, 2) places.
+        Prepare for observed stars (N, 2) of sigma_rad (N,) and predicted ones (M, 2).
 
-        inside (M,) bool are the places in the image: on average as many gates reach into it from
-        beyond its edge as out of it. covariance (4, 4) is that of the state, area that
-        of the image in rad^2.
+        inside (M,) bool are the predicted stars in the image; only their gates are counted: on
+        average as many gates reach into the image from beyond its edge as out of it.
+        covariance (4, 4) is P, area A in rad^2.
         """
         self._observed = observed
         self._variance = sigma_rad ** 2
         self._predicted = predicted
         self._inside = inside
         self._partial = partial_derivatives(predicted)
-        self._tolerance = tolerance_sigmas ** 2
+        self._gate = tolerance_sigmas ** 2
         self._image_area = area
         self._prior = self._gates(np.zeros(4), covariance)
 
-    def verify(self, votes: np.ndarray, doubtful: np.ndarray,
-               believed: float) -> PriorMatch | None:
+    def verify(self, recognised: np.ndarray, doubtful: np.ndarray,
+               false_alarm_max: float) -> PriorMatch | None:
         """
-        Return the answer that most stars support; None when no vote agrees with the prior.
+        Return the best supported association; None when no recognised star is in its gate.
 
-        votes (N,) is the recognised row of each observed star, -1 for none; doubtful (M,)
-        bool are places that may not stand for their star; a chance up to believed counts.
+        recognised (N,) is the row of the predicted star that each observed one was recognised
+        as, -1 for none; doubtful (M,) bool are predicted stars whose centroids may be disturbed.
         """
-        voter = np.flatnonzero(votes >= 0)
-        voter = voter[self._prior.square[voter, votes[voter]] <= self._tolerance][:self._TRIALS]
-        if not len(voter):
+        star = np.flatnonzero(recognised >= 0)
+        star = star[self._prior.square[star, recognised[star]] <= self._gate][:self._HYPOTHESES]
+        if not len(star):
             return None
-        trials = self._after(voter[:, None], votes[voter][:, None])
-        matches = self._pair_up(trials)
-        best = max(range(len(voter)), key=lambda k: self._support(matches[k], trials[k]))
-        gates = trials[best]
+        hypotheses = self._updated(star[:, None], recognised[star][:, None])
+        rows = self._associate(hypotheses)
+        best = max(range(len(star)), key=lambda k: self._support(rows[k], hypotheses[k]))
+        gates = hypotheses[best]
         for _ in range(2):
-            row = self._pair_up(gates)
+            row = self._associate(gates)
             known = np.flatnonzero(row >= 0)
-            gates = self._after(known, row[known])
-        # Two stars that are the same leave no room for two attitudes.
+            gates = self._updated(known, row[known])
+        # Two shared stars leave no room for two attitudes.
         contradicted = any(
-            np.count_nonzero((match == row) & (row >= 0)) < 2
-            and self._chance(match, trials[k]) <= believed
-            for k, match in enumerate(matches))
-        row = self._alone(gates, doubtful)
-        return PriorMatch(row, 1 + gates.change[3], self._chance(row, trials[best]), contradicted)
+            np.count_nonzero((other == row) & (row >= 0)) < 2
+            and self._false_alarm(other, hypotheses[k]) <= false_alarm_max
+            for k, other in enumerate(rows))
+        row = self._undisputed(gates, doubtful)
+        return PriorMatch(row, 1 + gates.state[3], self._false_alarm(row, hypotheses[best]),
+                          contradicted)
 
-    def _gates(self, change: np.ndarray, covariance: np.ndarray) -> _Gates:
-        spread = self._partial @ covariance[..., None, :, :] @ self._partial.transpose(0, 2, 1)
-        xx, yy = (spread[..., None, :, axis, axis] + self._variance[:, None] for axis in (0, 1))
-        xy = spread[..., None, :, 0, 1]
+    def _gates(self, state: np.ndarray, covariance: np.ndarray) -> _Gates:
+        predicted = self._partial @ covariance[..., None, :, :] @ self._partial.transpose(0, 2, 1)
+        xx, yy = (predicted[..., None, :, axis, axis] + self._variance[:, None]
+                  for axis in (0, 1))
+        xy = predicted[..., None, :, 0, 1]
         determinant = xx * yy - xy * xy
-        moved = self._predicted + (self._partial @ change[..., None, :, None])[..., 0]
-        away = self._observed[:, None] - moved[..., None, :, :]
-        dx, dy = away[..., 0], away[..., 1]
+        moved = self._predicted + (self._partial @ state[..., None, :, None])[..., 0]
+        innovation = self._observed[:, None] - moved[..., None, :, :]
+        dx, dy = innovation[..., 0], innovation[..., 1]
         square = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / determinant
-        area = np.pi * self._tolerance * np.sqrt(determinant[..., self._inside]).sum(-1)
-        return _Gates(square, area, change, covariance)
+        area = np.pi * self._gate * np.sqrt(determinant[..., self._inside]).sum(-1)
+        return _Gates(square, area, state, covariance)
 
-    def _after(self, star: np.ndarray, row: np.ndarray) -> _Gates:
-        """
-        Return the gates once observed stars (..., K) are known to be predicted ones (..., K).
-
-        A Kalman update of the state.
-        """
+    def _updated(self, star: np.ndarray, row: np.ndarray) -> _Gates:
+        """Return the gates after a Kalman update: observed stars (..., K) are rows (..., K)."""
         partial = self._partial[row].reshape(*row.shape[:-1], -1, 4)
         covariance = self._prior.covariance
-        residual = (self._observed[star] - self._predicted[row]).reshape(*row.shape[:-1], -1, 1)
+        innovation = (self._observed[star] - self._predicted[row]).reshape(
+            *row.shape[:-1], -1, 1)
         variance = np.repeat(self._variance[star], 2, -1)
-        innovation = partial @ covariance @ partial.swapaxes(-1, -2)
-        innovation = innovation + np.eye(variance.shape[-1]) * variance[..., None]
-        gain = np.linalg.solve(innovation, partial @ covariance).swapaxes(-1, -2)
-        return self._gates((gain @ residual)[..., 0], covariance - gain @ partial @ covariance)
+        total = partial @ covariance @ partial.swapaxes(-1, -2)
+        total = total + np.eye(variance.shape[-1]) * variance[..., None]
+        gain = np.linalg.solve(total, partial @ covariance).swapaxes(-1, -2)
+        return self._gates((gain @ innovation)[..., 0], covariance - gain @ partial @ covariance)
 
-    def _pair_up(self, gates: _Gates) -> np.ndarray:
+    def _associate(self, gates: _Gates) -> np.ndarray:
         """Return the row (..., N) of each star, nearest both ways, -1 when out of its gate."""
         nearest = gates.square.argmin(-1)
-        distance = np.take_along_axis(gates.square, nearest[..., None], -1)[..., 0]
+        square = np.take_along_axis(gates.square, nearest[..., None], -1)[..., 0]
         nearest_star = np.take_along_axis(gates.square.argmin(-2), nearest, -1)
-        good = (nearest_star == np.arange(nearest.shape[-1])) & (distance <= self._tolerance)
+        good = (nearest_star == np.arange(nearest.shape[-1])) & (square <= self._gate)
         return np.where(good, nearest, -1)
 
-    def _alone(self, gates: _Gates, doubtful: np.ndarray) -> np.ndarray:
-        """Return the pairs that no other star or place near them can dispute."""
-        row = self._pair_up(gates)
-        # Twice the gate: noise takes neither of two such places for the other.
-        disputed = (gates.square <= 4 * self._tolerance).sum(1) > 1
-        crowd = (gates.square <= self._tolerance).sum(0) > 1
-        return np.where(disputed | crowd[row] | doubtful[row], -1, row)
+    def _undisputed(self, gates: _Gates, doubtful: np.ndarray) -> np.ndarray:
+        """Return the association without stars that have a second possible partner."""
+        row = self._associate(gates)
+        # Twice the gate: noise does not confuse two predicted stars so far apart.
+        disputed = (gates.square <= 4 * self._gate).sum(1) > 1
+        shared = (gates.square <= self._gate).sum(0) > 1
+        return np.where(disputed | shared[row] | doubtful[row], -1, row)
 
     def _support(self, row: np.ndarray, gates: _Gates) -> tuple[int, float]:
-        """Return how many stars a trial explains, and for equal numbers how well."""
+        """Return the number of associated stars and minus the sum of their y^T S^-1 y."""
         known = np.flatnonzero(row >= 0)
         return len(known), -float(gates.square[known, row[known]].sum())
 
-    def _chance(self, row: np.ndarray, gates: _Gates) -> float:
-        """Return the false-alarm probability of an answer that began with these gates."""
-        # Here, as only who predicts the attitude waits for it.
+    def _false_alarm(self, row: np.ndarray, gates: _Gates) -> float:
+        """Return the false-alarm probability of an association that began with these gates."""
+        # Imported here: a slow import that only a predicted attitude needs.
         from scipy.special import bdtrc
         others = np.count_nonzero(row >= 0) - 1
         if others < 1:
             return 1.0
         pairs = self._prior.area.sum() / self._image_area
-        by_chance = min(1.0, gates.area.mean() / self._image_area)
-        return float(min(1.0, pairs * bdtrc(others - 1, len(row) - 1, by_chance)))
+        p = min(1.0, gates.area.mean() / self._image_area)
+        return float(min(1.0, pairs * bdtrc(others - 1, len(row) - 1, p)))

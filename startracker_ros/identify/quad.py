@@ -1,10 +1,11 @@
 """
 Quads of bright stars through the k-vector, confirmed by triangles over the whole field.
 
-Yuan, Zhang, Shi 2017, star identification by k-vector and quadrilaterals. Where this reads
-the paper freely: sides are compared as angles, not as cosines, which lose the short ones;
+Yuan, Zhang, Shi 2017, star identification by k-vector and quadrilaterals. Differences
+from the paper: sides are compared as angles, not as cosines, which lose the short ones;
 tolerances follow from the errors of the centroids, where the paper's 1e-6 of a cosine is
-1 arcsec at 10 deg and so for images without noise; hands are checked at once.
+1 arcsec at 10 deg and so for images without noise; handedness is checked
+at once.
 """
 
 from collections.abc import Iterator
@@ -20,20 +21,18 @@ from startracker_ros.identify.cache import cached_pairs
 from startracker_ros.identify.identification import (
     CandidateIdentifier, Candidates, FieldStars, IdentificationOptions)
 from startracker_ros.identify.pairs import PairDatabase
-from startracker_ros.identify.verification import Verifier
+from startracker_ros.identify.verification import MAX_VERIFIED, Verifier
 from startracker_ros.maths.rotation import matrix_from_quaternion
 
-# Pairs closer than this say little beside their noise.
+# The relative noise of shorter sides is too large to be of use.
 _MIN_SEPARATION_PX = 20.0
 # Quads are made of so many of the brightest stars: 4845 of them.
 _QUAD_STARS = 20
-# Trust in a star relative to the next brighter one: nine of ten, a start without evidence.
+# Ratio of the trust in a star and in the next brighter one.
 _FAINTER_TRUST = 0.9
-# A quad that fits so many places of the sky tells nothing and is passed over, for its time.
+# A quad that fits so many catalogue quads is no evidence and is skipped to save time.
 _MAX_QUADS = 1000
 _MAX_JOINED = 500_000
-# Confirmed quads that are judged, the best first.
-_JUDGED = 5
 _SIDES = tuple(combinations(range(4), 2))
 _TRIPLES = np.array(list(combinations(range(4), 3)))
 
@@ -41,7 +40,7 @@ _TRIPLES = np.array(list(combinations(range(4), 3)))
 class QuadIdentifier(CandidateIdentifier):
     """Quads of bright stars, looked up side by side, confirmed by triangles with all others."""
 
-    # Four make the base, and one at least confirms it.
+    # Four of the base and one that confirms it.
     min_stars = 5
 
     def __init__(self, camera: Camera, epoch_year: float,
@@ -64,12 +63,12 @@ class QuadIdentifier(CandidateIdentifier):
 
 
 class QuadVerifier(Verifier):
-    """Judges as for every method, but only quads that the field match of the paper confirms."""
+    """Verifies the quads that the field match of the paper confirms."""
 
     def __init__(self, camera: Camera, places: StarPlaces, tolerance_sigmas: float,
                  scale_error: float) -> None:
         super().__init__(camera, places, tolerance_sigmas, scale_error)
-        # The boresight of four stars is a little off.
+        # Allows for the error of the boresight from four stars.
         self.field_match = partial(full_field_match, places, 1.05 * camera.corner_angle_rad,
                                    tolerance_sigmas, scale_error)
 
@@ -83,16 +82,16 @@ class QuadVerifier(Verifier):
         """
         matched = np.array([np.count_nonzero(self.field_match(image, sigma_rad, base, star) >= 0)
                             for star in stars], int)
-        best = np.argsort(-matched, kind='stable')[:_JUDGED]
+        best = np.argsort(-matched, kind='stable')[:MAX_VERIFIED]
         return best[matched[best] > len(base)]
 
 
 def base_quads(count: int) -> Iterator[np.ndarray]:
     """
-    Yield index quadruples (4,) of count image stars, brightest first, until all were tried.
+    Yield index quadruples (4,) of count image stars until none is left.
 
-    The four brightest begin. Trust halves for the stars of each quad that is asked to be
-    followed by another, so that a false star is soon left aside.
+    The next one has the greatest product of trusts, w_i = 0.9^i for the i-th brightest. Each
+    quad halves the trust in its stars, so that a false star is soon left.
     """
     count = min(count, _QUAD_STARS)
     quads = _combinations(count)
@@ -116,11 +115,11 @@ def matching_quads(pairs: PairDatabase, directions: np.ndarray, image: np.ndarra
     """
     Return catalogue quadruples (M, 4) that fit four image stars.
 
-    directions (S, 3) are those of the catalogue stars that the pairs count, image (4, 3)
+    directions (S, 3) are those of the stars of the pairs, image (4, 3)
     unit vectors of the image stars, sigma_rad (4,) their errors per axis. A quadruple fits
     when each of its six sides agrees with that of the image within tolerance_sigmas of the
-    noise and scale_error, and when its hand agrees. Four that fit too many places to tell
-    fit none.
+    noise and scale_error, and when its handedness agrees. None are returned where more than
+    _MAX_QUADS fit.
     """
     side = {}
     for i, j in _SIDES:
@@ -132,8 +131,7 @@ def matching_quads(pairs: PairDatabase, directions: np.ndarray, image: np.ndarra
     for other in (1, 2, 3):
         star = side[0, other][0]
         level[star[level[star] == other - 1]] = other
-    # A star may have several partners on one side: all of them are followed, where the
-    # paper remembers one.
+    # A star may have several partners on one side. The paper stores one, here all are used.
     quads = np.flatnonzero(level == 3)[:, None]
     for other in (1, 2, 3):
         star, partner = side[0, other]
@@ -142,16 +140,16 @@ def matching_quads(pairs: PairDatabase, directions: np.ndarray, image: np.ndarra
         for known in range(1, other):
             quads = quads[_among(quads[:, [known, other]], *side[known, other], len(directions))]
     triple = _TRIPLES[np.argmax(abs(np.linalg.det(image[_TRIPLES])))]
-    hand = np.sign(np.linalg.det(image[triple]))
-    quads = quads[np.sign(np.linalg.det(directions[quads[:, triple]])) == hand]
+    handedness = np.sign(np.linalg.det(image[triple]))
+    quads = quads[np.sign(np.linalg.det(directions[quads[:, triple]])) == handedness]
     return quads if len(quads) <= _MAX_QUADS else quads[:0]
 
 
 def _join(rows: np.ndarray, star: np.ndarray, partner: np.ndarray) -> np.ndarray:
     """
-    Return rows (M, K), each once for every partner of its first star, which is added.
+    Return rows (M, K + 1): each of rows (M, K) with each partner of its first star.
 
-    None are returned when they would be too many.
+    None are returned where they would be more than _MAX_JOINED.
     """
     order = np.argsort(star, kind='stable')
     begin, end = (np.searchsorted(star[order], rows[:, 0], which) for which in ('left', 'right'))
@@ -164,7 +162,7 @@ def _join(rows: np.ndarray, star: np.ndarray, partner: np.ndarray) -> np.ndarray
 
 
 def _among(two: np.ndarray, a: np.ndarray, b: np.ndarray, size: int) -> np.ndarray:
-    """Return which stars (M, 2), of size, are one of the pairs a (P,), b (P,)."""
+    """Return which rows of two (M, 2) are among the pairs a (P,), b (P,) of stars below size."""
     listed = np.sort(size * a.astype(int) + b)
     wanted = two @ [size, 1]
     return np.searchsorted(listed, wanted, 'right') > np.searchsorted(listed, wanted, 'left')
@@ -176,10 +174,10 @@ def full_field_match(places: StarPlaces, radius_rad: float, tolerance_sigmas: fl
     """
     Return the catalogue star (N,) of each image star (N, 3), -1 where none matches.
 
-    Image stars base (B,) are taken for the places star (B,); the catalogue is cut to
-    radius_rad about the boresight of their attitude. Any other star matches when its
-    triangles with all pairs of base stars do. Pairs of base stars agree already, so that
-    leaves its B sides to them: within tolerance_sigmas of the noise sigma_rad (N,) and
+    Image stars base (B,) are assumed to be the catalogue stars star (B,); the catalogue is cut
+    to radius_rad about the boresight of their attitude. Any other star matches when its
+    triangles with all pairs of base stars do. Pairs of base stars agree already, so its B
+    sides to them are compared: within tolerance_sigmas of the noise sigma_rad (N,) and
     scale_error.
     """
     corner = places.direction[star]
@@ -191,7 +189,7 @@ def full_field_match(places: StarPlaces, radius_rad: float, tolerance_sigmas: fl
              + scale_error * seen)
     worst = np.max(np.abs(seen[:, None] - true) / reach[:, None], axis=2)
     nearest, row = worst.argmin(1), np.arange(len(image))
-    # One to one: of several image stars at one place the nearest has it.
+    # One to one: of several image stars at one catalogue star the nearest matches.
     good = (worst[row, nearest] <= 1) & (worst.argmin(0)[nearest] == row)
     found = np.where(good, near[nearest], -1)
     found[base] = star

@@ -1,7 +1,14 @@
 """
-Whether further image stars support a candidate: a quick look before it is judged.
+Votes of further image stars for a candidate triangle, counted before it is verified.
 
-Three image stars that are taken for three catalogue stars predict where others must be.
+Image stars a, b, c taken for catalogue stars A, B, C predict where star i must be. With
+
+    i = w_a a + w_b b + w_c c,    w_a = i . (b x c) / a . (b x c) and so on,
+
+the catalogue direction is that of w_a A + w_b B + w_c C. This needs no attitude, and a wrong
+focal length cancels. The error of the prediction and of the star itself is
+
+    sigma^2 = sigma_i^2 + w_a^2 sigma_a^2 + w_b^2 sigma_b^2 + w_c^2 sigma_c^2.
 """
 
 import numpy as np
@@ -16,46 +23,44 @@ SUPPORTERS = 8
 def support_weights(image: np.ndarray, sigma: np.ndarray, base: np.ndarray, tolerance_sigmas: float
                     ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return how to predict other image stars from three: weights (K, 3), reach (K,) in rad.
+    Return weights (K, 3) and search radii (K,) in rad of the stars that base (3,) predicts best.
 
-    Written as a sum of the corners of the triangle a star needs no attitude to be
-    predicted, and a wrong focal length cancels. The stars that the triangle predicts best
-    are chosen.
+    image (N, 3) are unit vectors, sigma (N,) their errors in rad; K is SUPPORTERS at most.
     """
     a, b, c = base[0], base[1], base[2]
-    whole = volume(image, a, b, c)
+    whole = triple_product(image, a, b, c)
     count = len(image)
     weights = np.zeros((count, 3))
     reach = np.full(count, np.inf)
     for i in range(count):
         if i in (a, b, c):
             continue
-        weights[i, 0] = volume(image, i, b, c) / whole
-        weights[i, 1] = volume(image, a, i, c) / whole
-        weights[i, 2] = volume(image, a, b, i) / whole
-        square = sigma[i] ** 2
+        weights[i, 0] = triple_product(image, i, b, c) / whole
+        weights[i, 1] = triple_product(image, a, i, c) / whole
+        weights[i, 2] = triple_product(image, a, b, i) / whole
+        sigma2 = sigma[i] ** 2
         for k in range(3):
-            square += (weights[i, k] * sigma[base[k]]) ** 2
-        if square < np.inf:
-            reach[i] = tolerance_sigmas * np.sqrt(square)
-    kept = 0
+            sigma2 += (weights[i, k] * sigma[base[k]]) ** 2
+        if sigma2 < np.inf:
+            reach[i] = tolerance_sigmas * np.sqrt(sigma2)
+    chosen = 0
     for _ in range(min(SUPPORTERS, count)):
-        least = kept
-        for i in range(kept, count):
+        least = chosen
+        for i in range(chosen, count):
             if reach[i] < reach[least]:
                 least = i
         if not reach[least] < np.inf:
             break
-        reach[kept], reach[least] = reach[least], reach[kept]
+        reach[chosen], reach[least] = reach[least], reach[chosen]
         for k in range(3):
-            weights[kept, k], weights[least, k] = weights[least, k], weights[kept, k]
-        kept += 1
-    return weights[:kept], reach[:kept]
+            weights[chosen, k], weights[least, k] = weights[least, k], weights[chosen, k]
+        chosen += 1
+    return weights[:chosen], reach[:chosen]
 
 
 @compiled
-def volume(vectors: np.ndarray, a: int, b: int, c: int) -> float:
-    """Return the triple product a . (b x c) of three of the vectors (N, 3)."""
+def triple_product(vectors: np.ndarray, a: int, b: int, c: int) -> float:
+    """Return a . (b x c) of three of the vectors (N, 3)."""
     # Scalars alone: a view of a row costs more than the arithmetic with it.
     x, y, z = vectors[a, 0], vectors[a, 1], vectors[a, 2]
     return (x * (vectors[b, 1] * vectors[c, 2] - vectors[b, 2] * vectors[c, 1])
@@ -67,9 +72,10 @@ def volume(vectors: np.ndarray, a: int, b: int, c: int) -> float:
 def support(sky: SkyGrid, weights: np.ndarray, reach: np.ndarray, first: int, second: int,
             third: int, enough: int) -> int:
     """
-    Return how many predicted image stars are at a catalogue star, if three are these stars.
+    Return how many predicted image stars have a catalogue star, if base is these three stars.
 
-    Where it cannot be more than enough, the rest is not looked up.
+    weights (K, 3) and reach (K,) are those of support_weights(). A count that can no longer
+    exceed enough is not completed.
     """
     direction = sky.direction
     ax, ay, az = direction[first, 0], direction[first, 1], direction[first, 2]

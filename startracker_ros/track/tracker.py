@@ -11,6 +11,7 @@ from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.track.attitude_model import AttitudeModel
 from startracker_ros.track.in_view import StarsInView
@@ -97,6 +98,14 @@ class StarTracker:
     def gyro_condition(self) -> str:
         """Whether a gyro carries the attitude on: none, used or unused."""
         return 'none' if not len(self._gyro) else 'used' if self._model.uses_gyro else 'unused'
+
+    def warm_up(self) -> None:
+        """Compile and load what a frame needs, with a second tracker of a synthetic field."""
+        tracker = StarTracker(self._camera, self._places, self._options)
+        centroids, hip = synthetic_field(self._places, self._camera)
+        for stamp_ns in (1, 2, 3):
+            tracker.update(stamp_ns, centroids)
+            tracker.identified(stamp_ns, centroids, hip)
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         """Take a rate (3,) about sensor axes measured up to a time; False if it is unusable."""

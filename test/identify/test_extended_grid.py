@@ -138,7 +138,7 @@ def test_chance_is_what_it_says():
                                  np.ones(15, bool), covariance, 3.5, area)
         nearest = np.linalg.norm(seen[:, None] - predicted, axis=2).argmin(1)
         match = verifier.verify(nearest, np.zeros(15, bool), 1e-5)
-        chances.append(1.0 if match is None else match.chance)
+        chances.append(1.0 if match is None else match.false_alarm)
     for level in (0.05, 0.01):
         assert np.mean(np.array(chances) <= level) <= 1.3 * level
     # It is not so shy that the bound means nothing.
@@ -157,7 +157,7 @@ def test_a_star_that_may_be_either_of_two_is_left_out():
     np.testing.assert_array_equal(match.row, [0, 1, -1])
     doubtful = verifier.verify(np.array([0, 1, 2]), np.array([True, False, False, False]), 1e-3)
     np.testing.assert_array_equal(doubtful.row, [-1, 1, -1])
-    assert doubtful.chance == 1.0
+    assert doubtful.false_alarm == 1.0
 
 
 def test_patterns_against_a_slow_oracle(identifier):

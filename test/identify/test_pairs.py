@@ -64,7 +64,7 @@ def test_the_cache_gives_back_what_was_built(places):
 
 
 def test_the_cache_keeps_what_was_used_last(places, monkeypatch):
-    monkeypatch.setattr('startracker_ros.identify.cache.KEPT_FILES', 2)
+    monkeypatch.setattr('startracker_ros.identify.cache.MAX_FILES', 2)
     cached_pairs(places, NEAR, 0.19)
     first, = cache_folder().iterdir()
     os.utime(first, (100, 100))
@@ -106,7 +106,7 @@ def test_a_damaged_cache_is_built_anew_and_replaced(places, caplog, damage):
     file.write_bytes(damage(content))
     with caplog.at_level(logging.WARNING):
         assert_equal(cached_pairs(places, NEAR, FAR), built)
-    assert 'is damaged and is built anew' in caplog.text
+    assert 'is damaged and is rebuilt' in caplog.text
     assert file.read_bytes() == content
 
 

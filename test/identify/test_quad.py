@@ -193,7 +193,7 @@ def test_too_few_stars(identifier, count):
     centroids, _ = star_list(identifier.places, CAMERA, random_attitude(rng), 0.5, rng)
     result = identifier.identify(frame(centroids.uv[:count], centroids.flux[:count]))
     assert result.status == 'too_few_stars'
-    assert f'{count} usable stars, quad takes 5' in result.reason
+    assert f'{count} usable stars, quad needs 5' in result.reason
     assert len(result.hip) == count
 
 

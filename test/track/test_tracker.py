@@ -461,3 +461,15 @@ def test_same_input_same_output():
         tracking(Motion(PLACES, (0.1, 0.2, 0.3), false_points=5), 30) for _ in range(2))
     frame = Motion(PLACES, (0.1, 0.2, 0.3), false_points=5).frame(30)
     np.testing.assert_array_equal(one.update(*frame[:2]).uv, two.update(*frame[:2]).uv)
+
+
+def test_a_warm_up_leaves_the_state_as_it_is(monkeypatch):
+    states = []
+    update = StarTracker.update
+    monkeypatch.setattr(StarTracker, 'update', lambda self, *given: (
+        update(self, *given), states.append(self.state))[0])
+    tracker = StarTracker(CAMERA, sky())
+    tracker.warm_up()
+    assert states[-1] is TrackerState.TRACKING
+    assert tracker.state is TrackerState.LOST and tracker.attitude is None
+    assert tracker.frames_since_fix == tracker.checks_passed == tracker.late_frames == 0

@@ -1,4 +1,9 @@
-"""Image stars beside the catalogue stars they may be, and the attitude and scale that fit."""
+"""
+Association of image stars with catalogue stars, and the attitude and focal length that fit.
+
+Image stars are points x / z, y / z of the tangent plane in the sensor frame, of the nominal focal
+length; divided by the focal ratio they are those of the fitted one.
+"""
 
 import numpy as np
 from startracker_ros.attitude.refinement import (
@@ -9,7 +14,7 @@ from startracker_ros.compiled import compiled, inlined
 
 
 @compiled
-def matches(matched: np.ndarray) -> int:
+def count_matched(matched: np.ndarray) -> int:
     """Return how many of the image stars (N,) have a catalogue star."""
     count = 0
     for star in matched:
@@ -19,7 +24,7 @@ def matches(matched: np.ndarray) -> int:
 
 @compiled
 def _equal(matched: np.ndarray, other: np.ndarray) -> bool:
-    """Return whether two answers are the same."""
+    """Return whether two associations (N,) are the same."""
     for i in range(len(matched)):
         if matched[i] != other[i]:
             return False
@@ -36,8 +41,8 @@ def contains(matched: np.ndarray, star: int) -> bool:
 
 
 @inlined
-def star_at(sky: SkyGrid, matrix: np.ndarray, x: float, y: float, radius: float
-            ) -> tuple[int, float]:
+def nearest_star(sky: SkyGrid, matrix: np.ndarray, x: float, y: float, radius: float
+                 ) -> tuple[int, float]:
     """Return the catalogue star nearest to x / z, y / z in the sensor frame, as nearest()."""
     z = 1 / np.sqrt(x * x + y * y + 1)
     return nearest(sky, z * (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]),
@@ -46,8 +51,8 @@ def star_at(sky: SkyGrid, matrix: np.ndarray, x: float, y: float, radius: float
 
 
 @compiled
-def _gap(matrix: np.ndarray, direction: np.ndarray, star: int, x: float, y: float) -> float:
-    """Return how far a star of direction (S, 3) is from x / z, y / z in the sensor frame."""
+def _residual(matrix: np.ndarray, direction: np.ndarray, star: int, x: float, y: float) -> float:
+    """Return the distance of a star of direction (S, 3) from x / z, y / z in the sensor frame."""
     # Scalars alone: a view of a row costs more than the arithmetic with it.
     a, b, c = direction[star, 0], direction[star, 1], direction[star, 2]
     z = matrix[0, 2] * a + matrix[1, 2] * b + matrix[2, 2] * c
@@ -57,42 +62,43 @@ def _gap(matrix: np.ndarray, direction: np.ndarray, star: int, x: float, y: floa
 
 
 @compiled
-def _pair_up(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float, radius: float
-             ) -> tuple[np.ndarray, np.ndarray]:
+def _associate(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float, radius: float
+               ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the catalogue star (N,) nearest to each image star and its distance (N,) in x / z.
+    Return the catalogue star (N,) nearest to each image star and its residual (N,) in x / z.
 
-    One to one: of several image stars at one star the nearest has it. -1 and NaN beyond the
-    radius.
+    One to one: of several image stars at one star the nearest is associated. -1 and NaN beyond
+    the radius.
     """
     count = len(seen)
     matched = np.full(count, -1)
-    distance = np.full(count, np.nan)
+    residual = np.full(count, np.nan)
     for i in range(count):
         x, y = seen[i, 0] / ratio, seen[i, 1] / ratio
-        star, _ = star_at(sky, matrix, x, y, radius)
+        star, _ = nearest_star(sky, matrix, x, y, radius)
         if star < 0:
             continue
-        gap = _gap(matrix, sky.direction, star, x, y)
-        if gap > radius:
+        distance = _residual(matrix, sky.direction, star, x, y)
+        if distance > radius:
             continue
         for other in range(i):
             if matched[other] == star:
-                if distance[other] <= gap:
+                if residual[other] <= distance:
                     star = -1
                 else:
-                    matched[other], distance[other] = -1, np.nan
+                    matched[other], residual[other] = -1, np.nan
                 break
         if star >= 0:
-            matched[i], distance[i] = star, gap
-    return matched, distance
+            matched[i], residual[i] = star, distance
+    return matched, residual
 
 
 @compiled
-def _chosen(seen: np.ndarray, sigma: np.ndarray, ratio: float, matched: np.ndarray,
-            direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _matched_directions(seen: np.ndarray, sigma: np.ndarray, ratio: float, matched: np.ndarray,
+                        direction: np.ndarray
+                        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return sensor (M, 3) and ICRF (M, 3) directions and weights (M,) of the matched stars."""
-    count = matches(matched)
+    count = count_matched(matched)
     sensor, icrf, weight = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
     row = 0
     for i in range(len(matched)):
@@ -111,47 +117,49 @@ def _chosen(seen: np.ndarray, sigma: np.ndarray, ratio: float, matched: np.ndarr
 @compiled
 def _farthest(vectors: np.ndarray) -> int:
     """Return the vector (N, 3) that is farthest from the first."""
-    chosen, most = 0, -1.0
+    farthest, most = 0, -1.0
     for i in range(1, len(vectors)):
-        square = ((vectors[i, 0] - vectors[0, 0]) ** 2 + (vectors[i, 1] - vectors[0, 1]) ** 2
+        chord2 = ((vectors[i, 0] - vectors[0, 0]) ** 2 + (vectors[i, 1] - vectors[0, 1]) ** 2
                   + (vectors[i, 2] - vectors[0, 2]) ** 2)
-        if square > most:
-            chosen, most = i, square
-    return chosen
+        if chord2 > most:
+            farthest, most = i, chord2
+    return farthest
 
 
 @compiled
-def _scale(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray) -> float:
+def _focal_ratio(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray) -> float:
     """
     Return the focal length that fits over the one of the sensor directions (M, 3).
 
-    Taken from the distances of the stars from their own centre: were they taken from the
-    axis, stars on one side of the image would hide a wrong scale in a wrong attitude.
+    With p_i the seen and q_i the predicted points of the tangent plane, and p, q their means,
+    it is the least-squares scale sum (p_i - p) . (q_i - q) / sum |q_i - q|^2. About the means and
+    not about the axis: else stars on one side of the image would hide a wrong scale in a wrong
+    attitude.
     """
     count = len(sensor)
-    expected = np.empty((count, 2))
-    seen = np.empty((count, 2))
-    centre = np.zeros(4)
+    q = np.empty((count, 2))
+    p = np.empty((count, 2))
+    p_mean, q_mean = np.zeros(2), np.zeros(2)
     for i in range(count):
         a, b, c = icrf[i, 0], icrf[i, 1], icrf[i, 2]
         z = matrix[0, 2] * a + matrix[1, 2] * b + matrix[2, 2] * c
         for k in range(2):
-            expected[i, k] = (matrix[0, k] * a + matrix[1, k] * b + matrix[2, k] * c) / z
-            seen[i, k] = sensor[i, k] / sensor[i, 2]
-            centre[k] += seen[i, k] / count
-            centre[2 + k] += expected[i, k] / count
-    both = square = 0.0
+            q[i, k] = (matrix[0, k] * a + matrix[1, k] * b + matrix[2, k] * c) / z
+            p[i, k] = sensor[i, k] / sensor[i, 2]
+            p_mean[k] += p[i, k] / count
+            q_mean[k] += q[i, k] / count
+    pq = qq = 0.0
     for i in range(count):
         for k in range(2):
-            away = expected[i, k] - centre[2 + k]
-            both += (seen[i, k] - centre[k]) * away
-            square += away * away
-    return both / square
+            dq = q[i, k] - q_mean[k]
+            pq += (p[i, k] - p_mean[k]) * dq
+            qq += dq * dq
+    return pq / qq
 
 
 @compiled
-def _spread(seen: np.ndarray, matched: np.ndarray) -> float:
-    """Return the root of the summed square distances of the matched stars from their centre."""
+def _scatter(seen: np.ndarray, matched: np.ndarray) -> float:
+    """Return sqrt(sum |p_i - p|^2) of the matched stars p_i, p their mean."""
     count = 0
     x = y = xx = yy = 0.0
     for i in range(len(seen)):
@@ -169,56 +177,58 @@ def align(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray, s
           radius: float, scale_error: float
           ) -> tuple[bool, float, np.ndarray, np.ndarray, np.ndarray]:
     """
-    Pair up all image stars when those of base (B,) are the catalogue stars star (B,).
+    Associate all image stars when those of base (B,) are the catalogue stars star (B,).
 
     seen (N, 2) are the image stars in x / z, y / z, where radius is measured, too; sigma (N,)
     is in rad. Return whether four stars or more agree with an attitude and a scale within
-    scale_error, the focal ratio, the pairs as _pair_up() and the matrix (3, 3) to ICRF.
+    scale_error, the focal ratio, the association and residuals as _associate() and the matrix
+    (3, 3) to ICRF.
     """
     matched = np.full(len(seen), -1)
     for i in range(len(base)):
         matched[base[i]] = star[i]
-    distance = np.full(len(seen), np.nan)
+    residual = np.full(len(seen), np.nan)
     matrix = np.eye(3)
     ratio = fitted = 1.0
-    # The first radius allows for the attitude that three close stars extrapolate; looked at
+    # The first radius allows for the attitude that three close stars extrapolate; used
     # twice, because the stars found first lead to those at the far side of the image.
     for attempt in range(4):
         before = matched
-        sensor, icrf, weight = _chosen(seen, sigma, ratio, matched, sky.direction)
+        sensor, icrf, weight = _matched_directions(seen, sigma, ratio, matched, sky.direction)
         if attempt == 0:
             matrix = triad(sensor, icrf, 0, _farthest(sensor))
         # What one step leaves is little beside the radius, and more steps follow.
         if not refine(matrix, sensor, icrf, weight, 1)[1] > 0:
-            return False, ratio, matched, distance, matrix
-        fitted = ratio * _scale(matrix, sensor, icrf)
-        # Close stars may know the scale less well than it was known before.
+            return False, ratio, matched, residual, matrix
+        fitted = ratio * _focal_ratio(matrix, sensor, icrf)
+        # Close stars may determine the scale less well than it was known before.
         ratio = min(max(fitted, 1 - scale_error), 1 + scale_error)
-        matched, distance = _pair_up(sky, matrix, seen, ratio,
-                                     3 * radius if attempt < 2 else radius)
-        if matches(matched) < 4:
-            return False, ratio, matched, distance, matrix
+        matched, residual = _associate(sky, matrix, seen, ratio,
+                                       3 * radius if attempt < 2 else radius)
+        if count_matched(matched) < 4:
+            return False, ratio, matched, residual, matrix
         if attempt > 0 and _equal(matched, before):
-            # The same pairs with the focal length that they have led to.
-            sensor, icrf, weight = _chosen(seen, sigma, ratio, matched, sky.direction)
+            # The same association with the focal length that it has led to.
+            sensor, icrf, weight = _matched_directions(seen, sigma, ratio, matched,
+                                                       sky.direction)
             refine(matrix, sensor, icrf, weight, 1)
-            # A narrower radius would leave them as they are.
-            if _measure(sky.direction, matrix, seen, ratio, matched, distance) <= radius:
+            # A narrower radius would leave it as it is.
+            if _update(sky.direction, matrix, seen, ratio, matched, residual) <= radius:
                 break
-    holds = abs(fitted - 1) <= scale_error + radius / _spread(seen, matched)
-    return holds, ratio, matched, distance, matrix
+    agrees = abs(fitted - 1) <= scale_error + radius / _scatter(seen, matched)
+    return agrees, ratio, matched, residual, matrix
 
 
 @compiled
-def _measure(direction: np.ndarray, matrix: np.ndarray, seen: np.ndarray, ratio: float,
-             matched: np.ndarray, distance: np.ndarray) -> float:
-    """Put the distances of the pairs, as of _pair_up(), into distance (N,); return the largest."""
+def _update(direction: np.ndarray, matrix: np.ndarray, seen: np.ndarray, ratio: float,
+            matched: np.ndarray, residual: np.ndarray) -> float:
+    """Put the residuals of an association into residual (N,); return the largest."""
     largest = 0.0
     for i in range(len(matched)):
         if matched[i] >= 0:
-            distance[i] = _gap(matrix, direction, matched[i], seen[i, 0] / ratio,
-                               seen[i, 1] / ratio)
-            largest = max(largest, distance[i])
+            residual[i] = _residual(matrix, direction, matched[i], seen[i, 0] / ratio,
+                                    seen[i, 1] / ratio)
+            largest = max(largest, residual[i])
     return largest
 
 
@@ -230,7 +240,7 @@ def fit(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, ratio: float, star: n
 
     start (3, 3) is a nearly right matrix to ICRF.
     """
-    sensor, icrf, weight = _chosen(seen, sigma, ratio, star, sky.direction)
+    sensor, icrf, weight = _matched_directions(seen, sigma, ratio, star, sky.direction)
     if len(weight) < 2:
         return np.zeros(4), np.full((3, 3), np.inf), np.zeros(len(weight)), np.inf
     matrix = start.copy()

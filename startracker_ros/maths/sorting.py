@@ -1,0 +1,29 @@
+"""Order and median of a few values, for compiled functions."""
+
+import numpy as np
+from startracker_ros.compiled import compiled
+
+
+@compiled
+def ascending_order(values: np.ndarray) -> np.ndarray:
+    """
+    Return the indices (N,) that sort values (N,) from the least to the greatest, stable.
+
+    Insertion sort: N (N - 1) / 4 moves on average, far fewer when nearly sorted. Up to some
+    dozens of values it is faster than np.argsort. NaN values have no defined position.
+    """
+    order = np.arange(len(values))
+    for i in range(1, len(order)):
+        moved = order[i]
+        j = i
+        while j > 0 and values[order[j - 1]] > values[moved]:
+            order[j] = order[j - 1]
+            j -= 1
+        order[j] = moved
+    return order
+
+
+@compiled
+def upper_median(values: np.ndarray) -> float:
+    """Return the median of a few values (N,), N > 0; of an even number the greater middle one."""
+    return values[ascending_order(values)[len(values) // 2]]

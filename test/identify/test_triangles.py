@@ -1,0 +1,123 @@
+"""The triangle search against brute force, and how many triangles fit by chance."""
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.identify.pair_search import expected_pairs, image_side, pair_level
+from startracker_ros.identify.pairs import build_pairs
+from startracker_ros.identify.triangle_order import new_state, next_triangle
+from startracker_ros.identify.triangles import catalogue_triangles, image_triangle
+from startracker_ros.identify.verification import Verifier
+from startracker_ros.maths.rotation import rotate
+from startracker_ros.sky.star_lists import random_attitude
+
+CAMERA = Camera.from_fov(512, 512, 12.0)
+SIGMAS = 3.5
+
+
+def make(direction, scale_error):
+    """Return level and verifier of a sky of stars (N, 3)."""
+    count = len(direction)
+    sky = StarPlaces(np.arange(1, count + 1, dtype=np.int32), direction, np.full(count, 5.0),
+                     np.zeros(count, bool))
+    level = pair_level(build_pairs(sky, 1e-3, 0.3), direction, 40, 1000)
+    return level, Verifier(CAMERA, sky, SIGMAS, scale_error).data
+
+
+def patch(rng, count):
+    direction = np.column_stack([rng.uniform(-0.1, 0.1, (count, 2)), np.ones(count)])
+    return direction / np.linalg.norm(direction, axis=1, keepdims=True)
+
+
+def angle(a, b):
+    return 2 * np.arcsin(np.linalg.norm(a - b) / 2)
+
+
+def count_fitting(direction, image, sigma, scale_error):
+    """Return how many ordered triples fit, by the equations of the module."""
+    theta, gate = np.array([
+        (angle(image[i], image[j]), SIGMAS * np.hypot(sigma[i], sigma[j]))
+        for i, j in ((0, 1), (0, 2), (1, 2))]).T
+    volume = np.linalg.det(image)
+    flat = abs(volume) < 4 * gate.max() / SIGMAS * theta.max()
+    count = 0
+    for stars in permutations(range(len(direction)), 3):
+        a, b, c = direction[list(stars)]
+        d = np.array([angle(a, b), angle(a, c), angle(b, c)])
+        s = np.sum(theta * d / gate ** 2) / np.sum(theta ** 2 / gate ** 2)
+        count += bool((abs(d - s * theta) <= gate).all()
+                      and (abs(d - theta) <= gate + scale_error * theta).all()
+                      and (flat or np.linalg.det([a, b, c]) * volume > 0))
+    return count
+
+
+@pytest.mark.parametrize('scale_error', [0.0, 0.005])
+def test_the_search_finds_what_trying_all_stars_finds(scale_error):
+    """One search after the other in the same work arrays, with many partners for each star."""
+    rng = np.random.default_rng(1)
+    direction = patch(rng, 25)
+    level, verifier = make(direction, scale_error)
+    some = 0
+    for _ in range(25):
+        image = rotate(random_attitude(rng), direction[rng.permutation(25)[:3]])
+        sigma = rng.uniform(5e-4, 3e-3, 3)
+        tested = np.zeros(1, np.int64)
+        catalogue_triangles(level, verifier, image, sigma, np.arange(3), tested)
+        assert tested[0] == count_fitting(direction, image, sigma, scale_error)
+        some += tested[0]
+    assert some > 100
+
+
+def test_the_best_supported_triangle_is_the_right_one():
+    rng = np.random.default_rng(2)
+    direction = patch(rng, 60)
+    level, verifier = make(direction, 0.02)
+    for _ in range(10):
+        shown = rng.permutation(60)[:12]
+        image = rotate(random_attitude(rng), direction[shown])
+        best, count = catalogue_triangles(level, verifier, image, np.full(12, 2e-5),
+                                          np.array([4, 0, 7]), np.zeros(1, np.int64))
+        assert count >= 1
+        np.testing.assert_array_equal(best[0], shown[[4, 0, 7]])
+
+
+def test_chance_triangles_are_as_many_as_the_equations_expect():
+    rng = np.random.default_rng(3)
+    direction = rng.standard_normal((4000, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    level, verifier = make(direction, 0.0)
+    found = expected = 0.0
+    for _ in range(200):
+        image, sigma = patch(rng, 3), np.full(3, 4e-4)
+        triangle = image_triangle(image, sigma, np.arange(3), SIGMAS)
+        area = abs(np.linalg.det(image)) / 2
+        if area < 1e-3:
+            continue
+        tested = np.zeros(1, np.int64)
+        catalogue_triangles(level, verifier, image, sigma, np.arange(3), tested)
+        n_ab, n_ac = (expected_pairs(level.table.values, 4000, side, 0.0)
+                      for side in (triangle.ab, triangle.ac))
+        found += tested[0]
+        expected += (4 * n_ab * n_ac / 4000
+                     * triangle.bc.theta * triangle.bc.rho / (2 * np.pi * area))
+    assert expected > 1000
+    assert found == pytest.approx(expected, rel=0.1)
+
+
+def test_every_triangle_comes_once_and_a_false_star_is_soon_left():
+    rng = np.random.default_rng(4)
+    direction = patch(rng, 40)
+    level, _ = make(direction, 0.005)
+    image, sigma = direction[:12], np.full(12, 1e-4)
+    state, base = new_state(12, 40), np.empty(3, np.int64)
+    order = []
+    while next_triangle(level, SIGMAS, 0.005, image, sigma, state, base) > 0:
+        order.append(tuple(base))
+        sides = [image_side(image, sigma, SIGMAS, base[i], base[j]).theta
+                 for i, j in ((0, 1), (0, 2), (1, 2))]
+        assert sides[2] == max(sides)
+    assert len({tuple(sorted(each)) for each in order}) == len(order) == 220
+    assert any(0 not in each for each in order[:4])
