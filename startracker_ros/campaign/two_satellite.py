@@ -17,9 +17,9 @@ from scipy import stats
 from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.orbit import Elements, orbit_frame, state_from_elements
 from startracker_ros.camera.model import Camera
+from startracker_ros.locate.line_of_sight import line_of_sight, LineOfSight
 from startracker_ros.locate.location import locate, LocationOptions
-from startracker_ros.locate.sight import Sight, sight
-from startracker_ros.locate.solution import LOCATED, solve_all
+from startracker_ros.locate.triangulation import LOCATED, triangulate_all
 from startracker_ros.maths.rotation import ARCSEC, quaternion_from_matrix
 from startracker_ros.table import Result
 
@@ -88,14 +88,14 @@ class Observer:
         body = CAMERA.unproject(self.uv + error[:, 9:]) @ self.body_from_camera.T
         return position_m, np.einsum('nij,nj->ni', frame, _turned(body, error[:, 6:9]))
 
-    def sight(self, errors: Errors) -> Sight:
+    def line_of_sight(self, errors: Errors) -> LineOfSight:
         """Return the line of sight without errors, with the covariance that they give it."""
         step = np.repeat([1.0, 1e-3, 1e-6, 1e-2], [3, 3, 3, 2])
         ahead, behind = (np.concatenate(self.look(sign * np.diag(step)), axis=1)
                          for sign in (1, -1))
         jacobian = ((ahead - behind) / (2 * step[:, None])).T * errors.sigma
         position_m, direction = self.look(np.zeros((1, 11)))
-        return Sight(position_m[0], direction[0], jacobian @ jacobian.T)
+        return LineOfSight(position_m[0], direction[0], jacobian @ jacobian.T)
 
 
 def _turned(vectors: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -114,7 +114,7 @@ class Scene:
 
     @cached_property
     def target_m(self) -> np.ndarray:
-        """Return the place (3,) of the target."""
+        """Return the position (3,) of the target."""
         position_m, _ = self._state(0.0)
         return position_m * (1 + TARGET_ABOVE_KM * 1e3 / np.linalg.norm(position_m))
 
@@ -152,23 +152,23 @@ class Scene:
         lines = [one.look(rng.standard_normal((count, 11)) * mine.sigma)
                  for one, mine in zip(self.observers, errors)]
         position_m, direction = (np.stack(part, axis=1) for part in zip(*lines))
-        covariance = np.stack([one.sight(mine).covariance
+        covariance = np.stack([one.line_of_sight(mine).covariance
                                for one, mine in zip(self.observers, errors)])
-        ended, place, spread, _ = solve_all(
+        status, position, target_covariance, _ = triangulate_all(
             position_m, direction, np.repeat(covariance[None], count, axis=0), weighted, 1.0,
             1e-6)
-        if not (ended == LOCATED).all():
-            raise RuntimeError(f'{np.count_nonzero(ended != LOCATED)} draws without a place')
+        if not (status == LOCATED).all():
+            raise RuntimeError(f'{np.count_nonzero(status != LOCATED)} draws without a position')
         # The frame looks ahead, against the orbit normal and down.
         axes = orbit_frame(*self._state(0.0))[:, [2, 0, 1]] * [-1, 1, -1]
-        return (place - self.target_m) @ axes, axes.T @ spread @ axes
+        return (position - self.target_m) @ axes, axes.T @ target_covariance @ axes
 
     def noise_free_m(self, *, weighted: bool) -> float:
-        """Return the error of the place without any noise."""
+        """Return the error of the position without any noise."""
         first, second = self.observers
-        place = locate(first.sight(ALL), second.sight(ALL), LocationOptions(
+        location = locate(first.line_of_sight(ALL), second.line_of_sight(ALL), LocationOptions(
             solution='weighted' if weighted else 'least_squares'))
-        return float(np.linalg.norm(place.position_m - self.target_m))
+        return float(np.linalg.norm(location.position_m - self.target_m))
 
 
 def rms_m(error: np.ndarray) -> float:
@@ -273,14 +273,15 @@ def _consistency(scene: Scene, trials: int, seed: int) -> Iterator[Row]:
 
 def _times(scene: Scene, seed: int) -> Iterator[Row]:
     """Yield CPU times; the draws take the sampling and the lines of sight along."""
-    first, second = (one.sight(ALL) for one in scene.observers)
+    first, second = (one.line_of_sight(ALL) for one in scene.observers)
     quaternions = [quaternion_from_matrix(orbit_frame(one.position_m, one.velocity_m_s)
                                           @ one.body_from_camera) for one in scene.observers]
 
     def whole() -> None:
-        seen = [sight(CAMERA, one.uv, 0.33, quaternion, np.eye(3) * ARCSEC ** 2, one.position_m,
-                      np.eye(3)) for one, quaternion in zip(scene.observers, quaternions)]
-        locate(seen[0], seen[1])
+        lines = [line_of_sight(CAMERA, one.uv, 0.33, quaternion, np.eye(3) * ARCSEC ** 2,
+                               one.position_m, np.eye(3))
+                 for one, quaternion in zip(scene.observers, quaternions)]
+        locate(lines[0], lines[1])
 
     for name, work in (('solution', lambda: locate(first, second)),
                        ('solution with both lines of sight', whole)):
@@ -315,7 +316,7 @@ def _baselines(seed: int) -> dict[float, tuple[float, np.ndarray]]:
     for separation_deg in BASELINES_DEG:
         scene = Scene(separation_deg)
         error, _ = scene.draw((ALL, ALL), NEES_DRAWS, seed)
-        first, second = (one.sight(ALL).direction for one in scene.observers)
+        first, second = (one.line_of_sight(ALL).direction for one in scene.observers)
         table[separation_deg] = (float(np.degrees(np.arccos(first @ second))), error.std(axis=0))
     return table
 

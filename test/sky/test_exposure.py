@@ -88,10 +88,10 @@ def test_smear_is_the_mean_of_many_short_exposures(rate_deg_s):
     frame, motion = frame_of(uv, rate_deg_s, SMEARED, camera)
     directions = rotate(motion.at(0.0).q_icrf_from_sensor, camera.unproject(np.array(uv)))
     count = 801
-    places = np.concatenate([camera.project(rotate(
+    uv = np.concatenate([camera.project(rotate(
         conjugate(motion.at(0.1 * t).q_icrf_from_sensor), directions))
         for t in (np.arange(count) + 0.5) / count - 0.5])
-    oracle = Detector(camera, QUIET).render(places, np.full(len(places), 5.0),
+    oracle = Detector(camera, QUIET).render(uv, np.full(len(uv), 5.0),
                                             np.random.default_rng(1), 1 / count)
     difference = np.abs(frame.image.astype(float) - oracle)
     assert oracle.max() > 2000 and difference.max() < 2e-3 * oracle.max() + 1

@@ -132,7 +132,7 @@ class TargetLocatorNode(PipelineNode):
     def _tell_silence(self) -> None:
         """Say what is missing when neither observer brought anything new."""
         if not self._answers:
-            self.diagnostics.report(WARN, f'no position: {self._locator.why_silent()}')
+            self.diagnostics.report(WARN, f'no position: {self._locator.missing_inputs()}')
         self._answers = 0
 
 
