@@ -62,7 +62,7 @@ class MatchedStars:
     def select(self, chosen: np.ndarray) -> 'MatchedStars':
         """Return the stars of a mask (N,) or of indices."""
         return MatchedStars(self.uv[chosen], self.sigma_px[chosen], self.icrf[chosen],
-                          self.frame[chosen])
+                            self.frame[chosen])
 
 
 @dataclass(frozen=True)

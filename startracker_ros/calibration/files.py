@@ -28,7 +28,7 @@ _WIDE = tuple(IdentificationOptions(fov_error_percent=5.0, sigma_floor_px=floor_
               for floor_px in _FLOORS_PX)
 # With known focal length; distortion changes it from field to field.
 _REFINED = tuple(IdentificationOptions(fov_error_percent=1.0, sigma_floor_px=floor_px)
-              for floor_px in _FLOORS_PX)
+                 for floor_px in _FLOORS_PX)
 
 
 def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | None = None,

@@ -37,7 +37,7 @@ class Camera:
             raise CameraError(f'image size {self.width} x {self.height} px is not possible')
         values = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
         if len(values) != 9:
-            raise CameraError(f'plumb_bob takes 5 distortion terms, got {len(self.distortion)}')
+            raise CameraError(f'plumb_bob has 5 distortion terms, got {len(self.distortion)}')
         if not np.all(np.isfinite(values)):
             raise CameraError('NaN or infinity among focal length, centre and distortion')
         if not (self.fx > 0 and self.fy > 0):

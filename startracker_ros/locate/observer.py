@@ -128,18 +128,8 @@ class Observer:
         begin_ns, begin, end_ns, end = around
         if end_ns - begin_ns > self._max_gap_ns:
             return None
-        dt_s = (end_ns - begin_ns) * 1e-9
-        share = (stamp_ns - begin_ns) / (end_ns - begin_ns)
-        # Cubic Hermite polynomial.
-        rest = begin.position_m - end.position_m + dt_s * (
-            begin.velocity_m_s + end.velocity_m_s) / 2
-        lean = dt_s * (end.velocity_m_s - begin.velocity_m_s) / 2
-        part = share * (1 - share)
-        position_m = (begin.position_m + share * (end.position_m - begin.position_m)
-                      - part * lean + part * (1 - 2 * share) * rest)
-        return State(position_m,
-                     begin.velocity_m_s + share * (end.velocity_m_s - begin.velocity_m_s),
-                     _interpolated_covariance(begin.covariance_m2, end.covariance_m2, share))
+        return _interpolated_state(begin, end, (end_ns - begin_ns) * 1e-9,
+                                   (stamp_ns - begin_ns) / (end_ns - begin_ns))
 
     def line_at(self, stamp_ns: int) -> ObservedLine | None:
         """Return the line of sight at a stamp, interpolated over at most max_gap_s, or None."""
@@ -151,10 +141,11 @@ class Observer:
         state = self.state_at(stamp_ns)
         if end_ns - begin_ns > self._max_gap_ns or state is None:
             return None
-        share = (stamp_ns - begin_ns) / (end_ns - begin_ns)
+        fraction = (stamp_ns - begin_ns) / (end_ns - begin_ns)
         # Within a second directions change by less than a degree: linear interpolation.
-        direction = begin.line.direction + share * (end.line.direction - begin.line.direction)
-        covariance = _interpolated_covariance(begin.line.covariance, end.line.covariance, share)
+        direction = (begin.line.direction
+                     + fraction * (end.line.direction - begin.line.direction))
+        covariance = _interpolated_covariance(begin.line.covariance, end.line.covariance, fraction)
         covariance[:3, :3] = state.covariance_m2
         return ObservedLine(
             LineOfSight(state.position_m, direction / np.linalg.norm(direction), covariance),
@@ -210,10 +201,29 @@ class Observer:
         return True
 
 
-def _interpolated_covariance(begin: np.ndarray, end: np.ndarray, share: float) -> np.ndarray:
+def _interpolated_state(begin: State, end: State, dt_s: float, fraction: float) -> State:
+    """
+    Return the state at a fraction s of the time dt_s between two states.
+
+    The position is the cubic Hermite polynomial
+    p0 + s (p1 - p0) - s (1 - s) (q - (1 - 2 s) c), with q = dt (v1 - v0) / 2 and
+    c = p0 - p1 + dt (v0 + v1) / 2; the velocity is interpolated linearly.
+    """
+    cubic = begin.position_m - end.position_m + dt_s * (
+        begin.velocity_m_s + end.velocity_m_s) / 2
+    quadratic = dt_s * (end.velocity_m_s - begin.velocity_m_s) / 2
+    product = fraction * (1 - fraction)
+    position_m = (begin.position_m + fraction * (end.position_m - begin.position_m)
+                  - product * quadratic + product * (1 - 2 * fraction) * cubic)
+    return State(position_m,
+                 begin.velocity_m_s + fraction * (end.velocity_m_s - begin.velocity_m_s),
+                 _interpolated_covariance(begin.covariance_m2, end.covariance_m2, fraction))
+
+
+def _interpolated_covariance(begin: np.ndarray, end: np.ndarray, fraction: float) -> np.ndarray:
     """
     Return the covariance of a linearly interpolated value.
 
     Exact for fully correlated errors of both ends, too large for independent ones.
     """
-    return (1 - share) * begin + share * end
+    return (1 - fraction) * begin + fraction * end

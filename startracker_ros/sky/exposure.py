@@ -8,7 +8,7 @@ from startracker_ros.maths.rotation import matrix_from_quaternion
 from startracker_ros.sky.motion import Motion
 from startracker_ros.sky.sources import LightSources
 
-# The iteration for the row of a star ends below this change, or after so many steps.
+# The iteration for the row of a star ends below this change or after _ROW_STEPS.
 _ROW_TOLERANCE_PX = 1e-4
 _ROW_STEPS = 10
 

@@ -130,8 +130,8 @@ def draw(picture: Picture) -> np.ndarray:
                    for g in grey)
     if picture.overlay:
         return np.stack([right, right, left], -1)
-    gap = np.full((_SIDE_PX, 6), 128, np.uint8)
-    return cv2.cvtColor(np.hstack([left, gap, right]), cv2.COLOR_GRAY2BGR)
+    separator = np.full((_SIDE_PX, 6), 128, np.uint8)
+    return cv2.cvtColor(np.hstack([left, separator, right]), cv2.COLOR_GRAY2BGR)
 
 
 def main(folder: Path = Path('docs/pictures')) -> None:

@@ -66,11 +66,6 @@ class RollJitter:
     block_s: float
     seed: int
 
-    @property
-    def orbit(self) -> CircularOrbit:
-        """Return the orbit of the steady motion."""
-        return self.steady.orbit
-
     def at(self, time_s: float) -> MotionState:
         """Return the state; draws all blocks up to time_s, 1 us for a hundred blocks."""
         block, within = divmod(max(time_s, 0.0) / self.block_s, 1)

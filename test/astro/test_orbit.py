@@ -51,10 +51,10 @@ def test_two_body_motion_returns_after_a_period():
 
 
 def test_j2_motion_follows_the_gradient_of_the_potential():
-    """The potential is written down anew, its gradient taken numerically, SciPy integrates."""
-    def potential(place):
-        radius = np.linalg.norm(place)
-        sine = place[2] / radius
+    """Numerical gradient of an independent potential, integrated by SciPy."""
+    def potential(position):
+        radius = np.linalg.norm(position)
+        sine = position[2] / radius
         return EARTH_MU_M3_S2 / radius * (
             1 - EARTH_J2 * (EARTH_RADIUS_M / radius) ** 2 * (3 * sine ** 2 - 1) / 2)
 

@@ -37,7 +37,7 @@ def drawn(rng, one):
 
 @pytest.mark.parametrize('options', [LocationOptions(), LEAST_SQUARES])
 @pytest.mark.parametrize('baseline_deg', [0.6, 4.0, 20.0, 90.0])
-def test_without_noise_the_target_is_found(options, baseline_deg):
+def test_exact_without_noise(options, baseline_deg):
     turn = Rotation.from_euler('z', baseline_deg / 2, degrees=True)
     middle = np.array([7.07e6, 0.0, 0.0])
     first, second = turn.inv().apply(middle), turn.apply(middle)

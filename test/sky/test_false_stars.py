@@ -44,7 +44,7 @@ def test_heliocentric_positions_agree_with_erfa(year):
 
 
 @pytest.mark.parametrize('year', YEARS)
-def test_planets_are_seen_from_the_earth_with_light_time(year):
+def test_geocentric_directions_include_light_time(year):
     earth = np.asarray(erfa.epv00(*julian_date(year))[0]['p'])
     seen, _ = planets_from_earth(year)
     for index, number in enumerate((1, 2, 4, 5)):
@@ -78,7 +78,7 @@ def test_light_time_shifts_a_planet_back_along_its_orbit(index, number):
     # Oppositions and the greatest brilliancy of Venus, from the Astronomical Almanac.
     ('Jupiter', 2022.737, -2.9), ('Mars', 2020.784, -2.6), ('Mars', 2022.936, -1.9),
     ('Venus', 2023.515, -4.6), ('Uranus', 2022.857, 5.6), ('Neptune', 2022.709, 7.8)])
-def test_planets_are_as_bright_as_the_almanac_says(name, year, magnitude):
+def test_magnitudes_agree_with_the_almanac(name, year, magnitude):
     assert planets_from_earth(year)[1][PLANETS.index(name)] == pytest.approx(magnitude, abs=0.2)
 
 

@@ -1,4 +1,4 @@
-"""Stars fall where spherical astronomy puts them."""
+"""Pixels of stars, against the formulas of spherical astronomy."""
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -66,7 +66,7 @@ def test_orion_stands_upright_and_is_not_mirrored():
     assert np.abs([betelgeuse, rigel] - expected).max() < 0.02
 
 
-def test_places_agree_with_skyfield():
+def test_directions_agree_with_skyfield():
     """Proper motion and projection of the fastest stars, seen from the barycentre."""
     catalog = load_catalog()
     barycentre = Barycentric([0, 0, 0], [0, 0, 0], t=load.timescale(builtin=True).J(EPOCH_YEAR))
