@@ -48,7 +48,7 @@ class ViewCollection:
 
     @property
     def stars(self) -> int:
-        """Number of identified stars in the views."""
+        """Return the number of identified stars in the views."""
         return sum(len(uv) for _, uv in self._frames)
 
     @property
