@@ -14,8 +14,8 @@ from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.identify.identification import IdentificationOptions, METHODS
 from startracker_ros.identify.methods import make_identifier
+from startracker_ros.locate.line_of_sight import line_of_sight
 from startracker_ros.locate.location import locate
-from startracker_ros.locate.sight import sight
 from startracker_ros.maths.rotation import quaternion_from_pointing
 from startracker_ros.sky.detector import Detector
 from startracker_ros.sky.star_lists import some_field
@@ -75,10 +75,10 @@ def rendering() -> None:
 
 def location() -> None:
     """Locate a target."""
-    first, second = (sight(CAMERA, np.zeros(2), 0.1,
-                           quaternion_from_pointing(np.radians(aside), 0.0, 0.0), np.eye(3),
-                           np.array([0.0, -1e4 * aside, 0.0]), np.eye(3))
-                     for aside in (-10.0, 10.0))
+    first, second = (
+        line_of_sight(CAMERA, np.zeros(2), 0.1,
+                      quaternion_from_pointing(np.radians(aside), 0.0, 0.0), np.eye(3),
+                      np.array([0.0, -1e4 * aside, 0.0]), np.eye(3)) for aside in (-10.0, 10.0))
     locate(first, second)
     propagate(np.array([7e6, 0.0, 0.0]), np.array([0.0, 7.5e3, 0.0]), 1.0)
 

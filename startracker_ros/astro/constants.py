@@ -9,6 +9,8 @@ AU_M = 149_597_870_700.0
 DAY_S = 86400.0
 DAYS_PER_YEAR = 365.25
 """Julian year."""
+YEAR_S = DAYS_PER_YEAR * DAY_S
+"""Julian year in s."""
 
 EARTH_MU_M3_S2 = 3.986004418e14
 """Gravitational parameter of the Earth with atmosphere (IERS Conventions 2010, table 1.1)."""

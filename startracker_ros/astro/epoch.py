@@ -1,20 +1,25 @@
-"""Stamps and Julian years."""
+"""Stamps, UNIX time in ns, and Julian years."""
 
 import time
 
+from startracker_ros.astro.constants import YEAR_S
+
+RESTART_NS = 1_000_000_000
+"""Stamps that step back by more come from a restarted simulation or a looped bag."""
+
 _J2000_NS = 946_728_000 * 10 ** 9
-_YEAR_NS = 31_557_600 * 10 ** 9
+_YEAR_NS = round(YEAR_S) * 10 ** 9
 
 
 def epoch_year_from_stamp(stamp_ns: int) -> float:
     """
     Return the Julian year of a UNIX time in ns.
 
-    UTC serves as Terrestrial Time: the minute between them moves no star by 0.1 mas.
+    UTC serves as Terrestrial Time: in the minute between them no star moves by 0.1 mas.
     """
     return 2000.0 + (stamp_ns - _J2000_NS) / _YEAR_NS
 
 
 def epoch_year_now() -> float:
-    """Return the Julian year of this moment."""
+    """Return the current Julian year."""
     return epoch_year_from_stamp(time.time_ns())

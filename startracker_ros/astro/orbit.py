@@ -1,6 +1,7 @@
-"""Orbits about the Earth: elements and states, two-body and J2 motion, the orbit frame."""
+"""Orbits about the Earth: Keplerian elements, circular and J2 motion, the orbit frame."""
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 import numpy as np
@@ -8,21 +9,16 @@ from startracker_ros.astro.constants import EARTH_J2, EARTH_MU_M3_S2, EARTH_RADI
 from startracker_ros.compiled import compiled
 
 _STEP_S = 5.0
-"""Runge-Kutta step: 0.3 mm an orbit at 700 km."""
+"""Runge-Kutta step. The error is 0.3 mm per revolution at 700 km altitude."""
 
 
 class OrbitError(ValueError):
-    """A state or elements that belong to no closed orbit; the text says why."""
+    """The elements of an open orbit; the text names them."""
 
 
 @dataclass(frozen=True)
 class Elements:
-    """
-    Osculating Keplerian elements, angles in rad; perigee_rad is the argument of perigee.
-
-    On the equator the node is at 0; on a circle perigee_rad is 0, and the anomaly counts
-    from the node.
-    """
+    """Osculating Keplerian elements, angles in rad; perigee_rad is the argument of perigee."""
 
     semi_major_axis_m: float
     eccentricity: float
@@ -42,74 +38,74 @@ def state_from_elements(elements: Elements) -> tuple[np.ndarray, np.ndarray]:
     if not (a > 0 and 0 <= e < 1):
         raise OrbitError(f'semi-major axis {a:g} m with eccentricity {e:g}: no closed orbit')
     node = np.array([math.cos(elements.node_rad), math.sin(elements.node_rad), 0.0])
-    tilt, up = math.sin(elements.inclination_rad), math.cos(elements.inclination_rad)
-    ahead = np.array([-node[1] * up, node[0] * up, tilt])
+    sine, cosine = math.sin(elements.inclination_rad), math.cos(elements.inclination_rad)
+    past_node = np.array([-node[1] * cosine, node[0] * cosine, sine])
+    # The perifocal axes: p to the perigee, q a right angle past it.
     cosine, sine = math.cos(elements.perigee_rad), math.sin(elements.perigee_rad)
-    perigee, aside = cosine * node + sine * ahead, cosine * ahead - sine * node
+    p, q = cosine * node + sine * past_node, cosine * past_node - sine * node
     cosine, sine = math.cos(elements.true_anomaly_rad), math.sin(elements.true_anomaly_rad)
     parameter_m = a * (1 - e * e)
     radius_m = parameter_m / (1 + e * cosine)
     speed_m_s = math.sqrt(EARTH_MU_M3_S2 / parameter_m)
-    return (radius_m * (cosine * perigee + sine * aside),
-            speed_m_s * ((e + cosine) * aside - sine * perigee))
+    return (radius_m * (cosine * p + sine * q), speed_m_s * ((e + cosine) * q - sine * p))
 
 
-def elements_from_state(position_m: np.ndarray, velocity_m_s: np.ndarray) -> Elements:
+@dataclass(frozen=True)
+class CircularOrbit:
     """
-    Return the elements of position (3,) and velocity (3,); OrbitError for an open orbit.
+    Two-body motion on a circle: exact at any time, without integration.
 
-    Vallado, Fundamentals of Astrodynamics, algorithm RV2COE.
+    Angles in rad; latitude_rad is the argument of latitude at time 0.
     """
-    radius_m = float(np.linalg.norm(position_m))
-    momentum = np.cross(position_m, velocity_m_s)
-    size = float(np.linalg.norm(momentum))
-    energy = float(velocity_m_s @ velocity_m_s) / 2 - EARTH_MU_M3_S2 / radius_m
-    if not (size > 0 and energy < 0):
-        raise OrbitError(f'position {np.asarray(position_m).tolist()} m with velocity '
-                         f'{np.asarray(velocity_m_s).tolist()} m/s: no closed orbit')
-    normal, outward = momentum / size, position_m / radius_m
-    towards = np.cross(velocity_m_s, momentum) / EARTH_MU_M3_S2 - outward
-    eccentricity = float(np.linalg.norm(towards))
-    node = np.array([-normal[1], normal[0], 0.0])
-    # Below this the direction is that of rounding.
-    node = node / np.linalg.norm(node) if np.linalg.norm(node) > 1e-12 else np.array([1.0, 0, 0])
-    perigee_rad = _angle(node, towards, normal) if eccentricity > 1e-12 else 0.0
-    latitude_rad = _angle(node, outward, normal)
-    return Elements(-EARTH_MU_M3_S2 / (2 * energy), eccentricity,
-                    math.atan2(math.hypot(normal[0], normal[1]), normal[2]),
-                    math.atan2(node[1], node[0]) % (2 * math.pi), perigee_rad,
-                    (latitude_rad - perigee_rad) % (2 * math.pi))
 
+    radius_m: float
+    inclination_rad: float
+    node_rad: float
+    latitude_rad: float
 
-def _angle(start: np.ndarray, end: np.ndarray, normal: np.ndarray) -> float:
-    """Return the angle in [0, 2 pi) from start to end about the normal."""
-    return float(math.atan2(np.cross(start, end) @ normal, start @ end) % (2 * math.pi))
+    @cached_property
+    def rate_rad_s(self) -> float:
+        """Mean motion, Kepler's third law."""
+        return float(np.sqrt(EARTH_MU_M3_S2 / self.radius_m ** 3))
+
+    @cached_property
+    def normal(self) -> np.ndarray:
+        """Return the unit vector (3,) of the orbital angular momentum."""
+        sine = np.sin(self.inclination_rad)
+        return np.array([sine * np.sin(self.node_rad), -sine * np.cos(self.node_rad),
+                         np.cos(self.inclination_rad)])
+
+    def at(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return position (3,) in m and velocity (3,) in m/s."""
+        return state_from_elements(Elements(
+            self.radius_m, 0.0, self.inclination_rad, self.node_rad, 0.0,
+            self.latitude_rad + self.rate_rad_s * time_s))
 
 
 def propagate(position_m: np.ndarray, velocity_m_s: np.ndarray, time_s: float,
               j2: float = EARTH_J2) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return position (3,) and velocity (3,) a time later, or earlier where it is negative.
+    Return position (3,) and velocity (3,) after time_s, which may be negative.
 
-    Gravity of a point and its J2, whose axis is z; j2 = 0 leaves the two-body motion.
+    Gravity of a point mass and its J2, with z as the axis; j2 = 0 is the two-body motion.
     """
     state = np.concatenate([position_m, velocity_m_s]).astype(float)
     steps = max(1, math.ceil(abs(time_s) / _STEP_S))
-    _advance(state, time_s / steps, steps, j2)
+    _runge_kutta(state, time_s / steps, steps, j2)
     return state[:3], state[3:]
 
 
 @compiled
-def _advance(state: np.ndarray, step_s: float, steps: int, j2: float) -> None:
-    """Carry state (6,) on by so many steps: Runge and Kutta, fourth order."""
+def _runge_kutta(state: np.ndarray, step_s: float, steps: int, j2: float) -> None:
+    """Advance state (6,) by a number of steps: classical Runge-Kutta, fourth order."""
     trial, total, slope = np.empty(6), np.empty(6), np.empty(6)
     for _ in range(steps):
-        _slope(state, j2, slope)
+        _derivative(state, j2, slope)
         total[:] = slope
         for part, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
             for i in range(6):
                 trial[i] = state[i] + part * step_s * slope[i]
-            _slope(trial, j2, slope)
+            _derivative(trial, j2, slope)
             for i in range(6):
                 total[i] += weight * slope[i]
         for i in range(6):
@@ -117,24 +113,29 @@ def _advance(state: np.ndarray, step_s: float, steps: int, j2: float) -> None:
 
 
 @compiled
-def _slope(state: np.ndarray, j2: float, slope: np.ndarray) -> None:
-    """Fill slope (6,) with velocity and acceleration (Vallado, equation 8-50 for J2)."""
-    radius2 = state[0] ** 2 + state[1] ** 2 + state[2] ** 2
-    pull = EARTH_MU_M3_S2 / (radius2 * math.sqrt(radius2))
-    flat = 1.5 * j2 * EARTH_RADIUS_M ** 2 / radius2
-    rise = 5 * state[2] ** 2 / radius2
+def _derivative(state: np.ndarray, j2: float, derivative: np.ndarray) -> None:
+    """
+    Fill derivative (6,) with the velocity and acceleration of state (6,).
+
+    Vallado, equation 8-50: a_i = -mu / r^3 r_i (1 + 3/2 J2 (R / r)^2 (c_i - 5 z^2 / r^2)),
+    c = (1, 1, 3).
+    """
+    r2 = state[0] ** 2 + state[1] ** 2 + state[2] ** 2
+    mu_r3 = EARTH_MU_M3_S2 / (r2 * math.sqrt(r2))
+    j2_term = 1.5 * j2 * EARTH_RADIUS_M ** 2 / r2
+    z_term = 5 * state[2] ** 2 / r2
     for i in range(3):
-        slope[i] = state[3 + i]
-        bulge = 3 - rise if i == 2 else 1 - rise
-        slope[3 + i] = -pull * state[i] * (1 + flat * bulge)
+        derivative[i] = state[3 + i]
+        c = 3 if i == 2 else 1
+        derivative[3 + i] = -mu_r3 * state[i] * (1 + j2_term * (c - z_term))
 
 
 def orbit_frame(position_m: np.ndarray, velocity_m_s: np.ndarray) -> np.ndarray:
     """
     Return R_icrf_from_orbit (..., 3, 3) of positions (..., 3) and velocities (..., 3).
 
-    x along the velocity, y against the orbital angular momentum, z completes them: to the
-    Earth on a circular orbit. A turn about x is roll, about y pitch, about z yaw.
+    x is along the velocity, y against the orbital angular momentum, z completes them and
+    points to the Earth on a circular orbit. Rotations about x, y, z are roll, pitch, yaw.
     """
     x = velocity_m_s / np.linalg.norm(velocity_m_s, axis=-1, keepdims=True)
     y = np.cross(velocity_m_s, position_m)

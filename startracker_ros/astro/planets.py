@@ -1,12 +1,9 @@
-"""Where the planets and the Earth are, and how bright the planets look."""
+"""Positions of the planets and the Earth, and the velocity of the Earth."""
 
 import numpy as np
-from startracker_ros.astro.constants import AU_M, DAY_S, DAYS_PER_YEAR, SPEED_OF_LIGHT_M_S
+from startracker_ros.astro.constants import AU_M, DAY_S, DAYS_PER_YEAR
 
-_LIGHT_DAYS_PER_AU = AU_M / SPEED_OF_LIGHT_M_S / DAY_S
 _OBLIQUITY = np.radians(23.43928)
-
-PLANETS = ('Mercury', 'Venus', 'Mars', 'Jupiter', 'Saturn', 'Uranus', 'Neptune')
 
 # Standish, Keplerian elements for approximate positions of the major planets, table 1
 # (ssd.jpl.nasa.gov/planets/approx_pos.html), 1800 to 2050: a [au], e, I, L, longitude of
@@ -31,20 +28,13 @@ _PER_CENTURY = np.array([
     [0.00026291, 0.00005105, 0.00035372, 218.45945325, -0.32241464, -0.00508664],
     [0.00000562, -0.00004392, -0.01294668, 35999.37244981, 0.32327364, 0.0]])
 
-# V at 1 au from Sun and Earth, and its change with powers of the phase angle in deg (Harris
-# 1961 as in Meeus, Astronomical Algorithms, chapter 41). Saturn without its rings.
-_PHASE_MAGNITUDE = np.array([
-    [-0.42, 0.0380, -0.000273, 0.000002], [-4.40, 0.0009, 0.000239, -0.00000065],
-    [-1.52, 0.016, 0, 0], [-9.40, 0.005, 0, 0], [-8.88, 0, 0, 0], [-7.19, 0, 0, 0],
-    [-6.87, 0, 0, 0]])
-
 
 def heliocentric_au(year: float | np.ndarray) -> np.ndarray:
     """
-    Return places (8, 3) from the Sun on ICRF axes, the planets and last the Earth.
+    Return heliocentric positions (8, 3) on ICRF axes: Mercury to Neptune, then the Earth.
 
-    year is a Julian year TDB, one for all or one for each (8,). Right to 75 arcsec for the
-    inner planets and Mars, to 15 arcmin for the others, seen from the Sun.
+    year is a Julian year TDB, one for all or one for each (8,). Seen from the Sun the error is
+    at most 75 arcsec for the inner planets and Mars, 15 arcmin for the others.
     """
     century = np.broadcast_to((np.asarray(year, float) - 2000) / 100, 8)
     a, e, inclination, mean, perihelion, node = (
@@ -52,12 +42,12 @@ def heliocentric_au(year: float | np.ndarray) -> np.ndarray:
     inclination, mean, perihelion, node = np.radians([inclination, mean, perihelion, node])
     anomaly = np.remainder(mean - perihelion + np.pi, 2 * np.pi) - np.pi
     eccentric = anomaly + e * np.sin(anomaly)
-    for _ in range(6):
+    for _ in range(6):  # Newton's method for Kepler's equation
         eccentric -= ((eccentric - e * np.sin(eccentric) - anomaly)
                       / (1 - e * np.cos(eccentric)))
     x, y = a * (np.cos(eccentric) - e), a * np.sqrt(1 - e ** 2) * np.sin(eccentric)
     argument = perihelion - node
-    # In the plane of the orbit from the node on, then tilted and turned to the equinox.
+    # In the plane of the orbit: along the line of nodes and across it.
     along = x * np.cos(argument) - y * np.sin(argument)
     across = x * np.sin(argument) + y * np.cos(argument)
     ecliptic = np.stack([
@@ -68,32 +58,13 @@ def heliocentric_au(year: float | np.ndarray) -> np.ndarray:
     return (np.array([[1, 0, 0], [0, cos, -sin], [0, sin, cos]]) @ ecliptic).T
 
 
-def planets_seen(year: float) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return directions (7, 3) from the Earth, ICRF axes, and V (7,), at a Julian year.
-
-    With light time and without aberration, as star places are. From the ground or from low
-    orbit planets are seen up to half an arcminute (Venus) elsewhere.
-    """
-    earth = heliocentric_au(year)[-1]
-    light_days = _LIGHT_DAYS_PER_AU * np.linalg.norm(heliocentric_au(year) - earth, axis=-1)
-    from_sun = heliocentric_au(year - light_days / DAYS_PER_YEAR)[:-1]
-    from_earth = from_sun - earth
-    sun_au, earth_au = np.linalg.norm([from_sun, from_earth], axis=-1)
-    phase_deg = np.degrees(np.arccos(np.einsum('ij,ij->i', from_sun, from_earth)
-                                     / (sun_au * earth_au)))
-    magnitude = (5 * np.log10(sun_au * earth_au)
-                 + np.einsum('ij,ji->i', _PHASE_MAGNITUDE, phase_deg ** np.arange(4)[:, None]))
-    return from_earth / earth_au[:, None], magnitude
-
-
 def earth_velocity_m_s(year: float) -> np.ndarray:
     """
-    Return the velocity (3,) of the Earth about the Sun on ICRF axes, right to 30 m/s.
+    Return the velocity (3,) of the Earth about the Sun on ICRF axes.
 
-    That is 0.02 arcsec of aberration: the Sun's own motion and that of the Earth about the
-    barycentre with the Moon are left out.
+    The error is below 30 m/s, 0.02 arcsec of aberration: the motion of the Sun and that of the
+    Earth about the Earth-Moon barycentre are left out.
     """
     half_day = 0.5 / DAYS_PER_YEAR
-    moved_au = heliocentric_au(year + half_day)[-1] - heliocentric_au(year - half_day)[-1]
-    return moved_au * AU_M / DAY_S
+    displacement_au = heliocentric_au(year + half_day)[-1] - heliocentric_au(year - half_day)[-1]
+    return displacement_au * AU_M / DAY_S

@@ -1,4 +1,4 @@
-"""Where a satellite is and how it moves."""
+"""Position and velocity of a satellite as navigation reports them."""
 
 from typing import NamedTuple
 

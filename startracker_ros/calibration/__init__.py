@@ -1,1 +1,1 @@
-"""Camera calibration out of star images."""
+"""Camera calibration from star images."""

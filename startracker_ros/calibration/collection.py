@@ -1,10 +1,10 @@
-"""Frames for a calibration, picked out of a stream: few, and each of another pointing."""
+"""Selection of frames for a calibration from a stream: few, with different pointings."""
 
 from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.calibration.estimate import covered_percent, moved
+from startracker_ros.calibration.estimate import covered_percent, star_shift
 from startracker_ros.calibration.matching import View
 from startracker_ros.camera.model import Camera
 from startracker_ros.options import option, Options
@@ -12,13 +12,13 @@ from startracker_ros.options import option, Options
 
 @dataclass(frozen=True)
 class CollectionOptions(Options):
-    """Which frames are kept for the calibration."""
+    """Which frames are used for the calibration."""
 
     max_frames: int = option(
-        50, 'frames kept; the oldest makes room for a new one', low=2, high=500)
+        50, 'number of frames; a new one replaces the oldest', low=2, high=500)
     min_shift_percent: float = option(
-        5.0, 'how far the stars must have moved since every frame kept, in widths of the image: '
-        'at the same pixels they tell nothing new', unit='%', low=0.0, high=100.0)
+        5.0, 'smallest shift of the stars from every frame in use, relative to the image width; '
+        'stars at the same pixels add no information', unit='%', low=0.0, high=100.0)
 
 
 class ViewCollection:
@@ -26,34 +26,34 @@ class ViewCollection:
 
     def __init__(self, camera: Camera, options: CollectionOptions) -> None:
         self._camera = camera
-        self._least_shift = options.min_shift_percent / 100
-        self._kept: deque[tuple[View, np.ndarray]] = deque(maxlen=options.max_frames)
+        self._min_shift = options.min_shift_percent / 100
+        self._frames: deque[tuple[View, np.ndarray]] = deque(maxlen=options.max_frames)
 
     def __len__(self) -> int:
-        return len(self._kept)
+        return len(self._frames)
 
     def add(self, view: View, identified: np.ndarray) -> bool:
-        """Keep a view unless its pointing is there already; identified (N,) marks known stars."""
-        if self._kept:
+        """Add a view of a new pointing; identified (N,) marks its stars. Return whether added."""
+        if self._frames:
             others = np.array([view.quaternion for view in self.views])
-            if moved(self._camera, view.quaternion, others).min() < self._least_shift:
+            if star_shift(self._camera, view.quaternion, others).min() < self._min_shift:
                 return False
-        self._kept.append((view, view.centroids.uv[identified]))
+        self._frames.append((view, view.centroids.uv[identified]))
         return True
 
     @property
     def views(self) -> list[View]:
-        """Return the views kept, oldest first."""
-        return [view for view, _ in self._kept]
+        """Return the views, oldest first."""
+        return [view for view, _ in self._frames]
 
     @property
     def stars(self) -> int:
-        """How many identified stars the views hold."""
-        return sum(len(uv) for _, uv in self._kept)
+        """Return the number of identified stars in the views."""
+        return sum(len(uv) for _, uv in self._frames)
 
     @property
     def covered_percent(self) -> float:
-        """Return the share of the image where identified stars were seen."""
-        if not self._kept:
+        """Return the percentage of the image that identified stars cover."""
+        if not self._frames:
             return 0.0
-        return covered_percent(self._camera, np.concatenate([uv for _, uv in self._kept]))
+        return covered_percent(self._camera, np.concatenate([uv for _, uv in self._frames]))

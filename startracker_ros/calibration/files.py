@@ -1,4 +1,4 @@
-"""Calibration from image files: extraction, identification, camera YAML, what to print."""
+"""Calibration from image files: extraction, identification, camera YAML, result table."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ from startracker_ros.calibration.estimate import calibrate, Calibration, MIN_FRA
 from startracker_ros.calibration.matching import View
 from startracker_ros.calibration.summary import figures, summary
 from startracker_ros.camera.files import save_camera
-from startracker_ros.camera.images import ImageError, known_camera, read_image_and_camera
+from startracker_ros.camera.images import calibrated_camera, ImageError, read_image_with_camera
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
@@ -19,16 +19,16 @@ from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.table import Result
 
-# Faint stars are many, and it is they that fill the corners.
-_MOST_STARS = 300
-# How an uncalibrated lens is identified: its stars stand some px from where an ideal one would
-# show them. A wider search knows more lenses, and takes longer or finds less.
+# Stars in the corners are mostly faint.
+_MAX_STARS = 300
+# An uncalibrated lens: stars are some px from the pixels of an ideal lens. A larger floor
+# allows for more distortion, but is slower and identifies fewer fields.
 _FLOORS_PX = (0.5, 2.0)
 _WIDE = tuple(IdentificationOptions(fov_error_percent=5.0, sigma_floor_px=floor_px)
               for floor_px in _FLOORS_PX)
-# Once its focal length is known; distortion makes it differ from field to field.
-_NEAR = tuple(IdentificationOptions(fov_error_percent=1.0, sigma_floor_px=floor_px)
-              for floor_px in _FLOORS_PX)
+# With known focal length; distortion changes it from field to field.
+_REFINED = tuple(IdentificationOptions(fov_error_percent=1.0, sigma_floor_px=floor_px)
+                 for floor_px in _FLOORS_PX)
 
 
 def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | None = None,
@@ -37,20 +37,20 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
     """
     Calibrate the camera of image files and write it to output.
 
-    It starts from an ideal camera of fov_deg or from the one of camera_file; the first image
-    that can be read gives the size. epoch_year None is today. An image that cannot be used
-    is a row that says why. CameraError for an impossible camera to start from,
-    CalibrationError when the images do not suffice, OSError when output cannot be written.
+    The initial camera is that of camera_file or an ideal one of fov_deg with the size of the
+    first readable image. epoch_year None is today. The row of an unused image has the reason.
+    CameraError for an impossible initial camera, CalibrationError when the images do not
+    determine the camera, OSError when output cannot be written.
     """
     if epoch_year is None:
         epoch_year = epoch_year_now()
-    camera = known_camera(camera_file, fov_deg)
-    extractor = CentroidExtractor(ExtractionOptions(max_stars=_MOST_STARS))
+    camera = calibrated_camera(camera_file, fov_deg)
+    extractor = CentroidExtractor(ExtractionOptions(max_stars=_MAX_STARS))
     centroids: dict[int, Centroids] = {}
     reasons: dict[int, str] = {}
     for index, path in enumerate(paths):
         try:
-            image, camera = read_image_and_camera(path, camera, fov_deg)
+            image, camera = read_image_with_camera(path, camera, fov_deg)
             centroids[index] = extractor.extract(image).centroids
         except ImageError as error:
             reasons[index] = str(error)
@@ -59,8 +59,8 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
     try:
         used, calibration = _calibrate(centroids, camera, epoch_year, terms, reasons)
     except CalibrationError as error:
-        left_out = [f'{paths[index].name}: {reason}' for index, reason in reasons.items()]
-        raise CalibrationError('; '.join([str(error), *left_out])) from error
+        unused = [f'{paths[index].name}: {reason}' for index, reason in reasons.items()]
+        raise CalibrationError('; '.join([str(error), *unused])) from error
     save_camera(calibration.camera, output)
     rows = [{'file': path.name, 'used': index in used,
              **figures(calibration, calibration.stars.frame == used.get(index, -1)),
@@ -72,11 +72,11 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
 def _calibrate(centroids: dict[int, Centroids], camera: Camera, epoch_year: float,
                terms: Sequence[str], reasons: dict[int, str]
                ) -> tuple[dict[int, int], Calibration]:
-    """Return the frame number of each image used and the calibration; reasons are added to."""
+    """Return the frame number of each image in use and the calibration; add to reasons."""
     places = camera_places(load_catalog(), camera, epoch_year)
     views: dict[int, View] = {}
-    camera = _scaled(centroids, camera, epoch_year)
-    for options in _NEAR:
+    camera = _with_focal_length(centroids, camera, epoch_year)
+    for options in _REFINED:
         _identify(centroids, views, camera, epoch_year, options, reasons)
     calibration = calibrate([*views.values()], camera, places, terms)
     used = _used(views, calibration)
@@ -95,17 +95,18 @@ def _calibrate(centroids: dict[int, Centroids], camera: Camera, epoch_year: floa
 
 
 def _used(views: dict[int, View], calibration: Calibration) -> dict[int, int]:
-    """Return the frame number of each image that the calibration rests on."""
+    """Return the frame number of each image that the calibration uses."""
     index = [*views]
     return {index[view]: frame for frame, view in enumerate(calibration.frames)}
 
 
-def _scaled(centroids: dict[int, Centroids], camera: Camera, epoch_year: float) -> Camera:
-    """Return the camera with the focal length of the first image that a wide search knows."""
+def _with_focal_length(centroids: dict[int, Centroids], camera: Camera, epoch_year: float
+                       ) -> Camera:
+    """Return the camera with the focal length of the first image that a wide search solves."""
     for options in _WIDE:
         identifier = make_identifier(camera, epoch_year, options)
-        for spots in centroids.values():
-            identification = identifier.identify(spots)
+        for image_centroids in centroids.values():
+            identification = identifier.identify(image_centroids)
             if identification.attitude is not None:
                 return camera.with_focal_ratio(identification.focal_ratio)
     return camera
@@ -113,7 +114,7 @@ def _scaled(centroids: dict[int, Centroids], camera: Camera, epoch_year: float) 
 
 def _identify(centroids: dict[int, Centroids], views: dict[int, View], camera: Camera,
               epoch_year: float, options: IdentificationOptions, reasons: dict[int, str]) -> None:
-    """Add to views the images that can be identified, to reasons why the others cannot."""
+    """Add identified images to views, and the reasons of the others to reasons."""
     rest = [index for index in centroids if index not in views]
     if not rest:
         return

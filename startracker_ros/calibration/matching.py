@@ -1,10 +1,10 @@
-"""Which catalogue stars the centroids of a frame are, once its attitude is known."""
+"""Matching of centroids with catalogue stars at a known attitude."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
-from startracker_ros.calibration.adjustment import KnownStars
+from startracker_ros.calibration.adjustment import MatchedStars
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
@@ -13,43 +13,43 @@ from startracker_ros.maths.rotation import conjugate, rotate
 
 @dataclass(frozen=True)
 class View:
-    """The centroids of one image and its attitude q_icrf_from_sensor (4,), nearly right."""
+    """The centroids of one image and its approximate attitude q_icrf_from_sensor (4,)."""
 
     centroids: Centroids
     quaternion: np.ndarray
 
 
 def match_stars(camera: Camera, places: StarPlaces, views: list[View], quaternions: np.ndarray,
-                gate_px: float) -> KnownStars:
+                gate_px: float) -> MatchedStars:
     """
-    Return the centroids that stand within gate_px of a star, each star and spot once.
+    Return the pairs of centroids and stars within gate_px, one to one.
 
-    quaternions (F, 4) are the attitudes to go by. Stars disturbed by a neighbour are left out,
-    and centroids that are not finite or have no error.
+    quaternions (F, 4) are the attitudes of the views. Blended stars are excluded, and so are
+    centroids that are not finite or have no error.
     """
     parts = []
     for frame, (view, q) in enumerate(zip(views, quaternions)):
-        spots = view.centroids
-        sound = np.flatnonzero(np.isfinite(spots.uv).all(axis=1) & (spots.sigma_px > 0)
-                               & np.isfinite(spots.sigma_px))
+        centroids = view.centroids
+        valid = np.flatnonzero(np.isfinite(centroids.uv).all(axis=1) & (centroids.sigma_px > 0)
+                               & np.isfinite(centroids.sigma_px))
         near = places.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
         uv = camera.project(rotate(conjugate(q), places.direction[near]))
-        shown = camera.contains(uv, -gate_px)
-        near, uv = near[shown], uv[shown]
-        spot, star = _nearest_pairs(spots.uv[sound], uv, gate_px)
-        clear = ~places.crowded[near[star]]
-        spot, star = sound[spot[clear]], near[star[clear]]
-        parts.append(KnownStars(spots.uv[spot], spots.sigma_px[spot], places.direction[star],
-                                np.full(len(spot), frame)))
-    return KnownStars(*(np.concatenate([getattr(part, name) for part in parts])
-                        for name in ('uv', 'sigma_px', 'icrf', 'frame')))
+        inside = camera.contains(uv, -gate_px)
+        near, uv = near[inside], uv[inside]
+        index, star = _nearest_pairs(centroids.uv[valid], uv, gate_px)
+        single = ~places.crowded[near[star]]
+        index, star = valid[index[single]], near[star[single]]
+        parts.append(MatchedStars(centroids.uv[index], centroids.sigma_px[index],
+                                  places.direction[star], np.full(len(index), frame)))
+    return MatchedStars(*(np.concatenate([getattr(part, name) for part in parts])
+                          for name in ('uv', 'sigma_px', 'icrf', 'frame')))
 
 
-def _nearest_pairs(a: np.ndarray, b: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return indices of points (N, 2) and (M, 2) that are each other's nearest, within reach."""
+def _nearest_pairs(a: np.ndarray, b: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return indices of mutual nearest neighbours within radius, of points (N, 2) and (M, 2)."""
     if not len(a) or not len(b):
         return np.empty(0, int), np.empty(0, int)
-    distance, to_b = cKDTree(b).query(a, distance_upper_bound=reach)
+    distance, to_b = cKDTree(b).query(a, distance_upper_bound=radius)
     to_a = cKDTree(a).query(b)[1]
     found = np.flatnonzero(np.isfinite(distance))
     found = found[to_a[to_b[found]] == found]

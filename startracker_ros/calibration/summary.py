@@ -1,21 +1,21 @@
-"""What a calibration says for itself: parameters with errors, residuals before and after."""
+"""Figures of a calibration: parameters with errors, residuals before and after."""
 
 import numpy as np
 from startracker_ros.calibration.estimate import Calibration, cells, covered_percent
 from startracker_ros.maths.rotation import ARCSEC
 
 
-def figures(calibration: Calibration, chosen: np.ndarray) -> dict[str, object]:
+def figures(calibration: Calibration, mask: np.ndarray) -> dict[str, object]:
     """
-    Return the residuals, rms in arcsec, of a choice (N,) of the stars.
+    Return the rms residuals in arcsec of the stars selected by a mask (N,).
 
-    pinhole_arcsec is before, calibrated_arcsec after, left_out_arcsec with the camera that the
-    other images give.
+    pinhole_arcsec is before and calibrated_arcsec after the calibration; left_out_arcsec is
+    with the camera calibrated from the other images.
     """
     arcsec = calibration.camera.pixel_rad / ARCSEC
-    values: dict[str, object] = {'stars': int(np.count_nonzero(chosen))}
+    values: dict[str, object] = {'stars': int(np.count_nonzero(mask))}
     for name, residual_px in _residuals(calibration).items():
-        square = np.sum(residual_px[chosen] ** 2, axis=-1)
+        square = np.sum(residual_px[mask] ** 2, axis=-1)
         values[f'{name}_arcsec'] = (arcsec * float(np.sqrt(square.mean()))
                                     if len(square) else float('nan'))
     return values
@@ -25,8 +25,8 @@ def summary(calibration: Calibration) -> dict[str, object]:
     """
     Return the parameters with their 1-sigma errors and the residuals of all images.
 
-    The ..._lens_arcsec are what each camera model leaves over: the mean residuals of the
-    stars in each cell of the image, where the errors of the centroids average out, rms.
+    ..._lens_arcsec are the errors of each camera model: the rms over the cells of the image of
+    the mean residual in a cell, in which the errors of the centroids average out.
     """
     found = calibration.adjustment
     stars = calibration.stars
@@ -62,7 +62,7 @@ def _residuals(calibration: Calibration) -> dict[str, np.ndarray]:
 
 
 def _rms_of_cells(cell: np.ndarray, residual_px: np.ndarray, sigma_px: np.ndarray) -> float:
-    """Return the rms, both axes together, of the weighted mean residuals (N, 2) of the cells."""
+    """Return the rms, over both axes, of the weighted mean of residual_px (N, 2) per cell."""
     weight = sigma_px ** -2
     total = np.bincount(cell, weight)
     sums = np.array([np.bincount(cell, weight * axis) for axis in residual_px.T])

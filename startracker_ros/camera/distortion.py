@@ -1,7 +1,7 @@
 """
-The plumb_bob lens distortion of Brown (1966), as OpenCV and sensor_msgs/CameraInfo order it.
+The plumb_bob lens distortion of Brown (1966), as in OpenCV and sensor_msgs/CameraInfo.
 
-The same functions serve arrays and, compiled by startracker_ros.compiled, single points.
+The functions accept arrays; camera.lens compiles them for single points.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ Terms = tuple[float, ...]
 
 def distort(terms: Terms, a: Any, b: Any) -> tuple[Any, Any]:
     """
-    Return x, y of the distorted image of the direction with x / z = a, y / z = b.
+    Return the distorted tangents x, y of the direction with x / z = a, y / z = b.
 
     x = a L + 2 p1 a b + p2 (r2 + 2 a2), y = b L + p1 (r2 + 2 b2) + 2 p2 a b with
     r2 = a2 + b2 and L = 1 + k1 r2 + k2 r4 + k3 r6.

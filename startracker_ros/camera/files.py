@@ -1,4 +1,4 @@
-"""Camera files: YAML as ROS camera_calibration writes it."""
+"""Camera files: YAML in the format of ROS camera_calibration."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ _LARGEST_FILE_BYTES = 1_000_000
 
 
 def load_camera(path: str | Path) -> Camera:
-    """Read a camera from a YAML file as ROS camera_calibration writes it; CameraError if bad."""
+    """Return the camera of a YAML file of ROS camera_calibration; CameraError if invalid."""
     try:
         with open(path, 'rb') as file:
             text = file.read(_LARGEST_FILE_BYTES + 1)
@@ -35,7 +35,7 @@ def load_camera(path: str | Path) -> Camera:
 
 
 def save_camera(camera: Camera, path: str | Path, name: str = 'star_tracker') -> None:
-    """Write a camera as ROS camera_calibration YAML."""
+    """Write a camera as YAML in the format of ROS camera_calibration."""
     matrix = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
     document = {
         'image_width': camera.width,

@@ -1,4 +1,4 @@
-"""Star images out of files."""
+"""Star images from files."""
 
 from pathlib import Path
 
@@ -7,12 +7,12 @@ import numpy as np
 from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera, CameraError
 
-# Far more than any image of a star camera, in every format.
+# More than any image of a star camera in any format.
 _LARGEST_FILE_BYTES = 500_000_000
 
 
 class ImageError(ValueError):
-    """A file that holds no star image; the text names it."""
+    """A file that is not a star image; the text names it."""
 
 
 def read_image(path: str | Path) -> np.ndarray:
@@ -31,16 +31,16 @@ def read_image(path: str | Path) -> np.ndarray:
     if image.dtype not in (np.uint8, np.uint16):
         raise ImageError(f'{path}: pixels of type {image.dtype}, must be 8 or 16 bit integers')
     if image.ndim == 3:
-        # Every channel sees the star: their mean is less noisy than a weighting for the eye.
+        # The mean of the channels is less noisy than the weights of human vision.
         image = image[..., :3].mean(axis=2).round().astype(image.dtype)
     return image
 
 
-def known_camera(camera_file: Path | None, fov_deg: float | None) -> Camera | None:
+def calibrated_camera(camera_file: Path | None, fov_deg: float | None) -> Camera | None:
     """
-    Return the camera of a file, or None where the images give the size to fov_deg.
+    Return the camera of a file; None if there is only fov_deg, which needs the image size.
 
-    CameraError for a file or a field of view that cannot be, whatever the images are.
+    CameraError for an invalid file or field of view.
     """
     if camera_file is not None:
         return load_camera(camera_file)
@@ -54,12 +54,12 @@ def _ideal_camera(width: int, height: int, fov_deg: float | None) -> Camera:
     return Camera.from_fov(width, height, fov_deg)
 
 
-def read_image_and_camera(path: Path, camera: Camera | None, fov_deg: float | None
-                          ) -> tuple[np.ndarray, Camera]:
+def read_image_with_camera(path: Path, camera: Camera | None, fov_deg: float | None
+                           ) -> tuple[np.ndarray, Camera]:
     """
-    Return an image and its camera: the known one, or an ideal one of fov_deg.
+    Return an image and its camera: the given one, or an ideal one of fov_deg.
 
-    ImageError also when the known camera takes images of another size.
+    ImageError also when the given camera has another image size.
     """
     image = read_image(path)
     height, width = image.shape

@@ -1,4 +1,4 @@
-"""The camera model for compiled functions: between pixels and directions."""
+"""The camera model for compiled functions: pixels to directions."""
 
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ class Lens(NamedTuple):
 
 @compiled
 def shows(lens: Lens, u: float, v: float) -> bool:
-    """Return whether a pixel lies in the image; NaN does not."""
+    """Return whether a pixel is in the image; False for NaN."""
     return -0.5 <= u <= lens.width - 0.5 and -0.5 <= v <= lens.height - 0.5
 
 
@@ -31,13 +31,13 @@ distortion_jacobian = compiled(distortion.distortion_jacobian)
 
 @compiled
 def undistort(lens: Lens, x: float, y: float) -> tuple[float, float]:
-    """Return x / z, y / z of the direction that the lens shows at x, y (Newton's method)."""
+    """Return the inverse of distort() at x, y, by Newton's method."""
     if lens.distortion == (0.0, 0.0, 0.0, 0.0, 0.0):
         return x, y
     a, b = x, y
     for _ in range(20):
-        at_x, at_y = distort(lens.distortion, a, b)
-        ex, ey = at_x - x, at_y - y
+        distorted_x, distorted_y = distort(lens.distortion, a, b)
+        ex, ey = distorted_x - x, distorted_y - y
         if max(abs(ex), abs(ey)) < 1e-14:
             break
         xx, cross, yy = distortion_jacobian(lens.distortion, a, b)
@@ -50,7 +50,7 @@ def undistort(lens: Lens, x: float, y: float) -> tuple[float, float]:
 @compiled
 def undistort_all(lens: Lens, tangent: np.ndarray) -> np.ndarray:
     """Return undistort() of points (N, 2)."""
-    clear = np.empty_like(tangent)
+    undistorted = np.empty_like(tangent)
     for i in range(len(tangent)):
-        clear[i, 0], clear[i, 1] = undistort(lens, tangent[i, 0], tangent[i, 1])
-    return clear
+        undistorted[i, 0], undistorted[i, 1] = undistort(lens, tangent[i, 0], tangent[i, 1])
+    return undistorted

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class CameraError(ValueError):
-    """A camera description that cannot be a real camera."""
+    """Parameters that no real camera has; the text names them."""
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,8 @@ class Camera:
     """
     Pinhole camera; pixel (0, 0) is the centre of the top-left pixel.
 
-    fx, fy, cx, cy are in px; distortion is (k1, k2, p1, p2, k3), the plumb_bob
-    model of Brown (1966) as OpenCV orders it. CameraError names what is wrong.
+    fx, fy, cx, cy are in px; distortion is (k1, k2, p1, p2, k3), the plumb_bob model of
+    Brown (1966) in the order of OpenCV. CameraError for impossible parameters.
     """
 
     width: int
@@ -37,7 +37,7 @@ class Camera:
             raise CameraError(f'image size {self.width} x {self.height} px is not possible')
         values = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
         if len(values) != 9:
-            raise CameraError(f'plumb_bob takes 5 distortion terms, got {len(self.distortion)}')
+            raise CameraError(f'plumb_bob has 5 distortion terms, got {len(self.distortion)}')
         if not np.all(np.isfinite(values)):
             raise CameraError('NaN or infinity among focal length, centre and distortion')
         if not (self.fx > 0 and self.fy > 0):
@@ -51,7 +51,7 @@ class Camera:
             self._check_distortion()
 
     def _check_distortion(self) -> None:
-        """Refuse a model that folds over inside the image: it has no inverse there."""
+        """Raise CameraError for a model that has no inverse somewhere in the image."""
         edge = np.linspace(0, 1, 9)
         grid = np.stack(np.meshgrid(edge * (self.width - 1), edge * (self.height - 1)), -1)
         pixel = grid.reshape(-1, 2)
@@ -64,7 +64,7 @@ class Camera:
 
     @classmethod
     def from_fov(cls, width: int, height: int, fov_deg: float) -> 'Camera':
-        """Return an ideal camera whose full width spans fov_deg, edge to edge."""
+        """Return an ideal camera with a horizontal field of view of fov_deg, edge to edge."""
         if not 0 < fov_deg < 170:
             raise CameraError(f'field of view {fov_deg} deg must be within 0 .. 170 deg')
         focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
@@ -97,14 +97,14 @@ class Camera:
 
     @cached_property
     def lens(self) -> 'Lens':
-        """Return the same model for compiled functions."""
+        """Return the camera model for compiled functions."""
         from startracker_ros.camera.lens import Lens
         k1, k2, p1, p2, k3 = map(float, self.distortion)
         return Lens(self.width, self.height, float(self.fx), float(self.fy), float(self.cx),
                     float(self.cy), (k1, k2, p1, p2, k3))
 
     def with_focal_ratio(self, ratio: float) -> 'Camera':
-        """Return the same camera with both focal lengths multiplied by ratio."""
+        """Return the camera with both focal lengths multiplied by ratio."""
         return replace(self, fx=self.fx * ratio, fy=self.fy * ratio)
 
     def project(self, directions: np.ndarray) -> np.ndarray:
@@ -116,7 +116,7 @@ class Camera:
         return self._distort(tangent) * self._focal_px + self._centre_px
 
     def unproject(self, pixels: np.ndarray) -> np.ndarray:
-        """Return the unit vectors (..., 3) in the sensor frame of pixels (..., 2)."""
+        """Return unit vectors (..., 3) in the sensor frame of pixels (..., 2)."""
         tangent = self._undistort(self._normalise(np.asarray(pixels, float)))
         vector = np.empty(tangent.shape[:-1] + (3,))
         vector[..., :2] = tangent
@@ -124,7 +124,7 @@ class Camera:
         return vector / np.sqrt(np.einsum('...i,...i', vector, vector))[..., None]
 
     def contains(self, pixels: np.ndarray, margin_px: float = 0.0) -> np.ndarray:
-        """Return True where pixels (..., 2) lie in the image, at least margin_px inside."""
+        """Return whether pixels (..., 2) are in the image, at least margin_px from its edges."""
         u, v = np.moveaxis(np.asarray(pixels, float), -1, 0)
         return ((u >= -0.5 + margin_px) & (u <= self.width - 0.5 - margin_px)
                 & (v >= -0.5 + margin_px) & (v <= self.height - 0.5 - margin_px))
@@ -148,6 +148,6 @@ class Camera:
     def _undistort(self, distorted: np.ndarray) -> np.ndarray:
         if not any(self.distortion):
             return distorted
-        # Compiled code takes a third of a second to import: only lenses that need it wait.
+        # Imported only for distorted lenses: compiled code takes 0.3 s to import.
         from startracker_ros.camera.lens import undistort_all
         return undistort_all(self.lens, distorted.reshape(-1, 2)).reshape(distorted.shape)

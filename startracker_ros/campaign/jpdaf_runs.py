@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from startracker_ros.astro.circular_orbit import CircularOrbit
 from startracker_ros.astro.constants import EARTH_RADIUS_M
+from startracker_ros.astro.orbit import CircularOrbit
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import camera_places, StarPlaces
 from startracker_ros.catalog.stars import load_catalog

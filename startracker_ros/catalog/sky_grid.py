@@ -1,4 +1,4 @@
-"""Directions of the sky sorted into the cells of a cube, for compiled neighbour searches."""
+"""Star directions in the cells of a cube, for compiled neighbour searches."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ class SkyGrid(NamedTuple):
     """
     Unit vectors direction (N, 3) by cell.
 
-    The cube that holds the sphere is cut into cells**3 cells; those of cell c are
+    The cube around the unit sphere has cells**3 cells; the star indices of cell c are
     member[start[c]:start[c + 1]].
     """
 
@@ -21,11 +21,11 @@ class SkyGrid(NamedTuple):
 
 
 def sky_grid(direction: np.ndarray) -> SkyGrid:
-    """Return the grid of unit vectors (N, 3), about one of them to a cell of the sphere."""
-    # A cell of edge 2 / n cuts out about 4 / n**2 of the sphere's 4 pi.
+    """Return the grid of unit vectors (N, 3), with about one per cell on the sphere."""
+    # A cell of edge 2 / n covers about 4 / n**2 of the 4 pi of the sphere.
     cells = int(np.clip(np.sqrt(len(direction) / np.pi), 4, 64))
-    place = np.clip(((direction + 1) * (cells / 2)).astype(int), 0, cells - 1)
-    cell = (place[:, 0] * cells + place[:, 1]) * cells + place[:, 2]
+    i, j, k = np.clip(((direction + 1) * (cells / 2)).astype(int), 0, cells - 1).T
+    cell = (i * cells + j) * cells + k
     start = np.zeros(cells ** 3 + 1, np.int32)
     np.cumsum(np.bincount(cell, minlength=cells ** 3), out=start[1:])
     return SkyGrid(np.ascontiguousarray(direction), cells, start,
@@ -56,7 +56,7 @@ def nearest(grid: SkyGrid, x: float, y: float, z: float, chord: float) -> tuple[
     for i in range(first_x, last_x + 1):
         for j in range(first_y, last_y + 1):
             row = (i * grid.cells + j) * grid.cells
-            # The cells of a row lie one after the other, and so do their stars.
+            # The cells of a row are consecutive, and so are their stars.
             for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
                 star = grid.member[m]
                 dx = grid.direction[star, 0] - x
@@ -70,7 +70,7 @@ def nearest(grid: SkyGrid, x: float, y: float, z: float, chord: float) -> tuple[
 
 @compiled
 def count_near(grid: SkyGrid, centers: np.ndarray, chord: float) -> np.ndarray:
-    """Return how many stars (M,) are within chord of each of the unit vectors centers (M, 3)."""
+    """Return the number (M,) of stars within chord of each of the unit vectors (M, 3)."""
     counts = np.zeros(len(centers), np.int64)
     limit = chord * chord
     for c in range(len(centers)):
@@ -94,10 +94,10 @@ def count_near(grid: SkyGrid, centers: np.ndarray, chord: float) -> np.ndarray:
 def count_in_image(grid: SkyGrid, matrix: np.ndarray, chord: float, low_x: float, high_x: float,
                    low_y: float, high_y: float) -> int:
     """
-    Return how many stars a camera sees.
+    Return the number of stars in the field of view.
 
-    matrix (3, 3) turns sensor vectors into those of the grid; the image reaches from low_x
-    to high_x and from low_y to high_y in x / z, y / z, and no further than chord from its axis.
+    matrix (3, 3) rotates sensor vectors to the axes of the grid. The image spans low_x to high_x
+    and low_y to high_y in x / z, y / z, within chord of its axis.
     """
     found = 0
     direction = grid.direction
@@ -109,7 +109,7 @@ def count_in_image(grid: SkyGrid, matrix: np.ndarray, chord: float, low_x: float
             row = (i * grid.cells + j) * grid.cells
             for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
                 star = grid.member[m]
-                # Scalars alone: a view of a row costs more than the arithmetic with it.
+                # Scalars: a view of a row would cost more than the arithmetic.
                 a, b, c = direction[star, 0], direction[star, 1], direction[star, 2]
                 z = a * matrix[0, 2] + b * matrix[1, 2] + c * matrix[2, 2]
                 if z <= 0:

@@ -1,4 +1,4 @@
-"""Hipparcos stars and where they stand at a given epoch."""
+"""Hipparcos stars and their directions at a given epoch."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
@@ -37,37 +37,36 @@ class StarCatalog:
 
     def brighter_than(self, limit: float) -> 'StarCatalog':
         """Return the stars of magnitude up to and including limit."""
-        # In float32 as the magnitudes are: 6.41 must not fall short of itself.
+        # In float32 like the magnitudes, so that a star exactly at the limit is included.
         count = int(np.searchsorted(self.magnitude, np.float32(limit), side='right'))
         return StarCatalog(*(getattr(self, field.name)[:count] for field in fields(self)))
 
     def directions(self, epoch_year: float) -> np.ndarray:
         """
-        Return unit vectors (N, 3) in ICRS at a Julian year, seen from the barycentre.
+        Return barycentric unit vectors (N, 3) in ICRS at a Julian year.
 
-        Uniform straight motion in space (ESA SP-1200, vol. 1, section 1.5.5) with the
-        radial velocity, unknown here, taken as zero. The distance then cancels: the
-        parallax moves nothing seen from the barycentre.
+        Uniform straight motion in space (ESA SP-1200, vol. 1, section 1.5.5) with a radial
+        velocity of zero, so the distance cancels.
         """
-        place, motion = self._place_and_motion
-        moved = place + (epoch_year - CATALOG_EPOCH_YEAR) * motion
+        direction, motion = self._direction_and_motion
+        moved = direction + (epoch_year - CATALOG_EPOCH_YEAR) * motion
         return moved / np.sqrt(np.einsum('ij,ij->i', moved, moved))[:, None]
 
     @cached_property
-    def _place_and_motion(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the unit vectors (N, 3) at the catalogue epoch and their change in rad a year."""
+    def _direction_and_motion(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the unit vectors (N, 3) at the catalogue epoch and their rates in rad/yr."""
         sin_ra, cos_ra = np.sin(self.ra_rad), np.cos(self.ra_rad)
         sin_dec, cos_dec = np.sin(self.dec_rad), np.cos(self.dec_rad)
-        place = np.stack([cos_dec * cos_ra, cos_dec * sin_ra, sin_dec], -1)
+        direction = np.stack([cos_dec * cos_ra, cos_dec * sin_ra, sin_dec], -1)
         east = np.stack([-sin_ra, cos_ra, np.zeros_like(sin_ra)], -1)
         north = np.stack([-sin_dec * cos_ra, -sin_dec * sin_ra, cos_dec], -1)
         motion = _MAS * (self.pm_ra_mas_yr[:, None] * east + self.pm_dec_mas_yr[:, None] * north)
-        return place, motion
+        return direction, motion
 
 
 @lru_cache(maxsize=1)
 def load_catalog() -> StarCatalog:
-    """Return the shipped stars, V <= 9; the arrays are shared and read-only."""
+    """Return the stars of the package, V <= 9; the arrays are shared and read-only."""
     with np.load(CATALOG_FILE) as columns:
         arrays = [columns[field.name] for field in fields(StarCatalog)]
     for array in arrays:

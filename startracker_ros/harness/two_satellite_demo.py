@@ -13,9 +13,8 @@ import rclpy
 from rclpy.serialization import deserialize_message
 from rich.table import Table
 from sensor_msgs.msg import CameraInfo
-from startracker_ros.astro.circular_orbit import CircularOrbit
 from startracker_ros.astro.constants import EARTH_RADIUS_M
-from startracker_ros.astro.orbit import orbit_frame
+from startracker_ros.astro.orbit import CircularOrbit, orbit_frame
 from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
 from startracker_ros.bag.reader import read_messages
 from startracker_ros.figures.rows import Row

@@ -1,1 +1,1 @@
-"""Where a target is that two observers see among the stars."""
+"""The position of a target from the lines of sight of two observers."""

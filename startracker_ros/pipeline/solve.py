@@ -8,7 +8,7 @@ import time
 import cv2
 import numpy as np
 from startracker_ros.astro.epoch import epoch_year_now
-from startracker_ros.camera.images import ImageError, known_camera, read_image_and_camera
+from startracker_ros.camera.images import calibrated_camera, ImageError, read_image_with_camera
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor
@@ -56,13 +56,13 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     """
     if epoch_year is None:
         epoch_year = epoch_year_now()
-    calibrated = known_camera(camera_file, fov_deg)
+    calibrated = calibrated_camera(camera_file, fov_deg)
     extractor = CentroidExtractor()
     identifiers: dict[Camera, Identifier] = {}
     rows = []
     for path in paths:
         try:
-            image, camera = read_image_and_camera(path, calibrated, fov_deg)
+            image, camera = read_image_with_camera(path, calibrated, fov_deg)
             if camera not in identifiers:
                 identifiers[camera] = make_identifier(camera, epoch_year, options)
             start_s = time.perf_counter()

@@ -2,7 +2,7 @@
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
-from startracker_ros.locate.locator import Located, Refused
+from startracker_ros.locate.locator import Located, Rejected
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages.header import make_header
@@ -19,9 +19,9 @@ class LocationOutput:
         self._position = node.advertise(PoseWithCovarianceStamped, 'target/position', qos.LIST)
         self._lines = node.advertise(MarkerArray, 'target/line_of_sight', qos.LIST)
 
-    def publish(self, result: Located | Refused, inertial_frame_id: str) -> None:
+    def publish(self, result: Located | Rejected, inertial_frame_id: str) -> None:
         """Publish a position, or report why there is none."""
-        if isinstance(result, Refused):
+        if isinstance(result, Rejected):
             self._diagnostics.counts['rejected'] += 1
             self._diagnostics.report(WARN, f'no position: {result.reason}')
             return

@@ -1,15 +1,15 @@
-"""Charged particles through the sensor: short, sharp tracks."""
+"""Tracks of charged particles through the sensor."""
 
 import numpy as np
 
-# Silicon in which a particle leaves charge that the pixels collect; typical of CMOS sensors.
+# Depth of the silicon from which pixels collect charge; typical of CMOS sensors.
 DEPTH_UM = 10.0
-# Most probable charge of a minimum ionising particle in thin silicon, and its spread (Particle
-# Data Group, Passage of particles through matter, figure on silicon detectors).
-_E_PER_UM, _SPREAD_E_PER_UM = 70.0, 10.0
-# A track is laid down in steps of a quarter pixel; longer ones than 200 px are cut.
+# Most probable charge of a minimum ionising particle in thin silicon, and the width of its
+# distribution (Particle Data Group, Passage of particles through matter, silicon detectors).
+_E_PER_UM, _WIDTH_E_PER_UM = 70.0, 10.0
+# Tracks are drawn in steps of a quarter pixel and cut at 200 px.
 _STEPS_PER_PX = 4
-_LONGEST_PX = 200.0
+_MAX_LENGTH_PX = 200.0
 
 
 def add_cosmic_rays(light: np.ndarray, hits_mean: float, pitch_um: float,
@@ -17,16 +17,16 @@ def add_cosmic_rays(light: np.ndarray, hits_mean: float, pitch_um: float,
     """
     Add to light (H, W) the electrons of a Poisson number of particles.
 
-    They come from all sides alike, so many cross the sensor steeply and a few graze it. The
-    charge of a length follows the distribution of Moyal (1955), which approximates Landau's.
+    The flux is isotropic. The charge per length follows the distribution of Moyal (1955), an
+    approximation of the Landau distribution.
     """
     height, width = light.shape
     for _ in range(rng.poisson(hits_mean)):
-        # Through a plane, an isotropic flux has sin^2 of the zenith angle uniform.
+        # For an isotropic flux through a plane, sin^2 of the zenith angle is uniform.
         sine2 = min(rng.random(), 1 - 1e-6)
         azimuth = rng.uniform(0, 2 * np.pi)
-        length_px = min(DEPTH_UM / pitch_um * np.sqrt(sine2 / (1 - sine2)), _LONGEST_PX)
-        e_per_um = _E_PER_UM - _SPREAD_E_PER_UM * np.log(rng.standard_normal() ** 2)
+        length_px = min(DEPTH_UM / pitch_um * np.sqrt(sine2 / (1 - sine2)), _MAX_LENGTH_PX)
+        e_per_um = _E_PER_UM - _WIDTH_E_PER_UM * np.log(rng.standard_normal() ** 2)
         electrons = max(e_per_um, 0.0) * np.hypot(DEPTH_UM, length_px * pitch_um)
         steps = int(np.ceil(length_px * _STEPS_PER_PX)) + 1
         along = np.linspace(0, length_px, steps)

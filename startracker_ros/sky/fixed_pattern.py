@@ -1,4 +1,4 @@
-"""What differs from pixel to pixel and stays: sensitivity, dark current, hot pixels."""
+"""Fixed pattern of a sensor: sensitivity, dark current and hot pixels."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class FixedPattern:
-    """response (H, W) float32, mean 1; dark_e_s (H, W) float32, thermal electrons a second."""
+    """Sensitivity response (H, W) float32, mean 1; dark current dark_e_s (H, W) float32, e-/s."""
 
     response: np.ndarray
     dark_e_s: np.ndarray
@@ -19,13 +19,13 @@ def fixed_pattern(shape: tuple[int, int], rng: np.random.Generator, *,
     """
     Return the pattern of one sensor.
 
-    Sensitivities are normal about 1. Each pixel is hot with the same probability; the dark
-    current of hot pixels is exponentially distributed, most of them mild and a few glaring.
+    Sensitivities are normal about 1. Each pixel is hot with the same probability; hot pixels
+    have an exponentially distributed dark current.
     """
     response = np.ones(shape, np.float32)
     if flat_field_percent:
-        spread = rng.standard_normal(shape, np.float32) * np.float32(flat_field_percent / 100)
-        response = np.maximum(response + spread, np.float32(0))
+        deviation = rng.standard_normal(shape, np.float32) * np.float32(flat_field_percent / 100)
+        response = np.maximum(response + deviation, np.float32(0))
     dark_e_s = np.full(shape, dark_current_e_s, np.float32)
     if hot_pixel_fraction:
         hot = rng.random(shape, np.float32) < hot_pixel_fraction

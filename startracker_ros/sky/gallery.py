@@ -1,9 +1,8 @@
 """
 Pictures of every effect of the simulator: python -m startracker_ros.sky.gallery [FOLDER].
 
-Each picture shows the same part of the same sky without and with the effect, left and right,
-or one over the other: red without, cyan with, white where both agree. FOLDER is docs/pictures
-unless given.
+Each picture shows the same part of the sky without and with the effect: side by side, or
+overlaid with red for without and cyan for with. FOLDER is docs/pictures by default.
 """
 
 from dataclasses import dataclass, field
@@ -13,19 +12,19 @@ from typing import Any
 
 import cv2
 import numpy as np
-from startracker_ros.astro.planets import PLANETS, planets_seen
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import radec_from_unit
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sky.planets import PLANETS, planets_from_earth
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.sky.sources import SkyOptions
 
 _EPOCH_YEAR = 2026.5
 _CAMERA = Camera.from_fov(1024, 1024, 12.0)
 _SIDE_PX = 340
-# Fewer greys make smaller files.
+# Fewer grey levels make smaller files.
 _GREYS = 52
 
 Options = dict[str, Any]
@@ -34,11 +33,12 @@ Options = dict[str, Any]
 @dataclass(frozen=True)
 class Picture:
     """
-    One effect: options that both halves share and those that make the effect.
+    One effect: options shared by both halves, and the options of the effect.
 
-    Option values are those of MotionOptions, SkyOptions and DetectorOptions. corner (u, v) and
-    size_px are the part of the image that is shown, white_e the electrons above the background
-    that are white; frames > 1 shows the brightest of each pixel over so many frames at 10 Hz.
+    Options are those of MotionOptions, SkyOptions and DetectorOptions. corner (u, v) and size_px
+    select the part of the image; white_e is the white level in electrons above the background;
+    overlay replaces side by side; frames > 1 shows the maximum of each pixel over that number
+    of frames at 10 Hz.
     """
 
     effect: Options
@@ -48,29 +48,29 @@ class Picture:
     camera: Camera = _CAMERA
     effect_camera: Camera | None = None
     white_e: float = 200.0
-    over: bool = False
+    overlay: bool = False
     frames: int = 1
 
 
 def _planet(name: str) -> Options:
-    ra_deg, dec_deg = np.degrees(radec_from_unit(planets_seen(_EPOCH_YEAR)[0][
+    ra_deg, dec_deg = np.degrees(radec_from_unit(planets_from_earth(_EPOCH_YEAR)[0][
         PLANETS.index(name)]))
     return {'ra_deg': float(ra_deg), 'dec_deg': float(dec_deg)}
 
 
-# Where places matter, not noise; it would make the files large.
+# For effects on positions: noise would only make the files large.
 _QUIET = {'noise': False}
-_TURN = {'motion': 'constant_rate', 'rate_deg_s': (0.3, 0.4, 3.0)}
+_ROTATING = {'motion': 'constant_rate', 'rate_deg_s': (0.3, 0.4, 3.0)}
 _WIDE = Camera.from_fov(1024, 1024, 24.0)
 _NARROW = Camera.from_fov(1024, 1024, 1.5)
 
 PICTURES = {
     'psf_over_field': Picture({'psf_corner_sigma_px': 2.5}, corner=(80, 880), size_px=85),
-    'motion_smear': Picture({'motion_smear': True}, _TURN, corner=(560, 480), size_px=85),
+    'motion_smear': Picture({'motion_smear': True}, _ROTATING, corner=(560, 480), size_px=85),
     'rolling_shutter': Picture(
         {'line_time_us': 100.0}, {'motion': 'constant_rate', 'rate_deg_s': (0.0, 5.0, 0.0),
                                   'psf_sigma_px': 2.5, 'zero_flux_e_s': 1e7, **_QUIET},
-        corner=(0, 0), size_px=1024, over=True),
+        corner=(0, 0), size_px=1024, overlay=True),
     'roll_jitter': Picture({'jitter_deg_s': 0.5}, {'motion': 'inertial', **_QUIET},
                            corner=(684, 0), size_px=340, frames=60),
     'dark_current': Picture({'dark_current_e_s': 500.0}),
@@ -89,27 +89,27 @@ PICTURES = {
     'aberration': Picture({'aberration': True}, {'ra_deg': 56.75, 'dec_deg': 24.12,
                                                  'psf_sigma_px': 3.0, **_QUIET},
                           camera=_NARROW, corner=(400, 330), size_px=340, white_e=50.0,
-                          over=True),
+                          overlay=True),
     'distortion': Picture({}, {'psf_sigma_px': 2.5, 'zero_flux_e_s': 1e7, **_QUIET}, camera=_WIDE,
                           effect_camera=Camera(1024, 1024, _WIDE.fx, _WIDE.fy, 511.5, 511.5,
                                                (-0.4, 0.0, 0.0, 0.0, 0.0)),
-                          corner=(0, 0), size_px=1024, over=True),
+                          corner=(0, 0), size_px=1024, overlay=True),
 }
 
 
-def _pick(cls: Any, values: Options) -> Any:
+def _options_of(cls: Any, values: Options) -> Any:
     return cls(**{row.name: values[row.name] for row in cls.table() if row.name in values})
 
 
 def _render(picture: Picture, values: Options, camera: Camera) -> np.ndarray:
     simulator = SkySimulator(
-        camera, motion_from_options(_pick(MotionOptions, values), seed=1), load_catalog(),
-        _EPOCH_YEAR, sky_options=_pick(SkyOptions, values),
-        detector_options=_pick(DetectorOptions, values), seed=1)
+        camera, motion_from_options(_options_of(MotionOptions, values), seed=1), load_catalog(),
+        _EPOCH_YEAR, sky_options=_options_of(SkyOptions, values),
+        detector_options=_options_of(DetectorOptions, values), seed=1)
     image = np.max([simulator.frame(k / 10).image for k in range(picture.frames)], 0)
     u, v = picture.corner
     part = image[v:v + picture.size_px, u:u + picture.size_px].astype(np.float32)
-    options = _pick(DetectorOptions, values)
+    options = _options_of(DetectorOptions, values)
     electrons = (part - options.bias_dn) * options.gain_e_per_dn
     shape = (_SIDE_PX, _SIDE_PX)
     if picture.size_px <= _SIDE_PX:
@@ -122,16 +122,16 @@ def draw(picture: Picture) -> np.ndarray:
     without = _render(picture, picture.shared, picture.camera)
     with_it = _render(picture, picture.shared | picture.effect,
                       picture.effect_camera or picture.camera)
-    # One stretch for both, so that what is brighter looks brighter.
-    black_e = _pick(DetectorOptions, picture.shared).background_e
+    # The same stretch for both halves.
+    black_e = _options_of(DetectorOptions, picture.shared).background_e
     grey = [np.arcsinh(5 * np.clip((image - black_e) / picture.white_e, 0, 1)) / np.arcsinh(5)
             for image in (without, with_it)]
     left, right = (np.uint8(np.rint(g * (_GREYS - 1)) * (255 // (_GREYS - 1)))
                    for g in grey)
-    if picture.over:
+    if picture.overlay:
         return np.stack([right, right, left], -1)
-    gap = np.full((_SIDE_PX, 6), 128, np.uint8)
-    return cv2.cvtColor(np.hstack([left, gap, right]), cv2.COLOR_GRAY2BGR)
+    separator = np.full((_SIDE_PX, 6), 128, np.uint8)
+    return cv2.cvtColor(np.hstack([left, separator, right]), cv2.COLOR_GRAY2BGR)
 
 
 def main(folder: Path = Path('docs/pictures')) -> None:
@@ -139,7 +139,7 @@ def main(folder: Path = Path('docs/pictures')) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name, picture in PICTURES.items():
         image = draw(picture)
-        if not picture.over:
+        if not picture.overlay:
             image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         cv2.imwrite(str(folder / f'{name}.png'), image, [cv2.IMWRITE_PNG_COMPRESSION, 9])
 

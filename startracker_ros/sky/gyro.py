@@ -1,4 +1,4 @@
-"""Rate gyro: true rate plus drifting bias plus white noise."""
+"""Rate gyro: true rate, random-walk bias and white noise."""
 
 from dataclasses import dataclass
 
@@ -13,9 +13,9 @@ _DEG_SQRT_H = np.radians(1 / 60)
 class GyroOptions(Options):
     """A tactical-grade MEMS gyro with the constant drift of 1 deg/h of the extended-grid paper."""
 
-    gyro_rate_hz: float = option(100.0, 'measurements a second', unit='Hz', low=0.1, high=10000.0)
+    gyro_rate_hz: float = option(100.0, 'measurement rate', unit='Hz', low=0.1, high=10000.0)
     gyro_bias_deg_h: tuple[float, float, float] = option(
-        (1.0, 1.0, 1.0), 'bias at the start about sensor x, y, z', unit='deg/h',
+        (1.0, 1.0, 1.0), 'initial bias about sensor x, y, z', unit='deg/h',
         low=-10000.0, high=10000.0)
     gyro_bias_walk_deg_h_sqrt_h: float = option(
         0.1, 'random walk of the bias (rate random walk), each axis', unit='deg/h/sqrt(h)',
@@ -26,11 +26,11 @@ class GyroOptions(Options):
 
 
 class Gyro:
-    """Makes measurements one after another; the bias walks on between them."""
+    """Produces consecutive measurements; the bias is a random walk."""
 
     def __init__(self, options: GyroOptions = GyroOptions(), *,
                  rng: np.random.Generator) -> None:
-        """Start with the bias of the options; rng is drawn from at every measurement."""
+        """Start with the bias of the options; every measurement draws from rng."""
         self._rng = rng
         self._noise = options.gyro_noise_deg_sqrt_h * _DEG_SQRT_H
         self._walk = options.gyro_bias_walk_deg_h_sqrt_h * _DEG_H / 60

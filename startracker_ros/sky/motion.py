@@ -1,11 +1,11 @@
-"""Where the sensor is, where it looks and how it turns: the truth of a simulation."""
+"""True attitude, rate, position and velocity of a simulated sensor."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from startracker_ros.astro.circular_orbit import CircularOrbit
 from startracker_ros.astro.constants import EARTH_RADIUS_M
+from startracker_ros.astro.orbit import CircularOrbit
 from startracker_ros.maths.rotation import (
     conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
 from startracker_ros.options import option, Options
@@ -27,16 +27,16 @@ class MotionState:
 
 
 class Motion(Protocol):
-    """Anything that knows the state at a time in s since the start of the simulation."""
+    """The true state at any time, in s since the start of the simulation."""
 
     def at(self, time_s: float) -> MotionState:
-        """Return the state; any time may be asked for, in any order."""
+        """Return the state; times may come in any order."""
 
 
 @dataclass(frozen=True)
 class SteadyMotion:
     """
-    A turn at constant rate about a fixed axis, carried along an orbit.
+    Rotation at a constant rate about a fixed axis, along an orbit.
 
     q_start (4,) is q_icrf_from_sensor at time 0, rate_rad_s (3,) is on sensor axes.
     """
@@ -46,7 +46,7 @@ class SteadyMotion:
     orbit: CircularOrbit
 
     def at(self, time_s: float) -> MotionState:
-        """Return the state: q(0) times the turn since then, which never jumps in sign."""
+        """Return the state; q(t) = q(0) exp(rate t) is continuous, without sign jumps."""
         turn = quaternion_from_rotation_vector(self.rate_rad_s * time_s)
         position_m, velocity_m_s = self.orbit.at(time_s)
         return MotionState(multiply(self.q_start, turn), self.rate_rad_s, position_m, velocity_m_s)
@@ -55,10 +55,10 @@ class SteadyMotion:
 @dataclass(frozen=True)
 class RollJitter:
     """
-    A motion with a random roll about the boresight on top, from time 0 on.
+    A steady motion with a random roll about the boresight added, from time 0 on.
 
-    The jitter of Sadeghi, Sabahi and Saberali: a rate uniform in +-peak_rad_s that is
-    constant over each block, so that the roll never jumps.
+    The jitter of Sadeghi, Sabahi and Saberali: the roll rate is uniform in +-peak_rad_s and
+    constant over each block, so the roll angle is continuous.
     """
 
     steady: SteadyMotion
@@ -66,13 +66,8 @@ class RollJitter:
     block_s: float
     seed: int
 
-    @property
-    def orbit(self) -> CircularOrbit:
-        """Return the orbit beneath."""
-        return self.steady.orbit
-
     def at(self, time_s: float) -> MotionState:
-        """Return the state; all blocks up to the time are drawn anew, 1 us for a hundred."""
+        """Return the state; draws all blocks up to time_s, 1 us for a hundred blocks."""
         block, within = divmod(max(time_s, 0.0) / self.block_s, 1)
         rate_rad_s = np.random.default_rng(self.seed).uniform(
             -self.peak_rad_s, self.peak_rad_s, int(block) + 1)
@@ -87,12 +82,12 @@ class RollJitter:
 
 @dataclass(frozen=True)
 class MotionOptions(Options):
-    """Pointing at time 0, the way it changes, and the orbit."""
+    """Pointing at time 0, the motion, and the orbit."""
 
     motion: str = option(
         'low_earth_orbit',
-        'inertial: fixed among the stars; constant_rate: turns at rate_deg_s; '
-        'low_earth_orbit: fixed in the orbit frame, so turns once a revolution',
+        'inertial: fixed attitude; constant_rate: rotates at rate_deg_s; '
+        'low_earth_orbit: fixed in the orbit frame, one rotation per revolution',
         choices=('inertial', 'constant_rate', 'low_earth_orbit'))
     ra_deg: float = option(84.0, 'right ascension of the boresight at time 0', unit='deg',
                            low=-360.0, high=360.0)
@@ -105,12 +100,12 @@ class MotionOptions(Options):
         (0.0, 0.06, 0.0), 'angular velocity about sensor x, y, z for constant_rate',
         unit='deg/s', low=-20.0, high=20.0)
     jitter_deg_s: float = option(
-        0.0, 'largest rate of a random roll about the boresight, uniform either way and '
+        0.0, 'largest rate of a random roll about the boresight: uniform in +-jitter_deg_s, '
         'constant over blocks', unit='deg/s', low=0.0, high=20.0)
-    jitter_block_s: float = option(1.0, 'length of a block: ten frames at 10 Hz', unit='s',
+    jitter_block_s: float = option(1.0, 'length of a block of constant roll rate', unit='s',
                                    low=0.01, high=1000.0)
-    altitude_km: float = option(700.0, 'height of the circular orbit above the equatorial radius',
-                                unit='km', low=160.0, high=100000.0)
+    altitude_km: float = option(700.0, 'altitude of the circular orbit, above the equatorial '
+                                'radius', unit='km', low=160.0, high=100000.0)
     inclination_deg: float = option(30.0, 'inclination of the orbit to the ICRF equator',
                                     unit='deg', low=0.0, high=180.0)
     node_deg: float = option(0.0, 'right ascension of the ascending node', unit='deg',
@@ -120,7 +115,7 @@ class MotionOptions(Options):
 
 
 def motion_from_options(options: MotionOptions = MotionOptions(), *, seed: int = 0) -> Motion:
-    """Return the motion that the options describe; the seed is that of the jitter."""
+    """Return the motion of the options; seed is that of the jitter."""
     orbit = CircularOrbit(EARTH_RADIUS_M + 1e3 * options.altitude_km,
                           *np.radians([options.inclination_deg, options.node_deg,
                                        options.latitude_deg]))
@@ -131,8 +126,8 @@ def motion_from_options(options: MotionOptions = MotionOptions(), *, seed: int =
     elif options.motion == 'constant_rate':
         rate_rad_s = np.radians(options.rate_deg_s)
     else:
-        # The orbit frame turns about the orbit normal; a sensor fixed in it sees that
-        # axis fixed too, so this is one more constant rate on sensor axes.
+        # The orbit frame rotates about the orbit normal, which is fixed on the axes of a sensor
+        # that is fixed in the orbit frame: a constant rate on sensor axes.
         rate_rad_s = rotate(conjugate(q_start), orbit.rate_rad_s * orbit.normal)
     steady = SteadyMotion(q_start, rate_rad_s, orbit)
     if not options.jitter_deg_s:

@@ -1,4 +1,4 @@
-"""What a satellite's navigation knows of its orbit: position and velocity with white noise."""
+"""Simulated navigation: position and velocity with white noise."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Satellites that pass through the field of view: false stars that move."""
+"""Satellites that cross the field of view: false stars that move."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,10 @@ from startracker_ros.sky.motion import Motion
 @dataclass(frozen=True)
 class SatelliteTraffic:
     """
-    So many satellites near the field at any time, each on a great circle of its own.
+    A constant number of satellites near the field, each on a great circle of its own.
 
-    When one has crossed the field the next one comes, from another side. Each passes the
-    boresight within half field_rad, at an even rate_rad_s among the stars.
+    When one has crossed the field, a new one enters from a random direction. Each passes within
+    half field_rad of the boresight, at rate_rad_s among the stars.
     """
 
     count: int
@@ -23,14 +23,14 @@ class SatelliteTraffic:
     seed: int
 
     def at(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the unit vectors (count, 3) on ICRF axes and their change (count, 3) in rad/s."""
-        places = [self._passing(index, time_s) for index in range(self.count)]
-        direction, drift = np.reshape(places, (self.count, 2, 3)).swapaxes(0, 1)
+        """Return unit vectors (count, 3) on ICRF axes and their rates (count, 3) in rad/s."""
+        states = [self._passing(index, time_s) for index in range(self.count)]
+        direction, drift = np.reshape(states, (self.count, 2, 3)).swapaxes(0, 1)
         return direction, drift
 
     def _passing(self, index: int, time_s: float) -> tuple[np.ndarray, np.ndarray]:
         duration_s = 2 * self.field_rad / self.rate_rad_s
-        # They are spread evenly in time.
+        # The satellites are evenly spaced in time.
         number, phase = divmod(time_s / duration_s + index / self.count, 1)
         since_s = (phase - 0.5) * duration_s
         rng = np.random.default_rng(np.random.SeedSequence(

@@ -1,4 +1,4 @@
-"""Which stars fall into the image, and where."""
+"""The light sources in an image: identity, pixel, magnitude."""
 
 from dataclasses import dataclass
 
@@ -8,10 +8,10 @@ import numpy as np
 @dataclass(frozen=True)
 class SceneStars:
     """
-    What shines in an image, catalogue stars first, brightest first.
+    The light sources in an image, catalogue stars first, brightest first.
 
     hip (N,) int32, 0 for planets and satellites; uv (N, 2) in px; magnitude (N,) V. Close
-    pairs stay apart: their images blend on the detector as they do in the sky.
+    pairs are separate entries whose images blend on the detector.
     """
 
     hip: np.ndarray
@@ -19,9 +19,8 @@ class SceneStars:
     magnitude: np.ndarray
 
     def __len__(self) -> int:
-        """Return the number of stars."""
         return len(self.hip)
 
-    def select(self, chosen: np.ndarray) -> 'SceneStars':
+    def select(self, index: np.ndarray) -> 'SceneStars':
         """Return the stars of a boolean mask (N,) or of indices."""
-        return SceneStars(self.hip[chosen], self.uv[chosen], self.magnitude[chosen])
+        return SceneStars(self.hip[index], self.uv[index], self.magnitude[index])

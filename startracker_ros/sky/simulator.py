@@ -1,4 +1,4 @@
-"""The whole simulated instrument: what the simulator node and the campaigns call."""
+"""The simulated instrument: images, gyro rates and navigation along a motion."""
 
 from dataclasses import dataclass
 
@@ -20,10 +20,10 @@ _FRAMES, _GYRO, _NAVIGATION = 0, 1, 2
 @dataclass(frozen=True)
 class Frame:
     """
-    One image (H, W) and the truth behind it, at the middle of the exposure.
+    One image (H, W) and the true state at the middle of the exposure.
 
-    stars holds those whose centre lies in the image, at the middle of the exposure of their
-    row, planets and satellites included; flux_dn (N,) is the light of each.
+    stars are the sources centred in the image at the middle of the exposure of their row,
+    planets and satellites included; flux_dn (N,) is the flux of each in DN.
     """
 
     image: np.ndarray
@@ -34,10 +34,10 @@ class Frame:
 
 class SkySimulator:
     """
-    Images, gyro rates and navigation along a motion; target is None where there is none.
+    Simulates images, gyro rates and navigation; target is None when the options have none.
 
-    A frame depends on seed and time alone, not on the frames made before it. Stars stand at
-    their barycentric ICRS places of epoch_year, without parallax; aberration is an option.
+    A frame depends on seed and time alone, not on earlier frames. Stars have their barycentric
+    ICRS directions of epoch_year, without parallax; aberration is an option.
     """
 
     def __init__(self, camera: Camera, motion: Motion, catalog: StarCatalog, epoch_year: float,
@@ -47,7 +47,7 @@ class SkySimulator:
                  target_options: TargetOptions = TargetOptions(),
                  navigation_options: NavigationOptions = NavigationOptions(),
                  seed: int = 0) -> None:
-        """Stars fainter than those of the catalogue are not drawn; limit it to hide more."""
+        """Render the stars of the catalogue, all of them; it sets the magnitude limit."""
         self._camera = camera
         self._motion = motion
         self.target = Target(target_options, epoch_year) if target_options.target else None
@@ -65,34 +65,34 @@ class SkySimulator:
         options, margin_px = self._detector.options, self._detector.margin_px
         exposure_s = options.exposure_s if options.motion_smear else 0.0
         line_time_s = options.line_time_us * 1e-6
-        # What comes into view before the last row is read, and margin enough for distortion.
+        # Includes stars that enter the field before the last row is read, and distortion.
         turned_rad = float(np.linalg.norm(state.rate_rad_s)) * (
             exposure_s + self._camera.height * line_time_s) / 2
         radius_rad = min(np.pi, self._camera.corner_angle_rad + turned_rad
                          + 2 * margin_px * self._camera.pixel_rad)
         groups = self._sky.around(state, time_s, radius_rad)
-        # The faster a group moves, the more places make up its streaks.
+        # Faster groups need more points along their streaks.
         parts, middle = [], []
         for sources in groups:
-            paths, share = image_paths(
+            paths, weight = image_paths(
                 self._camera, self._motion, sources, time_s, exposure_s=exposure_s,
                 step_px=self._detector.sharpest_px, line_time_s=line_time_s, margin_px=margin_px)
             parts.append((paths.reshape(-1, 2), np.tile(sources.magnitude, len(paths)),
-                          np.repeat(share, len(sources.hip))))
+                          np.repeat(weight, len(sources.hip))))
             middle.append((sources.hip, paths[len(paths) // 2], sources.magnitude))
-        uv, magnitude, share = map(np.concatenate, zip(*parts))
+        uv, magnitude, weight = map(np.concatenate, zip(*parts))
         image = self._detector.render(
-            uv, magnitude, self._rng(_FRAMES, round(time_s * 1e9)), share)
-        seen = SceneStars(*map(np.concatenate, zip(*middle)))
-        stars = seen.select(self._camera.contains(seen.uv))
+            uv, magnitude, self._rng(_FRAMES, round(time_s * 1e9)), weight)
+        scene = SceneStars(*map(np.concatenate, zip(*middle)))
+        stars = scene.select(self._camera.contains(scene.uv))
         return Frame(image, state, stars, self._detector.flux_dn(stars.magnitude))
 
     def gyro(self, time_s: float) -> np.ndarray:
         """
         Return the measured rate (3,) in rad/s on sensor axes.
 
-        The bias walks over the time since the measurement before; the same sequence of times
-        gives the same rates, and a step back in time starts the sequence anew.
+        The bias random walk covers the time since the last call. The same sequence of times
+        gives the same rates; a step back in time restarts the sequence.
         """
         dt_s = time_s - self._gyro_time_s
         if dt_s <= 0:

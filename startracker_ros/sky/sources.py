@@ -1,42 +1,41 @@
-"""Every point of light around the field of view: stars, planets, satellites."""
+"""Light sources around the field of view: stars, planets, satellites."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.astro.aberration import aberrate
-from startracker_ros.astro.constants import DAYS_PER_YEAR
-from startracker_ros.astro.planets import earth_velocity_m_s, planets_seen
+from startracker_ros.astro.constants import YEAR_S
+from startracker_ros.astro.planets import earth_velocity_m_s
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.maths.rotation import rotate
 from startracker_ros.options import option, Options
 from startracker_ros.sky.motion import Motion, MotionState
+from startracker_ros.sky.planets import planets_from_earth
 from startracker_ros.sky.satellites import SatelliteTraffic
 from startracker_ros.sky.target import Target
-
-_YEAR_S = DAYS_PER_YEAR * 86400
 
 
 @dataclass(frozen=True)
 class SkyOptions(Options):
-    """What there is on the sky besides the stars of the catalogue, and how it is seen."""
+    """Aberration, and light sources besides the catalogue stars."""
 
     aberration: bool = option(
-        False, 'stars stand where the velocity of the orbit and of the Earth shifts them to')
-    planets: bool = option(False, 'Mercury to Neptune at their places of the date')
-    satellites: int = option(0, 'satellites near the field at any time', low=0, high=100)
-    satellite_rate_deg_s: float = option(0.5, 'their motion among the stars', unit='deg/s',
-                                         low=1e-4, high=20.0)
-    satellite_magnitude: float = option(3.0, 'their brightness, V', unit='mag',
+        False, 'stellar aberration by the velocity of the orbit and of the Earth')
+    planets: bool = option(False, 'Mercury to Neptune at their positions of date')
+    satellites: int = option(0, 'number of satellites near the field', low=0, high=100)
+    satellite_rate_deg_s: float = option(0.5, 'angular rate of the satellites among the stars',
+                                         unit='deg/s', low=1e-4, high=20.0)
+    satellite_magnitude: float = option(3.0, 'V of the satellites', unit='mag',
                                         low=-10.0, high=15.0)
 
 
 @dataclass(frozen=True)
 class LightSources:
     """
-    Points of light as an observer sees them at one instant.
+    Point sources as an observer sees them at one instant.
 
-    hip (N,) int32, 0 for what is no star; direction (N, 3) on ICRF axes; drift_rad_s (N, 3),
-    its change among the stars; magnitude (N,) V.
+    hip (N,) int32, 0 for planets and satellites; direction (N, 3) on ICRF axes; drift_rad_s
+    (N, 3), its rate among the stars; magnitude (N,) V.
     """
 
     hip: np.ndarray
@@ -63,18 +62,18 @@ class Sky:
     def around(self, state: MotionState, time_s: float,
                radius_rad: float) -> tuple[LightSources, ...]:
         """
-        Return what is seen within radius_rad of the boresight, and all false stars.
+        Return the sources within radius_rad of the boresight, and all false stars.
 
-        The first group stands still, the second moves among the stars.
+        The first group is fixed among the stars, the second moves.
         """
         options = self._options
-        year = self._epoch_year + time_s / _YEAR_S
+        year = self._epoch_year + time_s / YEAR_S
         boresight = rotate(state.q_icrf_from_sensor, np.array([0.0, 0.0, 1.0]))
         near = np.flatnonzero(self._directions @ boresight >= np.cos(radius_rad))
         hip, direction = self._catalog.hip[near], self._directions[near]
         magnitude = self._catalog.magnitude[near]
         if options.planets:
-            planets, planet_magnitude = planets_seen(year)
+            planets, planet_magnitude = planets_from_earth(year)
             hip = np.concatenate([hip, np.zeros(len(planets), hip.dtype)])
             direction = np.concatenate([direction, planets])
             magnitude = np.concatenate([magnitude, planet_magnitude])
@@ -85,7 +84,7 @@ class Sky:
         return (still, moving) if len(moving.hip) else (still,)
 
     def _moving(self, state: MotionState, time_s: float) -> LightSources:
-        """Return satellites that pass, and the target where it is seen."""
+        """Return the satellites and, if visible, the target."""
         options = self._options
         direction, drift_rad_s = self._satellites.at(time_s)
         magnitude = np.full(options.satellites, options.satellite_magnitude)

@@ -1,4 +1,4 @@
-"""Lists of star positions without an image: what the identification campaigns look at."""
+"""Simulated centroids without an image, for campaigns, benchmarks and warm-up."""
 
 import numpy as np
 from startracker_ros.camera.model import Camera
@@ -8,13 +8,13 @@ from startracker_ros.maths.rotation import conjugate, rotate
 
 
 def random_attitude(rng: np.random.Generator) -> np.ndarray:
-    """Return a quaternion (4,) drawn uniformly from all rotations."""
+    """Return a quaternion (4,), uniformly distributed over all rotations."""
     q = rng.standard_normal(4)
     return q / np.linalg.norm(q)
 
 
 def some_field(places: StarPlaces, camera: Camera) -> tuple[Centroids, np.ndarray]:
-    """Return the centroids of one and always the same field, and their hip (N,)."""
+    """Return the centroids of one fixed field and their hip (N,)."""
     rng = np.random.default_rng(1)
     return star_list(places, camera, random_attitude(rng), 0.1, rng)
 
@@ -23,16 +23,16 @@ def star_list(places: StarPlaces, camera: Camera, q: np.ndarray, sigma_px: float
               rng: np.random.Generator, *, magnitude_sigma: float = 0.1, missing: float = 0.0,
               false: int = 0, brightest_false: float = 1.0) -> tuple[Centroids, np.ndarray]:
     """
-    Return the centroids that a camera would give at attitude q, and their hip (N,).
+    Return simulated centroids of a camera at attitude q (4,), and their hip (N,).
 
     Each axis has Gaussian noise of sigma_px; each star is missing with the given
     probability. False stars, hip 0, are uniform over the image and in magnitude from
-    brightest_false to that of the faintest star of the places.
+    brightest_false to the faintest star of the on-board catalogue.
     """
     near = places.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
     uv = camera.project(rotate(conjugate(q), places.direction[near]))
-    seen = camera.contains(uv) & (rng.random(len(near)) >= missing)
-    near, uv = near[seen], uv[seen] + rng.normal(0, sigma_px, (np.count_nonzero(seen), 2))
+    visible = camera.contains(uv) & (rng.random(len(near)) >= missing)
+    near, uv = near[visible], uv[visible] + rng.normal(0, sigma_px, (np.count_nonzero(visible), 2))
     magnitude = places.magnitude[near] + rng.normal(0, magnitude_sigma, len(near))
     uv = np.concatenate([uv, rng.uniform(-0.5, [camera.width - 0.5, camera.height - 0.5],
                                          (false, 2))])

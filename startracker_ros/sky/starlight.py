@@ -1,4 +1,4 @@
-"""The light of point sources on a sensor: a Gaussian, integrated over square pixels."""
+"""Point sources on a sensor: a Gaussian integrated over square pixels."""
 
 import math
 
@@ -6,12 +6,12 @@ import numpy as np
 from startracker_ros.compiled import compiled
 
 _REACH = 5
-"""In sigma. The light beyond, 6e-7 of the star, moves a centroid by less than 2e-6 sigma."""
+"""In sigma. Cutting the rest, 6e-7 of the light, shifts a centroid by less than 2e-6 sigma."""
 
 
 @compiled
 def reach_px(sigma_px: float) -> int:
-    """Return how far, in px, a source of width sigma_px sheds light."""
+    """Return the radius in px of the image of a source of width sigma_px."""
     return math.ceil(_REACH * sigma_px)
 
 
@@ -30,8 +30,8 @@ def add_starlight(uv: np.ndarray, electrons: np.ndarray, sigma_px: np.ndarray,
         half = reach_px(sigma_px[n])
         left, top = int(np.rint(uv[n, 0])) - half, int(np.rint(uv[n, 1])) - half
         size = 2 * half + 1
-        _share(left - uv[n, 0], sigma_px[n], size, across)
-        _share(top - uv[n, 1], sigma_px[n], size, down)
+        _pixel_fractions(left - uv[n, 0], sigma_px[n], size, across)
+        _pixel_fractions(top - uv[n, 1], sigma_px[n], size, down)
         for i in range(max(0, -top), min(size, height - top)):
             row = top + i
             for j in range(max(0, -left), min(size, width - left)):
@@ -41,11 +41,16 @@ def add_starlight(uv: np.ndarray, electrons: np.ndarray, sigma_px: np.ndarray,
 
 
 @compiled
-def _share(first: float, sigma: float, size: int, share: np.ndarray) -> None:
-    """Fill share with what falls into size pixels, the first with its centre at first."""
+def _pixel_fractions(first: float, sigma: float, size: int, fraction: np.ndarray) -> None:
+    """
+    Fill fraction with the integral of a unit Gaussian at 0 over each of size pixels.
+
+    Pixel i spans x_i - 1/2 to x_i + 1/2 with x_i = first + i; its fraction is
+    (erf((x_i + 1/2) / (sigma sqrt 2)) - erf((x_i - 1/2) / (sigma sqrt 2))) / 2.
+    """
     scale = 1 / (sigma * math.sqrt(2.0))
-    before = math.erf((first - 0.5) * scale)
+    lower = math.erf((first - 0.5) * scale)
     for i in range(size):
-        after = math.erf((first + i + 0.5) * scale)
-        share[i] = (after - before) / 2
-        before = after
+        upper = math.erf((first + i + 0.5) * scale)
+        fraction[i] = (upper - lower) / 2
+        lower = upper

@@ -1,4 +1,4 @@
-"""Glow of the Earth, the Moon or the Sun that the baffle lets in from one side."""
+"""Stray light of the Earth, the Moon or the Sun from one side of the image."""
 
 import numpy as np
 from startracker_ros.camera.model import Camera
@@ -9,8 +9,9 @@ def stray_light(camera: Camera, *, peak_e: float, angle_deg: float,
     """
     Return electrons (H, W) float32 that fall off exponentially away from the source.
 
-    The source lies outside the image, in the direction angle_deg from +u towards +v. peak_e
-    is reached where the image comes closest to it; over falloff_deg it drops by a factor e.
+    The source lies outside the image, in the direction angle_deg from +u towards +v. The image
+    is brightest, peak_e, at the point nearest to it; over falloff_deg the light drops by a
+    factor e.
     """
     if not peak_e:
         return np.zeros((camera.height, camera.width), np.float32)

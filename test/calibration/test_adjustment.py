@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from startracker_ros.attitude.estimate import estimate_attitude
-from startracker_ros.calibration.adjustment import adjust, CalibrationError, KnownStars
-from startracker_ros.calibration.estimate import calibrate, covered_percent, moved
+from startracker_ros.calibration.adjustment import adjust, CalibrationError, MatchedStars
+from startracker_ros.calibration.estimate import calibrate, covered_percent, star_shift
 from startracker_ros.calibration.matching import match_stars, View
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import camera_places
@@ -40,7 +40,7 @@ def apparent_attitude(spots, hip):
 
 
 def known(rng, frames, sigma_px=0.1):
-    """Return the stars of frames with their true places, and the attitudes, known roughly."""
+    """Return the stars of frames with their true directions, and approximate attitudes."""
     parts, attitudes = [], []
     for frame in range(frames):
         q = random_attitude(rng)
@@ -48,7 +48,7 @@ def known(rng, frames, sigma_px=0.1):
         parts.append((spots.uv, spots.sigma_px, PLACES.direction[PLACES.index_of(hip)],
                       np.full(len(hip), frame)))
         attitudes.append(multiply(q, quaternion_from_rotation_vector(rng.normal(0, 3e-4, 3))))
-    return KnownStars(*(np.concatenate(part) for part in zip(*parts))), np.array(attitudes)
+    return MatchedStars(*(np.concatenate(part) for part in zip(*parts))), np.array(attitudes)
 
 
 def errors(found):
@@ -91,13 +91,13 @@ def test_wrong_stars_are_left_out():
     in_front = np.einsum('ij,ij->i', icrf, stars.icrf) > 0
     stars, wrong = replace(stars, icrf=icrf).select(in_front), wrong[in_front]
     found = adjust(START, stars, attitudes, TERMS)
-    assert not found.kept[wrong].any()
-    assert found.kept[~wrong].mean() > 0.99
+    assert not found.used[wrong].any()
+    assert found.used[~wrong].mean() > 0.99
     error = errors(found)
     assert error @ np.linalg.solve(found.covariance, error) < 25
 
 
-def test_a_turn_that_nothing_determines_has_an_enormous_error():
+def test_an_undetermined_term_has_a_very_large_error():
     """Distortion from stars in the middle alone: the covariance must not look sound."""
     stars, attitudes = known(np.random.default_rng(3), 6)
     stars = stars.select(np.hypot(*(stars.uv - [511, 383]).T) < 60)
@@ -147,7 +147,7 @@ def test_one_image_is_not_enough(frames, words):
         calibrate(sky(np.random.default_rng(8), frames, MILD), START, PLACES)
 
 
-def test_images_of_one_pointing_are_refused():
+def test_images_of_one_pointing_are_rejected():
     rng = np.random.default_rng(9)
     q = random_attitude(rng)
     views = []
@@ -191,5 +191,5 @@ def test_centroids_that_are_not_numbers_are_left_out():
 def test_how_far_stars_move_in_the_image():
     q = random_attitude(np.random.default_rng(12))
     turns = np.array([[0, 0, 0], [0.02, 0, 0], [0, 0, 0.1]])
-    shift = moved(START, q, multiply(q, quaternion_from_rotation_vector(turns)))
+    shift = star_shift(START, q, multiply(q, quaternion_from_rotation_vector(turns)))
     np.testing.assert_allclose(shift * 1024, [0, 0.02 * 2862, 0.1 * 640], rtol=1e-3, atol=1e-6)

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from startracker_ros.astro.aberration import aberrate
-from startracker_ros.astro.circular_orbit import CircularOrbit
 from startracker_ros.astro.epoch import epoch_year_from_stamp
-from startracker_ros.astro.orbit import orbit_frame, propagate
+from startracker_ros.astro.orbit import CircularOrbit, orbit_frame, propagate
 from startracker_ros.astro.planets import earth_velocity_m_s
 from startracker_ros.camera.model import Camera
 from startracker_ros.locate.location import LocationOptions
-from startracker_ros.locate.locator import Located, Refused, TargetLocator
+from startracker_ros.locate.locator import Located, Rejected, TargetLocator
 from startracker_ros.locate.observer import Observer, ObserverOptions, State
 from startracker_ros.maths.rotation import ARCSEC
 
@@ -27,13 +26,13 @@ def target_at(time_s):
 
 
 def seen_from(orbit, time_s, *, shifts=True):
-    """Return pixel and attitude of a camera that looks to the target, as they would be told."""
+    """Return pixel and attitude that a camera pointed at the target measures."""
     position, velocity = orbit.at(time_s)
     line = target_at(time_s) - position
     for _ in range(3 if shifts else 0):
         line = target_at(time_s - np.linalg.norm(line) / LIGHT_M_S) - position
     direction = line / np.linalg.norm(line)
-    # Fixed to the orbit frame, a degree off the place of the target at time 0.
+    # Fixed to the orbit frame, a degree off the direction of the target at time 0.
     start = orbit.at(0.0)
     axis = orbit_frame(*start).T @ (TARGET[0] - start[0])
     z = orbit_frame(position, velocity) @ (axis / np.linalg.norm(axis) + [0.01, 0.02, 0.0])
@@ -42,19 +41,19 @@ def seen_from(orbit, time_s, *, shifts=True):
     x -= z * (z @ x)
     x /= np.linalg.norm(x)
     attitude = Rotation.from_matrix(np.stack([x, np.cross(z, x), z], -1))
-    said = attitude
+    measured = attitude
     if shifts:
         direction = aberrate(direction[None], velocity)[0]
         earth = earth_velocity_m_s(epoch_year_from_stamp(START_NS))
         turn = np.cross(z, aberrate(z[None], velocity + earth)[0])
-        said = Rotation.from_rotvec(turn).inv() * attitude
+        measured = Rotation.from_rotvec(turn).inv() * attitude
     uv = CAMERA.project(attitude.inv().apply(direction))
     assert CAMERA.contains(uv)
-    return uv, said.as_quat()
+    return uv, measured.as_quat()
 
 
-def tell(observer, orbit, time_s, rng=None, *, shifts=True, odometry=True, clock_s=0.0):
-    """Let an observer tell all about one frame, with noise when there is an rng."""
+def add_frame(observer, orbit, time_s, rng=None, *, shifts=True, odometry=True, clock_s=0.0):
+    """Add all inputs of one frame to an observer, with noise if there is an rng."""
     stamp_ns = START_NS + round((time_s + clock_s) * 1e9)
     uv, quaternion = seen_from(orbit, time_s, shifts=shifts)
     position, velocity = orbit.at(time_s)
@@ -82,13 +81,13 @@ def error_m(located):
 
 @pytest.mark.parametrize('later_s', [0.0, 0.2])
 @pytest.mark.parametrize('shifts', [True, False])
-def test_place_at_the_stamp_without_noise(later_s, shifts):
+def test_position_at_the_stamp_without_noise(later_s, shifts):
     """Aberration, light time and the frames between those of the other cost millimetres."""
     made = locator(aberration='stars_and_target' if shifts else 'none')
     results = []
     for frame in range(12):
-        tell(made.observers[0], ORBITS[0], frame * 0.5, shifts=shifts)
-        tell(made.observers[1], ORBITS[1], frame * 0.5 + later_s, shifts=shifts)
+        add_frame(made.observers[0], ORBITS[0], frame * 0.5, shifts=shifts)
+        add_frame(made.observers[1], ORBITS[1], frame * 0.5 + later_s, shifts=shifts)
         results += made.solve()
     located = [one for one in results if isinstance(one, Located)]
     # The first frame has no frame of the other before it.
@@ -103,7 +102,7 @@ def test_what_aberration_and_light_time_are_worth():
     made = locator(aberration='none')
     for frame in range(4):
         for one, orbit in zip(made.observers, ORBITS):
-            tell(one, orbit, frame * 0.5)
+            add_frame(one, orbit, frame * 0.5)
     assert np.linalg.norm(error_m(made.solve()[-1])) > 30
 
 
@@ -114,7 +113,7 @@ def test_errors_are_those_of_the_covariance():
         rng, made = np.random.default_rng(seed), locator(timing_sigma_s=0.0)
         for frame in range(4):
             for one, orbit in zip(made.observers, ORBITS):
-                tell(one, orbit, frame * 0.5, rng)
+                add_frame(one, orbit, frame * 0.5, rng)
         located = [one for one in made.solve() if isinstance(one, Located)]
         squared += [error_m(one) @ np.linalg.solve(one.location.covariance_m2, error_m(one))
                     for one in located[2:]]
@@ -122,13 +121,13 @@ def test_errors_are_those_of_the_covariance():
     assert 2.3 < np.mean(squared) < 3.7
 
 
-def test_interpolated_frames_are_not_taken_for_better_than_they_are():
+def test_covariance_of_interpolated_frames_is_not_too_small():
     squared = []
     for seed in range(60):
         rng, made = np.random.default_rng(seed), locator(timing_sigma_s=0.0)
         for frame in range(4):
-            tell(made.observers[0], ORBITS[0], frame * 0.5, rng)
-            tell(made.observers[1], ORBITS[1], frame * 0.5 + 0.25, rng)
+            add_frame(made.observers[0], ORBITS[0], frame * 0.5, rng)
+            add_frame(made.observers[1], ORBITS[1], frame * 0.5 + 0.25, rng)
         located = [one for one in made.solve() if isinstance(one, Located)]
         squared += [error_m(one) @ np.linalg.solve(one.location.covariance_m2, error_m(one))
                     for one in located[1:]]
@@ -138,44 +137,44 @@ def test_interpolated_frames_are_not_taken_for_better_than_they_are():
 def test_one_observer_silent():
     made = locator(max_lag_s=1.0)
     for frame in range(5):
-        tell(made.observers[0], ORBITS[0], frame * 0.5)
+        add_frame(made.observers[0], ORBITS[0], frame * 0.5)
     results = made.solve()
     # What may still come is waited for, the rest is given up.
     assert [one.stamp_ns for one in results] == [START_NS, START_NS + 500_000_000]
     assert all(one.reason == 'tracker_2: no odometry' for one in results)
     made = locator()
     for frame in range(5):
-        tell(made.observers[1], ORBITS[1], frame * 0.5)
+        add_frame(made.observers[1], ORBITS[1], frame * 0.5)
     assert made.solve()[0].reason == 'tracker_1: no odometry'
     assert made.solve() == []
-    assert made.why_silent() == 'tracker_1: no odometry'
+    assert made.missing_inputs() == 'tracker_1: no odometry'
 
 
 @pytest.mark.parametrize('later_s', [100.0, -100.0])
 def test_clocks_apart(later_s):
     made = locator(max_lag_s=1.0)
     for frame in range(5):
-        tell(made.observers[0], ORBITS[0], frame * 0.5)
-        tell(made.observers[1], ORBITS[1], frame * 0.5, clock_s=later_s)
+        add_frame(made.observers[0], ORBITS[0], frame * 0.5)
+        add_frame(made.observers[1], ORBITS[1], frame * 0.5, clock_s=later_s)
     results = made.solve()
-    assert results and all(isinstance(one, Refused) for one in results)
+    assert results and all(isinstance(one, Rejected) for one in results)
     assert any('apart' in one.reason or 'within 1 s' in one.reason for one in results)
 
 
 def test_frames_too_far_apart_are_not_bridged():
     made = locator(max_gap_s=0.4)
     for frame in range(5):
-        tell(made.observers[0], ORBITS[0], frame * 0.5)
-        tell(made.observers[1], ORBITS[1], frame * 0.5 + 0.25)
+        add_frame(made.observers[0], ORBITS[0], frame * 0.5)
+        add_frame(made.observers[1], ORBITS[1], frame * 0.5 + 0.25)
     assert all('tracker_2: no two lines of sight within 0.4 s' in one.reason
                for one in made.solve()[1:4])
 
 
-def test_lines_that_do_not_meet_are_refused():
+def test_lines_that_do_not_meet_are_rejected():
     made = locator()
     for frame in range(2):
-        tell(made.observers[0], ORBITS[0], frame * 0.5)
-        tell(made.observers[1], ORBITS[1], frame * 0.5)
+        add_frame(made.observers[0], ORBITS[0], frame * 0.5)
+        add_frame(made.observers[1], ORBITS[1], frame * 0.5)
         stamp_ns = START_NS + frame * 500_000_000
         uv, _ = seen_from(ORBITS[1], frame * 0.5)
         # Image right is across the plane of both lines.
@@ -183,27 +182,27 @@ def test_lines_that_do_not_meet_are_refused():
     assert all('do not point to one target' in one.reason for one in made.solve())
 
 
-def test_the_same_place_is_refused():
+def test_observers_at_one_position_are_rejected():
     made = TargetLocator(('a', 'b'), location_options=LocationOptions())
     for one in made.observers:
         one.camera = CAMERA
-        tell(one, ORBITS[0], 0.0)
+        add_frame(one, ORBITS[0], 0.0)
     assert 'observers 0 m apart' in made.solve()[0].reason
 
 
 def test_inputs_in_any_order_and_odometry_between_frames():
     observer = Observer('tracker_1')
     observer.camera = CAMERA
-    tell(observer, ORBITS[0], 1.0, odometry=False)
-    assert observer.sights.newest_ns is None
-    assert observer.why_silent() == 'tracker_1: no odometry'
+    add_frame(observer, ORBITS[0], 1.0, odometry=False)
+    assert observer.lines.newest_ns is None
+    assert observer.missing_input() == 'tracker_1: no odometry'
     for time_s in (0.7, 1.4):
         observer.add_state(START_NS + round(time_s * 1e9),
                            State(*ORBITS[0].at(time_s), np.zeros((3, 3))))
-    timed = observer.sight_at(START_NS + 1_000_000_000)
-    assert np.linalg.norm(timed.sight.position_m - ORBITS[0].at(1.0)[0]) < 1e-3
+    observed = observer.line_at(START_NS + 1_000_000_000)
+    assert np.linalg.norm(observed.line.position_m - ORBITS[0].at(1.0)[0]) < 1e-3
     # Zeros stand for a covariance that is not known.
-    np.testing.assert_allclose(timed.sight.covariance[:3, :3], 100.0 * np.eye(3))
+    np.testing.assert_allclose(observed.line.covariance[:3, :3], 100.0 * np.eye(3))
     assert observer.state_at(START_NS + 1_500_000_000) is None
 
 
@@ -212,5 +211,5 @@ def test_time_that_goes_back_starts_anew():
     for begin_s in (10.0, 0.0):
         for frame in range(3):
             for one, orbit in zip(made.observers, ORBITS):
-                tell(one, orbit, begin_s + frame * 0.5)
+                add_frame(one, orbit, begin_s + frame * 0.5)
         assert sum(isinstance(one, Located) for one in made.solve()) == 3

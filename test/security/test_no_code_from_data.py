@@ -110,6 +110,6 @@ def test_a_hostile_camera_file_is_refused(text, tmp_path, monkeypatch):
 def test_files_without_an_end_are_refused(monkeypatch):
     with pytest.raises(CameraError, match='1000000 bytes'):
         load_camera('/dev/zero')
-    monkeypatch.setattr('startracker_ros.images._LARGEST_FILE_BYTES', 2_000_000)
+    monkeypatch.setattr('startracker_ros.camera.images._LARGEST_FILE_BYTES', 2_000_000)
     with pytest.raises(ImageError, match='2 MB'):
         read_image('/dev/zero')

@@ -1,4 +1,4 @@
-"""Images of stars: place, light, background and noise."""
+"""Images of stars: centroid, light, background and noise."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def centre_of_light(image):
 
 @given(st.floats(10, 53), st.floats(10, 37), st.sampled_from([0.7, 0.8, 1.3]))
 @settings(max_examples=20)
-def test_centre_of_light_is_the_place_of_the_star(u, v, sigma_px):
+def test_centroid_is_the_pixel_of_the_star(u, v, sigma_px):
     # Below 0.7 px the pixels sample the star too coarsely for a centre of light to be true:
     # it errs by exp(-2 pi^2 sigma^2) / pi px, on a real sensor just as here.
     image = draw(replace(EXACT, psf_sigma_px=sigma_px), (u, v), 3.0).astype(float)

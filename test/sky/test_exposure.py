@@ -42,10 +42,10 @@ def moments(image, uv, half=24):
     u, v = np.rint(uv).astype(int)
     window = image[v - half:v + half + 1, u - half:u + half + 1].astype(float)
     grid = np.arange(-half, half + 1)
-    place = np.stack(np.meshgrid(u + grid, v + grid), -1).reshape(-1, 2)
+    pixel = np.stack(np.meshgrid(u + grid, v + grid), -1).reshape(-1, 2)
     weight = window.ravel() / window.sum()
-    centre = weight @ place
-    return centre, (place - centre).T @ (weight[:, None] * (place - centre))
+    centre = weight @ pixel
+    return centre, (pixel - centre).T @ (weight[:, None] * (pixel - centre))
 
 
 @pytest.mark.parametrize('rate_deg_s, direction', [
@@ -70,9 +70,9 @@ def test_smear_is_as_long_as_the_turn(rate_deg_s, direction):
 def test_roll_draws_arcs_about_the_boresight():
     uv = np.array([(900.0, 511.5), (511.5, 811.5), (511.5, 511.5)])
     frame, _ = frame_of(uv, (0.0, 0.0, 10.0), SMEARED)
-    for place, across in ((uv[0], 0), (uv[1], 1)):
-        covariance = moments(frame.image, place, half=50)[1]
-        length_px = np.radians(10.0) * 0.1 * np.linalg.norm(place - 511.5)
+    for pixel, across in ((uv[0], 0), (uv[1], 1)):
+        covariance = moments(frame.image, pixel, half=50)[1]
+        length_px = np.radians(10.0) * 0.1 * np.linalg.norm(pixel - 511.5)
         assert covariance[1 - across, 1 - across] == pytest.approx(
             length_px ** 2 / 12 + 0.64 + 1 / 12, rel=5e-3)
         # The sagitta of an arc of 1 deg is small.
@@ -88,10 +88,10 @@ def test_smear_is_the_mean_of_many_short_exposures(rate_deg_s):
     frame, motion = frame_of(uv, rate_deg_s, SMEARED, camera)
     directions = rotate(motion.at(0.0).q_icrf_from_sensor, camera.unproject(np.array(uv)))
     count = 801
-    places = np.concatenate([camera.project(rotate(
+    uv = np.concatenate([camera.project(rotate(
         conjugate(motion.at(0.1 * t).q_icrf_from_sensor), directions))
         for t in (np.arange(count) + 0.5) / count - 0.5])
-    oracle = Detector(camera, QUIET).render(places, np.full(len(places), 5.0),
+    oracle = Detector(camera, QUIET).render(uv, np.full(len(uv), 5.0),
                                             np.random.default_rng(1), 1 / count)
     difference = np.abs(frame.image.astype(float) - oracle)
     assert oracle.max() > 2000 and difference.max() < 2e-3 * oracle.max() + 1
@@ -107,13 +107,13 @@ def test_rolling_shutter_sees_each_row_at_its_time(rate_deg_s, smear):
     frame, motion = frame_of(uv, rate_deg_s, options)
     directions = rotate(motion.at(0.0).q_icrf_from_sensor, CAMERA.unproject(uv))
     moved = []
-    for hip, place in zip(frame.stars.hip, frame.stars.uv):
-        centre, _ = moments(frame.image, place)
+    for hip, pixel in zip(frame.stars.hip, frame.stars.uv):
+        centre, _ = moments(frame.image, pixel)
         delay_s = (centre[1] - 511.5) * 30e-6
         expected = CAMERA.project(rotate(
             conjugate(motion.at(delay_s).q_icrf_from_sensor), directions[hip - 1]))
         assert np.abs(centre - expected).max() < 0.01
-        assert np.abs(place - expected).max() < 0.01
+        assert np.abs(pixel - expected).max() < 0.01
         moved.append(np.linalg.norm(centre - uv[hip - 1]))
     assert len(moved) == 3
     # Half a degree a second over the 14 ms to the outer rows is 0.6 px.
@@ -123,8 +123,8 @@ def test_rolling_shutter_sees_each_row_at_its_time(rate_deg_s, smear):
 def test_a_global_shutter_sees_all_rows_at_once():
     uv = np.array([(300.2, 60.7), (500.7, 960.4)])
     frame, _ = frame_of(uv, (0.3, 0.5, 1.0), QUIET)
-    for place in uv:
-        assert np.abs(moments(frame.image, place)[0] - place).max() < 5e-3
+    for pixel in uv:
+        assert np.abs(moments(frame.image, pixel)[0] - pixel).max() < 5e-3
 
 
 def test_stars_are_rendered_where_the_distorted_lens_has_them():
@@ -136,11 +136,11 @@ def test_stars_are_rendered_where_the_distorted_lens_has_them():
     frame = simulator.frame(0.0)
     pinhole = replace(camera, distortion=(0.0,) * 5)
     bent = tested = 0
-    for place in frame.stars.uv:
-        apart = np.sort(np.linalg.norm(frame.stars.uv - place, axis=-1))[1]
-        if apart < 24 or not camera.contains(place, 12):
+    for pixel in frame.stars.uv:
+        apart = np.sort(np.linalg.norm(frame.stars.uv - pixel, axis=-1))[1]
+        if apart < 24 or not camera.contains(pixel, 12):
             continue
-        centre, _ = moments(frame.image, place, half=8)
+        centre, _ = moments(frame.image, pixel, half=8)
         direction = camera.unproject(centre)
         true = rotate(conjugate(frame.state.q_icrf_from_sensor),
                       load_catalog().directions(EPOCH_YEAR))
@@ -165,11 +165,11 @@ def test_rows_see_what_was_outside_in_the_middle_of_the_exposure():
     options = replace(QUIET, line_time_us=100.0)
     # 52 ms before the stamp it was 20 deg/s x 52 ms = 1 deg, 87 px, further to the right.
     frame, motion = frame_of([(-60.0, 20.0)], (0.0, 20.0, 0.0), options)
-    [place] = frame.stars.uv
-    delay_s = (place[1] - 511.5) * 100e-6
+    [pixel] = frame.stars.uv
+    delay_s = (pixel[1] - 511.5) * 100e-6
     direction = rotate(motion.at(0.0).q_icrf_from_sensor,
                        CAMERA.unproject(np.array([(-60.0, 20.0)])))
     expected = CAMERA.project(rotate(
         conjugate(motion.at(delay_s).q_icrf_from_sensor), direction))[0]
-    assert np.abs(place - expected).max() < 0.01 and 10 < place[0] < 60
-    assert np.abs(moments(frame.image, place, half=9)[0] - expected).max() < 0.01
+    assert np.abs(pixel - expected).max() < 0.01 and 10 < pixel[0] < 60
+    assert np.abs(moments(frame.image, pixel, half=9)[0] - expected).max() < 0.01

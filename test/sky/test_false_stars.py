@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from startracker_ros.astro.aberration import aberrate
 from startracker_ros.astro.constants import AU_M
-from startracker_ros.astro.planets import (
-    earth_velocity_m_s, heliocentric_au, PLANETS, planets_seen)
+from startracker_ros.astro.planets import earth_velocity_m_s, heliocentric_au
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import ARCSEC, conjugate, radec_from_unit, rotate
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sky.planets import PLANETS, planets_from_earth
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.sky.sources import SkyOptions
 
@@ -32,7 +32,7 @@ def angle(a, b):
 
 
 @pytest.mark.parametrize('year', YEARS)
-def test_planets_stand_where_erfa_has_them(year):
+def test_heliocentric_positions_agree_with_erfa(year):
     """erfa.plan94 (Simon and others 1994) is good to a few arcsec, to 80 for Saturn."""
     ours = heliocentric_au(year)
     for index, number in enumerate((1, 2, 4, 5, 6, 7, 8)):
@@ -44,9 +44,9 @@ def test_planets_stand_where_erfa_has_them(year):
 
 
 @pytest.mark.parametrize('year', YEARS)
-def test_planets_are_seen_from_the_earth_with_light_time(year):
+def test_geocentric_directions_include_light_time(year):
     earth = np.asarray(erfa.epv00(*julian_date(year))[0]['p'])
-    seen, _ = planets_seen(year)
+    seen, _ = planets_from_earth(year)
     for index, number in enumerate((1, 2, 4, 5)):
         distance = np.linalg.norm(
             np.asarray(erfa.plan94(*julian_date(year), number)['p']) - earth)
@@ -62,23 +62,24 @@ def test_light_time_shifts_a_planet_back_along_its_orbit(index, number):
     earth = np.asarray(erfa.epv00(start, days)[0]['p'])
 
     def theirs(light_days):
-        place = np.asarray(erfa.plan94(start, days - light_days, number)['p']) - earth
-        return place / np.linalg.norm(place), np.linalg.norm(place)
+        position = np.asarray(erfa.plan94(start, days - light_days, number)['p']) - earth
+        return position / np.linalg.norm(position), np.linalg.norm(position)
 
     ours = heliocentric_au(2026.4)
     geometric = (ours[index] - ours[-1]) / np.linalg.norm(ours[index] - ours[-1])
     now, distance_au = theirs(0.0)
     expected = theirs(distance_au * 499.004784 / 86400)[0] - now
     assert np.linalg.norm(expected) > 3 * ARCSEC
-    assert np.linalg.norm(planets_seen(2026.4)[0][index] - geometric - expected) < 0.2 * ARCSEC
+    apparent = planets_from_earth(2026.4)[0][index]
+    assert np.linalg.norm(apparent - geometric - expected) < 0.2 * ARCSEC
 
 
 @pytest.mark.parametrize('name, year, magnitude', [
     # Oppositions and the greatest brilliancy of Venus, from the Astronomical Almanac.
     ('Jupiter', 2022.737, -2.9), ('Mars', 2020.784, -2.6), ('Mars', 2022.936, -1.9),
     ('Venus', 2023.515, -4.6), ('Uranus', 2022.857, 5.6), ('Neptune', 2022.709, 7.8)])
-def test_planets_are_as_bright_as_the_almanac_says(name, year, magnitude):
-    assert planets_seen(year)[1][PLANETS.index(name)] == pytest.approx(magnitude, abs=0.2)
+def test_magnitudes_agree_with_the_almanac(name, year, magnitude):
+    assert planets_from_earth(year)[1][PLANETS.index(name)] == pytest.approx(magnitude, abs=0.2)
 
 
 @pytest.mark.parametrize('year', YEARS)
@@ -108,7 +109,7 @@ def looking_at(direction, **sky):
 
 
 def test_a_planet_shines_in_the_image_and_in_the_truth():
-    direction, magnitude = planets_seen(2026.4)
+    direction, magnitude = planets_from_earth(2026.4)
     mars = PLANETS.index('Mars')
     motion, simulator = looking_at(direction[mars], planets=True)
     frame = simulator().frame(0.0)
@@ -172,10 +173,10 @@ def test_a_satellite_moves_at_its_rate_and_on_a_great_circle():
     simulator = looking_at(np.array([0.3, 0.5, -0.4]), **SATELLITE)[1](limit=3.0)
     seen = list(seen_twice(simulator, 0.5))
     assert len(seen) > 20
-    places = [[CAMERA.unproject(satellite(frame)) for frame in frames] for frames in seen]
-    for before, after in places:
+    directions = [[CAMERA.unproject(satellite(frame)) for frame in frames] for frames in seen]
+    for before, after in directions:
         assert np.degrees(angle(before, after)) == pytest.approx(0.25, rel=1e-6)
-    one_pass = np.reshape(places[:5], (10, 3))
+    one_pass = np.reshape(directions[:5], (10, 3))
     assert np.linalg.svd(one_pass)[1][-1] < 1e-6
 
 
@@ -190,8 +191,8 @@ def test_a_satellite_leaves_a_streak_as_long_as_its_motion():
             continue
         window = frame.image[v - 10:v + 11, u - 10:u + 11].astype(float)
         row, column = np.indices(window.shape)
-        place = np.stack([column.ravel(), row.ravel()])
-        variance = np.linalg.eigvalsh(np.cov(place, aweights=window.ravel(), ddof=0))
+        uv = np.stack([column.ravel(), row.ravel()])
+        variance = np.linalg.eigvalsh(np.cov(uv, aweights=window.ravel(), ddof=0))
         assert variance[0] == pytest.approx(0.64 + 1 / 12, rel=0.02)
         # Off the axis a pixel is a smaller angle, by up to 2 %.
         assert variance[1] == pytest.approx(0.64 + 1 / 12 + length_px ** 2 / 12, rel=0.05)

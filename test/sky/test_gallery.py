@@ -25,5 +25,5 @@ def test_pictures_are_those_of_the_command(name):
     drawn = draw(PICTURES[name]).astype(int)
     # Another processor may round one pixel in a thousand to the next grey.
     assert (np.abs(drawn - shown) > 5).mean() < 1e-3
-    if not PICTURES[name].over:
+    if not PICTURES[name].overlay:
         assert (drawn[:, :340] != drawn[:, 346:]).any()

@@ -28,12 +28,12 @@ def test_angle_random_walk(dt_s):
 
 
 def test_bias_random_walk():
-    """An hour of walking spreads the bias by the figure."""
+    """The standard deviation of the bias after an hour is that of the options."""
     options = GyroOptions(gyro_bias_walk_deg_h_sqrt_h=0.5, gyro_noise_deg_sqrt_h=0.0)
-    spread = []
+    change = []
     for seed in range(300):
         gyro = Gyro(options, rng=np.random.default_rng(seed))
         for _ in range(4):
             gyro.measure(RATE, 900.0)
-        spread.append(gyro.bias_rad_s / DEG_H - 1.0)
-    assert np.std(spread) == pytest.approx(0.5, rel=0.1)
+        change.append(gyro.bias_rad_s / DEG_H - 1.0)
+    assert np.std(change) == pytest.approx(0.5, rel=0.1)

@@ -1,4 +1,4 @@
-"""Stars fall where spherical astronomy puts them."""
+"""Pixels of stars, against the formulas of spherical astronomy."""
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -9,7 +9,7 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import (
     conjugate, quaternion_from_pointing, rotate, unit_from_radec)
-from startracker_ros.sky.exposure import image_places
+from startracker_ros.sky.exposure import project_visible
 from startracker_ros.sky.scene import SceneStars
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
@@ -20,12 +20,12 @@ BETELGEUSE, RIGEL, ALNILAM, BELLATRIX = 27989, 24436, 26311, 25336
 def stars_at(ra_deg, dec_deg, roll_deg=0.0, camera=CAMERA, margin_px=0.0):
     catalog = load_catalog()
     q = quaternion_from_pointing(*np.radians([ra_deg, dec_deg, roll_deg]))
-    uv = image_places(camera, rotate(conjugate(q), catalog.directions(EPOCH_YEAR)), margin_px)
-    seen = camera.contains(uv, -margin_px)
-    return SceneStars(catalog.hip[seen], uv[seen], catalog.magnitude[seen])
+    uv = project_visible(camera, rotate(conjugate(q), catalog.directions(EPOCH_YEAR)), margin_px)
+    visible = camera.contains(uv, -margin_px)
+    return SceneStars(catalog.hip[visible], uv[visible], catalog.magnitude[visible])
 
 
-def place(stars, hip):
+def pixel(stars, hip):
     return stars.uv[np.flatnonzero(stars.hip == hip)[0]]
 
 
@@ -55,7 +55,7 @@ def test_orion_stands_upright_and_is_not_mirrored():
     camera = Camera.from_fov(1024, 1024, 24.0)
     stars = stars_at(83.8, 0.0, camera=camera)
     betelgeuse, rigel, alnilam, bellatrix = (
-        place(stars, hip) for hip in (BETELGEUSE, RIGEL, ALNILAM, BELLATRIX))
+        pixel(stars, hip) for hip in (BETELGEUSE, RIGEL, ALNILAM, BELLATRIX))
     # North up, east left: Betelgeuse is the upper left shoulder, Rigel the lower right foot.
     assert betelgeuse[0] < alnilam[0] < rigel[0] and betelgeuse[1] < alnilam[1] < rigel[1]
     assert bellatrix[0] > betelgeuse[0] and bellatrix[1] < alnilam[1]
@@ -66,7 +66,7 @@ def test_orion_stands_upright_and_is_not_mirrored():
     assert np.abs([betelgeuse, rigel] - expected).max() < 0.02
 
 
-def test_places_agree_with_skyfield():
+def test_directions_agree_with_skyfield():
     """Proper motion and projection of the fastest stars, seen from the barycentre."""
     catalog = load_catalog()
     barycentre = Barycentric([0, 0, 0], [0, 0, 0], t=load.timescale(builtin=True).J(EPOCH_YEAR))
@@ -83,14 +83,14 @@ def test_places_agree_with_skyfield():
         q = quaternion_from_pointing(*np.radians([ra_deg - 1.0, dec_deg + 2.0, 0.0]))
         uv = CAMERA.project(rotate(conjugate(q), expected))
         # 1e-3 px is 42 mas; these stars have moved by 60 arcsec or more.
-        assert np.abs(place(stars, hip) - uv).max() < 1e-3
+        assert np.abs(pixel(stars, hip) - uv).max() < 1e-3
 
 
 def test_roll_is_the_position_angle_of_image_up():
     north_up, rolled = stars_at(83.8, 0.0), stars_at(83.8, 0.0, roll_deg=90.0)
-    right, down = place(north_up, ALNILAM) - 511.5
+    right, down = pixel(north_up, ALNILAM) - 511.5
     # With east up, north (up before) lies to the right.
-    np.testing.assert_allclose(place(rolled, ALNILAM) - 511.5, [-down, right], atol=1e-9)
+    np.testing.assert_allclose(pixel(rolled, ALNILAM) - 511.5, [-down, right], atol=1e-9)
 
 
 @pytest.mark.parametrize('distortion', [(0.0,) * 5, (-0.2, 0.0, 1e-3, -1e-3, 0.0)])
@@ -103,5 +103,5 @@ def test_margin_takes_in_exactly_the_stars_around(distortion):
 
 
 def test_poles():
-    assert place(stars_at(37.95, 89.26), 11767) == pytest.approx([511.5, 511.5], abs=3)
+    assert pixel(stars_at(37.95, 89.26), 11767) == pytest.approx([511.5, 511.5], abs=3)
     assert len(stars_at(10.0, -89.9)) > 20

@@ -34,10 +34,10 @@ def test_star_images_widen_towards_the_corner():
     centre = np.array([127.5, 95.5])
     uv = np.round([centre + 0.001, centre * 1.5 + 0.001, centre * 1.84])
     image = image_of(change, uv, [3.0, 3.0, 3.0])
-    for place in uv.astype(int):
-        distance2 = ((place - centre) ** 2).sum() / (128 ** 2 + 96 ** 2)
+    for pixel in uv.astype(int):
+        distance2 = ((pixel - centre) ** 2).sum() / (128 ** 2 + 96 ** 2)
         sigma = 0.8 + 1.2 * distance2
-        assert second_moment(image, *place) == pytest.approx(sigma ** 2 + 1 / 12, rel=4e-3)
+        assert second_moment(image, *pixel) == pytest.approx(sigma ** 2 + 1 / 12, rel=4e-3)
     plain = image_of({'psf_sigma_px': 0.8}, uv, [3.0, 3.0, 3.0])
     assert second_moment(plain, *uv[2].astype(int)) == pytest.approx(0.64 + 1 / 12, rel=4e-3)
     assert image.sum() == pytest.approx(plain.sum(), rel=1e-3)
@@ -111,7 +111,7 @@ def tracks(hits, seed, pitch_um=5.5):
     return light
 
 
-def test_cosmic_rays_hit_as_often_as_told():
+def test_number_of_cosmic_rays():
     """5 hits/cm^2/s: over 0.32 cm^2 in 0.2 s it is 0.32 a frame."""
     camera = Camera.from_fov(1024, 1024, 12.0)
     detector = Detector(camera, replace(EXACT, cosmic_ray_hits_cm2_s=5.0, exposure_s=0.2))

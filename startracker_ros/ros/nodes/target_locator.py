@@ -108,7 +108,7 @@ class TargetLocatorNode(PipelineNode):
     def _report_silence(self) -> None:
         """Report what is missing if neither observer sent anything new."""
         if not self._results:
-            self.diagnostics.report(WARN, f'no position: {self._locator.why_silent()}')
+            self.diagnostics.report(WARN, f'no position: {self._locator.missing_inputs()}')
         self._results = 0
 
 
