@@ -265,6 +265,8 @@ def test_each_transition_is_one_line_in_the_log(nodes, probe, tmp_path):
         return [line.partition(':')[0] for line in transitions(tmp_path, 'star_tracker')
                 if line.startswith(('LOST', 'ACQUIRING', 'TRACKING'))]
     probe.wait(lambda: len(kinds()) >= 6, 'TRACKING with another camera')
+    probe.wait(lambda: transitions(tmp_path, 'attitude_estimator').count(
+        'publishing attitude') >= 3, 'an attitude with another camera')
     fly(6)
     told = transitions(tmp_path, 'star_tracker')
     assert kinds()[:6] == ['LOST', 'ACQUIRING', 'TRACKING', 'LOST', 'ACQUIRING', 'TRACKING'], told
