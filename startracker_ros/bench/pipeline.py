@@ -17,7 +17,7 @@ import numpy as np
 import psutil
 from rich.progress import track as progress
 from startracker_ros.attitude.estimate import cramer_rao
-from startracker_ros.attitude.validation import AttitudeTrust, TrustOptions
+from startracker_ros.attitude.validation import AttitudeValidator, ValidationOptions
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
@@ -87,7 +87,7 @@ def noise_free(trials: int, seed: int) -> Iterator[Row]:
     detector = DetectorOptions(noise=False, bit_depth=16, gain_e_per_dn=0.25)
     places = camera_places(catalog, FULL_CAMERA, EPOCH_YEAR, 9.0)
     identifier = make_identifier(FULL_CAMERA, EPOCH_YEAR, IdentificationOptions())
-    trust = AttitudeTrust(FULL_CAMERA, places, TrustOptions())
+    trust = AttitudeValidator(FULL_CAMERA, places, ValidationOptions())
     extractor = CentroidExtractor()
     errors = []
     for _ in progress(range(count), 'noise-free', transient=True):
@@ -110,7 +110,7 @@ def cramer_rao_ratio(trials: int, seed: int) -> Iterator[Row]:
     """Single-frame attitude at 0.1 px against the bound of the same frames."""
     rng = np.random.default_rng(seed)
     places = camera_places(load_catalog(), SMALL_CAMERA, EPOCH_YEAR, 6.0)
-    trust = AttitudeTrust(SMALL_CAMERA, places, TrustOptions())
+    trust = AttitudeValidator(SMALL_CAMERA, places, ValidationOptions())
     normalised, cross, bound = [], [], []
     for _ in range(trials):
         q = random_attitude(rng)
@@ -200,7 +200,7 @@ def core_work(trials: int, seed: int) -> Iterator[Row]:
     extractor = CentroidExtractor()
     identifier = make_identifier(FULL_CAMERA, EPOCH_YEAR, IdentificationOptions())
     tracker = StarTracker(FULL_CAMERA, places, TrackerOptions())
-    trust = AttitudeTrust(FULL_CAMERA, places, TrustOptions())
+    trust = AttitudeValidator(FULL_CAMERA, places, ValidationOptions())
     stages: dict[str, list[float]] = {'centroids': [], 'tracking': [], 'attitude': []}
     for index in progress(range(count + 2), 'core work', transient=True):
         stamp_ns = index * 100_000_000
@@ -212,7 +212,7 @@ def core_work(trials: int, seed: int) -> Iterator[Row]:
         marks.append(time.process_time())
         if tracks is not None and tracker.attitude is not None:
             used = tracks.usable
-            trust.take(tracker.attitude.attitude, tracks.uv[used], tracks.hip[used])
+            trust.check(tracker.attitude.attitude, tracks.uv[used], tracks.hip[used])
         marks.append(time.process_time())
         if index < 2:
             tracker.identified(stamp_ns, centroids, identifier.identify(centroids).hip)

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from startracker_ros.attitude.attitude_state import turned
-from startracker_ros.attitude.validation import AttitudeTrust, TrustOptions
+from startracker_ros.attitude.validation import AttitudeValidator, ValidationOptions
 from startracker_ros.camera.model import Camera
 from startracker_ros.campaign.parallel import split, spread
 from startracker_ros.catalog.onboard import StarPlaces
@@ -14,6 +13,7 @@ from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.figures import error_over_bound, WRONG_ARCSEC, WRONG_SIGMAS
 from startracker_ros.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.identify.methods import make_identifier
+from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, conjugate, rotate
 from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result
@@ -200,7 +200,7 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
     identifier = _identifier()
     places = identifier.places
     tracker = StarTracker(CAMERA, places, TrackerOptions(magnitude_limit=MAGNITUDE_LIMIT))
-    trust = AttitudeTrust(CAMERA, places, TrustOptions())
+    trust = AttitudeValidator(CAMERA, places, ValidationOptions())
     rates = _rates(condition, rng)
     measured = _gyro(condition, rates, rng) if condition.gyro else None
     tally, before = Tally(), TrackerState.LOST
@@ -215,7 +215,7 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
         tally += Tally(frames=1, losses=int(lost))
         if tracks is not None and tracker.attitude is not None:
             used = tracks.usable
-            result = trust.take(tracker.attitude.attitude, tracks.uv[used], tracks.hip[used])
+            result = trust.check(tracker.attitude.attitude, tracks.uv[used], tracks.hip[used])
             if result.attitude is not None:
                 tally += judged(result.attitude.quaternion,
                                 result.attitude.covariance_sensor, truth)

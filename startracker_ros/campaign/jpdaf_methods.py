@@ -15,7 +15,7 @@ from startracker_ros.track.association import (
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.motion_models import (
     constant_velocity, coordinated_turn, image_jacobian, POSITION, VELOCITY)
-from startracker_ros.track.neighbourhood import carried, star_neighbourhood
+from startracker_ros.track.neighbourhood import propagated, star_neighbourhood
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.tracker import StarTracker
 
@@ -126,14 +126,14 @@ def _jpdaf(run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 def _neighbourhood(run: Run) -> np.ndarray:
     """
-    Return the index (F, 4) of the centroid that SNA takes for each star, -1 for none.
+    Return the index (F, 4) of the centroid that SNA assigns to each star, -1 for none.
 
-    It is given the true body rate; a star that is missing is carried on.
+    The body rate is the true one; a missed star is propagated.
     """
     place = run.start
     assigned = [run.seen[0]]
     for rate, uv in zip(run.rate_rad_s, run.centroids[1:]):
-        place = carried(CAMERA, place, rate, DT_S)
+        place = propagated(CAMERA, place, rate, DT_S)
         index = star_neighbourhood(CAMERA, place, run.icrf, uv,
                                    np.full(len(uv), run.cell.sigma_px))
         place[index >= 0] = uv[index[index >= 0]]

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.attitude.validation import AttitudeTrust, TrustedAttitude, TrustOptions
+from startracker_ros.attitude.validation import (
+    AttitudeValidator, TrustedAttitude, ValidationOptions)
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
@@ -44,8 +45,8 @@ class Replay:
         self._identifier = make_identifier(camera, epoch_year, IdentificationOptions())
         self._tracker = StarTracker(
             camera, camera_places(catalog, camera, epoch_year, options.magnitude_limit), options)
-        self._trust = AttitudeTrust(
-            camera, camera_places(catalog, camera, epoch_year), TrustOptions())
+        self._trust = AttitudeValidator(
+            camera, camera_places(catalog, camera, epoch_year), ValidationOptions())
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> None:
         """Take the rate (3,) of a gyro about sensor axes."""
@@ -59,7 +60,7 @@ class Replay:
         tracked = tracker.attitude
         used = tracks.usable
         trusted = (TrustedAttitude(None, 'the star tracker has none') if tracked is None else
-                   self._trust.take(tracked.attitude, tracks.uv[used], tracks.hip[used]))
+                   self._trust.check(tracked.attitude, tracks.uv[used], tracks.hip[used]))
         identification = None
         if not rests:
             identification = self._identifier.identify(centroids)

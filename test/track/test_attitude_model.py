@@ -1,4 +1,4 @@
-"""One filter for all stars: slews, dark images, gyros that help and gyros that lie."""
+"""One filter for all stars: slews, dark images, right and wrong gyros."""
 
 from dataclasses import dataclass, field
 
@@ -54,7 +54,7 @@ def follow(motion, *, gyro=None, dark=(), **options):
     """
     Run a tracker over a motion; yield the frame and the tracker once it tracks.
 
-    gyro turns a true measurement into what imu says; frames in dark have no stars.
+    gyro returns the measured rate of a true one; frames in dark have no stars.
     """
     tracker = StarTracker(CAMERA, PLACES, TrackerOptions(**options), GYRO)
     started = False
@@ -99,7 +99,7 @@ def slew(axis, peak_deg_s, acceleration_deg_s2, seconds):
 @pytest.mark.parametrize('axis', [(0, 1, 0), (0, 0, 1), (0.6, 0, 0.8)])
 @pytest.mark.parametrize('peak_deg_s, acceleration_deg_s2, gyro', [
     (1.0, 0.05, None), (1.0, 0.5, None), (3.0, 0.5, true), (3.0, 5.0, true)])
-def test_slews_are_followed(axis, peak_deg_s, acceleration_deg_s2, gyro):
+def test_slews_are_tracked(axis, peak_deg_s, acceleration_deg_s2, gyro):
     motion = Turns(PLACES, rates=slew(axis, peak_deg_s, acceleration_deg_s2, 20.0),
                    false_points=5, missed=0.05)
     with_attitude = 0
@@ -131,7 +131,7 @@ def test_a_gyro_bridges_a_slew_in_the_dark():
         assert (tracker.attitude is None) == (k in dark), k
 
 
-LIES = {
+WRONG_GYROS = {
     'degrees': np.degrees,
     'axes': lambda rate: rate[[1, 2, 0]],
     'sign': lambda rate: -rate,
@@ -139,12 +139,12 @@ LIES = {
 }
 
 
-@pytest.mark.parametrize('lie', LIES)
-def test_a_lying_gyro_is_found_out_and_does_no_harm(lie):
+@pytest.mark.parametrize('error', WRONG_GYROS)
+def test_a_wrong_gyro_is_reported_and_does_no_harm(error):
     rates = slew((0.2, 1, 0.3), 0.5, 0.1, 20.0)
     motion = Turns(PLACES, rates=rates, false_points=5)
     troubled = 0
-    for k, tracker in follow(motion, gyro=LIES[lie]):
+    for k, tracker in follow(motion, gyro=WRONG_GYROS[error]):
         assert tracker.state is TrackerState.TRACKING, (k, tracker.reason)
         troubled += 'rad/s' in tracker.gyro_trouble
         if tracker.attitude is not None:
@@ -152,7 +152,7 @@ def test_a_lying_gyro_is_found_out_and_does_no_harm(lie):
     assert troubled > 60
 
 
-def test_a_gyro_that_falls_silent_is_done_without():
+def test_a_gyro_that_stops_is_not_needed():
     rates = np.tile([0.0, 0.3, 0.0], (1000, 1))
     motion = Turns(PLACES, rates=rates)
     tracker = None
@@ -172,7 +172,7 @@ def random_turns(rng, seconds, acceleration_deg_s2):
 
 
 @pytest.mark.parametrize('gyro', [None, true])
-def test_the_published_covariance_is_true(gyro):
+def test_the_covariance_is_consistent(gyro):
     """The last of 60 frames of 120 runs, with the motion and the errors that are assumed."""
     total, rate_total, runs = 0.0, 0.0, 120
     for seed in range(runs):

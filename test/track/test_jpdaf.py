@@ -32,7 +32,7 @@ def test_one_certain_centroid_is_a_kalman_update():
     np.testing.assert_allclose(new_covariance[1], covariance[1])
 
 
-def test_spread_of_the_innovations_as_published():
+def test_covariance_of_the_innovations_as_published():
     rng = np.random.default_rng(1)
     state, covariance = some_tracks(rng, 1)
     uv = state[:, [0, 2]] + rng.normal(0, 1, (3, 2))

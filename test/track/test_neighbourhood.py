@@ -1,4 +1,4 @@
-"""Stars are found by their gates, by their neighbours, or not at all."""
+"""Stars are associated by their gates, by their neighbours, or not at all."""
 
 import itertools
 
@@ -7,7 +7,7 @@ import pytest
 from startracker_ros.camera.model import Camera
 from startracker_ros.maths.rotation import conjugate, quaternion_from_rotation_vector, rotate
 from startracker_ros.sky.star_lists import random_attitude
-from startracker_ros.track.neighbourhood import carried, GATE_SIGMA, star_neighbourhood
+from startracker_ros.track.neighbourhood import GATE_SIGMA, propagated, star_neighbourhood
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 SIGMA_PX = 0.15
@@ -124,11 +124,11 @@ def test_a_centroid_is_given_once_and_agrees_with_the_catalogue(rng):
             assert abs(apart - known) <= (2 * GATE_PX + 8 * SIGMA_PX) * CAMERA.pixel_rad
 
 
-def test_stars_are_carried_as_the_camera_turns(field):
+def test_pixels_are_propagated_as_the_camera_turns(field):
     rate, dt_s = np.array([0.01, -0.02, 0.15]), 0.1
     later = rotate(conjugate(quaternion_from_rotation_vector(rate * dt_s)),
                    CAMERA.unproject(PLACES))
-    np.testing.assert_allclose(carried(CAMERA, PLACES, rate, dt_s), CAMERA.project(later),
+    np.testing.assert_allclose(propagated(CAMERA, PLACES, rate, dt_s), CAMERA.project(later),
                                atol=1e-9)
-    there_and_back = carried(CAMERA, carried(CAMERA, PLACES, rate, dt_s), -rate, dt_s)
+    there_and_back = propagated(CAMERA, propagated(CAMERA, PLACES, rate, dt_s), -rate, dt_s)
     np.testing.assert_allclose(there_and_back, PLACES, atol=1e-9)

@@ -6,7 +6,8 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, Tran
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.attitude.result import AttitudeEstimate
-from startracker_ros.attitude.validation import AttitudeTrust, TrustedAttitude, TrustOptions
+from startracker_ros.attitude.validation import (
+    AttitudeValidator, TrustedAttitude, ValidationOptions)
 from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import camera_places
@@ -42,7 +43,7 @@ class SourceOptions(Options):
 class AttitudeEstimatorNode(CameraNode):
     """Publishes the attitude of each frame that has a trusted one, and nothing otherwise."""
 
-    option_classes = (SourceOptions, TrustOptions, FrameOptions)
+    option_classes = (SourceOptions, ValidationOptions, FrameOptions)
     task = 'attitude'
 
     def __init__(self) -> None:
@@ -67,7 +68,7 @@ class AttitudeEstimatorNode(CameraNode):
             places = camera_places(load_catalog(), self.camera, self.epoch_year)
             self._tracked.clear()
             self._waiting = None
-            self._trust = AttitudeTrust(self.camera, places, self.options(TrustOptions))
+            self._trust = AttitudeValidator(self.camera, places, self.options(ValidationOptions))
 
     def prepare(self, camera: Camera) -> None:
         if self._source == 'stars':
@@ -105,7 +106,7 @@ class AttitudeEstimatorNode(CameraNode):
         uv, hip = tracks.uv[used], tracks.hip[used]
         tracked = self._tracked.get(stamp_ns)
         if tracked is not None:
-            self._publish(stamp_ns, self._trust.take(tracked.attitude, uv, hip), tracked)
+            self._publish(stamp_ns, self._trust.check(tracked.attitude, uv, hip), tracked)
         elif stamp_ns in self._tracked:
             self._publish(stamp_ns, TrustedAttitude(None, 'the star tracker has none'))
         else:

@@ -83,7 +83,7 @@ class StarTrackerNode(CameraNode):
         """Do with a frame what its attitude does not need."""
         self._publish_state()
         self._look_for_target(header, camera, centroids)
-        self._tracker.find_newcomers()
+        self._tracker.acquire_new_stars()
 
     def _look_for_target(self, header: Header, camera: Camera, centroids: Centroids) -> None:
         """Publish the target of a frame, an empty cloud where stars are all there is."""
@@ -113,7 +113,7 @@ class StarTrackerNode(CameraNode):
                   'frames_since_fix': tracker.frames_since_fix,
                   'checks_passed': tracker.checks_passed,
                   'late_frames': tracker.late_frames,
-                  'refused_centroids': tracker.refused_centroids,
+                  'refused_centroids': tracker.rejected_centroids,
                   'gyro': tracker.gyro_condition,
                   'reason': tracker.reason}
         self._state.publish(status_message(
