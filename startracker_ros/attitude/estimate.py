@@ -34,7 +34,7 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
         raise AttitudeError(f'shapes {sensor.shape}, {icrf.shape} and {sigma_rad.shape} '
                             'do not belong to one list of stars')
     if count < 2:
-        raise AttitudeError(f'{count} stars: an attitude takes at least 2')
+        raise AttitudeError(f'{count} stars: an attitude needs at least 2')
     if solver not in SOLVERS:
         raise ValueError(f'no solver {solver!r}; there are {", ".join(SOLVERS)}')
     status, star, twin, quaternion, covariance, residual_rad, chi2 = solution.solve(

@@ -9,10 +9,10 @@ from startracker_ros.attitude.triad import triad
 from startracker_ros.maths.rotation import attitude_error, quaternion_from_matrix
 
 
-def field(rng, stars, spread=0.1, noise=1e-4):
+def field(rng, stars, half_width=0.1, noise=1e-4):
     """Return sensor and ICRF directions of noisy stars, their sigma and the matrix."""
     matrix = Rotation.random(random_state=rng).as_matrix()
-    sensor = np.column_stack([rng.uniform(-spread, spread, (stars, 2)), np.ones(stars)])
+    sensor = np.column_stack([rng.uniform(-half_width, half_width, (stars, 2)), np.ones(stars)])
     sensor /= np.linalg.norm(sensor, axis=1, keepdims=True)
     icrf = sensor @ matrix.T
     sigma = rng.uniform(1, 3, stars) * noise

@@ -45,7 +45,7 @@ def test_residuals_larger_than_promised_scale_the_covariance(stars, solver):
     uv, hip, sigma_px = stars
     promised = validator(solver=solver).solve(uv, hip, sigma_px).attitude.covariance_sensor
     scaled = validator(solver=solver).solve(uv, hip, sigma_px / 10).attitude.covariance_sensor
-    # The same residuals: the covariance is what they say, within what chance does to them.
+    # The same residuals: the covariance follows them, within their scatter.
     assert np.trace(scaled) / np.trace(promised) == pytest.approx(1, abs=0.5)
     larger = validator(solver=solver).solve(uv, hip, 10 * sigma_px).attitude.covariance_sensor
     assert np.trace(larger) > 50 * np.trace(promised)

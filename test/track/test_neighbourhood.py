@@ -45,7 +45,7 @@ def test_each_star_alone_in_its_gate_is_found_among_false_ones_in_any_order(fiel
 
 
 def test_a_gate_of_two_is_decided_by_the_neighbours(field):
-    # The false one is nearer to the prediction, the true one is where the neighbours say.
+    # The false one is nearer to the prediction, the true one has the right distances.
     predicted = PLACES + [0.35, 0.0]
     uv = np.vstack([PLACES, PLACES[3] + [0.8, 0.1]])
     np.testing.assert_array_equal(field.assigned(predicted, uv), np.arange(5))
@@ -114,8 +114,8 @@ def test_a_centroid_is_given_once_and_agrees_with_the_catalogue(rng):
         near = PLACES[rng.integers(5, size=6)] + rng.normal(0, 2 * GATE_PX, (6, 2))
         uv = np.concatenate([true[there], near, rng.uniform(0, 1023, (40, 2))])
         assigned = field.assigned(PLACES + rng.normal(0, SIGMA_PX, PLACES.shape), uv)
-        taken = assigned[assigned >= 0]
-        assert len(np.unique(taken)) == len(taken) and taken.max(initial=-1) < len(uv)
+        used = assigned[assigned >= 0]
+        assert len(np.unique(used)) == len(used) and used.max(initial=-1) < len(uv)
         sensor = CAMERA.unproject(uv)
         for i, j in itertools.combinations(np.flatnonzero(assigned >= 0), 2):
             apart = np.arccos(sensor[assigned[i]] @ sensor[assigned[j]])

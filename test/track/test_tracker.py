@@ -41,7 +41,7 @@ def run(tracker, motion, frames):
 
 
 def tracking(motion, frames=10, **options):
-    """Return a tracker that has followed a motion for some frames."""
+    """Return a tracker that has tracked a motion for some frames."""
     tracker = StarTracker(motion.camera, motion.places, TrackerOptions(**options))
     for _ in run(tracker, motion, range(frames)):
         pass
@@ -136,7 +136,7 @@ def test_filtered_attitude_is_consistent_unbiased_and_better_than_one_frame(rate
     assert rms.max() < 0.8
 
 
-def test_curved_paths_are_followed_without_lag():
+def test_curved_paths_are_tracked_without_lag():
     """At 1 deg/s of roll a star 600 px from the centre is pushed by 0.18 px/s^2."""
     motion = Motion(PLACES, (0.0, 0.0, 1.0), sigma_px=0.05)
     tracker = tracking(motion, 30, acceleration_deg_s2=0.001)
