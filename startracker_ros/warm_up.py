@@ -20,7 +20,7 @@ from startracker_ros.maths.rotation import quaternion_from_pointing
 from startracker_ros.sky.detector import Detector
 from startracker_ros.sky.star_lists import some_field
 from startracker_ros.track.in_view import StarsInView
-from startracker_ros.track.newcomers import match_newcomers
+from startracker_ros.track.new_stars import match_new_stars
 from startracker_ros.track.options import MODELS, TrackerOptions
 from startracker_ros.track.target import TargetTracker
 from startracker_ros.track.tracker import StarTracker
@@ -61,7 +61,7 @@ def tracking() -> None:
             tracker.update(stamp_ns, centroids)
             tracker.identified(stamp_ns, centroids, hip)
     attitude = estimate_attitude(np.eye(3), np.eye(3), np.ones(3))
-    match_newcomers(StarsInView(CAMERA, places), attitude, centroids, centroids.sigma_px, 0.0, 1.0)
+    match_new_stars(StarsInView(CAMERA, places), attitude, centroids, centroids.sigma_px, 0.0, 1.0)
     TargetTracker(CAMERA, places).update(1, attitude, centroids)
 
 

@@ -1,5 +1,5 @@
 """
-Attitude, body rate and gyro drift, carried on and corrected: compiled.
+Attitude, body rate and gyro drift with their covariance, propagated and updated: compiled.
 
 The multiplicative Kalman filter of Lefferts, Markley and Shuster (J. Guid. Control 5,
 1982). Its error state about sensor axes is [attitude rad, rate rad/s, drift rad/s], (9,).
@@ -9,14 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.compiled import compiled
+from startracker_ros.maths.compiled_rotation import matrix_from_rotation_vector, turned
 
 
 class AttitudeState(NamedTuple):
     """
-    Where the body stands, how fast it turns, what its gyro drifts by, and how sure all is.
+    The state of the filter at a time.
 
     quaternion (4,) is q_icrf_from_sensor; rate and drift (3,) rad/s are on sensor axes, a
-    gyro measures their sum; covariance (9, 9) is that of attitude, rate and drift.
+    gyro measures their sum; covariance (9, 9) is that of the error state.
     """
 
     stamp_ns: int
@@ -25,49 +26,50 @@ class AttitudeState(NamedTuple):
     drift: np.ndarray
     covariance: np.ndarray
 
-    def by_inertia(self, to_ns: int, acceleration_density: np.ndarray,
-                   drift_density: float) -> 'AttitudeState':
+    def propagated_at_constant_rate(self, to_ns: int, acceleration_density: np.ndarray,
+                                    drift_density: float) -> 'AttitudeState':
         """
-        Return the state at a later time if the rate goes on.
+        Return the state at a later time; the rate is constant but for white acceleration.
 
-        But for white accelerations and changes of the drift of these densities, rad^2/s^3:
-        acceleration_density (3,) about each axis, drift_density about all.
+        acceleration_density (3,) about each axis and drift_density, that of the change of the
+        drift about all axes, are spectral densities in rad^2/s^3.
         """
-        return AttitudeState(to_ns, *_by_inertia(
+        return AttitudeState(to_ns, *_propagated_at_constant_rate(
             *self[1:], (to_ns - self.stamp_ns) * 1e-9, acceleration_density, drift_density))
 
-    def by_rate(self, to_ns: int, measured: np.ndarray, noise_density: float,
-                attitude_variance: float, drift_density: float) -> 'AttitudeState':
+    def propagated_at_gyro_rate(self, to_ns: int, measured: np.ndarray, noise_density: float,
+                                attitude_variance: float, drift_density: float
+                                ) -> 'AttitudeState':
         """
-        Return the state at a later time after the turn that a gyro measured (3,) rad/s.
+        Return the state at a later time; the rate is measured (3,) rad/s minus the drift.
 
-        Whatever the rate was before. White noise of the gyro of this density, rad^2/s;
-        attitude_variance rad^2 is added to each axis.
+        The rate of the state before is not used. noise_density is that of the white noise of
+        the gyro, rad^2/s; attitude_variance rad^2 is added to each axis.
         """
-        return AttitudeState(to_ns, *_by_rate(
+        return AttitudeState(to_ns, *_propagated_at_gyro_rate(
             *self[1:], measured, (to_ns - self.stamp_ns) * 1e-9, noise_density,
             attitude_variance, drift_density))
 
     def with_rate(self, measured: np.ndarray, variance: float) -> 'AttitudeState':
-        """Return the state after a measured rate (3,) of this variance of each axis."""
+        """Return the state updated by a measured rate (3,) of this variance of each axis."""
         return AttitudeState(self.stamp_ns, *_with_rate(*self[1:], measured, variance))
 
     def with_attitude(self, information: np.ndarray, vector: np.ndarray) -> 'AttitudeState':
         """
-        Return the state after a measurement of its attitude error, in information form.
+        Return the state updated by a measured attitude error, in information form.
 
         information (3, 3) is the inverse covariance of the measurement, which may be
-        singular; vector (3,) is information times the turn that the measurement asks for.
+        singular; vector (3,) is information times the measured rotation vector.
         """
         return AttitudeState(self.stamp_ns, *with_attitude(*self[1:], information, vector))
 
-    def less_sure(self, factor: float) -> 'AttitudeState':
-        """Return the state with so many times the variance of attitude and rate."""
+    def inflated(self, factor: float) -> 'AttitudeState':
+        """Return the state with the variances of attitude and rate multiplied by factor."""
         scale = np.repeat([np.sqrt(factor), np.sqrt(factor), 1.0], 3)
         return self._replace(covariance=self.covariance * np.outer(scale, scale))
 
     def with_new_drift(self, sigma_rad_s: float) -> 'AttitudeState':
-        """Return the state with nothing known of the drift but its size."""
+        """Return the state with a drift of zero, of this 1-sigma error and uncorrelated."""
         covariance = self.covariance.copy()
         covariance[6:], covariance[:, 6:] = 0.0, 0.0
         covariance[6:, 6:] = np.eye(3) * sigma_rad_s ** 2
@@ -75,40 +77,19 @@ class AttitudeState(NamedTuple):
 
 
 @compiled
-def turned(quaternion: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Return a quaternion (4,) after a turn by a rotation vector (3,) about sensor axes."""
-    angle = np.sqrt(rotation[0] ** 2 + rotation[1] ** 2 + rotation[2] ** 2)
-    scale = np.sin(angle / 2) / angle if angle > 1e-8 else 0.5
-    bx, by, bz = scale * rotation[0], scale * rotation[1], scale * rotation[2]
-    bw = np.cos(angle / 2)
-    ax, ay, az, aw = quaternion
-    q = np.array([aw * bx + ax * bw + ay * bz - az * by,
-                  aw * by - ax * bz + ay * bw + az * bx,
-                  aw * bz + ax * by - ay * bx + az * bw,
-                  aw * bw - ax * bx - ay * by - az * bz])
-    return q / np.sqrt(np.sum(q * q))
-
-
-@compiled
 def _turn_transition(turn: np.ndarray) -> np.ndarray:
-    """
-    Return the identity (9, 9) with the attitude error seen from turned axes.
-
-    exp(-[turn]x) to third order: turn (3,) is a small part of a rad.
-    """
+    """Return the identity (9, 9) with exp(-[turn]x), the attitude error on turned axes."""
     transition = np.eye(9)
-    x, y, z = turn
-    angle2 = x * x + y * y + z * z
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    square = np.outer(turn, turn) - angle2 * np.eye(3)
-    transition[:3, :3] += (0.5 - angle2 / 24) * square - (1 - angle2 / 6) * cross
+    transition[:3, :3] = matrix_from_rotation_vector(turn).T
     return transition
 
 
 @compiled
-def _by_inertia(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray,
-                covariance: np.ndarray, dt_s: float, acceleration_density: np.ndarray,
-                drift_density: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _propagated_at_constant_rate(
+        quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
+        dt_s: float, acceleration_density: np.ndarray, drift_density: float
+        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """P <- Phi P Phi^T + Q with attitude error' = rate error: Phi[attitude, rate] = dt I."""
     turn = rate * dt_s
     transition = _turn_transition(turn)
     for axis in range(3):
@@ -124,9 +105,11 @@ def _by_inertia(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray,
 
 
 @compiled
-def _by_rate(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
-             measured: np.ndarray, dt_s: float, noise_density: float, attitude_variance: float,
-             drift_density: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _propagated_at_gyro_rate(
+        quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
+        measured: np.ndarray, dt_s: float, noise_density: float, attitude_variance: float,
+        drift_density: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """P <- Phi P Phi^T + Q with rate error = -drift error: Phi[attitude, drift] = -dt I."""
     rate = measured - drift
     turn = rate * dt_s
     transition = _turn_transition(turn)
@@ -148,11 +131,12 @@ def _by_rate(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covari
 def _with_rate(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
                measured: np.ndarray, variance: float
                ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    columns = covariance[:, 3:6] + covariance[:, 6:]
-    spread = columns[3:6] + columns[6:] + variance * np.eye(3)
-    gain = np.linalg.solve(spread, columns.T).T
+    """K = P H^T S^-1 with H = [0 I I] and S = H P H^T + R; x <- x + K z, P <- P - K H P."""
+    cross_covariance = covariance[:, 3:6] + covariance[:, 6:]
+    innovation_covariance = cross_covariance[3:6] + cross_covariance[6:] + variance * np.eye(3)
+    gain = np.linalg.solve(innovation_covariance, cross_covariance.T).T
     change = gain @ (measured - rate - drift)
-    after = covariance - gain @ columns.T
+    after = covariance - gain @ cross_covariance.T
     return (turned(quaternion, change[:3]), rate + change[3:6], drift + change[6:],
             (after + after.T) / 2)
 
@@ -161,7 +145,12 @@ def _with_rate(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, cova
 def with_attitude(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray,
                   covariance: np.ndarray, information: np.ndarray, vector: np.ndarray
                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return quaternion, rate, drift and covariance as the method of AttitudeState has them."""
+    """
+    Return quaternion, rate, drift and covariance as the method of AttitudeState has them.
+
+    With H = [I 0 0], Y the information and y the vector:
+    P <- P - P H^T (I + Y H P H^T)^-1 Y H P, x <- x + P H^T y.
+    """
     attitude = np.ascontiguousarray(covariance[:3, :3])
     rows = np.ascontiguousarray(covariance[:3])
     columns = np.ascontiguousarray(covariance[:, :3])

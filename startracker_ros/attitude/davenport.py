@@ -6,7 +6,7 @@ from startracker_ros.compiled import compiled
 
 @compiled
 def attitude_profile(sensor: np.ndarray, icrf: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the matrix (3, 3) sum w icrf sensor^T that holds all that the fit has to know."""
+    """Return the matrix (3, 3) sum w icrf sensor^T of unit vectors (N, 3), weights (N,)."""
     profile = np.zeros((3, 3))
     for n in range(len(weight)):
         for i in range(3):

@@ -1,4 +1,4 @@
-"""The best attitude of one frame of identified stars, and how good it is."""
+"""The attitude of one frame of identified stars, with its covariance and residuals."""
 
 import numpy as np
 from startracker_ros.attitude import solution
@@ -19,11 +19,11 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
     Return the attitude of directions to the same stars.
 
     sensor and icrf (N, 3) need not be of unit length; sigma_rad (N,) is the 1-sigma error of
-    each sensor direction about either axis across it, the catalogue is taken as exact.
+    each sensor direction about either axis across it, the catalogue counts as exact.
     quest, davenport and svd find the maximum likelihood attitude (Wahba's problem), triad
     the one of the two stars that determine it best. The covariance is that of the solver
-    and what sigma_rad promises, whatever the residuals: a wrong identification or a
-    mirrored image shows in chi2. AttitudeError says why there is none.
+    at errors of sigma_rad, whatever the residuals: a wrong identification or a mirrored
+    image shows in chi2. AttitudeError when no attitude follows.
     """
     # Copies: they are normalised in place, and compiled for arrays of one kind.
     sensor = np.array(sensor, float, order='C')
@@ -34,12 +34,12 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
         raise AttitudeError(f'shapes {sensor.shape}, {icrf.shape} and {sigma_rad.shape} '
                             'do not belong to one list of stars')
     if count < 2:
-        raise AttitudeError(f'{count} stars: an attitude takes at least 2')
+        raise AttitudeError(f'{count} stars: an attitude needs at least 2')
     if solver not in SOLVERS:
         raise ValueError(f'no solver {solver!r}; there are {", ".join(SOLVERS)}')
-    ended, star, twin, quaternion, covariance, residual_rad, chi2 = solution.solve(
+    status, star, twin, quaternion, covariance, residual_rad, chi2 = solution.solve(
         _SOLVER[solver], sensor, icrf, sigma_rad)
-    if ended != solution.SOLVED:
+    if status != solution.SOLVED:
         raise AttitudeError({
             solution.NOT_FINITE: 'NaN or infinity among the directions or their sigma',
             solution.SIGMA: f'sigma of {sigma_rad.min():g} rad must be positive',
@@ -48,7 +48,7 @@ def estimate_attitude(sensor: np.ndarray, icrf: np.ndarray, sigma_rad: np.ndarra
                                 'twice',
             solution.PARALLEL: 'the directions are parallel, or weighted so unevenly that one '
                                'star decides alone: the rotation about them is not observable',
-        }[ended])
+        }[status])
     return AttitudeEstimate(quaternion, covariance, count, residual_rad, chi2)
 
 
@@ -73,9 +73,9 @@ def mean_chi2(estimate: AttitudeEstimate, icrf: np.ndarray, sigma_rad: np.ndarra
     """
     Return the chi2 that such an estimate of unit vectors icrf (N, 3) has on average.
 
-    2 N - 3 for the best fit; an attitude off it moves all stars: 2 N - 6 + tr(F P) with F the
-    Fisher information of sigma_rad (N,), P the covariance.
+    2 N - 6 + tr(F P), with F the Fisher information of sigma_rad (N,) and P the covariance of
+    the estimate. For the best fit P = F^-1, and it is 2 N - 3.
     """
     covariance = covariance_icrf(estimate.quaternion, estimate.covariance_sensor)
-    moved = np.trace(covariance) - np.sum(icrf @ covariance * icrf, 1)
-    return float(2 * estimate.stars - 6 + np.sum(moved / np.square(sigma_rad)))
+    variance = np.trace(covariance) - np.sum(icrf @ covariance * icrf, 1)
+    return float(2 * estimate.stars - 6 + np.sum(variance / np.square(sigma_rad)))

@@ -1,4 +1,4 @@
-"""Measured body rates, how far they can be trusted, and the attitude that they carry on."""
+"""Measured body rates with their error model, and the propagation of an attitude by them."""
 
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ _DEG_SQRT_H = np.radians(1 / 60)
 _HOUR_S = 3600.0
 
 MAX_RATE_RAD_S = np.radians(100.0)
-"""No gyro of a spacecraft that sees stars means this: such a measurement is left out."""
+"""Faster than any spacecraft that sees stars turns: such a measurement is rejected."""
 
 _MAX_MEASUREMENTS = 100_000
 
 
 @dataclass(frozen=True)
 class GyroErrorOptions(Options):
-    """What the measured rates may be off by; too small figures lose the stars after a pause."""
+    """Errors of the measured rates; too small figures lose the stars after a pause."""
 
     gyro_drift_deg_h: float = option(
         3.0, 'constant drift of the gyro, 1 sigma of each axis; it is estimated, and may change '
@@ -34,11 +34,11 @@ class GyroErrorOptions(Options):
 
 class Gyro:
     """
-    The rates of the last while, to carry an attitude over them.
+    The latest rates, which propagate an attitude.
 
     The errors are those of Farrenkopf's model (J. Guid. Control 1, 1978). A measured rate
-    is the mean over the time since the measurement before, so it is used back to that one;
-    where there is none, the nearest one stands in, and the uncertainty grows with the
+    is the mean over the interval since the previous measurement and is used over that
+    interval. Where there is none the nearest one is used, and the uncertainty grows with the
     distance in time.
     """
 
@@ -52,7 +52,7 @@ class Gyro:
 
     def add(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         """
-        Take the rate (3,) about sensor axes measured up to a time; False if it is unusable.
+        Add the rate (3,) about sensor axes measured up to a time; False if it is rejected.
 
         Measurements come in the order of their stamps.
         """
@@ -73,8 +73,8 @@ class Gyro:
         """Return how long before a time the newest measurement was; infinity without any."""
         return (stamp_ns - self._stamps_ns[-1]) * 1e-9 if self._stamps_ns else np.inf
 
-    def carry(self, state: AttitudeState, to_ns: int) -> AttitudeState:
-        """Return the state at a later time by the rates alone, whatever the body does."""
+    def propagate(self, state: AttitudeState, to_ns: int) -> AttitudeState:
+        """Return the state at a later time, propagated by the measured rates alone."""
         index = bisect_right(self._stamps_ns, state.stamp_ns)
         while state.stamp_ns < to_ns:
             last = index >= len(self._rates)
@@ -82,18 +82,18 @@ class Gyro:
             until_ns = to_ns if last else min(measured_ns, to_ns)
             dt_s = (until_ns - state.stamp_ns) * 1e-9
             away_s = max(abs(measured_ns - state.stamp_ns), abs(measured_ns - until_ns)) * 1e-9
-            state = state.by_rate(
+            state = state.propagated_at_gyro_rate(
                 until_ns, self._rates[-1 if last else index], self._noise_density,
                 (self._rate_change_rad_s2 * away_s * dt_s) ** 2, self.drift_density)
             index += 1
         return state
 
-    def support(self, state: AttitudeState, to_ns: int, acceleration_density: np.ndarray
-                ) -> AttitudeState:
+    def filtered(self, state: AttitudeState, to_ns: int, acceleration_density: np.ndarray
+                 ) -> AttitudeState:
         """
-        Return the state at a later time by inertia, corrected by each rate on the way.
+        Return the state at a later time, propagated at constant rate and updated by each rate.
 
-        acceleration_density (3,) in rad^2/s^3. A mean rate is that of the middle of its time.
+        acceleration_density (3,) in rad^2/s^3. A mean rate counts at the middle of its interval.
         """
         begin = bisect_right(self._stamps_ns, state.stamp_ns)
         end = bisect_right(self._stamps_ns, to_ns)
@@ -102,15 +102,15 @@ class Gyro:
             if stamp_ns <= before_ns:
                 continue
             middle_ns = max((stamp_ns + before_ns) // 2, state.stamp_ns)
-            state = state.by_inertia(
+            state = state.propagated_at_constant_rate(
                 middle_ns, acceleration_density, self.drift_density).with_rate(
                 self._rates[index], self._noise_density / ((stamp_ns - before_ns) * 1e-9))
-        return state.by_inertia(to_ns, acceleration_density, self.drift_density)
+        return state.propagated_at_constant_rate(to_ns, acceleration_density, self.drift_density)
 
     def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
         """Return the mean rate (3,) rad/s between two times and its variance without drift."""
         first = bisect_right(self._stamps_ns, from_ns)
-        # The first measurement at or after the end was made over the end, too.
+        # The interval of the first measurement at or after the end contains the end.
         last = min(bisect_left(self._stamps_ns, to_ns) + 1, len(self._rates))
         dt_s = (to_ns - from_ns) * 1e-9
         variance = self._noise_density / dt_s + (self._rate_change_rad_s2 * dt_s) ** 2

@@ -1,4 +1,4 @@
-"""The attitude between two frames, carried on by a gyro, and how sure it still is."""
+"""The attitude between two frames, propagated by gyro rates, with its covariance."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from startracker_ros.maths.rotation import attitude_error
 @dataclass(frozen=True)
 class AttitudePrediction:
     """
-    An attitude that no star was asked for.
+    A propagated attitude.
 
     quaternion (4,) is q_icrf_from_sensor; covariance_sensor (3, 3) rad^2 that of
     rotation.attitude_error, a rotation vector about sensor axes.
@@ -22,14 +22,14 @@ class AttitudePrediction:
 
 
 class AttitudePropagator:
-    """Attitude and gyro drift, predicted by rates and corrected by the attitudes of frames."""
+    """Attitude and gyro drift, propagated by gyro rates and updated by attitudes of frames."""
 
     def __init__(self, options: GyroErrorOptions = GyroErrorOptions()) -> None:
         self._gyro = Gyro(options)
         self._state: AttitudeState | None = None
 
     def forget_attitude(self) -> None:
-        """Predict nothing until the next start."""
+        """Drop the attitude: there is no prediction until the next start."""
         self._state = None
 
     @property
@@ -38,12 +38,12 @@ class AttitudePropagator:
         return len(self._gyro) > 0
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
-        """Take a rate as Gyro.add does."""
+        """Add a rate as Gyro.add does."""
         return self._gyro.add(stamp_ns, rate_rad_s)
 
     def start(self, stamp_ns: int, quaternion: np.ndarray,
               covariance_sensor: np.ndarray) -> None:
-        """Begin with an attitude; the drift is unknown again."""
+        """Begin with an attitude and an unknown drift."""
         covariance = np.zeros((9, 9))
         covariance[:3, :3] = covariance_sensor
         self._state = AttitudeState(
@@ -54,13 +54,13 @@ class AttitudePropagator:
         """Return the attitude at a time, None before the first one or without any rate."""
         if self._state is None or stamp_ns < self._state.stamp_ns or not self.has_rates:
             return None
-        self._state = self._gyro.carry(self._state, stamp_ns)
+        self._state = self._gyro.propagate(self._state, stamp_ns)
         return AttitudePrediction(self._state.quaternion, self._state.covariance[:3, :3])
 
     def correct(self, quaternion: np.ndarray, covariance_sensor: np.ndarray) -> None:
-        """Take the attitude of a frame at the time of the last prediction, if there was one."""
+        """Update by the attitude of a frame at the time of the last prediction, if any."""
         if self._state is None:
             return
         information = np.linalg.inv(covariance_sensor)
-        turn = attitude_error(quaternion, self._state.quaternion)
-        self._state = self._state.with_attitude(information, information @ turn)
+        innovation = attitude_error(quaternion, self._state.quaternion)
+        self._state = self._state.with_attitude(information, information @ innovation)

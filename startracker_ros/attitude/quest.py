@@ -10,9 +10,10 @@ differences of directions instead of directions, and keep their digits for close
 """
 
 import numpy as np
-from startracker_ros.attitude.refinement import sensor_directions, turn
 from startracker_ros.attitude.triad import best_partner, triad
 from startracker_ros.compiled import compiled
+from startracker_ros.maths.compiled_rotation import sensor_directions, turn_matrix
+from startracker_ros.maths.small_algebra import adjugate
 
 # From the upper limit Newton's method never steps over the root. It doubles its digits,
 # or halves its distance where two roots are one.
@@ -27,7 +28,7 @@ def quest(sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray, weight: np.nd
     """
     Return the matrix (3, 3) to ICRF and the gap, as davenport().
 
-    The gap is a lower limit that is right where it is small. sigma (N,) chooses the two stars.
+    The gap is a lower limit, exact in the limit of zero. sigma (N,) chooses the two stars.
     """
     first = int(np.argmin(sigma))
     second, _, sine2 = best_partner(sensor, icrf, sigma, first)
@@ -44,15 +45,15 @@ def quest(sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray, weight: np.nd
                     matrix[i, k] = -matrix[i, k]
         x, y, z, w, gap = _remaining(sensor, sensor_directions(matrix, icrf), weight)
         if w != 0 and 5 * w * w > x * x + y * y + z * z + w * w:
-            turn(matrix, x / w, y / w, z / w)
+            turn_matrix(matrix, x / w, y / w, z / w)
             break
     return matrix, gap
 
 
 @compiled
-def _remaining(sensor: np.ndarray, place: np.ndarray, weight: np.ndarray) -> tuple[float, ...]:
+def _remaining(sensor: np.ndarray, expected: np.ndarray, weight: np.ndarray) -> tuple[float, ...]:
     """
-    Return the quaternion, of any length, from sensor (N, 3) to place (N, 3), and the gap.
+    Return the quaternion, of any length, from sensor (N, 3) to expected (N, 3), and the gap.
 
     I - K = [[g, -z], [-z^T, e]] has the eigenvalue m = 1 - lambda; the quaternion is
     (adj(g - m) z, det(g - m)).
@@ -61,7 +62,7 @@ def _remaining(sensor: np.ndarray, place: np.ndarray, weight: np.ndarray) -> tup
     zx = zy = zz = e = 0.0
     for i in range(len(weight)):
         bx, by, bz = sensor[i]
-        rx, ry, rz = place[i]
+        rx, ry, rz = expected[i]
         w = weight[i]
         dx, dy, dz = rx - bx, ry - by, rz - bz
         e += w * (dx * dx + dy * dy + dz * dz) / 2
@@ -81,8 +82,7 @@ def _remaining(sensor: np.ndarray, place: np.ndarray, weight: np.ndarray) -> tup
     m = 0.0
     for _ in range(_MOST_STEPS):
         xx, yy, zz_ = gxx - m, gyy - m, gzz - m
-        axx, ayy, azz = yy * zz_ - gyz * gyz, xx * zz_ - gxz * gxz, xx * yy - gxy * gxy
-        axy, axz, ayz = gxz * gyz - gxy * zz_, gxy * gyz - gxz * yy, gxy * gxz - gyz * xx
+        axx, axy, axz, ayy, ayz, azz = adjugate(xx, gxy, gxz, yy, gyz, zz_)
         x = axx * zx + axy * zy + axz * zz
         y = axy * zx + ayy * zy + ayz * zz
         z = axz * zx + ayz * zy + azz * zz

@@ -1,4 +1,4 @@
-"""An attitude with its statistics, without what finds one."""
+"""An attitude with its statistics. Free of compiled code, which is slow to import."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ class AttitudeEstimate:
 
     quaternion (4,) is q_icrf_from_sensor with w >= 0; covariance_sensor (3, 3) rad^2 is that
     of rotation.attitude_error, a rotation vector about sensor axes; residual_rad (N,) is the
-    angle between each star and its catalogue place; chi2 sums the squares of residual over
+    angle between each star and its catalogue direction; chi2 sums the squares of residual over
     sigma: of the best fit with 2 N - 3 degrees of freedom, else with mean_chi2() as its mean.
     """
 

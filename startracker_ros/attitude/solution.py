@@ -1,26 +1,26 @@
-"""One call from directions to attitude, covariance and residuals, so that it costs little."""
+"""One compiled call from directions to attitude, covariance and residuals."""
 
 import numpy as np
 from startracker_ros.attitude.davenport import davenport
 from startracker_ros.attitude.quest import quest
-from startracker_ros.attitude.refinement import (
-    inverse_information, matrix_from_quaternion, MIN_GAP, quaternion_from_matrix, residuals,
-    sensor_directions)
+from startracker_ros.attitude.refinement import inverse_information, MIN_GAP, residuals
 from startracker_ros.attitude.svd import svd
 from startracker_ros.attitude.triad import best_pair, triad, triad_covariance
 from startracker_ros.compiled import compiled
+from startracker_ros.maths.compiled_rotation import (
+    matrix_from_quaternion, quaternion_from_matrix, sensor_directions)
 
 QUEST, DAVENPORT, SVD, TRIAD = range(4)
 
 SOLVED, NOT_FINITE, SIGMA, ZERO_LENGTH, SAME_STAR, PARALLEL = range(6)
-"""How solve() ended."""
+"""Status of solve()."""
 
 
 @compiled
 def solve(solver: int, sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray
           ) -> tuple[int, int, int, np.ndarray, np.ndarray, np.ndarray, float]:
     """
-    Return how it ended, the star (or -1) and its twin of SAME_STAR, and the solution.
+    Return the status, the two stars of SAME_STAR (-1 else) and the solution.
 
     sensor and icrf (N, 3), N at least 2, are made unit vectors in place; sigma (N,) in rad. The
     solution is a quaternion (4,), a covariance (3, 3), residuals (N,) in rad and chi2.
@@ -28,24 +28,24 @@ def solve(solver: int, sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray
     count = len(sigma)
     quaternion, covariance, residual = np.empty(4), np.empty((3, 3)), np.empty(count)
     star, twin = _twins(sensor, icrf)
-    ended = _check(sensor, icrf, sigma)
-    if ended == SOLVED and twin >= 0:
-        ended = SAME_STAR
-    if ended != SOLVED:
-        return ended, star, twin, quaternion, covariance, residual, 0.0
+    status = _check(sensor, icrf, sigma)
+    if status == SOLVED and twin >= 0:
+        status = SAME_STAR
+    if status != SOLVED:
+        return status, star, twin, quaternion, covariance, residual, 0.0
     least = sigma.min()
     weight = (least / sigma) ** 2
     total = weight.sum()
     weight /= total
     if solver == TRIAD:
         first, second, sine2 = best_pair(sensor, icrf, sigma)
-        # What the gap of the two alone would be.
+        # The gap of these two stars alone.
         gap = sine2 / 2
         if gap < MIN_GAP:
             return PARALLEL, -1, -1, quaternion, covariance, residual, 0.0
         matrix = triad(sensor, icrf, first, second)
-        place = sensor_directions(matrix, icrf)
-        covariance = triad_covariance(place, sigma, first, second)
+        predicted = sensor_directions(matrix, icrf)
+        covariance = triad_covariance(predicted, sigma, first, second)
     else:
         if solver == QUEST:
             matrix, gap = quest(sensor, icrf, sigma, weight)
@@ -54,13 +54,13 @@ def solve(solver: int, sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray
             matrix = matrix_from_quaternion(quaternion)
         else:
             matrix, gap = svd(sensor, icrf, weight)
-        place = sensor_directions(matrix, icrf)
-        # The catalogue is exact: its angles, not the measured ones, tell what can be observed.
-        covariance, determinant = inverse_information(place, weight)
+        predicted = sensor_directions(matrix, icrf)
+        # The catalogue is exact: its angles, not the measured ones, determine what is observable.
+        covariance, determinant = inverse_information(predicted, weight)
         if gap < MIN_GAP or determinant <= 0:
             return PARALLEL, -1, -1, quaternion, covariance, residual, 0.0
         covariance *= least ** 2 / total
-    residual = residuals(sensor, place)
+    residual = residuals(sensor, predicted)
     return (SOLVED, -1, -1, quaternion_from_matrix(matrix), covariance, residual,
             np.sum((residual / sigma) ** 2))
 
@@ -68,12 +68,12 @@ def solve(solver: int, sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray
 @compiled
 def _check(sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray) -> int:
     """Make the directions unit vectors; return SOLVED or what is wrong with them."""
-    ended = SOLVED
+    status = SOLVED
     for i in range(len(sigma)):
         if not np.isfinite(sigma[i]):
             return NOT_FINITE
         if sigma[i] <= 0:
-            ended = SIGMA
+            status = SIGMA
         for vectors in (sensor, icrf):
             x, y, z = vectors[i]
             if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
@@ -84,14 +84,14 @@ def _check(sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray) -> int:
                 x, y, z = x / largest, y / largest, z / largest
                 length = np.sqrt(x * x + y * y + z * z)
                 vectors[i, 0], vectors[i, 1], vectors[i, 2] = x / length, y / length, z / length
-            elif ended == SOLVED:
-                ended = ZERO_LENGTH
-    return ended
+            elif status == SOLVED:
+                status = ZERO_LENGTH
+    return status
 
 
 @compiled
 def _twins(sensor: np.ndarray, icrf: np.ndarray) -> tuple[int, int]:
-    """Return two stars that are one: the same in the image and in the catalogue; -1 for none."""
+    """Return two stars with equal directions in image and catalogue; -1 for none."""
     for i in range(len(sensor)):
         for j in range(i):
             if (sensor[i, 0] == sensor[j, 0] and sensor[i, 1] == sensor[j, 1]

@@ -6,6 +6,7 @@ Black, AIAA Journal 2 (1964); covariance of Shuster and Oh, J. Guid. Control 4 (
 
 import numpy as np
 from startracker_ros.compiled import compiled
+from startracker_ros.maths.small_algebra import cross
 
 
 @compiled
@@ -32,9 +33,7 @@ def _frame(vectors: np.ndarray, first: int, second: int) -> np.ndarray:
         axes[0, k] = vectors[first, k]
         axes[2, k] = vectors[second, k]
     for row, a, b in ((1, 0, 2), (2, 0, 1)):
-        x = axes[a, 1] * axes[b, 2] - axes[a, 2] * axes[b, 1]
-        y = axes[a, 2] * axes[b, 0] - axes[a, 0] * axes[b, 2]
-        z = axes[a, 0] * axes[b, 1] - axes[a, 1] * axes[b, 0]
+        x, y, z = cross(axes[a, 0], axes[a, 1], axes[a, 2], axes[b, 0], axes[b, 1], axes[b, 2])
         length = np.sqrt(x * x + y * y + z * z)
         axes[row, 0], axes[row, 1], axes[row, 2] = x / length, y / length, z / length
     return axes
@@ -44,11 +43,11 @@ def _frame(vectors: np.ndarray, first: int, second: int) -> np.ndarray:
 def best_partner(sensor: np.ndarray, icrf: np.ndarray, sigma: np.ndarray, first: int
                  ) -> tuple[int, float, float]:
     """
-    Return the second star that goes best with a first one, their variance and sine squared.
+    Return the best second star for a first one, the variance of both and their sine squared.
 
     The variance is the trace of the covariance in rad^2; the sine is the geometric mean of the
-    sensor's and the catalogue's, so that neither is parallel. -1, infinity and 0 when there
-    is none.
+    sensor's and the catalogue's: 0 where the stars are parallel in either. -1, infinity and 0
+    when there is none.
     """
     partner, least, best_sine2 = -1, np.inf, 0.0
     for second in range(len(sigma)):
@@ -80,7 +79,7 @@ def _sine2(vectors: np.ndarray, first: int, second: int) -> float:
     """Return the square of the sine of the angle between two of the unit vectors (N, 3)."""
     ax, ay, az = vectors[first]
     bx, by, bz = vectors[second]
-    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    x, y, z = cross(ax, ay, az, bx, by, bz)
     return x * x + y * y + z * z
 
 

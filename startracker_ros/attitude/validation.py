@@ -1,4 +1,4 @@
-"""The attitude of one frame of known stars, given out only when it can be trusted."""
+"""The attitude of one frame of known stars, reported only when it can be trusted."""
 
 from dataclasses import dataclass, replace
 
@@ -9,14 +9,14 @@ from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.maths.rotation import conjugate, rotate, sign_continuous
 from startracker_ros.options import option, Options
 
-CHANCE = 1e-3
-"""Probability of residuals that are no longer taken for chance. Scaling by those that are
-would make the covariance of few stars too large on average, by a quarter for four."""
+FALSE_ALARM = 1e-3
+"""False-alarm probability of the chi-square test of the residuals. Scaling the covariance of
+every frame by its residuals would make it too large on average, by a quarter for four stars."""
 
 
 @dataclass(frozen=True)
-class TrustOptions(Options):
-    """How attitudes are found, and when one is good enough to be published."""
+class ValidationOptions(Options):
+    """The solver, and the limits that an attitude must keep to be published."""
 
     solver: str = option(
         'quest', 'quest, davenport and svd find the same best fit of all stars, triad takes the '
@@ -27,7 +27,7 @@ class TrustOptions(Options):
         'one',
         low=2, high=100)
     max_residual_px: float = option(
-        1.0, 'largest root mean square distance of the stars from their catalogue places; '
+        1.0, 'largest rms residual of the stars, measured minus catalogue; '
         'raise it for a lens that is not calibrated', unit='px', low=0.01, high=100.0)
 
 
@@ -39,10 +39,14 @@ class TrustedAttitude:
     reason: str
 
 
-class AttitudeTrust:
-    """Solves frames for attitude, keeps the sign of the quaternion continuous."""
+class AttitudeValidator:
+    """
+    Accepts or rejects attitudes, solved here or by a star tracker.
 
-    def __init__(self, camera: Camera, places: StarPlaces, options: TrustOptions) -> None:
+    The sign of the quaternion is continuous from one accepted attitude to the next.
+    """
+
+    def __init__(self, camera: Camera, places: StarPlaces, options: ValidationOptions) -> None:
         self._camera = camera
         self._places = places
         self._options = options
@@ -57,10 +61,9 @@ class AttitudeTrust:
         Return the attitude of stars at pixels uv (N, 2) with errors sigma_px (N,).
 
         Stars that the catalogue does not hold (hip 0) are left out. The covariance is
-        scaled up when the residuals are larger than chance makes those of sigma_px.
+        inflated when chi2 rejects the residuals at errors of sigma_px.
         """
-        # Compiled code and SciPy take half a second to import: who takes the attitudes of a star
-        # tracker never comes here.
+        # Compiled code and SciPy take half a second to import, and check() needs neither.
         from scipy.special import chdtri
         from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude, mean_chi2
         known, icrf = self._known(hip)
@@ -78,33 +81,33 @@ class AttitudeTrust:
                 None, f'residual of {residual_px:.2f} px is above max_residual_px = '
                 f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
         mean = mean_chi2(attitude, icrf, sigma_rad)
-        excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, CHANCE) else 1.0
+        excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, FALSE_ALARM) else 1.0
         self._previous = sign_continuous(attitude.quaternion, self._previous)
         return TrustedAttitude(replace(
             attitude, quaternion=self._previous,
             covariance_sensor=attitude.covariance_sensor * excess), 'trusted')
 
     def warm_up(self) -> None:
-        """Load what solve() needs, so that the first frame need not wait for it."""
+        """Load what solve() needs before the first frame."""
         hip = self._places.hip[:max(4, self._options.min_stars)]
         uv = np.random.default_rng(1).uniform(
             0, [self._camera.width, self._camera.height], (len(hip), 2))
-        # Stars of the whole sky at any places: nothing that could be trusted.
+        # Stars of the whole sky at random pixels: the attitude is rejected.
         self.solve(uv, hip, np.full(len(hip), 0.1))
         self._previous = None
 
-    def take(self, tracked: AttitudeEstimate, uv: np.ndarray, hip: np.ndarray
-             ) -> TrustedAttitude:
+    def check(self, tracked: AttitudeEstimate, uv: np.ndarray, hip: np.ndarray
+              ) -> TrustedAttitude:
         """
-        Return an attitude that a star tracker has filtered, if its stars (N,) fit it.
+        Return the attitude of a star tracker, if the rms residual of its tracks (N,) is small.
 
-        uv (N, 2) px is where the tracker has the stars.
+        uv (N, 2) px are the positions of the tracks.
         """
         known, icrf = self._known(hip)
         if len(icrf) < self._options.min_stars:
             return self._too_few(len(icrf), 'tracked')
-        place = self._camera.project(rotate(conjugate(tracked.quaternion), icrf))
-        distance_px = np.hypot(*(uv[known] - place).T)
+        predicted = self._camera.project(rotate(conjugate(tracked.quaternion), icrf))
+        distance_px = np.hypot(*(uv[known] - predicted).T)
         residual_px = np.sqrt(np.mean(distance_px ** 2))
         if not residual_px <= self._options.max_residual_px:
             return TrustedAttitude(

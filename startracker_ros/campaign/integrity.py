@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from startracker_ros.attitude.attitude_state import turned
 from startracker_ros.camera.model import Camera
 from startracker_ros.campaign.parallel import parallel_map, split_trials
 from startracker_ros.catalog.onboard import camera_places, StarPlaces
@@ -13,6 +12,7 @@ from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.figures.correctness import error_over_bound, WRONG_TEXT
 from startracker_ros.identify.identification import IdentificationOptions
+from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, conjugate, rotate
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
 from startracker_ros.sky.star_lists import random_attitude, star_list

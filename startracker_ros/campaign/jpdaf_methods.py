@@ -15,7 +15,7 @@ from startracker_ros.track.association import (
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.motion_models import (
     constant_velocity, coordinated_turn, image_jacobian, POSITION, VELOCITY)
-from startracker_ros.track.neighbourhood import carried, star_neighbourhood
+from startracker_ros.track.neighbourhood import propagated, star_neighbourhood
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.tracker import StarTracker
 
@@ -133,7 +133,7 @@ def _neighbourhood(run: Run) -> np.ndarray:
     uv_stars = run.start
     assigned = [run.seen[0]]
     for rate, uv in zip(run.rate_rad_s, run.centroids[1:]):
-        uv_stars = carried(CAMERA, uv_stars, rate, DT_S)
+        uv_stars = propagated(CAMERA, uv_stars, rate, DT_S)
         index = star_neighbourhood(CAMERA, uv_stars, run.icrf, uv,
                                    np.full(len(uv), run.cell.sigma_px))
         uv_stars[index >= 0] = uv[index[index >= 0]]

@@ -6,11 +6,11 @@ length; divided by the focal ratio they are those of the fitted one.
 """
 
 import numpy as np
-from startracker_ros.attitude.refinement import (
-    quaternion_from_matrix, refine, residuals, sensor_directions)
+from startracker_ros.attitude.refinement import refine, residuals
 from startracker_ros.attitude.triad import triad
 from startracker_ros.catalog.sky_grid import nearest, SkyGrid
 from startracker_ros.compiled import compiled, inlined
+from startracker_ros.maths.compiled_rotation import quaternion_from_matrix, sensor_directions
 
 
 @compiled

@@ -8,6 +8,7 @@ The sensor frame is optical: x right, y down, z along the boresight out of the l
 
 import numpy as np
 from numpy.typing import ArrayLike
+from startracker_ros.maths import quaternion
 
 ARCSEC = np.pi / (180 * 3600)
 """One second of arc in radians."""
@@ -16,46 +17,21 @@ ARCSEC = np.pi / (180 * 3600)
 def matrix_from_quaternion(q: np.ndarray) -> np.ndarray:
     """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     q = np.asarray(q, float)
-    # Python's floats are several times faster than NumPy's for a single quaternion.
-    single = q.ndim == 1
-    x, y, z, w = q.tolist() if single else np.moveaxis(q, -1, 0)
-    matrix = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
-    return matrix if single else np.moveaxis(matrix, (0, 1), (-2, -1))
+    if q.ndim == 1:
+        # Python's floats are several times faster than NumPy's for a single quaternion.
+        return np.array(quaternion.matrix_rows(q.tolist()))
+    return np.moveaxis(np.array(quaternion.matrix_rows(np.moveaxis(q, -1, 0))), (0, 1), (-2, -1))
 
 
 def quaternion_from_matrix(matrix: np.ndarray) -> np.ndarray:
     """Return the unit quaternion (4,), w >= 0, of one rotation matrix (3, 3)."""
-    m = np.asarray(matrix, float)
-    # Four times the outer product of the quaternion with itself: its largest row is
-    # the quaternion up to scale and never loses precision.
-    outer = np.array([
-        [1 + m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0],
-         m[2, 1] - m[1, 2]],
-        [m[0, 1] + m[1, 0], 1 - m[0, 0] + m[1, 1] - m[2, 2], m[1, 2] + m[2, 1],
-         m[0, 2] - m[2, 0]],
-        [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 - m[0, 0] - m[1, 1] + m[2, 2],
-         m[1, 0] - m[0, 1]],
-        [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1],
-         1 + m[0, 0] + m[1, 1] + m[2, 2]],
-    ])
-    q = outer[np.argmax(np.diag(outer))]
-    q = q / np.linalg.norm(q)
-    return -q if q[3] < 0 else q
+    return np.array(quaternion.from_matrix(np.asarray(matrix, float).tolist()))
 
 
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the Hamilton product a b, (..., 4): first b, then a."""
-    ax, ay, az, aw = np.moveaxis(np.asarray(a, float), -1, 0)
-    bx, by, bz, bw = np.moveaxis(np.asarray(b, float), -1, 0)
-    return np.stack([
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    ], -1)
+    return np.stack(quaternion.product(np.moveaxis(np.asarray(a, float), -1, 0),
+                                       np.moveaxis(np.asarray(b, float), -1, 0)), -1)
 
 
 def conjugate(q: np.ndarray) -> np.ndarray:
@@ -70,11 +46,8 @@ def rotate(q: np.ndarray, vectors: ArrayLike) -> np.ndarray:
 
 def quaternion_from_rotation_vector(rotation: ArrayLike) -> np.ndarray:
     """Return quaternions (..., 4) of rotation vectors (..., 3) in rad."""
-    rotation = np.asarray(rotation, float)
-    angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
-    # sinc keeps the limit of sin(angle / 2) / angle at zero.
-    vector = rotation * 0.5 * np.sinc(angle / (2 * np.pi))
-    return np.concatenate([vector, np.cos(angle / 2)], -1)
+    components = np.moveaxis(np.asarray(rotation, float), -1, 0)
+    return np.stack(quaternion.from_rotation_vector(components), -1)
 
 
 def rotation_vector_from_quaternion(q: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
 """Which attitude goes out: that of the star tracker, or of single frames, if it can be trusted."""
 
 import numpy as np
-from startracker_ros.attitude.validation import AttitudeTrust, TrustedAttitude, TrustOptions
+from startracker_ros.attitude.validation import (
+    AttitudeValidator, TrustedAttitude, ValidationOptions)
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
@@ -13,8 +14,8 @@ class AttitudeStage:
     """Turns tracks or identified stars into the published attitude, or a reason for none."""
 
     def __init__(self, camera: Camera, epoch_year: float,
-                 options: TrustOptions = TrustOptions()) -> None:
-        self._validator = AttitudeTrust(
+                 options: ValidationOptions = ValidationOptions()) -> None:
+        self._validator = AttitudeValidator(
             camera, camera_places(load_catalog(), camera, epoch_year), options)
 
     def reset(self) -> None:
@@ -30,7 +31,7 @@ class AttitudeStage:
         if tracked is None:
             return TrustedAttitude(None, 'the star tracker has none')
         used = tracks.usable
-        return self._validator.take(tracked.attitude, tracks.uv[used], tracks.hip[used])
+        return self._validator.check(tracked.attitude, tracks.uv[used], tracks.hip[used])
 
     def from_tracks_alone(self, tracks: Tracks) -> TrustedAttitude:
         """Return the attitude solved from tracks, of a tracker that has no attitude of its own."""

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.attitude.gyro import GyroErrorOptions
-from startracker_ros.attitude.validation import TrustedAttitude, TrustOptions
+from startracker_ros.attitude.validation import (
+    TrustedAttitude, ValidationOptions)
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
@@ -32,7 +33,7 @@ class PipelineOptions:
     check: CheckOptions = CheckOptions()
     tracker: TrackerOptions = TrackerOptions()
     gyro: GyroErrorOptions = GyroErrorOptions()
-    validation: TrustOptions = TrustOptions()
+    validation: ValidationOptions = ValidationOptions()
 
 
 @dataclass(frozen=True)

@@ -14,18 +14,19 @@ from startracker_ros.compiled import compiled
 from startracker_ros.track.joint_events import marginals
 
 MAX_STEPS = 1_000_000
-"""Bound of the work of a frame: pairings of track and shared centroid (missed counted as one)
-times the states held after each track (joint_events). Twelve stars that all share twelve
+"""Bound of the steps of a frame: pairings of track and shared centroid (missed counts as one)
+times the states after each track (joint_events). Twelve stars that all share twelve
 centroids, 10^10 events, are within it and exact. Beyond it only the most probable states
-are held, so that no frame takes longer than some 0.1 s."""
+stay, so that no frame takes longer than some 0.1 s."""
 
 
-class Chances(NamedTuple):
+class DetectionModel(NamedTuple):
     """
-    What is believed of the centroids of a frame before it is seen.
+    Gate, probabilities of a detection, and the area of the image.
 
-    gate is a squared Mahalanobis distance; the probabilities are that a star has its centroid
-    inside the gate, and that it has one; image_px2 is where false centroids may be.
+    gate is a squared Mahalanobis distance; gate_probability that of a detected star to be inside
+    it; detection_probability that of a star to have a centroid; image_px2 is the area in which
+    false centroids occur.
     """
 
     gate: float
@@ -36,24 +37,25 @@ class Chances(NamedTuple):
 
 @compiled
 def associate(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray, variance: np.ndarray,
-              chances: Chances) -> tuple[np.ndarray, np.ndarray]:
+              detection: DetectionModel) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the probabilities (N, M + 1) of centroids, and those (M,) in no gate.
+    Return the probabilities (N, M + 1), and the mask (M,) of the centroids in no gate.
 
-    Arguments are those of gated_density(); the density of false centroids is taken from the frame.
+    Arguments are those of gated_density(); the density of false centroids is
+    that of the centroids in no gate.
     """
-    density = _gated_density(predicted, covariance, uv, variance, chances.gate)
-    unclaimed = np.ones(len(uv), np.bool_)
-    # One more than counted: a frame without false centroids does not prove there are none.
+    density = _gated_density(predicted, covariance, uv, variance, detection.gate)
+    unassociated = np.ones(len(uv), np.bool_)
+    # One more than counted: the density must be positive.
     clutter = 1
     for centroid in range(len(uv)):
         for track in range(len(predicted)):
             if density[track, centroid] > 0:
-                unclaimed[centroid] = False
-        clutter += unclaimed[centroid]
-    weight = event_weights(density, chances.detection_probability, chances.gate_probability,
-                           clutter / chances.image_px2)
-    return marginals(weight, MAX_STEPS), unclaimed
+                unassociated[centroid] = False
+        clutter += unassociated[centroid]
+    weight = event_weights(density, detection.detection_probability, detection.gate_probability,
+                           clutter / detection.image_px2)
+    return marginals(weight, MAX_STEPS), unassociated
 
 
 @compiled
@@ -79,7 +81,7 @@ def gated_density(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray,
 
     predicted (N, 2) px with covariance (N, 2, 2); centroids uv (M, 2) with variance (M,)
     per axis; gate is a squared Mahalanobis distance. All finite, variances positive,
-    covariances positive semidefinite: that is for the caller to check.
+    covariances positive semidefinite; the caller ensures it.
     """
     return _gated_density(np.ascontiguousarray(predicted), np.ascontiguousarray(covariance),
                           np.ascontiguousarray(uv), np.ascontiguousarray(variance), gate)
@@ -94,7 +96,7 @@ def _gated_density(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray
         for centroid in range(len(uv)):
             du = uv[centroid, 0] - predicted[track, 0]
             uu = covariance[track, 0, 0] + variance[centroid]
-            # What one axis alone puts outside is outside: most are, and need no more.
+            # Outside on one axis is outside: true of most pairs.
             if du * du > gate * uu:
                 continue
             dv = uv[centroid, 1] - predicted[track, 1]

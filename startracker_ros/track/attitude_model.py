@@ -1,7 +1,8 @@
-"""One rotation moves all stars: a single filter of attitude and rate, fed by all of them."""
+"""One rotation moves all stars: one filter of attitude and rate, updated by all of them."""
 
 from collections.abc import Iterator
 import math
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState
@@ -11,38 +12,46 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.track.correction import correct, Correction, on_image
-from startracker_ros.track.model import Fix, Followed, rate_between, StarModel
+from startracker_ros.track.identified import IdentifiedFrame
+from startracker_ros.track.model import FrameUpdate, rate_between, StarModel
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import median, RAYLEIGH_MEDIAN, RotationFit
 
 MANOEUVRES = (10.0, 100.0, 1000.0)
-"""Accelerations tried one after the other, in units of acceleration_deg_s2, when the stars are
-not where they should be: a manoeuvre is followed, and a steady turn filtered, by one option.
-The state before is doubted as much, as a manoeuvre shows some frames after it has begun."""
+"""Accelerations tried one after the other, in units of acceleration_deg_s2, when the innovation
+of a frame is too large: so one option filters a steady turn and follows a manoeuvre. The
+covariance is inflated by the same factor, as a manoeuvre is detected frames after its begin."""
 
 MANOEUVRE_FRAMES = 10
-"""Frames for which a manoeuvre is thought to go on."""
+"""Frames for which the acceleration of a manoeuvre is assumed to last."""
 
-SURPRISE = 25.9
-"""Squared Mahalanobis distance of a turn from its prediction that chance exceeds once in a
-hundred thousand frames (chi-square, 3 degrees of freedom): more is a manoeuvre, or a wrong
-gyro. An alarm without reason costs what a long steady turn has taught the filter."""
+NIS_GATE = 25.9
+"""Normalised innovation squared that chance exceeds once in a hundred thousand frames
+(chi-square, 3 degrees of freedom). More is a manoeuvre, or a wrong gyro. A false alarm
+inflates a covariance that took a long steady turn to shrink."""
 
 MEMORY = 0.2
-MEAN_SURPRISE = 25.9 * MEMORY / (2 - MEMORY)
-"""The same for the mean of the turns that were not foreseen, in which the newest frame has this
-weight: what is too small to surprise in one frame, but has the same direction in many, is a
-manoeuvre as well."""
+MEAN_NIS_GATE = NIS_GATE * MEMORY / (2 - MEMORY)
+"""The same gate for the exponential mean of the innovations, in which the newest has the weight
+MEMORY: it detects a manoeuvre too slow for the gate of one frame."""
 
 GYRO_SILENCE_S = 1.0
-"""After so long without a rate the gyro counts as gone, and the rate is that of the stars."""
+"""Age of the newest gyro rate from which on the rate is that of the stars alone."""
+
+
+class _Hypothesis(NamedTuple):
+    """A predicted state, by a gyro or not, at a level of MANOEUVRES, 1 without manoeuvre."""
+
+    uses_gyro: bool
+    level: float
+    state: AttitudeState
 
 
 class AttitudeModel(StarModel):
     """
-    Attitude and body rate, or with a gyro attitude and its drift, predict every star.
+    Predicts every star by attitude and body rate, or with a gyro by attitude and gyro drift.
 
-    gyro_trouble says in words why the rates of a gyro are not used, empty when all is well.
+    gyro_trouble is the reason why the rates of a gyro are not used, empty without one.
     """
 
     def __init__(self, camera: Camera, places: StarPlaces, options: TrackerOptions,
@@ -53,91 +62,91 @@ class AttitudeModel(StarModel):
         self._acceleration_rad_s2 = np.radians([across, across, roll])
         self.gyro_trouble = ''
 
-    def start(self, fix: Fix, first: Fix) -> None:
-        dt_s = (fix.stamp_ns - first.stamp_ns) * 1e-9
-        attitude = fix.attitude.covariance_sensor * fix.scale ** 2
+    def start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
+        dt_s = (second.stamp_ns - first.stamp_ns) * 1e-9
+        attitude = second.attitude.covariance_sensor * second.scale ** 2
         covariance = np.zeros((9, 9))
         covariance[:3, :3] = attitude
         covariance[:3, 3:6] = covariance[3:6, :3] = attitude / dt_s
         covariance[3:6, 3:6] = (
             attitude + first.attitude.covariance_sensor * first.scale ** 2) / dt_s ** 2
-        rate = rate_between(first.stamp_ns, first.attitude, fix.stamp_ns, fix.attitude)
+        rate = rate_between(first.stamp_ns, first.attitude, second.stamp_ns, second.attitude)
         self._state = AttitudeState(
-            fix.stamp_ns, fix.attitude.quaternion, rate, np.zeros(3), covariance
+            second.stamp_ns, second.attitude.quaternion, rate, np.zeros(3), covariance
         ).with_new_drift(self._gyro.drift_sigma_rad_s)
         self.uses_gyro = False
         self._gyro_agreed = 0
-        self._scale = _ErrorScale(fix.scale)
-        self._unforeseen = np.zeros(3)
+        self._scale = _ErrorScale(second.scale)
+        self._mean_innovation = np.zeros(3)
         self._level, self._manoeuvre_frames = 1.0, 0
 
-    def follow(self, stamp_ns: int, frame: Centroids) -> Followed:
-        nominal: tuple[bool, AttitudeState, Correction] | None = None
+    def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
+        """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
+        nominal: tuple[_Hypothesis, Correction] | None = None
         dark = self.is_dark(frame)
-        icrf, uv = self._places.direction[self.bank.place], np.ascontiguousarray(frame.uv)
+        icrf = self._places.direction[self.bank.star_index]
+        uv = np.ascontiguousarray(frame.uv)
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
-        for uses_gyro, level, predicted in self._predictions(stamp_ns, dark):
+        for hypothesis in self._hypotheses(stamp_ns, dark):
             correction = correct(
-                self._camera.lens, icrf, self.bank.confirmed, self._options.min_stars, predicted,
-                uv, variance, self._chances)
-            fit = self._judge(correction)
-            mean = self._unforeseen + MEMORY * (correction.unforeseen - self._unforeseen)
-            if fit is None or nominal is None and mean @ mean > MEAN_SURPRISE:
-                nominal = nominal or (uses_gyro, predicted, correction)
+                self._camera.lens, icrf, self.bank.confirmed, self._options.min_stars,
+                hypothesis.state, uv, variance, self._detection)
+            fit = self._consistent_fit(correction)
+            mean = self._mean_innovation + MEMORY * (
+                correction.innovation - self._mean_innovation)
+            if fit is None or nominal is None and mean @ mean > MEAN_NIS_GATE:
+                nominal = nominal or (hypothesis, correction)
                 if dark:
                     break
                 continue
-            if nominal:
-                self._unforeseen = np.zeros(3)
-                self._level, self._manoeuvre_frames = level, MANOEUVRE_FRAMES
+            if nominal is not None:
+                self._mean_innovation = np.zeros(3)
+                self._level, self._manoeuvre_frames = hypothesis.level, MANOEUVRE_FRAMES
             else:
-                self._unforeseen = mean
+                self._mean_innovation = mean
                 self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
             before_ns = self._state.stamp_ns
-            self._go_to(correction.state, uses_gyro)
-            self._take(correction, correction.probability, frame, variance)
+            self._set_state(correction.state, hypothesis.uses_gyro)
+            self._set_tracks(correction, correction.probability, frame, variance)
             self._scale.add(fit)
             if not self.uses_gyro:
-                self._consider_gyro(before_ns, level)
-            return Followed(True, fit, correction.unclaimed)
-        assert nominal is not None, 'there is always a prediction'
-        # Go on by the prediction alone: no star is taken for seen.
-        uses_gyro, predicted, correction = nominal
-        self._go_to(predicted, uses_gyro)
-        self._take(correction, np.ones((len(correction.predicted), 1)), Centroids.empty(),
-                   np.empty(0))
-        return Followed(False, None, correction.unclaimed)
+                self._compare_gyro(before_ns, hypothesis.level)
+            return FrameUpdate(True, fit, correction.unassociated)
+        assert nominal is not None, 'there is always a hypothesis'
+        # Propagate without an update: every star counts as missed.
+        hypothesis, correction = nominal
+        self._set_state(hypothesis.state, hypothesis.uses_gyro)
+        self._set_tracks(correction, np.ones((len(correction.predicted), 1)), Centroids.empty(),
+                         np.empty(0))
+        return FrameUpdate(False, None, correction.unassociated)
 
-    def _predictions(self, stamp_ns: int, dark: bool
-                     ) -> Iterator[tuple[bool, float, AttitudeState]]:
-        """
-        Yield whether a gyro is used, the acceleration, and the attitude that they predict.
-
-        The first is what is expected, the others are manoeuvres.
-        """
+    def _hypotheses(self, stamp_ns: int, dark: bool) -> Iterator[_Hypothesis]:
+        """Yield the nominal prediction, then those of manoeuvres."""
         state, gyro = self._state, self._gyro
         density = self._acceleration_rad_s2 ** 2 * (stamp_ns - state.stamp_ns) * 1e-9
         level = self._level if self._manoeuvre_frames else 1.0
         with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S
         if with_gyro:
-            # In the dark, or in a manoeuvre, the body may do what it likes.
+            # In a dark frame or a manoeuvre no assumption about the acceleration holds.
             if dark or level > 1:
-                yield True, level, gyro.carry(state, stamp_ns)
+                yield _Hypothesis(True, level, gyro.propagate(state, stamp_ns))
             else:
-                yield True, level, gyro.support(state, stamp_ns, density)
-            yield True, MANOEUVRES[0], gyro.carry(state.less_sure(MANOEUVRES[0]), stamp_ns)
+                yield _Hypothesis(True, level, gyro.filtered(state, stamp_ns, density))
+            yield _Hypothesis(True, MANOEUVRES[0],
+                              gyro.propagate(state.inflated(MANOEUVRES[0]), stamp_ns))
         else:
-            yield False, level, state.by_inertia(
-                stamp_ns, level ** 2 * density, gyro.drift_density)
-        for more in MANOEUVRES:
-            if with_gyro or more >= level:
-                yield False, more, state.less_sure(more).by_inertia(
-                    stamp_ns, more ** 2 * density, gyro.drift_density)
+            yield _Hypothesis(False, level, state.propagated_at_constant_rate(
+                stamp_ns, level ** 2 * density, gyro.drift_density))
+        for factor in MANOEUVRES:
+            if with_gyro or factor >= level:
+                yield _Hypothesis(False, factor, state.inflated(
+                    factor).propagated_at_constant_rate(
+                    stamp_ns, factor ** 2 * density, gyro.drift_density))
 
-    def _judge(self, correction: Correction) -> RotationFit | None:
-        """Return what the stars agree on, None unless enough do, and are where they should be."""
-        unforeseen, inlier, state = correction.unforeseen, correction.inlier, correction.state
-        if not correction.agreed or unforeseen @ unforeseen > SURPRISE:
+    def _consistent_fit(self, correction: Correction) -> RotationFit | None:
+        """Return the fit of the inliers, None unless it is good and its innovation in the gate."""
+        innovation, inlier, state = correction.innovation, correction.inlier, correction.state
+        if not correction.agreed or innovation @ innovation > NIS_GATE:
             return None
         distance, normalised = correction.distance[inlier], correction.normalised[inlier]
         attitude = AttitudeEstimate(
@@ -149,34 +158,34 @@ class AttitudeModel(StarModel):
         good = fit.is_good(stars, self._options.min_stars, self._options.max_residual_px)
         return fit if good else None
 
-    def _take(self, correction: Correction, probability: np.ndarray, frame: Centroids,
-              variance: np.ndarray) -> None:
-        """Keep the tracks in the image, as they were seen, at the places that the state gives."""
-        bank = self.bank.select(correction.inside).observed(
+    def _set_tracks(self, correction: Correction, probability: np.ndarray, frame: Centroids,
+                    variance: np.ndarray) -> None:
+        """Associate the tracks in the image, at the positions that the state predicts."""
+        bank = self.bank.select(correction.inside).associated(
             correction.predicted, probability, frame, variance)
-        self.bank = bank.placed(*on_image(
-            self._camera.lens, self._places.direction[bank.place], self._state))
+        self.bank = bank.with_state(*on_image(
+            self._camera.lens, self._places.direction[bank.star_index], self._state))
 
-    def _go_to(self, state: AttitudeState, uses_gyro: bool) -> None:
-        """Take a state; a gyro that the stars do not need has told nothing of its drift."""
+    def _set_state(self, state: AttitudeState, uses_gyro: bool) -> None:
+        """Set the state; where the use of the gyro ends its drift becomes unknown."""
         if self.uses_gyro and not uses_gyro:
             self._gyro_agreed = 0
             state = state.with_new_drift(self._gyro.drift_sigma_rad_s)
         self._state, self.uses_gyro = state, uses_gyro
 
     @property
-    def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # it stands in the state
+    def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state
         return self._state.rate
 
     @property
     def rate_covariance(self) -> np.ndarray:  # type: ignore[override]  # the same
         return self._state.covariance[3:6, 3:6]
 
-    def _consider_gyro(self, before_ns: int, level: float) -> None:
+    def _compare_gyro(self, before_ns: int, level: float) -> None:
         """
-        Use the gyro once it has agreed with the stars for some frames, and say if it does not.
+        Use the gyro once it has agreed with the stars for confirm_frames; report if it does not.
 
-        A wrong unit or axis gives other rates than the stars have: such a gyro would lose them.
+        A wrong unit, axis or sign gives rates that would lose the stars.
         """
         state, gyro = self._state, self._gyro
         if gyro.silent_s(state.stamp_ns) > GYRO_SILENCE_S:
@@ -184,14 +193,15 @@ class AttitudeModel(StarModel):
             return
         measured, variance = gyro.mean_rate(before_ns, state.stamp_ns)
         manoeuvre = level * self._acceleration_rad_s2 * (state.stamp_ns - before_ns) * 1e-9
-        offset = measured - self.rate_rad_s
+        innovation = measured - self.rate_rad_s
         covariance = self.rate_covariance + np.eye(3) * (
             variance + manoeuvre ** 2 + gyro.drift_sigma_rad_s ** 2)
-        if offset @ np.linalg.solve(covariance, offset) > SURPRISE:
+        if innovation @ np.linalg.solve(covariance, innovation) > NIS_GATE:
             self._gyro_agreed = 0
             self.gyro_trouble = (
-                f'imu says {_deg_s(measured)} deg/s, the stars {_deg_s(self.rate_rad_s)} about '
-                'x, y, z: is it in rad/s, on the axes of the sensor, and gyro_drift_deg_h right?')
+                f'imu reports {_deg_s(measured)} deg/s about x, y, z, the stars '
+                f'{_deg_s(self.rate_rad_s)}: is it in rad/s, on the axes of the sensor, and '
+                'gyro_drift_deg_h right?')
             return
         self._gyro_agreed += 1
         if self._gyro_agreed < self._options.confirm_frames:
@@ -201,9 +211,9 @@ class AttitudeModel(StarModel):
 
 class _ErrorScale:
     """
-    How many times larger than promised the errors of centroids are: a lens not calibrated.
+    Ratio of the residuals to the sigma of the centroids: above 1 for a lens not calibrated.
 
-    Never below one, and above it only when that is no chance.
+    value is never below 1, and above it only when the ratio is significant.
     """
 
     def __init__(self, scale: float) -> None:
@@ -211,7 +221,7 @@ class _ErrorScale:
         self._frames = 1
 
     def add(self, fit: RotationFit) -> None:
-        """Take the distances of a good frame."""
+        """Add the residuals of a good frame."""
         ratio = self.value * median(fit.normalised[fit.inlier]) / RAYLEIGH_MEDIAN
         self._frames = min(self._frames + 1, 20)
         self._ratio += (ratio - self._ratio) / self._frames

@@ -18,13 +18,13 @@ class TrackBank:
     """
     Tracks in the order in which they were started.
 
-    track_id (N,); place (N,) index into the StarPlaces; state (N, 4) and covariance
+    track_id (N,); star_index (N,) into the StarPlaces; state (N, 4) and covariance
     (N, 4, 4) as in motion_models; variance (N,) px^2 per axis of the last centroid seen;
     confirmed (N,) bool; age and missed (N,) in frames; the rest (N,) as in Tracks.
     """
 
     track_id: np.ndarray
-    place: np.ndarray
+    star_index: np.ndarray
     state: np.ndarray
     covariance: np.ndarray
     variance: np.ndarray
@@ -38,21 +38,21 @@ class TrackBank:
     probability: np.ndarray
 
     def __len__(self) -> int:
-        return len(self.place)
+        return len(self.star_index)
 
     @classmethod
-    def started(cls, track_id: np.ndarray, place: np.ndarray, centroids: Centroids,
+    def started(cls, track_id: np.ndarray, star_index: np.ndarray, centroids: Centroids,
                 variance: np.ndarray, velocity: np.ndarray, velocity_covariance: np.ndarray,
                 confirmed: bool) -> 'TrackBank':
-        """Return tracks (N,) that begin at one centroid each, variance (N,) px^2 per axis."""
-        count = len(place)
+        """Return new tracks (N,) at one centroid each, of variance (N,) px^2 per axis."""
+        count = len(star_index)
         state = np.empty((count, 4))
         state[:, POSITION], state[:, VELOCITY] = centroids.uv, velocity
         covariance = np.zeros((count, 4, 4))
         covariance[:, POSITION, POSITION] = variance[:, None]
         covariance[:, 1::2, 1::2] = velocity_covariance
         zero = np.zeros(count, int)
-        return cls(track_id, place, state, covariance, variance, np.full(count, confirmed),
+        return cls(track_id, star_index, state, covariance, variance, np.full(count, confirmed),
                    zero, zero, centroids.flux, centroids.snr, centroids.sigma_px,
                    np.full(count, np.nan), np.ones(count))
 
@@ -79,7 +79,7 @@ class TrackBank:
         return np.sqrt((self.covariance[:, 0, 0] + self.covariance[:, 2, 2]) / 2)
 
     @property
-    def seen(self) -> np.ndarray:
+    def detected(self) -> np.ndarray:
         """Return True (N,) for confirmed tracks that had a centroid in the last frame."""
         return self.confirmed & (self.missed == 0)
 
@@ -94,30 +94,29 @@ class TrackBank:
         return TrackBank(*(np.concatenate([getattr(self, field.name), getattr(other, field.name)])
                            for field in fields(self)))
 
-    def placed(self, state: np.ndarray, covariance: np.ndarray) -> 'TrackBank':
-        """Return the bank with another state and covariance."""
+    def with_state(self, state: np.ndarray, covariance: np.ndarray) -> 'TrackBank':
+        """Return the tracks with another state and covariance."""
         return replace(self, state=state, covariance=covariance)
 
-    def observed(self, predicted: np.ndarray, probability: np.ndarray, centroids: Centroids,
-                 variance: np.ndarray) -> 'TrackBank':
+    def associated(self, predicted: np.ndarray, probability: np.ndarray, centroids: Centroids,
+                   variance: np.ndarray) -> 'TrackBank':
         """
-        Return the bank after a frame, still at the same place.
+        Return the tracks with their most probable centroids of a frame; the state is unchanged.
 
-        predicted (N, 2) px is where the stars were looked for; variance (M,) that of the
-        centroids; probability (N, M + 1) as of joint_probabilities. A track counts as missed when
-        that is its more probable fate.
+        predicted (N, 2) px; variance (M,) that of the centroids; probability (N, M + 1) as of
+        joint_probabilities. A track counts as missed when that is more probable than not.
         """
-        return replace(self, age=self.age + 1, **_seen(
+        return replace(self, age=self.age + 1, **_associated(
             self.variance, self.missed, np.ascontiguousarray(predicted), probability,
             np.ascontiguousarray(centroids.uv), variance, centroids.flux, centroids.snr,
             centroids.sigma_px)._asdict())
 
-    def published(self, places: StarPlaces, sure: bool) -> Tracks:
-        """Return the tracks as they leave the tracker; unless sure, no star has a name."""
-        named = self.confirmed & sure
+    def to_tracks(self, places: StarPlaces, identified: bool) -> Tracks:
+        """Return the tracks for publication; unless identified, without hip and magnitude."""
+        named = self.confirmed & identified
         return Tracks(
-            hip=np.where(named, places.hip[self.place], 0).astype(np.int32),
-            magnitude=np.where(named, places.magnitude[self.place], np.nan),
+            hip=np.where(named, places.hip[self.star_index], 0).astype(np.int32),
+            magnitude=np.where(named, places.magnitude[self.star_index], np.nan),
             uv=self.uv, flux=self.flux, snr=self.snr, sigma_px=self.sigma_px,
             residual_px=self.residual_px, track_id=self.track_id.astype(np.uint32),
             age=np.minimum(self.age, 65535).astype(np.uint16),
@@ -125,8 +124,8 @@ class TrackBank:
             velocity=self.state[:, VELOCITY], covariance=self.uv_covariance)
 
 
-class _Seen(NamedTuple):
-    """Columns of a TrackBank that a frame changes."""
+class _Association(NamedTuple):
+    """The columns of a TrackBank that an association changes."""
 
     variance: np.ndarray
     missed: np.ndarray
@@ -138,12 +137,13 @@ class _Seen(NamedTuple):
 
 
 @compiled
-def _seen(variance: np.ndarray, missed: np.ndarray, predicted: np.ndarray,
-          probability: np.ndarray, uv: np.ndarray, uv_variance: np.ndarray, flux: np.ndarray,
-          snr: np.ndarray, sigma_px: np.ndarray) -> _Seen:
+def _associated(variance: np.ndarray, missed: np.ndarray, predicted: np.ndarray,
+                probability: np.ndarray, uv: np.ndarray, uv_variance: np.ndarray,
+                flux: np.ndarray, snr: np.ndarray, sigma_px: np.ndarray) -> _Association:
     count, best = len(missed), most_probable(probability)
-    after = _Seen(variance.copy(), missed + 1, np.full(count, np.nan), np.full(count, np.nan),
-                  np.full(count, np.nan), np.full(count, np.nan), np.zeros(count))
+    after = _Association(
+        variance.copy(), missed + 1, np.full(count, np.nan), np.full(count, np.nan),
+        np.full(count, np.nan), np.full(count, np.nan), np.zeros(count))
     for track in range(count):
         centroid = best[track]
         if len(uv):

@@ -4,101 +4,116 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState, with_attitude
-from startracker_ros.attitude.refinement import matrix_from_quaternion
 from startracker_ros.camera.lens import Lens, shows
 from startracker_ros.compiled import compiled
-from startracker_ros.track.association import associate, Chances, most_probable
+from startracker_ros.maths.compiled_rotation import matrix_from_quaternion, sensor_directions
+from startracker_ros.track.association import associate, DetectionModel, most_probable
 from startracker_ros.track.in_view import project
+from startracker_ros.track.innovation import combined_innovation, normal_equations
 from startracker_ros.track.motion_models import image_flows
 from startracker_ros.track.rotation_fit import OUTLIER_SIGMA
-from startracker_ros.track.star_votes import expected, turn_asked_for
 
 
 class Correction(NamedTuple):
     """
-    What a frame says about a predicted attitude.
+    A predicted attitude, corrected by a frame of M centroids.
 
-    Of the stars (N,) that were asked for inside (N,) are in the image, K of them: at predicted
-    (K, 2) px, with the probabilities (K, M + 1) of the centroids, of which unclaimed (M,) are in
-    no gate. agreed says whether enough of them, inlier (K,), leave the state where they do not
-    contradict it; distance (K,) px is that of their centroids from their places then, and
-    normalised (K,) the same in sigma, infinity for those missed. unforeseen (3,) is the turn that
-    they ask for in sigma of what was not known before.
+    inside (N,) masks the stars that are predicted in the image, K of them. Of each of these:
+    predicted (K, 2) px; probability (K, M + 1) as of associate(); inlier (K,), whether it was
+    detected and corrects the attitude; distance (K,) px of its most probable centroid from
+    its position by the corrected state, and normalised (K,), the same in sigma, both infinity
+    where it was missed. unassociated (M,) masks the centroids in no gate. agreed is False
+    when there are too few inliers. innovation (3,) is the measured turn, whitened by its
+    covariance: its square is the normalised innovation squared, of 3 degrees of freedom.
     """
 
     agreed: bool
     inside: np.ndarray
     predicted: np.ndarray
     probability: np.ndarray
-    unclaimed: np.ndarray
+    unassociated: np.ndarray
     state: AttitudeState
     inlier: np.ndarray
     distance: np.ndarray
     normalised: np.ndarray
-    unforeseen: np.ndarray
+    innovation: np.ndarray
 
 
 @compiled
-def correct(lens: Lens, icrf: np.ndarray, votes: np.ndarray, min_stars: int,
-            predicted: AttitudeState, uv: np.ndarray, variance: np.ndarray, chances: Chances
-            ) -> Correction:
+def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
+            predicted: AttitudeState, uv: np.ndarray, variance: np.ndarray,
+            detection: DetectionModel) -> Correction:
     """
-    Look for stars where a prediction has them, and correct it by what is there.
+    Associate centroids with predicted stars and correct the attitude by the inliers.
 
-    icrf (N, 3) are the directions of the stars, of which those of votes (N,) may say something
-    about the attitude; centroids uv (M, 2) px with variance (M,) per axis. The worst outlier
-    leaves first: it bends the attitude and makes others look bad.
+    icrf (N, 3) are the directions of the stars, usable (N,) those that may correct it;
+    centroids uv (M, 2) px of variance (M,) per axis. One outlier is removed at a time, the
+    worst: it biases the attitude and with it the residuals of all others.
     """
-    sensor = _on_sensor_axes(icrf, predicted.quaternion)
+    sensor = sensor_directions(matrix_from_quaternion(predicted.quaternion), icrf)
     inside = _in_image(lens, project(lens, sensor))
-    icrf, sensor, votes = icrf[inside], sensor[inside], votes[inside]
-    place, jacobian = project(lens, sensor), image_flows(lens, sensor)
-    prior = np.ascontiguousarray(predicted.covariance[:3, :3])
-    probability, unclaimed = associate(place, _spread(jacobian, prior), uv, variance, chances)
-    mean, spread = expected(place, uv, variance, probability)
-    weight = 1 - probability[:, 0]
-    votes = votes & (weight > 0)
-    seen = probability[:, 0] <= 0.5
-    best = most_probable(probability)
-    count = len(icrf)
-    distance, normalised = np.full(count, np.inf), np.full(count, np.inf)
+    icrf, sensor = icrf[inside], sensor[inside]
+    predicted_uv, H = project(lens, sensor), image_flows(lens, sensor)
+    P = np.ascontiguousarray(predicted.covariance[:3, :3])
+    beta, unassociated = associate(predicted_uv, _pixel_covariance(H, P), uv, variance, detection)
+    z, R = combined_innovation(predicted_uv, uv, variance, beta)
+    weight = (1 - beta[:, 0]) * usable[inside]
+    detected, best = beta[:, 0] <= 0.5, most_probable(beta)
+    distance, normalised = np.full(len(icrf), np.inf), np.full(len(icrf), np.inf)
     while True:
-        information, vector = turn_asked_for(jacobian, mean, spread, weight, votes)
+        information, vector = normal_equations(H, z, R, weight)
         quaternion, rate, drift, covariance = with_attitude(
             predicted.quaternion, predicted.rate, predicted.drift, predicted.covariance,
             information, vector)
         state = AttitudeState(predicted.stamp_ns, quaternion, rate, drift, covariance)
-        inlier = votes & seen
+        inlier = (weight > 0) & detected
         if np.sum(inlier) < min_stars:
-            return Correction(False, inside, place, probability, unclaimed, state, inlier,
+            return Correction(False, inside, predicted_uv, beta, unassociated, state, inlier,
                               distance, normalised, np.zeros(3))
-        now = project(lens, _on_sensor_axes(icrf, quaternion))
-        worst, most = 0, 0.0
-        for star in range(count):
-            if not seen[star]:
-                continue
-            du, dv = uv[best[star], 0] - now[star, 0], uv[best[star], 1] - now[star, 1]
-            distance[star] = np.sqrt(du * du + dv * dv)
-            if np.isnan(distance[star]):
-                # Its place has come behind the camera.
-                distance[star] = np.inf
-            normalised[star] = distance[star] / np.sqrt(variance[best[star]])
-            if inlier[star] and normalised[star] > most:
-                worst, most = star, normalised[star]
-        if most <= OUTLIER_SIGMA:
+        corrected = project(lens, sensor_directions(matrix_from_quaternion(quaternion), icrf))
+        _fill_residuals(corrected, uv, variance, detected, best, distance, normalised)
+        worst = np.argmax(np.where(inlier, normalised, 0.0))
+        if normalised[worst] <= OUTLIER_SIGMA:
             break
-        votes[worst] = False
-    turn = np.linalg.inv(information)
-    unforeseen = np.linalg.solve(np.linalg.cholesky(prior + turn), turn @ vector)
-    return Correction(True, inside, place, probability, unclaimed, state, inlier, distance,
-                      normalised, unforeseen)
+        weight[worst] = 0.0
+    return Correction(True, inside, predicted_uv, beta, unassociated, state, inlier, distance,
+                      normalised, _whitened(P, information, vector))
+
+
+@compiled
+def _fill_residuals(corrected: np.ndarray, uv: np.ndarray, variance: np.ndarray,
+                    detected: np.ndarray, best: np.ndarray, distance: np.ndarray,
+                    normalised: np.ndarray) -> None:
+    """Fill distance (K,) px and normalised (K,) of the detected stars' best centroids (K,)."""
+    for star in range(len(corrected)):
+        if not detected[star]:
+            continue
+        du = uv[best[star], 0] - corrected[star, 0]
+        dv = uv[best[star], 1] - corrected[star, 1]
+        distance[star] = np.sqrt(du * du + dv * dv)
+        if np.isnan(distance[star]):
+            # The corrected direction is behind the camera.
+            distance[star] = np.inf
+        normalised[star] = distance[star] / np.sqrt(variance[best[star]])
+
+
+@compiled
+def _whitened(P: np.ndarray, information: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Return S^(-1/2) z (3,) of z = Y^-1 y, the measured turn, with S = P + Y^-1."""
+    R = np.linalg.inv(information)
+    return np.linalg.solve(np.linalg.cholesky(P + R), R @ vector)
 
 
 @compiled
 def on_image(lens: Lens, icrf: np.ndarray, state: AttitudeState
              ) -> tuple[np.ndarray, np.ndarray]:
-    """Return state (N, 4) and covariance (N, 4, 4), as in motion_models, of directions (N, 3)."""
-    sensor = _on_sensor_axes(icrf, state.quaternion)
+    """
+    Return state (N, 4) and covariance (N, 4, 4), as in motion_models, of directions (N, 3).
+
+    Position and velocity are the image jacobian (2, 3) times attitude and rate; so are their
+    errors.
+    """
+    sensor = sensor_directions(matrix_from_quaternion(state.quaternion), icrf)
     uv, jacobian = project(lens, sensor), image_flows(lens, sensor)
     track, covariance = np.zeros((len(icrf), 4)), np.zeros((len(icrf), 4, 4))
     half = np.empty((4, 6))
@@ -108,7 +123,6 @@ def on_image(lens: Lens, icrf: np.ndarray, state: AttitudeState
             track[star, 2 * axis] = uv[star, axis]
             for k in range(3):
                 track[star, 2 * axis + 1] += flow[axis, k] * state.rate[k]
-            # Position and velocity alike are the flow times attitude error and rate error.
             for k in range(6):
                 half[2 * axis, k] = half[2 * axis + 1, k] = 0.0
                 for j in range(3):
@@ -123,18 +137,6 @@ def on_image(lens: Lens, icrf: np.ndarray, state: AttitudeState
 
 
 @compiled
-def _on_sensor_axes(icrf: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    """Return directions (N, 3) on the axes of the sensor."""
-    matrix = matrix_from_quaternion(quaternion)
-    sensor = np.empty((len(icrf), 3))
-    for star in range(len(icrf)):
-        for axis in range(3):
-            sensor[star, axis] = (icrf[star, 0] * matrix[0, axis] + icrf[star, 1] * matrix[1, axis]
-                                  + icrf[star, 2] * matrix[2, axis])
-    return sensor
-
-
-@compiled
 def _in_image(lens: Lens, uv: np.ndarray) -> np.ndarray:
     """Return where pixels (N, 2) lie in the image; NaN does not."""
     inside = np.empty(len(uv), np.bool_)
@@ -144,14 +146,14 @@ def _in_image(lens: Lens, uv: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def _spread(jacobian: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return the covariance (N, 2, 2) px^2 of pixels under that of an attitude (3, 3) rad^2."""
-    spread = np.zeros((len(jacobian), 2, 2))
-    for star in range(len(jacobian)):
+def _pixel_covariance(H: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return H P H^T (N, 2, 2) px^2 of an attitude covariance P (3, 3) rad^2."""
+    covariance = np.zeros((len(H), 2, 2))
+    for star in range(len(H)):
         for row in range(2):
             for column in range(2):
                 for i in range(3):
                     for j in range(3):
-                        spread[star, row, column] += (
-                            jacobian[star, row, i] * covariance[i, j] * jacobian[star, column, j])
-    return spread
+                        covariance[star, row, column] += (
+                            H[star, row, i] * P[i, j] * H[star, column, j])
+    return covariance

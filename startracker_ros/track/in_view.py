@@ -9,14 +9,14 @@ from startracker_ros.compiled import compiled
 from startracker_ros.maths.rotation import matrix_from_quaternion
 
 AHEAD_RAD = np.radians(0.5)
-"""How much further than the image reaches stars are kept, so that most frames need no search."""
+"""Margin around the image of the cached stars, so that most frames need no catalogue search."""
 
 
 class StarsInView:
-    """The stars of a camera around one attitude after another, which lie near each other."""
+    """The catalogue stars of a camera around attitudes that change little from one to the next."""
 
     def __init__(self, camera: Camera, places: StarPlaces) -> None:
-        """Places are all catalogue stars that the camera may see."""
+        """Places are the catalogue stars that the camera can detect."""
         self.camera = camera
         self.places = places
         self._centre = np.zeros(3)
@@ -25,9 +25,9 @@ class StarsInView:
 
     def of(self, attitude: AttitudeEstimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """
-        Return indices (M,) of places, brightest first, directions (M, 3) and pixels (M, 2).
+        Return catalogue indices (M,), brightest first, directions (M, 3) and pixels (M, 2).
 
-        Directions are on sensor axes. The stars are all in the cone around the image.
+        Directions are on sensor axes. The stars are those of the cone around the image.
         """
         matrix = matrix_from_quaternion(attitude.quaternion)
         boresight = matrix[:, 2]
@@ -41,7 +41,7 @@ class StarsInView:
 @compiled
 def _in_view(near: np.ndarray, direction: np.ndarray, matrix: np.ndarray, cos_radius: float,
              lens: Lens) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return those of near (N,), of direction (N, 3), that are in the cone; as StarsInView.of."""
+    """Return the stars near (N,), of direction (N, 3), in the cone, as StarsInView.of does."""
     count = 0
     index = np.empty(len(near), np.int64)
     sensor = np.empty((len(near), 3))

@@ -2,12 +2,12 @@
 Exact sums over the joint events of a cluster of tracks that share centroids.
 
 A joint event gives each track one centroid or none and each centroid to one track at most.
-The events are never listed. Tracks are taken one after another, and of all that was
-given away so far only one thing matters to the tracks still to come: which of the centroids
-that they could claim are taken. Events with the same such set are one state, summed up
-(forward); the sums over what the later tracks can do follow from the last track to the
-first (backward); both together give the marginals, as in the forward-backward algorithm
-(Rabiner 1989) and in the sharing of hypotheses by EHM (Maskell, Briers and Wright 2004).
+The events are never listed. Tracks are processed in order, and the later tracks depend on
+the earlier ones only by the set of centroids assigned so far that they could claim as well.
+Events with the same such set are one state, summed from the first track on (forward); the
+sums over the later tracks follow from the last one back (backward). Both give the marginals,
+as in the forward-backward algorithm (Rabiner 1989) and in the sharing of hypotheses by EHM
+(Maskell, Briers and Wright 2004).
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ def marginals(weight: np.ndarray, max_steps: int) -> np.ndarray:
     """
     Return the association probabilities (N, M + 1) of event weights (N, M + 1).
 
-    max_steps bounds the states held after each track times the pairings of all clusters.
+    max_steps bounds the states after each track times the pairings of all clusters.
     """
     tracks, columns = weight.shape
     probability = np.empty((tracks, columns))
@@ -55,7 +55,7 @@ def marginals(weight: np.ndarray, max_steps: int) -> np.ndarray:
         if member[root] and _root(parent, root) == root:
             cluster = np.array([track for track in range(tracks)
                                 if member[track] and _root(parent, track) == root])
-            _share_out(probability, cluster, claims, most_states)
+            _marginalise(probability, cluster, claims, most_states)
     return probability
 
 
@@ -69,29 +69,29 @@ def _root(parent: np.ndarray, track: int) -> int:
 
 
 @compiled
-def _share_out(probability: np.ndarray, cluster: np.ndarray, claims: np.ndarray, most_states: int
+def _marginalise(probability: np.ndarray, cluster: np.ndarray, claims: np.ndarray, most_states: int
                ) -> None:
     """Turn the rows of a cluster (T,) from weights into marginal probabilities."""
     layers = len(cluster)
     start, column = _pairings(probability, cluster, claims)
     order = _order(start, column, claims)
-    bit, leaving = _bits(probability, cluster, order, start, column, claims)
-    # What is taken, and the sums of the events, before layer l: from begin[l] to begin[l + 1].
+    bit, closing = _bits(probability, cluster, order, start, column, claims)
+    # Assigned sets and sums of their events before layer l: from begin[l] to begin[l + 1].
     begin = np.zeros(layers + 2, np.int64)
     begin[1] = 1
-    taken, forward = np.zeros(1, np.uint64), np.ones(1)
+    assigned, forward = np.zeros(1, np.uint64), np.ones(1)
     for layer in range(layers):
         position = order[layer]
         row = probability[cluster[position]]
         pairs = slice(start[position], start[position + 1])
-        new_taken, new_forward = _step(
-            taken[begin[layer]:], forward[begin[layer]:], row, _free(row, claims),
-            column[pairs], bit[pairs], leaving[layer], most_states)
-        begin[layer + 2] = begin[layer + 1] + len(new_taken)
-        old_taken, old_forward = taken, forward
-        taken = np.empty(begin[layer + 2], np.uint64)
+        new_assigned, new_forward = _step(
+            assigned[begin[layer]:], forward[begin[layer]:], row, _free(row, claims),
+            column[pairs], bit[pairs], closing[layer], most_states)
+        begin[layer + 2] = begin[layer + 1] + len(new_assigned)
+        old_assigned, old_forward = assigned, forward
+        assigned = np.empty(begin[layer + 2], np.uint64)
         forward = np.empty(begin[layer + 2])
-        taken[:begin[layer + 1]], taken[begin[layer + 1]:] = old_taken, new_taken
+        assigned[:begin[layer + 1]], assigned[begin[layer + 1]:] = old_assigned, new_assigned
         forward[:begin[layer + 1]], forward[begin[layer + 1]:] = old_forward, new_forward
     backward = np.ones(begin[layers + 1] - begin[layers])
     for layer in range(layers - 1, -1, -1):
@@ -99,9 +99,9 @@ def _share_out(probability: np.ndarray, cluster: np.ndarray, claims: np.ndarray,
         row = probability[cluster[position]]
         pairs = slice(start[position], start[position + 1])
         backward = _step_back(
-            taken[begin[layer]:begin[layer + 1]], forward[begin[layer]:begin[layer + 1]],
-            taken[begin[layer + 1]:begin[layer + 2]], backward, row, _free(row, claims), claims,
-            column[pairs], bit[pairs], leaving[layer])
+            assigned[begin[layer]:begin[layer + 1]], forward[begin[layer]:begin[layer + 1]],
+            assigned[begin[layer + 1]:begin[layer + 2]], backward, row, _free(row, claims), claims,
+            column[pairs], bit[pairs], closing[layer])
 
 
 @compiled
@@ -123,7 +123,7 @@ def _pairings(probability: np.ndarray, cluster: np.ndarray, claims: np.ndarray
 
 @compiled
 def _free(row: np.ndarray, claims: np.ndarray) -> float:
-    """Return the weight of all that does not hinder another track: missed, or not shared."""
+    """Return the weight of the choices that no other track has: missed, or not shared."""
     total = row[0]
     for choice in range(1, len(row)):
         if claims[choice] == 1:
@@ -139,7 +139,7 @@ def _order(start: np.ndarray, column: np.ndarray, claims: np.ndarray) -> np.ndar
     The next track is the one after which fewest are open.
     """
     tracks = len(start) - 1
-    waiting = claims.copy()
+    remaining = claims.copy()
     order = np.empty(tracks, np.int64)
     done = np.zeros(tracks, np.bool_)
     for layer in range(tracks):
@@ -149,13 +149,13 @@ def _order(start: np.ndarray, column: np.ndarray, claims: np.ndarray) -> np.ndar
                 continue
             growth = 0
             for choice in column[start[track]:start[track + 1]]:
-                growth += (waiting[choice] == claims[choice]) - (waiting[choice] == 1)
+                growth += (remaining[choice] == claims[choice]) - (remaining[choice] == 1)
             if best < 0 or growth < fewest:
                 best, fewest = track, growth
         order[layer] = best
         done[best] = True
         for choice in column[start[best]:start[best + 1]]:
-            waiting[choice] -= 1
+            remaining[choice] -= 1
     return order
 
 
@@ -165,13 +165,13 @@ def _bits(probability: np.ndarray, cluster: np.ndarray, order: np.ndarray, start
     """
     Return the bit (K,) of each pairing and the bits (T,) that close with each track.
 
-    A bit is used again after the last track of its centroid. Where all are in use the least
-    probable pairing has none: it is 0.
+    A bit is reused after the last track of its centroid. Where all are in use the least
+    probable pairing has none, 0.
     """
     bit = np.zeros(len(column), np.uint64)
-    leaving = np.zeros(len(order), np.uint64)
+    closing = np.zeros(len(order), np.uint64)
     own = np.zeros(len(claims), np.uint64)
-    waiting = claims.copy()
+    remaining = claims.copy()
     used = np.uint64(0)
     for layer in range(len(order)):
         position = order[layer]
@@ -183,84 +183,85 @@ def _bits(probability: np.ndarray, cluster: np.ndarray, order: np.ndarray, start
                 own[choice] = ~used & (used + np.uint64(1))
                 used |= own[choice]
             bit[pair] = own[choice]
-            waiting[choice] -= 1
+            remaining[choice] -= 1
         for choice in column[pairs]:
-            if waiting[choice] == 0:
-                leaving[layer] |= own[choice]
+            if remaining[choice] == 0:
+                closing[layer] |= own[choice]
                 used &= ~own[choice]
-    return bit, leaving
+    return bit, closing
 
 
 @compiled
-def _step(taken: np.ndarray, forward: np.ndarray, row: np.ndarray, free: float, column: np.ndarray,
-          bit: np.ndarray, leaving: int, most_states: int) -> tuple[np.ndarray, np.ndarray]:
+def _step(assigned: np.ndarray, forward: np.ndarray, row: np.ndarray, free: float,
+          column: np.ndarray, bit: np.ndarray, closing: int, most_states: int
+          ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the states after a track: what is taken (S,) and the sum of its events (S,).
+    Return the states after a track: assigned sets (S,) and the sums of their events (S,).
 
-    No more than most_states of them, the most probable ones.
+    At most most_states of them, the most probable ones.
     """
-    bound = len(taken) * (len(column) + 1)
-    new_taken, new_forward = np.empty(bound, np.uint64), np.zeros(bound)
+    bound = len(assigned) * (len(column) + 1)
+    new_assigned, new_forward = np.empty(bound, np.uint64), np.zeros(bound)
     table, shift = _table(bound)
     count = 0
-    for state in range(len(taken)):
+    for state in range(len(assigned)):
         for pair in range(-1, len(column)):
             claim = np.uint64(0)
             value = free
             if pair >= 0:
                 claim = bit[pair]
                 value = row[column[pair]]
-                if claim == 0 or taken[state] & claim:
+                if claim == 0 or assigned[state] & claim:
                     continue
-            after = (taken[state] | claim) & ~leaving
-            slot = _slot(table, shift, new_taken, after)
+            after = (assigned[state] | claim) & ~closing
+            slot = _slot(table, shift, new_assigned, after)
             if table[slot] < 0:
                 table[slot] = count
-                new_taken[count] = after
+                new_assigned[count] = after
                 count += 1
             new_forward[table[slot]] += forward[state] * value
-    new_taken, new_forward = new_taken[:count], new_forward[:count]
+    new_assigned, new_forward = new_assigned[:count], new_forward[:count]
     if count > most_states:
         best = np.argsort(-new_forward)[:most_states]
-        new_taken, new_forward = new_taken[best], new_forward[best]
-    return new_taken, new_forward / new_forward.max()
+        new_assigned, new_forward = new_assigned[best], new_forward[best]
+    return new_assigned, new_forward / new_forward.max()
 
 
 @compiled
-def _step_back(taken: np.ndarray, forward: np.ndarray, next_taken: np.ndarray,
+def _step_back(assigned: np.ndarray, forward: np.ndarray, next_assigned: np.ndarray,
                next_backward: np.ndarray, row: np.ndarray, free: float, claims: np.ndarray,
-               column: np.ndarray, bit: np.ndarray, leaving: int) -> np.ndarray:
-    """Return what the tracks from here on can do (S,), and make row the marginals of its track."""
-    table, shift = _table(len(next_taken))
-    for state in range(len(next_taken)):
-        table[_slot(table, shift, next_taken, next_taken[state])] = state
-    backward = np.zeros(len(taken))
+               column: np.ndarray, bit: np.ndarray, closing: int) -> np.ndarray:
+    """Return the sums (S,) over this track and later ones; make row its marginals."""
+    table, shift = _table(len(next_assigned))
+    for state in range(len(next_assigned)):
+        table[_slot(table, shift, next_assigned, next_assigned[state])] = state
+    backward = np.zeros(len(assigned))
     chosen = np.zeros(len(column))
-    unhindered = 0.0
-    for state in range(len(taken)):
+    free_sum = 0.0
+    for state in range(len(assigned)):
         for pair in range(-1, len(column)):
             claim = np.uint64(0)
             value = free
             if pair >= 0:
                 claim = bit[pair]
                 value = row[column[pair]]
-                if claim == 0 or taken[state] & claim:
+                if claim == 0 or assigned[state] & claim:
                     continue
-            after = table[_slot(table, shift, next_taken, (taken[state] | claim) & ~leaving)]
+            after = table[_slot(table, shift, next_assigned, (assigned[state] | claim) & ~closing)]
             if after < 0:
                 continue
             value *= next_backward[after]
             backward[state] += value
             if pair < 0:
-                unhindered += forward[state] * value
+                free_sum += forward[state] * value
             else:
                 chosen[pair] += forward[state] * value
-    total = unhindered
+    total = free_sum
     for pair in range(len(column)):
         total += chosen[pair]
     for choice in range(len(row)):
         if choice == 0 or claims[choice] == 1:
-            row[choice] *= unhindered / (free * total)
+            row[choice] *= free_sum / (free * total)
     for pair in range(len(column)):
         row[column[pair]] = chosen[pair] / total
     return backward / backward.max()

@@ -1,4 +1,4 @@
-"""What the state machine asks of a model of the motion of stars."""
+"""What the state machine needs of a model of the motion of stars."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -9,22 +9,12 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import attitude_error
-from startracker_ros.track.association import Chances, gate_size
+from startracker_ros.track.association import DetectionModel, gate_size
 from startracker_ros.track.bank import TrackBank
+from startracker_ros.track.identified import IdentifiedFrame
 from startracker_ros.track.motion_models import image_jacobian
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import RotationFit
-
-
-@dataclass(frozen=True)
-class Fix:
-    """An identified frame that fits the catalogue: its known stars and their attitude."""
-
-    stamp_ns: int
-    place: np.ndarray
-    centroids: Centroids
-    attitude: AttitudeEstimate
-    scale: float
 
 
 def rate_between(before_ns: int, before: AttitudeEstimate, after_ns: int,
@@ -35,24 +25,25 @@ def rate_between(before_ns: int, before: AttitudeEstimate, after_ns: int,
 
 
 @dataclass(frozen=True)
-class Followed:
+class FrameUpdate:
     """
-    What a frame said: whether its stars agree, on what, and which centroids (M,) are over.
+    The result of a frame: good when enough stars agree on an attitude within the limits.
 
-    fit has a row for each track of the bank; it is None where no stars agree on anything.
+    fit has a row for each track of the bank, None where no stars agree on an attitude;
+    unassociated (M,) masks the centroids in no gate.
     """
 
     good: bool
     fit: RotationFit | None
-    unclaimed: np.ndarray
+    unassociated: np.ndarray
 
 
 class StarModel(ABC):
     """
-    Predicts the followed stars, and takes a frame of centroids.
+    Predicts the tracked stars, and updates them by frames of centroids.
 
     bank holds the tracks; from the start on rate_rad_s (3,) and rate_covariance (3, 3) are the
-    body rate; uses_gyro says whether a gyro supports it, gyro_trouble why one does not.
+    body rate. uses_gyro tells whether gyro rates are used, gyro_trouble why they are not.
     """
 
     gyro_trouble = ''
@@ -64,31 +55,32 @@ class StarModel(ABC):
         self._camera = camera
         self._places = places
         self._options = options
-        self._chances = Chances(
+        self._detection = DetectionModel(
             gate_size(options.gate_probability), options.gate_probability,
             options.detection_probability, float(camera.width * camera.height))
         self.bank = TrackBank.empty()
 
     @abstractmethod
-    def start(self, fix: Fix, first: Fix) -> None:
-        """Begin at a fix with the rate since the first one, and without tracks."""
+    def start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
+        """Begin at the second frame with the mean rate since the first, without tracks."""
 
     @abstractmethod
-    def follow(self, stamp_ns: int, frame: Centroids) -> Followed:
-        """Bring the tracks to a newer frame."""
+    def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
+        """Predict the tracks to the time of a newer frame and update them by it."""
 
-    def add(self, track_id: np.ndarray, place: np.ndarray, centroids: Centroids, *,
+    def add(self, track_id: np.ndarray, star_index: np.ndarray, centroids: Centroids, *,
             confirmed: bool) -> None:
-        """Follow more stars (N,), which stand at these centroids and move with the body."""
+        """Add tracks (N,) of stars at these centroids, which move with the body rate."""
         jacobian = image_jacobian(self._camera, self._camera.unproject(centroids.uv))
         self.bank = self.bank.joined(TrackBank.started(
-            track_id, place, centroids, self.sigma_px(centroids) ** 2, jacobian @ self.rate_rad_s,
+            track_id, star_index, centroids, self.sigma_px(centroids) ** 2,
+            jacobian @ self.rate_rad_s,
             jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2), confirmed))
 
     def sigma_px(self, centroids: Centroids) -> np.ndarray:
-        """Return the errors (M,) of centroids per axis that are believed."""
+        """Return the 1-sigma errors (M,) of centroids per axis, at least sigma_floor_px."""
         return np.maximum(centroids.sigma_px, self._options.sigma_floor_px)
 
     def is_dark(self, frame: Centroids) -> bool:
-        """Return whether a frame holds too little to say anything about the followed stars."""
+        """Return whether a frame holds too few centroids for an attitude."""
         return len(frame) < self._options.min_stars

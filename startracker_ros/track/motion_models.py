@@ -11,6 +11,8 @@ import numpy as np
 from startracker_ros.camera.lens import distort, distortion_jacobian, Lens, undistort
 from startracker_ros.camera.model import Camera
 from startracker_ros.compiled import compiled
+from startracker_ros.maths.compiled_rotation import matrix_from_rotation_vector
+from startracker_ros.track.innovation import normal_equations
 
 POSITION = [0, 2]
 VELOCITY = [1, 3]
@@ -29,8 +31,8 @@ def constant_velocity(dt_s: float, acceleration_px_s2: tuple[float, float]
     """
     half = dt_s * dt_s / 2
     transition = np.array([[1, dt_s, 0, 0], [0, 1, 0, 0], [0, 0, 1, dt_s], [0, 0, 0, 1]], float)
-    push = np.array([[half, 0], [dt_s, 0], [0, half], [0, dt_s]]) * acceleration_px_s2
-    return transition, push @ push.T
+    effect = np.array([[half, 0], [dt_s, 0], [0, half], [0, dt_s]]) * acceleration_px_s2
+    return transition, effect @ effect.T
 
 
 def coordinated_turn(dt_s: float, rate_rad_s: float, acceleration: tuple[float, float]
@@ -64,8 +66,9 @@ def _turned_noise(dt_s: float, angle: float) -> tuple[np.ndarray, np.ndarray, np
     """
     Return the integrals (2, 2) of a a^T, b b^T and a b^T over the step.
 
-    A push at time t before its end leaves, along itself, a = [sin(wt) / w, cos(wt)] in
-    position and velocity and, across, b = [(1 - cos(wt)) / w, sin(wt)]; angle is w dt_s.
+    An impulse at time t before the end of the step changes position and velocity along
+    itself by a = [sin(wt) / w, cos(wt)], and across itself by
+    b = [(1 - cos(wt)) / w, sin(wt)]; angle is w dt_s.
     """
     square = angle * angle
     sinc, half = _sinc(angle) ** 2, _sinc(angle / 2) ** 4
@@ -148,19 +151,14 @@ def turn_curvature(camera: Camera, uv: np.ndarray, rate_rad_s: np.ndarray, dt_s:
 def _turn_curvature(lens: Lens, uv: np.ndarray, rate_rad_s: np.ndarray, dt_s: float) -> np.ndarray:
     curvature = np.full((len(uv), 4), np.nan)
     flow = np.empty((2, 3))
-    turn_x, turn_y, turn_z = rate_rad_s * dt_s
-    angle = np.sqrt(turn_x * turn_x + turn_y * turn_y + turn_z * turn_z)
-    cosine = np.cos(angle)
-    sine = np.sin(angle) / angle if angle > 0 else 1.0
-    versine = 2 * (np.sin(angle / 2) / angle) ** 2 if angle > 0 else 0.5
+    R = matrix_from_rotation_vector(rate_rad_s * dt_s)
     for star in range(len(uv)):
         a, b = undistort(lens, (uv[star, 0] - lens.cx) / lens.fx,
                          (uv[star, 1] - lens.cy) / lens.fy)
-        # Rodrigues' formula: the direction (a, b, 1) turns back as the axes turn.
-        along = versine * (turn_x * a + turn_y * b + turn_z)
-        x = cosine * a + sine * (turn_z * b - turn_y) + along * turn_x
-        y = cosine * b + sine * (turn_x - turn_z * a) + along * turn_y
-        z = cosine + sine * (turn_y * a - turn_x * b) + along * turn_z
+        # R^T (a, b, 1): the direction on the axes after the turn.
+        x = R[0, 0] * a + R[1, 0] * b + R[2, 0]
+        y = R[0, 1] * a + R[1, 1] * b + R[2, 1]
+        z = R[0, 2] * a + R[1, 2] * b + R[2, 2]
         if z <= 0:
             continue
         u, v = distort(lens.distortion, x / z, y / z)
@@ -190,27 +188,8 @@ def body_rate(jacobian: np.ndarray, velocity: np.ndarray, covariance: np.ndarray
     jacobian (N, 2, 3) as of image_jacobian, covariance (N, 2, 2) of the velocities, positive
     definite; weighted least squares. numpy.linalg.LinAlgError when less than two stars fix it.
     """
-    information, vector = _rate_information(
+    information, vector = normal_equations(
         np.ascontiguousarray(jacobian), np.ascontiguousarray(velocity),
-        np.ascontiguousarray(covariance))
+        np.ascontiguousarray(covariance), np.ones(len(jacobian)))
     rate_covariance = np.linalg.inv(information)
     return rate_covariance @ vector, rate_covariance
-
-
-@compiled
-def _rate_information(jacobian: np.ndarray, velocity: np.ndarray, covariance: np.ndarray
-                      ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the normal matrix (3, 3) and vector (3,) of body_rate."""
-    information, vector = np.zeros((3, 3)), np.zeros(3)
-    for star in range(len(jacobian)):
-        uu, uv, vv = covariance[star, 0, 0], covariance[star, 0, 1], covariance[star, 1, 1]
-        determinant = uu * vv - uv * uv
-        for i in range(3):
-            u, v = jacobian[star, 0, i], jacobian[star, 1, i]
-            weighted_u = (u * vv - v * uv) / determinant
-            weighted_v = (v * uu - u * uv) / determinant
-            vector[i] += weighted_u * velocity[star, 0] + weighted_v * velocity[star, 1]
-            for j in range(3):
-                information[i, j] += (
-                    weighted_u * jacobian[star, 0, j] + weighted_v * jacobian[star, 1, j])
-    return information, vector

@@ -1,4 +1,4 @@
-"""How stars are followed, and when they are given up."""
+"""Options of the star tracker."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ MODELS = ('attitude', 'constant_velocity', 'coordinated_turn', 'sna')
 
 @dataclass(frozen=True)
 class TrackerOptions(Options):
-    """When stars are followed, and when they are given up."""
+    """The motion model, the association, and the limits of the state machine."""
 
     model: str = option(
         'attitude', 'attitude: one rotation moves all stars; constant_velocity and '
@@ -23,13 +23,13 @@ class TrackerOptions(Options):
         4, 'fewest stars that must be seen and move as one for a frame to count as good',
         low=3, high=100)
     acceleration_deg_s2: float = option(
-        0.005, 'unforeseen change of the body rate, 1 sigma; more follows manoeuvres faster, '
-        'less filters better', unit='deg/s^2', low=1e-6, high=100.0)
+        0.005, 'process noise, 1 sigma of the angular acceleration; more follows manoeuvres '
+        'faster, less filters better', unit='deg/s^2', low=1e-6, high=100.0)
     roll_acceleration_deg_s2: float = option(
         0.005, 'the same about the boresight, for the model attitude: a camera that shakes in '
         'roll keeps its boresight filtered', unit='deg/s^2', low=1e-6, high=100.0)
     sigma_floor_px: float = option(
-        0.01, 'smallest error of a centroid that is believed, 1 sigma per axis', unit='px',
+        0.01, 'lower limit of the 1-sigma error of a centroid per axis', unit='px',
         low=1e-4, high=10.0)
     detection_probability: float = option(
         0.95, 'how often a followed star is among the centroids', low=0.01, high=0.999)
@@ -45,13 +45,13 @@ class TrackerOptions(Options):
         1.0, 'largest difference of brightness between a newly found star and the catalogue',
         unit='mag', low=0.05, high=20.0)
     max_residual_px: float = option(
-        1.0, 'largest root mean square distance of the stars from their catalogue places in a '
-        'good frame; raise it for a lens that is not calibrated', unit='px', low=0.01, high=100.0)
+        1.0, 'largest rms residual of the stars of a good frame, measured minus catalogue; raise '
+        'it for a lens that is not calibrated', unit='px', low=0.01, high=100.0)
     max_bad_frames: int = option(
         5, 'frames in a row with stars other than those followed, after which the tracker is lost',
         unit='frames', low=1, high=1000)
     max_rate_deg_s: float = option(
-        3.0, 'fastest turn believed between two identifications', unit='deg/s', low=0.001,
+        3.0, 'fastest turn accepted between two identifications', unit='deg/s', low=0.001,
         high=100.0)
     max_gap_s: float = option(
         5.0, 'longest time without stars that is bridged, and longest between the two '

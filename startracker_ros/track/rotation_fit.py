@@ -1,4 +1,4 @@
-"""The one rotation that all stars of a frame share, and the stars that do not follow it."""
+"""The common rotation of all stars of a frame, and the outliers."""
 
 from dataclasses import dataclass
 import math
@@ -9,7 +9,7 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.maths.rotation import conjugate, rotate
 
 OUTLIER_SIGMA = 5.0
-"""A star further from its place than this is not the star it was taken for."""
+"""Residual beyond which a centroid is not that of its star."""
 
 RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
 """Median distance from the truth in two dimensions, in units of sigma per axis."""
@@ -27,11 +27,11 @@ def median(values: np.ndarray) -> float:
 @dataclass(frozen=True)
 class RotationFit:
     """
-    An attitude and how the stars keep to it.
+    An attitude and the residuals of the stars.
 
-    normalised (N,) is the distance of each star from its place in units of its own
-    sigma times scale; scale is at least 1, and larger where a lens that is not calibrated
-    moves all stars; inlier (N,) bool took part in the fit; residual_px is their rms distance.
+    normalised (N,) is the residual of each star over its own sigma times scale; scale is at
+    least 1, and larger where a lens that is not calibrated moves all stars; inlier (N,) masks
+    the stars of the fit; residual_px is their rms residual.
     """
 
     attitude: AttitudeEstimate
@@ -41,7 +41,7 @@ class RotationFit:
     residual_px: float
 
     def is_good(self, stars: int, min_stars: int, max_residual_px: float) -> bool:
-        """Return whether enough of so many stars agree, and well enough."""
+        """Return whether min_stars, and a third of stars, fit within max_residual_px rms."""
         agree = int(np.count_nonzero(self.inlier)) >= max(min_stars, math.ceil(stars / 3))
         return agree and self.residual_px <= max_residual_px
 
@@ -49,18 +49,18 @@ class RotationFit:
 def fit_rotation(camera: Camera, icrf: np.ndarray, uv: np.ndarray, sigma_px: np.ndarray,
                  candidate: np.ndarray) -> RotationFit:
     """
-    Return the attitude of the candidates (N,) without outliers; all stars are judged by it.
+    Return the attitude of the candidates (N,) without outliers, and the residuals of all stars.
 
-    icrf (N, 3), uv (N, 2) px, sigma_px (N,) per axis. The worst outlier leaves first: it
-    bends the fit and makes others look bad. AttitudeError when too few are left.
+    icrf (N, 3), uv (N, 2) px, sigma_px (N,) per axis. One outlier is removed
+    at a time, the worst: it biases the fit. AttitudeError when too few are left.
     """
     sensor = camera.unproject(uv)
     sigma_rad = sigma_px * camera.pixel_rad
     inlier = candidate.copy()
     while True:
         attitude = estimate_attitude(sensor[inlier], icrf[inlier], sigma_rad[inlier])
-        place = camera.project(rotate(conjugate(attitude.quaternion), icrf))
-        distance = np.hypot(*(uv - place).T)
+        predicted = camera.project(rotate(conjugate(attitude.quaternion), icrf))
+        distance = np.hypot(*(uv - predicted).T)
         normalised = distance / sigma_px
         scale = max(1.0, median(normalised[inlier]) / RAYLEIGH_MEDIAN)
         normalised = np.where(np.isfinite(normalised), normalised / scale, np.inf)

@@ -1,4 +1,4 @@
-"""The one spot that no star explains and that moves against the stars."""
+"""The target: the one centroid that is no star and moves against the stars."""
 
 from dataclasses import dataclass
 
@@ -14,32 +14,33 @@ from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.motion_models import constant_velocity, POSITION, VELOCITY
 
 EXPLAINED_PX = 2.0
-"""A centroid so near to a catalogue star, or within EXPLAINED_SIGMA, is that star."""
+"""A centroid within this of a catalogue star, or within EXPLAINED_SIGMA, is that star."""
 
 EXPLAINED_SIGMA = 5.0
 GATE = 16.0
-"""Squared distance from the prediction, in units of sigma, within which a spot is the same."""
+"""Normalised innovation squared within which a centroid is associated."""
 
 MOVES_SIGMA = 5.0
-"""A way among the stars counts when it is so many sigma."""
+"""Least displacement against the stars, in sigma."""
 
 MAX_GAP_S = 5.0
-"""After so long without an attitude a target is looked for anew."""
+"""Time without an attitude after which all tracks are dropped."""
 
 MOST_SPOTS = 50
-"""Brightest unexplained spots looked at; a frame with more is full of noise."""
+"""Brightest unexplained centroids that are used; a frame with more is full of noise."""
 
 
 @dataclass(frozen=True)
 class TargetTrackOptions(Options):
-    """When a spot that is no star is taken for a target."""
+    """When a centroid that is no star counts as a target."""
 
     target_min_rate_deg_s: float = option(
         0.001, 'slowest motion of a target against the stars', unit='deg/s', low=1e-6, high=10.0)
     target_max_rate_deg_s: float = option(
         1.0, 'fastest motion of a target against the stars', unit='deg/s', low=1e-4, high=10.0)
     target_acceleration_deg_s2: float = option(
-        0.01, 'unforeseen change of that motion, 1 sigma', unit='deg/s^2', low=1e-6, high=10.0)
+        0.01, 'process noise, 1 sigma of the angular acceleration of that motion',
+        unit='deg/s^2', low=1e-6, high=10.0)
     target_confirm_frames: int = option(
         5, 'frames in a row in which a target must be seen before it counts', unit='frames',
         low=3, high=100)
@@ -52,14 +53,14 @@ class TargetTrackOptions(Options):
 
 
 @dataclass
-class _Spot:
+class _Track:
     """
     A track: direction (3,) on ICRF axes, its rate (3,) in rad/s, across it.
 
-    basis (2, 3) spans the plane across the direction, covariance (4, 4) is that of place
-    and rate along either, in the order of constant_velocity(). It was first seen age_s ago at
-    first_direction (3,) with first_variance, and at first_uv (2,), from which it has moved in
-    the image by shift_px at most.
+    basis (2, 3) spans the plane across the direction, covariance (4, 4) is that of position
+    and rate along either, in the order of constant_velocity(). The first detection, age_s ago, was
+    at first_direction (3,) with first_variance and at first_uv (2,); shift_px is the largest
+    distance from it in the image.
     """
 
     direction: np.ndarray
@@ -71,8 +72,8 @@ class _Spot:
     first_uv: np.ndarray
     age_s: float
     shift_px: float
-    hits: int = 2
-    unseen_s: float = 0.0
+    detections: int = 2
+    missed_s: float = 0.0
 
     def predict(self, dt_s: float, acceleration_rad_s2: float) -> None:
         self.age_s += dt_s
@@ -83,23 +84,24 @@ class _Spot:
         transition, noise = constant_velocity(dt_s, (acceleration_rad_s2, acceleration_rad_s2))
         self.covariance = transition @ self.covariance @ transition.T + noise
 
-    def distance2(self, directions: np.ndarray, variance: np.ndarray) -> np.ndarray:
-        """Return squared distances (M,) in sigma of directions (M, 3) of variance (M,)."""
-        offset = directions @ self.basis.T
-        spread = self.covariance[np.ix_(POSITION, POSITION)] + variance[:, None, None] * np.eye(2)
+    def nis(self, directions: np.ndarray, variance: np.ndarray) -> np.ndarray:
+        """Return the normalised innovations squared (M,) of directions (M, 3), variance (M,)."""
+        z = directions @ self.basis.T
+        S = self.covariance[np.ix_(POSITION, POSITION)] + variance[:, None, None] * np.eye(2)
         ahead = directions @ self.direction > 0
-        solved = np.linalg.solve(spread, offset[..., None])[..., 0]
-        return np.where(ahead, np.sum(offset * solved, axis=1), np.inf)
+        solved = np.linalg.solve(S, z[..., None])[..., 0]
+        return np.where(ahead, np.sum(z * solved, axis=1), np.inf)
 
-    def take(self, direction: np.ndarray, variance: float, uv: np.ndarray) -> None:
-        spread = self.covariance[np.ix_(POSITION, POSITION)] + variance * np.eye(2)
-        gain = np.linalg.solve(spread, self.covariance[POSITION]).T
-        change = gain @ (self.basis @ direction)
-        self.covariance = self.covariance - gain @ self.covariance[POSITION]
+    def update(self, direction: np.ndarray, variance: float, uv: np.ndarray) -> None:
+        """K = P H^T S^-1, x <- x + K z, P <- P - K H P."""
+        S = self.covariance[np.ix_(POSITION, POSITION)] + variance * np.eye(2)
+        K = np.linalg.solve(S, self.covariance[POSITION]).T
+        change = K @ (self.basis @ direction)
+        self.covariance = self.covariance - K @ self.covariance[POSITION]
         self.direction = _unit(self.direction + change[POSITION] @ self.basis)
         self.rate = self.rate + change[VELOCITY] @ self.basis
-        self.hits += 1
-        self.unseen_s = 0.0
+        self.detections += 1
+        self.missed_s = 0.0
         self.shift_px = max(self.shift_px, float(np.linalg.norm(uv - self.first_uv)))
 
 
@@ -122,9 +124,9 @@ def _unexplained(uv: np.ndarray, sigma_px: np.ndarray, stars: np.ndarray) -> np.
 @dataclass(frozen=True)
 class TargetSpot:
     """
-    The target in a frame: its centroid as measured, a list of one, and how it moves.
+    The target in a frame: its measured centroid, a list of one, and its motion.
 
-    rate_deg_s against the stars, frames since it was first seen.
+    rate_deg_s against the stars, frames since its first detection.
     """
 
     centroid: Centroids
@@ -134,14 +136,14 @@ class TargetSpot:
 
 class TargetTracker:
     """
-    Follows what no star explains from frame to frame; feed update() with every frame.
+    Tracks the centroids that are no star; feed update() with every frame.
 
-    spots counts the unexplained centroids of the last frame.
+    spots counts these centroids in the last frame.
     """
 
     def __init__(self, camera: Camera, places: StarPlaces,
                  options: TargetTrackOptions = TargetTrackOptions()) -> None:
-        """Places are all catalogue stars that the camera may see."""
+        """Places are the catalogue stars that the camera can detect."""
         self._camera = camera
         self._stars = StarsInView(camera, places)
         self._options = options
@@ -151,17 +153,17 @@ class TargetTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Drop everything."""
         self._stamp_ns = 0
-        self._tracks: list[_Spot] = []
-        self._target: _Spot | None = None
+        self._tracks: list[_Track] = []
+        self._target: _Track | None = None
         self._before = Centroids.empty(), np.empty((0, 3)), np.empty(0)
         self.spots = 0
 
     def update(self, stamp_ns: int, attitude: AttitudeEstimate,
                centroids: Centroids) -> TargetSpot | None:
         """
-        Take a frame with its attitude; return the target if it is seen in it.
+        Process a frame with its attitude; return the target if it is detected.
 
         Stamps ascend. Frames without an attitude are left out.
         """
@@ -173,23 +175,23 @@ class TargetTracker:
         self.spots = len(left)
         left = left.select(slice(MOST_SPOTS))
         directions = rotate(attitude.quaternion, self._camera.unproject(left.uv))
-        jitter = np.trace(attitude.covariance_sensor[:2, :2]) / 2
-        variance = (left.sigma_px * self._camera.pixel_rad) ** 2 + jitter
+        attitude_variance = np.trace(attitude.covariance_sensor[:2, :2]) / 2
+        variance = (left.sigma_px * self._camera.pixel_rad) ** 2 + attitude_variance
         free = np.ones(len(left), bool)
-        seen: dict[int, int] = {}
-        # The longest known come first: their claims are the best founded.
-        self._tracks.sort(key=lambda track: -track.hits)
+        associated: dict[int, int] = {}
+        # The longest track has the first choice.
+        self._tracks.sort(key=lambda track: -track.detections)
         for number, track in enumerate(self._tracks):
             track.predict(dt_s, self._acceleration_rad_s2)
-            track.unseen_s += dt_s
-            distance2 = np.where(free, track.distance2(directions, variance), np.inf)
-            if len(left) and distance2.min() <= GATE:
-                nearest = int(distance2.argmin())
+            track.missed_s += dt_s
+            nis = np.where(free, track.nis(directions, variance), np.inf)
+            if len(left) and nis.min() <= GATE:
+                nearest = int(nis.argmin())
                 free[nearest] = False
-                seen[number] = nearest
-                track.take(directions[nearest], variance[nearest], left.uv[nearest])
-        target = self._choose(seen)
-        kept = [track for track in self._tracks if track.unseen_s <= (
+                associated[number] = nearest
+                track.update(directions[nearest], variance[nearest], left.uv[nearest])
+        target = self._choose(associated)
+        kept = [track for track in self._tracks if track.missed_s <= (
             self._options.target_max_gap_s if self._confirmed(track) else 0)]
         self._tracks = kept + self._started(left.uv[free], directions[free], variance[free], dt_s)
         if self._target is not None and all(track is not self._target for track in kept):
@@ -197,9 +199,9 @@ class TargetTracker:
         self._before = left.select(free), directions[free], variance[free]
         if target is None or self._target is None:
             return None
-        return TargetSpot(left.select(np.array([seen[target]])),
+        return TargetSpot(left.select(np.array([associated[target]])),
                           float(np.degrees(np.linalg.norm(self._target.rate))),
-                          self._target.hits)
+                          self._target.detections)
 
     def unexplained(self, attitude: AttitudeEstimate, centroids: Centroids) -> Centroids:
         """Return the centroids that are no catalogue star."""
@@ -207,25 +209,26 @@ class TargetTracker:
             np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.sigma_px),
             self._stars.of(attitude)[2]))
 
-    def _confirmed(self, track: _Spot) -> bool:
-        # Not the filtered rate: its sigma is that of any manoeuvre, whatever the way says.
-        way_rad = np.linalg.norm(track.direction - track.first_direction)
+    def _confirmed(self, track: _Track) -> bool:
+        # Not the filtered rate, whose sigma allows for a manoeuvre at any time.
+        moved_rad = np.linalg.norm(track.direction - track.first_direction)
         sigma_rad = np.sqrt(track.first_variance + np.trace(
             track.covariance[np.ix_(POSITION, POSITION)]) / 2)
-        return (track.hits >= self._options.target_confirm_frames
+        return (track.detections >= self._options.target_confirm_frames
                 and track.shift_px >= self._options.target_min_shift_px
-                and way_rad >= max(self._rates_rad_s[0] * track.age_s, MOVES_SIGMA * sigma_rad))
+                and moved_rad >= max(self._rates_rad_s[0] * track.age_s, MOVES_SIGMA * sigma_rad))
 
-    def _choose(self, seen: dict[int, int]) -> int | None:
-        """Return the number of the track that is the target, None if it is not seen."""
+    def _choose(self, associated: dict[int, int]) -> int | None:
+        """Return the number of the target's track, None if it is not detected."""
         if self._target is None:
-            # The longest known comes first.
+            # The longest track comes first.
             self._target = next((track for track in self._tracks if self._confirmed(track)), None)
-        return next((number for number in seen if self._tracks[number] is self._target), None)
+        return next((number for number in associated
+                     if self._tracks[number] is self._target), None)
 
     def _started(self, uv: np.ndarray, directions: np.ndarray, variance: np.ndarray,
-                 dt_s: float) -> list[_Spot]:
-        """Return a track for each pair of spots (N) with one of the frame before."""
+                 dt_s: float) -> list[_Track]:
+        """Return a track for each pair of a centroid (N,) with one of the frame before."""
         before, old_directions, old_variance = self._before
         moved = directions[:, None] - old_directions
         rate = np.linalg.norm(moved, axis=-1) / dt_s
@@ -237,7 +240,7 @@ class TargetTracker:
             own, both = variance[new], variance[new] + old_variance[old]
             block = np.array([[own, own / dt_s], [own / dt_s, both / dt_s ** 2]])
             change = moved[new, old] / dt_s
-            started.append(_Spot(
+            started.append(_Track(
                 direction, change - direction * (direction @ change),
                 np.stack([first, np.cross(direction, first)]), np.kron(np.eye(2), block),
                 old_directions[old], old_variance[old], before.uv[old], dt_s,

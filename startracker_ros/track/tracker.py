@@ -1,4 +1,4 @@
-"""From identified frames to tracks: the LOST, ACQUIRING, TRACKING machine."""
+"""The star tracker: from identified frames to tracks."""
 
 from collections import deque
 from dataclasses import replace
@@ -6,37 +6,34 @@ from enum import StrEnum
 import math
 
 import numpy as np
-from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
+from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import synthetic_field
-from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
+from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.track.attitude_model import AttitudeModel
+from startracker_ros.track.identified import fit_identified, IdentifiedFrame
 from startracker_ros.track.in_view import StarsInView
-from startracker_ros.track.model import Fix, rate_between, StarModel
-from startracker_ros.track.newcomers import match_newcomers
+from startracker_ros.track.independent_stars import IndependentStarsModel, NeighbourhoodModel
+from startracker_ros.track.model import rate_between, StarModel
+from startracker_ros.track.new_stars import match_new_stars
 from startracker_ros.track.options import TrackerOptions
-from startracker_ros.track.rotation_fit import fit_rotation, median, OUTLIER_SIGMA, RotationFit
-from startracker_ros.track.starwise import NeighbourhoodModel, StarwiseModel
+from startracker_ros.track.rotation_fit import median, OUTLIER_SIGMA, RotationFit
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 RECENT_FRAMES = 64
-"""Frames kept for an identification that comes late, and own attitudes to check it by:
-6 s at 10 Hz, several times what a lost-in-space identification may take."""
+"""Frames stored for an identification that comes late, and attitudes to check it by:
+6 s at 10 Hz, several times the duration of a lost-in-space identification."""
 
 TIME_JUMP_S = 1.0
-"""A step back of time by more is a new beginning (a simulation, a recording played again);
-by less, a frame that came late."""
-
-DISAGREEMENT_SIGMA = 10.0
-"""How far an identification may be from the tracks: far beyond what unmodelled errors of
-the lens can do, far below the degrees of a wrong identification."""
+"""A step back of time by more is a restart (a simulation, a recording played again); by less, a
+late frame."""
 
 
 class TrackerState(StrEnum):
-    """What the tracker can be relied on for."""
+    """States of the tracker."""
 
     LOST = 'LOST'
     ACQUIRING = 'ACQUIRING'
@@ -45,17 +42,25 @@ class TrackerState(StrEnum):
 
 class StarTracker:
     """
-    Follows identified stars through frames of centroids.
+    Tracks identified stars through frames of centroids.
 
-    state and reason say how things stand; frames_since_fix counts frames since the stars
-    last agreed on an attitude, stars_matched the stars that did, residual_px is their rms
-    distance from the catalogue (NaN without any); late_frames counts frames refused
-    because a newer one had come, refused_centroids those without a usable place or sigma,
-    checks_passed the identifications that agreed with the tracks.
+    LOST       -> ACQUIRING  an identified frame
+    ACQUIRING  -> TRACKING   a second one within max_gap_s, at max_rate_deg_s at most
+               -> ACQUIRING  a second one at a higher rate, which becomes the first
+               -> LOST       no second one within max_gap_s
+    TRACKING   -> ACQUIRING  an identified frame that contradicts the tracks
+               -> LOST       max_bad_frames bad frames in a row, or max_gap_s without stars
+    any        -> LOST       reset(), or time jumps back
+
     Feed update() with every frame and identified() with the identifications, in any
     interleaving: an identification may come some frames late or before its own update().
-    find_newcomers() may follow update(), when what it returned is on its way.
-    add_rate() takes the rates of a gyro, where there is one.
+    add_rate() adds the rates of a gyro. acquire_new_stars() may follow update().
+
+    state and reason describe the last transition; frames_since_fix counts the frames since the
+    last good one, stars_matched its inliers, residual_px is their rms residual (NaN without
+    any); late_frames counts frames rejected as older than the last one, rejected_centroids
+    those without a finite position or a positive sigma, checks_passed the identifications that
+    agreed with the tracks.
     """
 
     def __init__(self, camera: Camera, places: StarPlaces,
@@ -66,15 +71,15 @@ class StarTracker:
         self._options = options
         self._gyro_options = gyro
         self._stars = StarsInView(camera, places)
-        self._unclaimed: tuple[RotationFit, Centroids] | None = None
+        self._unassociated: tuple[RotationFit, Centroids] | None = None
         self._next_id = 1
         self.late_frames = 0
-        self.refused_centroids = 0
+        self.rejected_centroids = 0
         self.checks_passed = 0
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything but the counts and the track numbers."""
+        """Drop everything but the counts and the track numbers."""
         self._stamp_ns: int | None = None
         self._recent: deque[tuple[int, Centroids]] = deque(maxlen=RECENT_FRAMES)
         self._gyro = Gyro(self._gyro_options)
@@ -91,12 +96,12 @@ class StarTracker:
 
     @property
     def gyro_trouble(self) -> str:
-        """Why the rates of a gyro are not used, empty when there is nothing to say."""
+        """The reason why the rates of a gyro are not used, empty without one."""
         return self._model.gyro_trouble
 
     @property
     def gyro_condition(self) -> str:
-        """Whether a gyro carries the attitude on: none, used or unused."""
+        """Whether the rates of a gyro are used: none, used or unused."""
         return 'none' if not len(self._gyro) else 'used' if self._model.uses_gyro else 'unused'
 
     def warm_up(self) -> None:
@@ -108,12 +113,12 @@ class StarTracker:
             tracker.identified(stamp_ns, centroids, hip)
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
-        """Take a rate (3,) about sensor axes measured up to a time; False if it is unusable."""
+        """Add a rate (3,) about sensor axes measured up to a time; False if it is rejected."""
         return self._gyro.add(stamp_ns, rate_rad_s)
 
     def update(self, stamp_ns: int, centroids: Centroids) -> Tracks | None:
         """
-        Take the centroids of a frame and return the tracks, empty unless TRACKING.
+        Process a frame of centroids and return the tracks, empty unless TRACKING.
 
         Return None, and count a late frame, when its stamp is not newer than the last one.
         """
@@ -128,209 +133,184 @@ class StarTracker:
         self._stamp_ns = stamp_ns
         self._recent.append((stamp_ns, frame))
         self.frames_since_fix += 1
-        if self._first is not None and self._too_far(self._first.stamp_ns, stamp_ns):
+        if self._first is not None and self._gap_exceeded(self._first.stamp_ns, stamp_ns):
             self._enter(TrackerState.LOST,
                         f'no second identification within {self._options.max_gap_s:g} s')
         if self.state is TrackerState.TRACKING and stamp_ns != self._bank_stamp_ns:
-            self._follow(stamp_ns, frame)
+            self._track(stamp_ns, frame)
         if self.state is not TrackerState.TRACKING or stamp_ns != self._bank_stamp_ns:
             return Tracks.empty()
-        return self._model.bank.published(
+        return self._model.bank.to_tracks(
             self._places, self._good_stamp_ns == self._bank_stamp_ns)
-
-    def find_newcomers(self) -> None:
-        """
-        Begin tracks of stars that came into view in the last frame, to be among the next tracks.
-
-        The next update() does it first, if nobody has: called before, it need not wait for it.
-        """
-        if self._unclaimed is None:
-            return
-        (fit, frame), self._unclaimed = self._unclaimed, None
-        bank = self._model.bank
-        room = self._options.max_stars - len(bank)
-        if room <= 0 or not len(frame):
-            return
-        seen = bank.seen
-        with np.errstate(invalid='ignore', divide='ignore'):
-            zero_point = median(
-                self._places.magnitude[bank.place[seen]] + 2.5 * np.log10(bank.flux[seen]))
-        place, centroid = match_newcomers(
-            self._stars, fit.attitude, frame, fit.scale * self._model.sigma_px(frame), zero_point,
-            self._options.magnitude_tolerance)
-        if len(place):
-            new = ~(place[:, None] == bank.place).any(axis=1)
-            place, centroid = place[new][:room], centroid[new][:room]
-        if len(place):
-            self._add_tracks(place, frame.select(centroid), confirmed=False)
 
     def identified(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray) -> None:
         """
-        Take an identified frame: hip (N,) of each centroid, 0 where it is not known.
+        Process an identified frame: hip (N,) of each centroid, 0 where it is unknown.
 
-        Two that agree start the tracks. While TRACKING one that contradicts the tracks
-        throws everything out. Frames with too few stars or a poor fit are passed over.
+        Frames with too few stars or a poor fit are ignored.
         """
-        fix = self._solve(stamp_ns, centroids, hip)
-        if fix is None:
+        centroids, good = self._usable(centroids)
+        frame = fit_identified(
+            self._camera, self._places, self._options, stamp_ns, centroids,
+            self._model.sigma_px(centroids), np.asarray(hip)[good])
+        if frame is None:
             return
         if self.state is TrackerState.TRACKING:
-            self._cross_check(fix)
-        elif self._first is None or self._too_far(self._first.stamp_ns, stamp_ns):
-            self._acquire(fix, f'first identification, {len(fix.place)} stars')
+            self._cross_check(frame)
+        elif self._first is None or self._gap_exceeded(self._first.stamp_ns, stamp_ns):
+            self._acquire(frame, f'first identification, {len(frame.star_index)} stars')
         elif stamp_ns > self._first.stamp_ns:
-            self._start(self._first, fix)
+            self._start(self._first, frame)
+
+    def acquire_new_stars(self) -> None:
+        """
+        Start tracks of stars that came into view in the last frame.
+
+        The next update() calls it first. A call between two frames saves that time.
+        """
+        if self._unassociated is None:
+            return
+        (fit, frame), self._unassociated = self._unassociated, None
+        bank = self._model.bank
+        vacant = self._options.max_stars - len(bank)
+        if vacant <= 0 or not len(frame):
+            return
+        detected = bank.detected
+        with np.errstate(invalid='ignore', divide='ignore'):
+            zero_point = median(self._places.magnitude[bank.star_index[detected]]
+                                + 2.5 * np.log10(bank.flux[detected]))
+        star_index, centroid = match_new_stars(
+            self._stars, fit.attitude, frame, fit.scale * self._model.sigma_px(frame), zero_point,
+            self._options.magnitude_tolerance)
+        if len(star_index):
+            new = ~(star_index[:, None] == bank.star_index).any(axis=1)
+            star_index, centroid = star_index[new][:vacant], centroid[new][:vacant]
+        if len(star_index):
+            self._add_tracks(star_index, frame.select(centroid), confirmed=False)
+
+    # --- transitions ---
 
     def _enter(self, state: TrackerState, reason: str) -> None:
-        """Change the state; whatever was tracked or kept is forgotten."""
+        """Enter a state without tracks."""
         self.state = state
         self.reason = reason
         self.stars_matched = 0
         self.residual_px = math.nan
-        self._first: Fix | None = None
+        self._first: IdentifiedFrame | None = None
         self._model = make_model(self._camera, self._places, self._options, self._gyro)
-        self._unclaimed = None
+        self._unassociated = None
         self._bank_stamp_ns = 0
         self._good_stamp_ns = 0
         self._bad_frames = 0
         self._history: deque[tuple[int, AttitudeEstimate]] = deque(maxlen=RECENT_FRAMES)
 
-    def _too_far(self, stamp_ns: int, other_ns: int) -> bool:
-        return abs(stamp_ns - other_ns) * 1e-9 > self._options.max_gap_s
-
-    def _usable(self, centroids: Centroids) -> tuple[Centroids, np.ndarray]:
-        """Return the centroids that can be measured with, and the mask (N,) that chose them."""
-        good = (np.isfinite(centroids.uv).all(axis=1) & np.isfinite(centroids.sigma_px)
-                & (centroids.sigma_px > 0))
-        refused = len(good) - int(np.count_nonzero(good))
-        if not refused:
-            return centroids, good
-        self.refused_centroids += refused
-        return centroids.select(good), good
-
-    # --- from identifications to tracks ---
-
-    def _solve(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray) -> Fix | None:
-        """Return the fix of an identified frame, None unless it is a good one."""
-        options = self._options
-        centroids, good = self._usable(centroids)
-        place = self._places.index_of(np.asarray(hip)[good])
-        known = (place >= 0) & ~self._places.crowded[place]
-        # A star named twice is taken once, at its brightest centroid.
-        known[known] = _first_of_each(place[known])
-        centroids, place = centroids.select(known), place[known]
-        if len(place) < options.min_stars:
-            return None
-        try:
-            fit = fit_rotation(self._camera, self._places.direction[place], centroids.uv,
-                               self._model.sigma_px(centroids),
-                               np.ones(len(place), bool))
-        except AttitudeError:
-            return None
-        if not fit.is_good(len(place), options.min_stars, options.max_residual_px):
-            return None
-        return Fix(stamp_ns, place[fit.inlier], centroids.select(fit.inlier), fit.attitude,
-                   fit.scale)
-
-    def _acquire(self, fix: Fix, reason: str) -> None:
+    def _acquire(self, frame: IdentifiedFrame, reason: str) -> None:
+        """Enter ACQUIRING with the first identified frame."""
         self._enter(TrackerState.ACQUIRING, reason)
-        self._first = fix
+        self._first = frame
 
-    def _start(self, first: Fix, fix: Fix) -> None:
-        """Start tracks at the second of two fixes, then catch up with the frames since."""
-        rate_deg_s = np.degrees(np.linalg.norm(
-            rate_between(first.stamp_ns, first.attitude, fix.stamp_ns, fix.attitude)))
+    def _start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
+        """Enter TRACKING at the second identified frame and process the frames since."""
+        rate_deg_s = np.degrees(np.linalg.norm(rate_between(
+            first.stamp_ns, first.attitude, second.stamp_ns, second.attitude)))
         if rate_deg_s > self._options.max_rate_deg_s:
-            self._acquire(fix, f'two identifications {rate_deg_s:.3g} deg/s apart')
+            self._acquire(second, f'two identifications {rate_deg_s:.3g} deg/s apart')
             return
-        self._enter(TrackerState.TRACKING, f'{len(fix.place)} stars identified twice')
-        self._model.start(fix, first)
+        self._enter(TrackerState.TRACKING, f'{len(second.star_index)} stars identified twice')
+        self._model.start(first, second)
         most = slice(self._options.max_stars)
-        self._add_tracks(fix.place[most], fix.centroids.select(most), confirmed=True)
-        self._bank_stamp_ns = self._good_stamp_ns = fix.stamp_ns
-        self.stars_matched = len(fix.place)
+        self._add_tracks(second.star_index[most], second.centroids.select(most), confirmed=True)
+        self._bank_stamp_ns = self._good_stamp_ns = second.stamp_ns
+        self.stars_matched = len(second.star_index)
         self.frames_since_fix = 0
-        self._history.append((fix.stamp_ns, fix.attitude))
+        self._history.append((second.stamp_ns, second.attitude))
         for stamp_ns, frame in list(self._recent):
-            if stamp_ns > fix.stamp_ns and self.state is TrackerState.TRACKING:
-                self._follow(stamp_ns, frame)
+            if stamp_ns > second.stamp_ns and self.state is TrackerState.TRACKING:
+                self._track(stamp_ns, frame)
 
-    def _cross_check(self, fix: Fix) -> None:
-        """Compare a fix with the own attitude of the same frame, where there is one."""
-        own = next((attitude for stamp_ns, attitude in self._history
-                    if stamp_ns == fix.stamp_ns), None)
-        if own is None:
+    def _cross_check(self, frame: IdentifiedFrame) -> None:
+        """Compare an identified frame with the tracked attitude of its time, if there is one."""
+        tracked = next((attitude for stamp_ns, attitude in self._history
+                        if stamp_ns == frame.stamp_ns), None)
+        if tracked is None:
             return
-        error = attitude_error(fix.attitude.quaternion, own.quaternion)
-        covariance = fix.attitude.covariance_sensor + own.covariance_sensor
-        sigmas = math.sqrt(error @ np.linalg.solve(covariance, error))
-        sensor = rotate(conjugate(own.quaternion), self._places.direction[fix.place])
-        shift = self._camera.project(sensor) - fix.centroids.uv
-        # Both must speak: a rough sigma alone, or a poor lens alone, is no contradiction.
-        distance_px = np.sqrt(np.mean(np.sum(shift ** 2, axis=1)))
-        if sigmas > DISAGREEMENT_SIGMA and not distance_px <= 3 * self._options.max_residual_px:
-            self._acquire(fix, f'an identification contradicts the tracks by '
-                               f'{np.degrees(np.linalg.norm(error)):.3g} deg')
+        if frame.contradicts(tracked, self._camera, self._places, self._options.max_residual_px):
+            error = attitude_error(frame.attitude.quaternion, tracked.quaternion)
+            self._acquire(frame, f'an identification contradicts the tracks by '
+                                 f'{np.degrees(np.linalg.norm(error)):.3g} deg')
         else:
             self.checks_passed += 1
 
     # --- from frame to frame ---
 
-    def _follow(self, stamp_ns: int, frame: Centroids) -> None:
-        """Bring the tracks to a newer frame."""
-        if self._too_far(stamp_ns, self._good_stamp_ns):
+    def _track(self, stamp_ns: int, frame: Centroids) -> None:
+        """Update the tracks by a newer frame."""
+        if self._gap_exceeded(stamp_ns, self._good_stamp_ns):
             gap_s = (stamp_ns - self._good_stamp_ns) * 1e-9
             self._enter(TrackerState.LOST, f'no stars for {gap_s:.1f} s')
         if stamp_ns <= self._bank_stamp_ns or self.state is not TrackerState.TRACKING:
             return
-        self.find_newcomers()
+        self.acquire_new_stars()
         self._bank_stamp_ns = stamp_ns
-        model, options = self._model, self._options
-        followed = model.follow(stamp_ns, frame)
-        bank, fit = model.bank, followed.fit
-        if fit is None:
+        result = self._model.update(stamp_ns, frame)
+        if result.fit is None:
             self.stars_matched, self.residual_px = 0, math.nan
         else:
-            self.stars_matched, self.residual_px = int(fit.inlier.sum()), fit.residual_px
-        if fit is None or not followed.good:
-            # A dark image says nothing of the stars; one with others contradicts them.
-            self._bad_frames += not model.is_dark(frame)
-            self._drop(bank.missed > self._allowed_to_miss(frame))
-            if self._bad_frames >= options.max_bad_frames:
-                self._enter(
-                    TrackerState.LOST,
-                    f'{self._bad_frames} bad frames: {self.stars_matched} stars agreed in the '
-                    f'last one, residual {self.residual_px:.2f} px')
-            return
+            self.stars_matched = int(result.fit.inlier.sum())
+            self.residual_px = result.fit.residual_px
+        if result.fit is not None and result.good:
+            self._end_good_frame(stamp_ns, frame, result.fit)
+            self._unassociated = result.fit, frame.select(result.unassociated)
+        else:
+            self._end_bad_frame(frame)
+
+    def _end_good_frame(self, stamp_ns: int, frame: Centroids, fit: RotationFit) -> None:
+        """Record the attitude, drop missed stars and outliers, confirm new stars."""
         self._bad_frames = 0
         self._good_stamp_ns = stamp_ns
         self.frames_since_fix = 0
         self._history.append((stamp_ns, fit.attitude))
-        self._drop((bank.missed > self._allowed_to_miss(frame))
-                   | (fit.normalised > OUTLIER_SIGMA) & (bank.missed == 0))
-        model.bank = replace(model.bank, confirmed=model.bank.confirmed | (
-            model.bank.age >= options.confirm_frames))
-        self._unclaimed = fit, frame.select(followed.unclaimed)
+        bank = self._model.bank
+        outlier = (fit.normalised > OUTLIER_SIGMA) & (bank.missed == 0)
+        bank = bank.select(~(self._missed_too_often(frame) | outlier))
+        self._model.bank = replace(
+            bank, confirmed=bank.confirmed | (bank.age >= self._options.confirm_frames))
 
-    def _allowed_to_miss(self, frame: Centroids) -> np.ndarray:
-        """Return how often (N,) a star may be missed: not yet confirmed ones never."""
+    def _end_bad_frame(self, frame: Centroids) -> None:
+        """Drop missed stars, and enter LOST after max_bad_frames."""
+        # A dark frame is no evidence against the tracks.
+        self._bad_frames += not self._model.is_dark(frame)
+        self._model.bank = self._model.bank.select(~self._missed_too_often(frame))
+        if self._bad_frames >= self._options.max_bad_frames:
+            self._enter(
+                TrackerState.LOST,
+                f'{self._bad_frames} bad frames: {self.stars_matched} stars agreed in the '
+                f'last one, residual {self.residual_px:.2f} px')
+
+    def _missed_too_often(self, frame: Centroids) -> np.ndarray:
+        """Return the tracks (N,) to drop; those not confirmed may not be missed once."""
+        bank = self._model.bank
         most = np.inf if self._model.is_dark(frame) else self._options.max_missed
-        return np.where(self._model.bank.confirmed, most, 0)
+        return bank.missed > np.where(bank.confirmed, most, 0)
 
-    def _drop(self, unwanted: np.ndarray) -> None:
-        self._model.bank = self._model.bank.select(~unwanted)
+    def _add_tracks(self, star_index: np.ndarray, centroids: Centroids, *,
+                    confirmed: bool) -> None:
+        track_id = np.arange(self._next_id, self._next_id + len(star_index))
+        self._next_id += len(star_index)
+        self._model.add(track_id, star_index, centroids, confirmed=confirmed)
 
-    def _add_tracks(self, place: np.ndarray, centroids: Centroids, *, confirmed: bool) -> None:
-        track_id = np.arange(self._next_id, self._next_id + len(place))
-        self._next_id += len(place)
-        self._model.add(track_id, place, centroids, confirmed=confirmed)
+    def _gap_exceeded(self, stamp_ns: int, other_ns: int) -> bool:
+        return abs(stamp_ns - other_ns) * 1e-9 > self._options.max_gap_s
 
-
-def _first_of_each(values: np.ndarray) -> np.ndarray:
-    """Return True (N,) at the first occurrence of each value."""
-    first = np.zeros(len(values), bool)
-    first[np.unique(values, return_index=True)[1]] = True
-    return first
+    def _usable(self, centroids: Centroids) -> tuple[Centroids, np.ndarray]:
+        """Return the centroids with finite position and positive sigma, and their mask (N,)."""
+        good = (np.isfinite(centroids.uv).all(axis=1) & np.isfinite(centroids.sigma_px)
+                & (centroids.sigma_px > 0))
+        rejected = len(good) - int(np.count_nonzero(good))
+        if not rejected:
+            return centroids, good
+        self.rejected_centroids += rejected
+        return centroids.select(good), good
 
 
 def make_model(camera: Camera, places: StarPlaces, options: TrackerOptions, gyro: Gyro
@@ -338,5 +318,5 @@ def make_model(camera: Camera, places: StarPlaces, options: TrackerOptions, gyro
     """Return the model that the options name."""
     if options.model == 'attitude':
         return AttitudeModel(camera, places, options, gyro)
-    starwise = NeighbourhoodModel if options.model == 'sna' else StarwiseModel
-    return starwise(camera, places, options)
+    model = NeighbourhoodModel if options.model == 'sna' else IndependentStarsModel
+    return model(camera, places, options)

@@ -1,4 +1,4 @@
-"""The followed stars of one frame, and what they say together."""
+"""The tracked stars of one frame, and their common attitude."""
 
 from dataclasses import dataclass
 
@@ -11,11 +11,11 @@ class Tracks:
     """
     Filtered star images of one frame, in the order in which they were started.
 
-    hip (N,) int32, 0 while the tracker is not sure of the star; magnitude (N,) of the
+    hip (N,) int32, 0 while the star is not confirmed; magnitude (N,) of the
     catalogue, NaN where hip is 0; uv (N, 2) px, filtered; flux (N,) DN, snr (N,) and sigma_px
     (N,) of the centroid, NaN when missed; residual_px (N,) the distance of the centroid from
-    its prediction, NaN when missed or just started; track_id (N,) uint32, never used twice;
-    age (N,) uint16 frames since start; missed (N,) uint8 frames since last seen;
+    its prediction, NaN when missed or just started; track_id (N,) uint32, unique;
+    age (N,) uint16 frames since start; missed (N,) uint8 frames since the last detection;
     association_probability (N,) of the most probable centroid; velocity (N, 2) px/s;
     covariance (N, 2, 2) px^2 of uv.
     """
@@ -50,7 +50,7 @@ class Tracks:
 
     @property
     def usable(self) -> np.ndarray:
-        """Return True (N,) for stars that may vote on the attitude: sure of, and seen just now."""
+        """Return True (N,) for confirmed stars detected in this frame, fit for an attitude."""
         return (self.hip > 0) & (self.missed == 0)
 
     @property
@@ -62,7 +62,7 @@ class Tracks:
 @dataclass(frozen=True)
 class TrackedAttitude:
     """
-    The attitude that the stars of a frame agree on, and the body rate, as filtered.
+    The filtered attitude and body rate of a frame whose stars agree.
 
     rate_rad_s (3,) about sensor axes and its covariance (3, 3).
     """

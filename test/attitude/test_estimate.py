@@ -1,4 +1,4 @@
-"""The attitude against SciPy, against its own covariance, and what it refuses."""
+"""The attitude against SciPy, against its own covariance, and what it rejects."""
 
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
@@ -56,7 +56,7 @@ def test_exact_directions_give_the_exact_attitude(q, count):
     assert estimate.chi2 < 1e-12
 
 
-def test_covariance_and_chi2_are_honest():
+def test_covariance_and_chi2_are_consistent():
     rng = np.random.default_rng(1)
     true = field(rng, 12)
     sigma_rad = np.geomspace(2, 30, 12) * ARCSEC
@@ -72,9 +72,9 @@ def test_covariance_and_chi2_are_honest():
     assert bounds[0] < np.mean(nees) < bounds[1]
     bounds = np.array(chi2.ppf([0.001, 0.999], (2 * 12 - 3) * trials)) / trials
     assert bounds[0] < np.mean(fit) < bounds[1]
-    # No estimator is better than the bound: the spread reaches it on every axis.
-    spread = np.var(errors, axis=0) / np.diag(cramer_rao(true, sigma_rad))
-    np.testing.assert_allclose(spread, 1, atol=0.12)
+    # No estimator is better than the bound: the variance reaches it on every axis.
+    ratio = np.var(errors, axis=0) / np.diag(cramer_rao(true, sigma_rad))
+    np.testing.assert_allclose(ratio, 1, atol=0.12)
     # On ICRF axes the same error has the turned covariance.
     turned = covariance_icrf(POINTING, estimate.covariance_sensor)
     error_icrf = matrix_from_quaternion(POINTING) @ error
@@ -133,13 +133,13 @@ def test_one_wrong_star_shows_in_its_residual():
     (lambda s, i, e: (s, i, 1e-4), 'shapes'),
 ])
 @pytest.mark.parametrize('solver', SOLVERS)
-def test_refuses_what_has_no_attitude(change, text, solver):
+def test_rejects_what_has_no_attitude(change, text, solver):
     sensor = field(np.random.default_rng(4), 5)
     with pytest.raises(AttitudeError, match=text):
         estimate_attitude(*change(sensor, rotate(POINTING, sensor), np.full(5, 1e-4)), solver)
 
 
-def test_refuses_an_unknown_solver():
+def test_rejects_an_unknown_solver():
     sensor = field(np.random.default_rng(4), 5)
     with pytest.raises(ValueError, match="no solver 'esoq'; there are quest, davenport"):
         estimate_attitude(sensor, sensor, np.full(5, 1e-4), 'esoq')
@@ -158,6 +158,6 @@ def test_takes_any_array_and_leaves_it_as_it_is():
     np.testing.assert_array_equal(turned, before)
 
 
-def test_bound_of_parallel_directions_is_refused():
+def test_bound_of_parallel_directions_is_rejected():
     with pytest.raises(AttitudeError, match='parallel'):
         cramer_rao(np.array([[0.0, 0, 1], [0, 0, 1]]), np.full(2, 1e-4))

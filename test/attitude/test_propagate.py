@@ -94,7 +94,7 @@ def test_the_errors_are_as_large_as_it_says(corrected):
         drift_left.append(error)
     low, high = chi2.ppf([0.001, 0.999], 3 * 150) / 150
     assert low < np.mean(normalised) < high
-    # The drift alone makes 400 arcsec of 20 s, the noise 27; frames take most of it away.
+    # The drift alone makes 400 arcsec of 20 s, the noise 27; frames remove most of it.
     rms = np.sqrt(np.mean(np.square(drift_left))) / ARCSEC
     assert rms < 20 if corrected else rms > 300
 

@@ -103,7 +103,7 @@ def test_the_optimal_ones_agree_on_directions_that_do_not_fit(count, narrow, see
 
 @pytest.mark.parametrize('seed', range(5))
 def test_quest_does_not_depend_on_the_two_stars_it_starts_from(seed):
-    """The two best ones exchanged: what they say is half a turn from what all others say."""
+    """The two best ones exchanged: their attitude is half a turn from that of all others."""
     rng = np.random.default_rng(seed)
     true = field(rng, 40)
     sigma_rad = np.where(np.arange(40) < 2, 0.9, 1) * 5 * ARCSEC
@@ -149,8 +149,8 @@ def test_each_covariance_is_true(solver):
         # Each principal axis by itself.
         variance, axes = np.linalg.eigh(last.covariance_sensor)
         low, high = chi2.ppf([0.0005, 0.9995], runs) / runs
-        spread = np.mean((errors @ axes) ** 2, 0) / variance
-        assert (low < spread).all() and (spread < high).all()
+        ratio = np.mean((errors @ axes) ** 2, 0) / variance
+        assert (low < ratio).all() and (ratio < high).all()
         mean = mean_chi2(last, rotate(q, true), sigma_rad)
         assert solver == 'triad' or mean == pytest.approx(2 * count - 3, rel=1e-6)
         assert abs(fit.mean() - mean) < 3.5 * fit.std() / np.sqrt(runs)
@@ -216,10 +216,10 @@ def test_the_covariance_is_that_of_the_catalogue(solver):
 
 
 @pytest.mark.parametrize('solver', SOLVERS)
-def test_stars_that_double_precision_cannot_tell_apart_are_refused(solver):
+def test_stars_that_double_precision_cannot_resolve_are_rejected(solver):
     with pytest.raises(AttitudeError, match='parallel'):
         estimate_attitude(pair(0.1 * ARCSEC), pair(0.1 * ARCSEC), np.full(2, ARCSEC), solver)
-    # Nor does one accurate star beside one that knows nothing have a roll.
+    # Nor does one accurate star beside a very inaccurate one have a roll.
     if solver != 'triad':
         with pytest.raises(AttitudeError, match='unevenly'):
             estimate_attitude(pair(0.1), pair(0.1), np.array([1e-6, 10.0]), solver)

@@ -1,11 +1,11 @@
-"""What becomes of an attitude before it is published."""
+"""Validation of attitudes before they are published."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from startracker_ros.attitude.estimate import estimate_attitude, SOLVERS
-from startracker_ros.attitude.validation import AttitudeTrust, TrustOptions
+from startracker_ros.attitude.validation import AttitudeValidator, ValidationOptions
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import camera_places
 from startracker_ros.catalog.stars import load_catalog
@@ -19,19 +19,19 @@ POINTING = quaternion_from_pointing(*np.radians([83.0, -1.0, 20.0]))
 
 @pytest.fixture
 def stars():
-    """Return places (N, 2) px, numbers (N,) and sigma (N,) px of a field."""
+    """Return positions (N, 2) px, numbers (N,) and sigma (N,) px of a field."""
     centroids, hip = star_list(PLACES, CAMERA, POINTING, 0.1, np.random.default_rng(1))
     return centroids.uv, hip, centroids.sigma_px
 
 
-def trust(**options):
-    return AttitudeTrust(CAMERA, PLACES, replace(TrustOptions(), **options))
+def validator(**options):
+    return AttitudeValidator(CAMERA, PLACES, replace(ValidationOptions(), **options))
 
 
 @pytest.mark.parametrize('solver', SOLVERS)
 def test_the_solver_is_the_one_of_the_options(stars, solver):
     uv, hip, sigma_px = stars
-    found = trust(solver=solver).solve(*stars).attitude
+    found = validator(solver=solver).solve(*stars).attitude
     expected = estimate_attitude(
         CAMERA.unproject(uv), PLACES.direction[PLACES.index_of(hip)],
         sigma_px * CAMERA.pixel_rad, solver)
@@ -43,32 +43,32 @@ def test_the_solver_is_the_one_of_the_options(stars, solver):
 @pytest.mark.parametrize('solver', SOLVERS)
 def test_residuals_larger_than_promised_scale_the_covariance(stars, solver):
     uv, hip, sigma_px = stars
-    promised = trust(solver=solver).solve(uv, hip, sigma_px).attitude.covariance_sensor
-    scaled = trust(solver=solver).solve(uv, hip, sigma_px / 10).attitude.covariance_sensor
-    # The same residuals: the covariance is what they say, within what chance does to them.
+    promised = validator(solver=solver).solve(uv, hip, sigma_px).attitude.covariance_sensor
+    scaled = validator(solver=solver).solve(uv, hip, sigma_px / 10).attitude.covariance_sensor
+    # The same residuals: the covariance follows them, within their scatter.
     assert np.trace(scaled) / np.trace(promised) == pytest.approx(1, abs=0.5)
-    larger = trust(solver=solver).solve(uv, hip, 10 * sigma_px).attitude.covariance_sensor
+    larger = validator(solver=solver).solve(uv, hip, 10 * sigma_px).attitude.covariance_sensor
     assert np.trace(larger) > 50 * np.trace(promised)
 
 
-def test_refusals_have_a_reason(stars):
+def test_rejections_have_a_reason(stars):
     uv, hip, sigma_px = stars
-    few = trust().solve(uv[:3], hip[:3], sigma_px[:3])
+    few = validator().solve(uv[:3], hip[:3], sigma_px[:3])
     assert few.attitude is None and few.reason == '3 identified stars, min_stars is 4'
-    unknown = trust().solve(uv, np.zeros_like(hip), sigma_px)
+    unknown = validator().solve(uv, np.zeros_like(hip), sigma_px)
     assert unknown.attitude is None and unknown.reason.startswith('0 identified stars')
-    wrong = trust().solve(uv, np.roll(hip, 1), sigma_px)
+    wrong = validator().solve(uv, np.roll(hip, 1), sigma_px)
     assert wrong.attitude is None and 'above max_residual_px = 1' in wrong.reason
-    twice = trust().solve(uv[[0, 1, 2, 2]], hip[[0, 1, 2, 2]], sigma_px[:4])
+    twice = validator().solve(uv[[0, 1, 2, 2]], hip[[0, 1, 2, 2]], sigma_px[:4])
     assert twice.attitude is None and 'identical: one star counted twice' in twice.reason
 
 
 def test_the_sign_of_the_quaternion_is_continuous():
-    kept, signs = trust(), []
+    continuous, signs = validator(), []
     for roll_deg in np.arange(0, 720, 20):
         q = quaternion_from_pointing(*np.radians([83.0, -1.0, roll_deg]))
         uv, hip, sigma_px = _field(q)
-        signs.append(kept.solve(uv, hip, sigma_px).attitude.quaternion)
+        signs.append(continuous.solve(uv, hip, sigma_px).attitude.quaternion)
     assert (np.sum(np.array(signs[1:]) * signs[:-1], 1) > 0.9).all()
     assert min(q[3] for q in signs) < -0.5
 

@@ -13,7 +13,7 @@ from startracker_ros.track.joint_events import marginals, OPEN_CENTROIDS
 
 
 def brute_force(weight):
-    """Return the association probabilities by the definition, over all events at once."""
+    """Return the association probabilities by the definition, over all events together."""
     tracks, choices = weight.shape
     total = np.zeros_like(weight)
     for event in product(range(choices), repeat=tracks):
@@ -54,21 +54,21 @@ def test_no_tracks_and_no_centroids():
 
 
 def test_two_tracks_share_out_two_centroids():
-    """Each takes the one that the other likes less, although both prefer the same one."""
+    """Each gets the one less probable for the other, although both prefer the same one."""
     probability = joint_probabilities(np.array([[0.01, 1000.0, 900.0], [0.01, 1000.0, 1.0]]))
     assert probability[0, 2] > 0.99 and probability[1, 1] > 0.99
 
 
 def all_events(weight):
-    """Return the sum over all joint events, by the set of centroids that are taken."""
+    """Return the sum over all joint events, by the set of centroids that are assigned."""
     sums = {0: 1.0}
     for row in weight:
         after = {}
-        for taken, total in sums.items():
+        for used, total in sums.items():
             for choice in np.flatnonzero(row):
                 claim = 1 << choice if choice else 0
-                if not taken & claim:
-                    after[taken | claim] = after.get(taken | claim, 0.0) + total * row[choice]
+                if not used & claim:
+                    after[used | claim] = after.get(used | claim, 0.0) + total * row[choice]
         sums = after
     return sum(sums.values())
 
@@ -92,11 +92,11 @@ def test_all_share_all(tracks, centroids):
 
 def chain_events(weight):
     """Return all_events of tracks that share a centroid with each neighbour alone."""
-    free, taken = 1.0, 0.0
+    free, used = 1.0, 0.0
     for track, row in enumerate(weight):
-        free, taken = (free + taken) * row[0] + free * row[track + 1], (free + taken) * row[
+        free, used = (free + used) * row[0] + free * row[track + 1], (free + used) * row[
             track + 2]
-    return free + taken
+    return free + used
 
 
 def test_two_hundred_tracks_in_one_cluster():
@@ -142,10 +142,10 @@ def test_density_and_gate():
     assert gate == pytest.approx(chi2.ppf(0.9, 2))
     density = gated_density(predicted, covariance, uv, variance, gate)
     for track, centroid in product(range(2), range(3)):
-        spread = covariance[track] + variance[centroid] * np.eye(2)
+        innovation_covariance = covariance[track] + variance[centroid] * np.eye(2)
         offset = uv[centroid] - predicted[track]
-        inside = offset @ np.linalg.solve(spread, offset) <= gate
-        expected = multivariate_normal(predicted[track], spread).pdf(uv[centroid])
+        inside = offset @ np.linalg.solve(innovation_covariance, offset) <= gate
+        expected = multivariate_normal(predicted[track], innovation_covariance).pdf(uv[centroid])
         assert density[track, centroid] == pytest.approx(expected * inside)
     assert (density > 0).any() and (density == 0).any()
 

@@ -1,4 +1,4 @@
-"""One filter for all stars: slews, dark images, gyros that help and gyros that lie."""
+"""One filter for all stars: slews, dark images, right and wrong gyros."""
 
 from dataclasses import dataclass, field
 
@@ -50,11 +50,11 @@ class Turns(Motion):
                    np.radians(self.rates[k]) + self.drift + noise)
 
 
-def follow(motion, *, gyro=None, dark=(), **options):
+def frames_of(motion, *, gyro=None, dark=(), **options):
     """
     Run a tracker over a motion; yield the frame and the tracker once it tracks.
 
-    gyro turns a true measurement into what imu says; frames in dark have no stars.
+    gyro returns the measured rate of a true one; frames in dark have no stars.
     """
     tracker = StarTracker(CAMERA, PLACES, TrackerOptions(**options), GYRO)
     started = False
@@ -99,11 +99,11 @@ def slew(axis, peak_deg_s, acceleration_deg_s2, seconds):
 @pytest.mark.parametrize('axis', [(0, 1, 0), (0, 0, 1), (0.6, 0, 0.8)])
 @pytest.mark.parametrize('peak_deg_s, acceleration_deg_s2, gyro', [
     (1.0, 0.05, None), (1.0, 0.5, None), (3.0, 0.5, true), (3.0, 5.0, true)])
-def test_slews_are_followed(axis, peak_deg_s, acceleration_deg_s2, gyro):
+def test_slews_are_tracked(axis, peak_deg_s, acceleration_deg_s2, gyro):
     motion = Turns(PLACES, rates=slew(axis, peak_deg_s, acceleration_deg_s2, 20.0),
                    false_points=5, missed=0.05)
     with_attitude = 0
-    for k, tracker in follow(motion, gyro=gyro):
+    for k, tracker in frames_of(motion, gyro=gyro):
         assert tracker.state is TrackerState.TRACKING, (k, tracker.reason)
         if tracker.attitude is not None:
             with_attitude += 1
@@ -117,7 +117,7 @@ def test_two_dark_seconds_are_bridged(gyro, rate_deg_s):
     rates = np.tile([0.0, rate_deg_s, rate_deg_s / 3], (900, 1))
     motion = Turns(PLACES, rates=rates)
     dark = range(40, 60)
-    for k, tracker in follow(motion, gyro=gyro, dark=dark):
+    for k, tracker in frames_of(motion, gyro=gyro, dark=dark):
         assert tracker.state is TrackerState.TRACKING
         assert (tracker.attitude is None) == (k in dark), k
         if k not in dark:
@@ -127,11 +127,11 @@ def test_two_dark_seconds_are_bridged(gyro, rate_deg_s):
 def test_a_gyro_bridges_a_slew_in_the_dark():
     motion = Turns(PLACES, rates=slew((0, 1, 0), 3.0, 5.0, 9.0))
     dark = range(19, 39)
-    for k, tracker in follow(motion, gyro=true, dark=dark):
+    for k, tracker in frames_of(motion, gyro=true, dark=dark):
         assert (tracker.attitude is None) == (k in dark), k
 
 
-LIES = {
+WRONG_GYROS = {
     'degrees': np.degrees,
     'axes': lambda rate: rate[[1, 2, 0]],
     'sign': lambda rate: -rate,
@@ -139,12 +139,12 @@ LIES = {
 }
 
 
-@pytest.mark.parametrize('lie', LIES)
-def test_a_lying_gyro_is_found_out_and_does_no_harm(lie):
+@pytest.mark.parametrize('error', WRONG_GYROS)
+def test_a_wrong_gyro_is_reported_and_does_no_harm(error):
     rates = slew((0.2, 1, 0.3), 0.5, 0.1, 20.0)
     motion = Turns(PLACES, rates=rates, false_points=5)
     troubled = 0
-    for k, tracker in follow(motion, gyro=LIES[lie]):
+    for k, tracker in frames_of(motion, gyro=WRONG_GYROS[error]):
         assert tracker.state is TrackerState.TRACKING, (k, tracker.reason)
         troubled += 'rad/s' in tracker.gyro_trouble
         if tracker.attitude is not None:
@@ -152,11 +152,11 @@ def test_a_lying_gyro_is_found_out_and_does_no_harm(lie):
     assert troubled > 60
 
 
-def test_a_gyro_that_falls_silent_is_done_without():
+def test_a_gyro_that_stops_is_not_needed():
     rates = np.tile([0.0, 0.3, 0.0], (1000, 1))
     motion = Turns(PLACES, rates=rates)
     tracker = None
-    for k, tracker in follow(motion, gyro=true):
+    for k, tracker in frames_of(motion, gyro=true):
         if k == 50:
             tracker.add_rate = lambda stamp_ns, rate: True
         assert tracker.attitude is not None and not wrong(tracker, motion, k)
@@ -172,14 +172,14 @@ def random_turns(rng, seconds, acceleration_deg_s2):
 
 
 @pytest.mark.parametrize('gyro', [None, true])
-def test_the_published_covariance_is_true(gyro):
+def test_the_covariance_is_consistent(gyro):
     """The last of 60 frames of 120 runs, with the motion and the errors that are assumed."""
     total, rate_total, runs = 0.0, 0.0, 120
     for seed in range(runs):
         rng = np.random.default_rng(1000 + seed)
         motion = Turns(PLACES, rates=random_turns(rng, 6.0, 0.005), seed=seed, missed=0.05,
                        pointing_deg=(rng.uniform(60, 120), rng.uniform(-20, 40), 0.0))
-        *_, (_, tracker) = follow(motion, gyro=gyro)
+        *_, (_, tracker) = frames_of(motion, gyro=gyro)
         total += squared(tracker, motion, motion.frames - 1)
         tracked = tracker.attitude
         offset = tracked.rate_rad_s - np.radians(motion.rates[PER_FRAME * (motion.frames - 1) - 1])
@@ -196,6 +196,6 @@ def test_better_than_a_filter_for_each_star():
     for model, gyro in (('attitude', None), ('attitude', true), ('constant_velocity', None)):
         motion = Turns(PLACES, rates=rates, false_points=5, missed=0.05, seed=1)
         errors = [attitude_error(tracker.attitude.attitude.quaternion, motion.q(k))
-                  for k, tracker in follow(motion, gyro=gyro, model=model)]
+                  for k, tracker in frames_of(motion, gyro=gyro, model=model)]
         rms[model, gyro] = np.sqrt(np.mean(np.square(errors))) / ARCSEC
     assert rms['attitude', true] < rms['attitude', None] < rms['constant_velocity', None]

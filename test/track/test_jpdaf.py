@@ -32,7 +32,7 @@ def test_one_certain_centroid_is_a_kalman_update():
     np.testing.assert_allclose(new_covariance[1], covariance[1])
 
 
-def test_spread_of_the_innovations_as_published():
+def test_covariance_of_the_innovations_as_published():
     rng = np.random.default_rng(1)
     state, covariance = some_tracks(rng, 1)
     uv = state[:, [0, 2]] + rng.normal(0, 1, (3, 2))
@@ -43,10 +43,10 @@ def test_spread_of_the_innovations_as_published():
     gain = p @ H.T @ np.linalg.inv(s)
     innovation = uv - H @ state[0]
     combined = beta[0, 1:] @ innovation
-    spread = (innovation.T * beta[0, 1:]) @ innovation - np.outer(combined, combined)
+    scatter = (innovation.T * beta[0, 1:]) @ innovation - np.outer(combined, combined)
     np.testing.assert_allclose(new_state[0], state[0] + gain @ combined)
     np.testing.assert_allclose(
-        new_covariance[0], p - 0.9 * gain @ s @ gain.T + gain @ spread @ gain.T, atol=1e-9)
+        new_covariance[0], p - 0.9 * gain @ s @ gain.T + gain @ scatter @ gain.T, atol=1e-9)
 
 
 def test_each_track_may_have_its_own_noise():
@@ -104,7 +104,7 @@ def test_covariance_stays_symmetric_and_positive():
     assert np.linalg.eigvalsh(covariance[0]).min() > 0 and np.abs(covariance).max() < 1
 
 
-def test_covariance_stays_positive_from_a_prior_that_knows_nothing():
+def test_covariance_stays_positive_from_an_uninformative_prior():
     """A million px before, a thousandth of a px after: 10^18 times less variance."""
     covariance = 1e12 * (np.eye(4) + 0.5)[None]
     state, uv = np.array([[5.0, 0, 5, 0]]), np.array([[3.0, 4.0], [3.0, 4.002]])

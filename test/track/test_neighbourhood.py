@@ -1,4 +1,4 @@
-"""Stars are found by their gates, by their neighbours, or not at all."""
+"""Stars are associated by their gates, by their neighbours, or not at all."""
 
 import itertools
 
@@ -7,7 +7,7 @@ import pytest
 from startracker_ros.camera.model import Camera
 from startracker_ros.maths.rotation import conjugate, quaternion_from_rotation_vector, rotate
 from startracker_ros.sky.star_lists import random_attitude
-from startracker_ros.track.neighbourhood import carried, GATE_SIGMA, star_neighbourhood
+from startracker_ros.track.neighbourhood import GATE_SIGMA, propagated, star_neighbourhood
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 SIGMA_PX = 0.15
@@ -45,7 +45,7 @@ def test_each_star_alone_in_its_gate_is_found_among_false_ones_in_any_order(fiel
 
 
 def test_a_gate_of_two_is_decided_by_the_neighbours(field):
-    # The false one is nearer to the prediction, the true one is where the neighbours say.
+    # The false one is nearer to the prediction, the true one has the right distances.
     predicted = PLACES + [0.35, 0.0]
     uv = np.vstack([PLACES, PLACES[3] + [0.8, 0.1]])
     np.testing.assert_array_equal(field.assigned(predicted, uv), np.arange(5))
@@ -114,8 +114,8 @@ def test_a_centroid_is_given_once_and_agrees_with_the_catalogue(rng):
         near = PLACES[rng.integers(5, size=6)] + rng.normal(0, 2 * GATE_PX, (6, 2))
         uv = np.concatenate([true[there], near, rng.uniform(0, 1023, (40, 2))])
         assigned = field.assigned(PLACES + rng.normal(0, SIGMA_PX, PLACES.shape), uv)
-        taken = assigned[assigned >= 0]
-        assert len(np.unique(taken)) == len(taken) and taken.max(initial=-1) < len(uv)
+        used = assigned[assigned >= 0]
+        assert len(np.unique(used)) == len(used) and used.max(initial=-1) < len(uv)
         sensor = CAMERA.unproject(uv)
         for i, j in itertools.combinations(np.flatnonzero(assigned >= 0), 2):
             apart = np.arccos(sensor[assigned[i]] @ sensor[assigned[j]])
@@ -124,11 +124,11 @@ def test_a_centroid_is_given_once_and_agrees_with_the_catalogue(rng):
             assert abs(apart - known) <= (2 * GATE_PX + 8 * SIGMA_PX) * CAMERA.pixel_rad
 
 
-def test_stars_are_carried_as_the_camera_turns(field):
+def test_pixels_are_propagated_as_the_camera_turns(field):
     rate, dt_s = np.array([0.01, -0.02, 0.15]), 0.1
     later = rotate(conjugate(quaternion_from_rotation_vector(rate * dt_s)),
                    CAMERA.unproject(PLACES))
-    np.testing.assert_allclose(carried(CAMERA, PLACES, rate, dt_s), CAMERA.project(later),
+    np.testing.assert_allclose(propagated(CAMERA, PLACES, rate, dt_s), CAMERA.project(later),
                                atol=1e-9)
-    there_and_back = carried(CAMERA, carried(CAMERA, PLACES, rate, dt_s), -rate, dt_s)
+    there_and_back = propagated(CAMERA, propagated(CAMERA, PLACES, rate, dt_s), -rate, dt_s)
     np.testing.assert_allclose(there_and_back, PLACES, atol=1e-9)

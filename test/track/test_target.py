@@ -33,8 +33,8 @@ class Sky:
         return q, AttitudeEstimate(multiply(q, error), np.eye(3) * ARCSEC ** 2, 20, np.empty(0),
                                    1.0)
 
-    def take(self, tracker, spots, *, noise=0):
-        """Show the next frame with spots on ICRF (K, 3); return what the tracker says."""
+    def update(self, tracker, spots, *, noise=0):
+        """Show the next frame with spots on ICRF (K, 3); return the result of the tracker."""
         q, attitude = self.attitude()
         stars = PLACES.direction[PLACES.magnitude < 6.5]
         uv = CAMERA.project(rotate(conjugate(q), np.concatenate([stars, spots])))
@@ -63,14 +63,14 @@ def test_target_is_found_and_measured(rate_deg_s):
         spot = moving(rate_deg_s, frame)
         q, _ = sky.attitude()
         place = CAMERA.project(rotate(conjugate(q), spot))[0]
-        answer = sky.take(tracker, spot, noise=5)
-        said.append(answer is not None)
-        if answer is not None:
-            assert np.linalg.norm(answer.centroid.uv[0] - place) < 6 * SIGMA_PX
-            assert answer.centroid.sigma_px[0] == SIGMA_PX
+        result = sky.update(tracker, spot, noise=5)
+        said.append(result is not None)
+        if result is not None:
+            assert np.linalg.norm(result.centroid.uv[0] - place) < 6 * SIGMA_PX
+            assert result.centroid.sigma_px[0] == SIGMA_PX
     assert not any(said[:4]) and said.count(True) >= 16
     # 3 sigma of a filter that is ready for manoeuvres.
-    assert answer.rate_deg_s == pytest.approx(rate_deg_s, abs=0.004)
+    assert result.rate_deg_s == pytest.approx(rate_deg_s, abs=0.004)
 
 
 def test_nothing_moves_nothing_is_said():
@@ -80,7 +80,7 @@ def test_nothing_moves_nothing_is_said():
         q, _ = sky.attitude()
         hot = rotate(q, CAMERA.unproject(np.array([[300.0, 200.0]])))
         unknown = moving(0.0, 0)
-        assert sky.take(tracker, np.concatenate([hot, unknown]), noise=20) is None
+        assert sky.update(tracker, np.concatenate([hot, unknown]), noise=20) is None
         assert tracker.spots >= 20
 
 
@@ -89,23 +89,23 @@ def test_a_target_that_hides_for_a_while_stays_the_same():
     frames = []
     for frame in range(30):
         hidden = 12 <= frame < 15
-        answer = sky.take(tracker, np.empty((0, 3)) if hidden else moving(0.05, frame))
-        assert not (hidden and answer)
-        frames.append(0 if answer is None else answer.frames)
+        result = sky.update(tracker, np.empty((0, 3)) if hidden else moving(0.05, frame))
+        assert not (hidden and result)
+        frames.append(0 if result is None else result.frames)
     assert frames[15] == frames[11] + 1
 
 
 def test_the_first_of_two_is_the_target_until_it_leaves():
     sky, tracker = Sky(), TargetTracker(CAMERA, PLACES)
-    answers = []
+    results = []
     for frame in range(40):
         spots = [moving(0.05, frame)] if frame < 25 else []
         if frame >= 8:
             spots.append(moving(-0.08, frame, aside_deg=1.0))
-        answers.append(sky.take(tracker, np.concatenate(spots)))
+        results.append(sky.update(tracker, np.concatenate(spots)))
     assert all(a is not None and a.rate_deg_s == pytest.approx(0.05, rel=0.1)
-               for a in answers[10:25])
-    assert answers[-1] is not None and answers[-1].rate_deg_s == pytest.approx(0.08, rel=0.1)
+               for a in results[10:25])
+    assert results[-1] is not None and results[-1].rate_deg_s == pytest.approx(0.08, rel=0.1)
 
 
 def test_a_slow_frame_or_none_at_all():

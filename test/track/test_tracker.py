@@ -41,7 +41,7 @@ def run(tracker, motion, frames):
 
 
 def tracking(motion, frames=10, **options):
-    """Return a tracker that has followed a motion for some frames."""
+    """Return a tracker that has tracked a motion for some frames."""
     tracker = StarTracker(motion.camera, motion.places, TrackerOptions(**options))
     for _ in run(tracker, motion, range(frames)):
         pass
@@ -49,7 +49,7 @@ def tracking(motion, frames=10, **options):
     return tracker
 
 
-def honesty(tracker, truth):
+def consistency(tracker, truth):
     """Return the error (3,) of the attitude in rad, and its square over the covariance."""
     attitude = tracker.attitude.attitude
     error = attitude_error(attitude.quaternion, truth)
@@ -99,7 +99,7 @@ def test_identification_may_come_late_or_early():
             late.identified(*frames[k - 5])
     assert late.state is early.state is TrackerState.TRACKING
     assert len(from_late) > 20 and worst_px(motion, 11, from_late) < 0.3
-    # The frames that were waiting have been caught up with: the tracks are the same.
+    # The frames since the late identification are processed: the tracks are the same.
     hip, in_late, in_early = np.intersect1d(from_late.hip, from_early.hip, return_indices=True)
     assert len(hip) > 20
     np.testing.assert_allclose(from_late.uv[in_late], from_early.uv[in_early], atol=1e-9)
@@ -107,7 +107,7 @@ def test_identification_may_come_late_or_early():
 
 @pytest.mark.parametrize('model', FILTERS)
 @pytest.mark.parametrize('rate_deg_s', [(0, 0, 0), (0.05, 0.1, 0.02), (0, 1, 0), (0, 0, 1)])
-def test_filtered_attitude_is_honest_unbiased_and_better_than_one_frame(rate_deg_s, model):
+def test_filtered_attitude_is_consistent_unbiased_and_better_than_one_frame(rate_deg_s, model):
     motion = Motion(PLACES, rate_deg_s, false_points=5, missed=0.05)
     tracker = tracking(motion, 30, model=model)
     nees, filtered, single, error_px, position_nees = [], [], [], [], []
@@ -116,7 +116,7 @@ def test_filtered_attitude_is_honest_unbiased_and_better_than_one_frame(rate_deg
         tracks = tracker.update(stamp_ns, centroids)
         assert tracker.state is TrackerState.TRACKING, tracker.reason
         used = tracks.usable
-        error, squared = honesty(tracker, motion.q(k))
+        error, squared = consistency(tracker, motion.q(k))
         nees.append(squared)
         filtered.append(error)
         known = hip > 0
@@ -136,7 +136,7 @@ def test_filtered_attitude_is_honest_unbiased_and_better_than_one_frame(rate_deg
     assert rms.max() < 0.8
 
 
-def test_curved_paths_are_followed_without_lag():
+def test_curved_paths_are_tracked_without_lag():
     """At 1 deg/s of roll a star 600 px from the centre is pushed by 0.18 px/s^2."""
     motion = Motion(PLACES, (0.0, 0.0, 1.0), sigma_px=0.05)
     tracker = tracking(motion, 30, acceleration_deg_s2=0.001)
@@ -152,7 +152,7 @@ def test_curved_paths_are_followed_without_lag():
 
 @pytest.mark.parametrize('model', FILTERS)
 @pytest.mark.parametrize('sigma_per_magnitude', [0.0, 0.3])
-def test_attitude_is_honest_under_acceleration(sigma_per_magnitude, model):
+def test_attitude_is_consistent_under_acceleration(sigma_per_magnitude, model):
     """The body rate swings, its peak acceleration the 1 sigma that the options allow for."""
     options = TrackerOptions()
     pulsation = 2 * np.pi / 30
@@ -162,7 +162,7 @@ def test_attitude_is_honest_under_acceleration(sigma_per_magnitude, model):
     tracker, nees = tracking(motion, 20, model=model), []
     for k in range(20, 320):
         tracker.update(*motion.frame(k)[:2])
-        nees.append(honesty(tracker, motion.q(k))[1])
+        nees.append(consistency(tracker, motion.q(k))[1])
     assert 1.5 < np.mean(nees) < 4.5
 
 
@@ -194,7 +194,7 @@ def test_stars_enter_and_leave(model):
     assert len(now) > 15 and not now & first
 
 
-def test_newcomers_count_only_after_some_frames():
+def test_new_stars_count_only_after_some_frames():
     motion = Motion(PLACES, (0.0, 0.0, 0.0))
     tracker = StarTracker(CAMERA, PLACES, TrackerOptions(confirm_frames=4))
     for k in (0, 1):
@@ -251,7 +251,7 @@ def test_short_dropout_is_bridged_a_long_one_is_not(model):
     assert len(tracks) == 0 and tracker.stars_matched == 0 and np.isnan(tracker.residual_px)
 
 
-def test_star_that_goes_out_is_dropped_and_found_again():
+def test_star_that_disappears_is_dropped_and_acquired_again():
     motion = Motion(PLACES, (0.0, 0.1, 0.0))
     tracker = tracking(motion, 20, max_missed=4, confirm_frames=3)
     star = motion.frame(0)[2][3]
@@ -263,13 +263,13 @@ def test_star_that_goes_out_is_dropped_and_found_again():
             centroids.uv[lit], centroids.flux[lit], centroids.snr[lit], centroids.sigma_px[lit]))
         history.append(''.join(str(m) for m in tracks.missed[tracks.hip == star]))
         near = np.hypot(*(tracks.uv - motion.place(k, np.array([star]))).T) < 3
-        # Seen once and not again, a track that was not yet confirmed goes before it is told of.
+        # Detected once and then missed, an unconfirmed track is dropped before it is published.
         assert near.sum() == (k < 24 or k >= 31)
     assert history == ['1', '2', '3', '4'] + [''] * 9 + ['0'] * 7
 
 
 @pytest.mark.parametrize('model', MODELS)
-def test_frame_with_too_few_stars_names_none(model):
+def test_frame_with_too_few_stars_identifies_none(model):
     motion = Motion(PLACES)
     tracker = tracking(motion, 20, model=model)
     stamp_ns, centroids, _ = motion.frame(20)
@@ -282,7 +282,7 @@ def test_frame_with_too_few_stars_names_none(model):
 
 
 @pytest.mark.parametrize('model', MODELS)
-def test_kidnapped_camera_is_noticed_and_found_again(model):
+def test_kidnapped_camera_is_lost_and_acquired_again(model):
     motion, other = Motion(PLACES, (0.1, 0.2, 0.0)), Motion(
         PLACES, pointing_deg=ELSEWHERE_DEG, false_points=100, seed=1)
     tracker = tracking(motion, 20, model=model)
@@ -303,7 +303,7 @@ def test_star_that_leaves_the_common_rotation_is_dropped(model):
     track = None
     for k in range(20, 60):
         stamp_ns, centroids, hip = motion.frame(k)
-        # Slow enough to stay inside its gate: only the other stars give it away.
+        # Slow enough to stay inside its gate: only the common rotation excludes it.
         offset_px = 0.05 * (k - 19)
         centroids.uv[hip == star] += [offset_px, 0.0]
         tracks = tracker.update(stamp_ns, centroids)
@@ -315,14 +315,14 @@ def test_star_that_leaves_the_common_rotation_is_dropped(model):
     assert tracker.state is TrackerState.TRACKING and tracker.residual_px < 0.2
 
 
-def test_contradicting_identification_throws_everything_out():
+def test_contradicting_identification_drops_all_tracks():
     motion, other = Motion(PLACES), Motion(PLACES, pointing_deg=ELSEWHERE_DEG)
     tracker = tracking(motion, 20)
     tracker.identified(*motion.frame(19))
     assert tracker.state is TrackerState.TRACKING
     tracker.identified(*other.frame(19))
     assert tracker.state is TrackerState.ACQUIRING and 'contradicts' in tracker.reason
-    # The wrong one is not confirmed by the next right one, the right ones confirm each other.
+    # The next right one does not confirm the wrong one; two right ones start the tracks.
     for k in (20, 21):
         assert len(tracker.update(*motion.frame(k)[:2])) == 0
         tracker.identified(*motion.frame(k))
@@ -331,7 +331,7 @@ def test_contradicting_identification_throws_everything_out():
 
 
 @pytest.mark.parametrize('model', MODELS)
-def test_wrong_start_is_thrown_out(model):
+def test_tracks_of_a_wrong_start_are_dropped(model):
     """Two identifications agree with each other, but not with what the camera sees next."""
     motion, other = Motion(PLACES), Motion(PLACES, pointing_deg=ELSEWHERE_DEG)
     tracker = StarTracker(CAMERA, PLACES, TrackerOptions(model=model))
@@ -349,7 +349,7 @@ def test_wrong_start_is_thrown_out(model):
     assert tracker.state is TrackerState.TRACKING
 
 
-def test_identification_that_does_not_fit_the_catalogue_is_passed_over():
+def test_identification_that_does_not_fit_the_catalogue_is_ignored():
     motion = Motion(PLACES)
     tracker = StarTracker(CAMERA, PLACES)
     stamp_ns, centroids, hip = motion.frame(0)
@@ -366,7 +366,7 @@ def test_identification_that_does_not_fit_the_catalogue_is_passed_over():
     assert tracker.state is TrackerState.ACQUIRING
 
 
-def test_star_named_twice_is_followed_once():
+def test_star_identified_twice_is_tracked_once():
     motion = Motion(PLACES)
     tracker = StarTracker(CAMERA, PLACES)
     for k in (0, 1):
@@ -397,7 +397,7 @@ def test_irregular_stamps(model):
         assert tracks.usable.sum() > 20 and worst_px(motion, k, tracks) < 0.6
 
 
-def test_late_frames_are_refused_and_counted():
+def test_late_frames_are_rejected_and_counted():
     motion = Motion(PLACES)
     tracker = tracking(motion, 20)
     assert tracker.update(*motion.frame(19)[:2]) is None
@@ -416,13 +416,13 @@ def test_time_jumps():
     assert tracker.state is TrackerState.TRACKING
     assert len(tracker.update(*motion.frame(5)[:2])) == 0
     assert tracker.state is TrackerState.LOST and 'jumped back' in tracker.reason
-    # What was still on its way from before the jump does not hold up the new start.
+    # A late identification from before the jump does not delay the new start.
     tracker.identified(*motion.frame(79))
     *_, (_, tracks) = run(tracker, motion, range(6, 12))
     assert tracker.state is TrackerState.TRACKING and worst_px(motion, 11, tracks) < 0.6
 
 
-def test_second_identification_that_never_comes():
+def test_no_second_identification():
     motion = Motion(PLACES)
     tracker = StarTracker(CAMERA, PLACES, TrackerOptions(max_gap_s=2.0))
     tracker.identified(*motion.frame(0))
@@ -431,7 +431,7 @@ def test_second_identification_that_never_comes():
     assert tracker.state is TrackerState.LOST and 'second' in tracker.reason
 
 
-def test_useless_centroids_are_refused():
+def test_useless_centroids_are_rejected():
     motion = Motion(PLACES, (0.1, 0.2, 0.3))
     clean, dirty = tracking(motion, 10), tracking(replace(motion), 10)
     stamp_ns, good, hip = motion.frame(10)
@@ -441,7 +441,7 @@ def test_useless_centroids_are_refused():
     both = Centroids(*(np.concatenate([getattr(bad, name), getattr(good, name)])
                        for name in ('uv', 'flux', 'snr', 'sigma_px')))
     expected, tracks = clean.update(stamp_ns, good), dirty.update(stamp_ns, both)
-    assert dirty.refused_centroids == 4
+    assert dirty.rejected_centroids == 4
     np.testing.assert_array_equal(tracks.uv, expected.uv)
     dirty.identified(stamp_ns, both, np.append([7, 8, 9, 10], hip))
     assert dirty.state is TrackerState.TRACKING

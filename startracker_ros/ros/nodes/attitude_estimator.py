@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
-from startracker_ros.attitude.validation import TrustOptions
+from startracker_ros.attitude.validation import ValidationOptions
 from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.options import option, Options
 from startracker_ros.pipeline.attitude import AttitudeStage
@@ -34,7 +34,7 @@ class SourceOptions(Options):
 class AttitudeEstimatorNode(CameraNode):
     """Publishes the attitude of each frame that has a trusted one."""
 
-    option_classes = (SourceOptions, TrustOptions, FrameOptions)
+    option_classes = (SourceOptions, ValidationOptions, FrameOptions)
     task = 'attitude'
 
     def __init__(self) -> None:
@@ -56,7 +56,8 @@ class AttitudeEstimatorNode(CameraNode):
         if self.camera is not None:
             self._tracked.clear()
             self._waiting = None
-            self._stage = AttitudeStage(self.camera, self.epoch_year, self.options(TrustOptions))
+            self._stage = AttitudeStage(
+                self.camera, self.epoch_year, self.options(ValidationOptions))
 
     def warm_up(self) -> None:
         if self._source == 'stars':

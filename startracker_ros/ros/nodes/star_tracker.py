@@ -76,7 +76,7 @@ class StarTrackerNode(CameraNode):
         if self._tracker.attitude is not None:
             self._target.update(self._target_tracker, self._tracker.attitude.attitude, centroids,
                                 camera, header)
-        self._tracker.find_newcomers()
+        self._tracker.acquire_new_stars()
 
     def _on_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)
@@ -94,7 +94,7 @@ class StarTrackerNode(CameraNode):
                   'frames_since_fix': tracker.frames_since_fix,
                   'checks_passed': tracker.checks_passed,
                   'late_frames': tracker.late_frames,
-                  'rejected_centroids': tracker.refused_centroids,
+                  'rejected_centroids': tracker.rejected_centroids,
                   'gyro': tracker.gyro_condition,
                   'reason': tracker.reason}
         self._state.publish(status_message(

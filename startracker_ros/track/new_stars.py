@@ -1,4 +1,4 @@
-"""Catalogue stars that no track follows yet, found among the centroids by the attitude."""
+"""Catalogue stars without a track, found among the centroids by the attitude."""
 
 import math
 
@@ -11,21 +11,21 @@ from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.motion_models import image_flow
 
 GATE_SIGMA = 4.0
-"""Below rotation_fit.OUTLIER_SIGMA, so that a star let in is not thrown out at once."""
+"""Below rotation_fit.OUTLIER_SIGMA, so that a new star is no outlier in the next frame."""
 
 MAX_DISTANCE_PX = 5.0
-"""No star is looked for further away than this, however uncertain the attitude."""
+"""Largest gate, whatever the covariance of the attitude."""
 
 
-def match_newcomers(stars: StarsInView, attitude: AttitudeEstimate, centroids: Centroids,
+def match_new_stars(stars: StarsInView, attitude: AttitudeEstimate, centroids: Centroids,
                     sigma_px: np.ndarray, zero_point: float, magnitude_tolerance: float
                     ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return indices (K,) of places and (K,) of centroids that belong to each other alone.
+    Return catalogue indices (K,) and centroid indices (K,) of unambiguous pairs.
 
     sigma_px (M,) is the error of the centroids per axis; zero_point the magnitude of
-    1 DN. A pair is taken when place and brightness agree and nothing else does for
-    either of the two; a crowded star is no partner but makes others ambiguous.
+    1 DN. A pair agrees in position and magnitude, and neither of the two agrees with any
+    other. A crowded star makes pairs ambiguous and is in none itself.
     """
     places = stars.places
     near, sensor, uv = stars.of(attitude)
@@ -40,35 +40,36 @@ def _match(near: np.ndarray, sensor: np.ndarray, uv: np.ndarray, magnitude: np.n
            crowded: np.ndarray, centroid_uv: np.ndarray, flux: np.ndarray, sigma_px: np.ndarray,
            covariance: np.ndarray, lens: Lens, zero_point: float, magnitude_tolerance: float
            ) -> tuple[np.ndarray, np.ndarray]:
-    place, centroid = [], []
-    of_place, of_centroid = np.zeros(len(near), np.int64), np.zeros(len(flux), np.int64)
+    star, centroid = [], []
+    of_star, of_centroid = np.zeros(len(near), np.int64), np.zeros(len(flux), np.int64)
     jacobian = np.empty((2, 3))
-    seen_magnitude = np.empty(len(flux))
+    measured_magnitude = np.empty(len(flux))
     for j in range(len(flux)):
-        seen_magnitude[j] = zero_point - 2.5 * math.log10(flux[j]) if flux[j] > 0 else np.nan
+        measured_magnitude[j] = zero_point - 2.5 * math.log10(flux[j]) if flux[j] > 0 else np.nan
     for i in range(len(near)):
         for j in range(len(flux)):
             du, dv = centroid_uv[j, 0] - uv[i, 0], centroid_uv[j, 1] - uv[i, 1]
             square = du * du + dv * dv
-            # So put, NaN is never alike nor near.
+            # Written so that NaN never agrees.
             if not (square < MAX_DISTANCE_PX ** 2
-                    and abs(seen_magnitude[j] - magnitude[near[i]]) <= magnitude_tolerance):
+                    and abs(measured_magnitude[j] - magnitude[near[i]]) <= magnitude_tolerance):
                 continue
             image_flow(lens, sensor[i, 0] / sensor[i, 2], sensor[i, 1] / sensor[i, 2], jacobian)
-            shift = 0.0
+            predicted_variance = 0.0
             for axis in range(2):
                 for a in range(3):
                     for b in range(3):
-                        shift += jacobian[axis, a] * covariance[a, b] * jacobian[axis, b]
-            if square <= GATE_SIGMA ** 2 * (sigma_px[j] ** 2 + shift / 2):
-                place.append(i)
+                        predicted_variance += (
+                            jacobian[axis, a] * covariance[a, b] * jacobian[axis, b])
+            if square <= GATE_SIGMA ** 2 * (sigma_px[j] ** 2 + predicted_variance / 2):
+                star.append(i)
                 centroid.append(j)
-                of_place[i] += 1
+                of_star[i] += 1
                 of_centroid[j] += 1
-    alone = np.empty((2, len(place)), np.int64)
+    alone = np.empty((2, len(star)), np.int64)
     count = 0
-    for i, j in zip(place, centroid):
-        if of_place[i] == 1 and of_centroid[j] == 1 and not crowded[near[i]]:
+    for i, j in zip(star, centroid):
+        if of_star[i] == 1 and of_centroid[j] == 1 and not crowded[near[i]]:
             alone[0, count], alone[1, count] = near[i], j
             count += 1
     return alone[0, :count], alone[1, :count]

@@ -1,4 +1,4 @@
-"""Which new stars are let in: near, as bright as the catalogue says, and alone."""
+"""New stars agree with the catalogue in position and magnitude, and with nothing else."""
 
 import numpy as np
 from star_motion import CAMERA
@@ -7,7 +7,7 @@ from startracker_ros.catalog.onboard import StarPlaces
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import quaternion_from_pointing, rotate
 from startracker_ros.track.in_view import StarsInView
-from startracker_ros.track.newcomers import match_newcomers
+from startracker_ros.track.new_stars import match_new_stars
 
 Q = quaternion_from_pointing(1.0, -0.5, 2.0)
 UV = np.array([[100.0, 200], [500, 700], [502, 700], [900, 300], [910, 305]])
@@ -22,9 +22,9 @@ def match(uv, magnitude, sigma_rad=1e-7, crowded=(False,) * 5, roll_sigma_rad=1e
     uv = np.reshape(uv, (-1, 2))
     centroids = Centroids(uv, 10 ** (0.4 * (20 - np.asarray(magnitude, float))),
                           np.full(len(uv), 9.0), np.full(len(uv), 0.1))
-    place, centroid = match_newcomers(StarsInView(CAMERA, places), attitude, centroids,
+    index, centroid = match_new_stars(StarsInView(CAMERA, places), attitude, centroids,
                                       centroids.sigma_px, 20.0, 1.0)
-    return sorted(zip(places.hip[place].tolist(), centroid.tolist()))
+    return sorted(zip(places.hip[index].tolist(), centroid.tolist()))
 
 
 def test_near_and_as_bright():

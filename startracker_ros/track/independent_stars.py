@@ -1,4 +1,4 @@
-"""Each star for itself: the JPDA filter of Sadeghi, Sabahi and Saberali, and their baseline."""
+"""Independent tracks: the JPDA filter of Sadeghi, Sabahi and Saberali, and their baseline."""
 
 from dataclasses import replace
 import math
@@ -7,77 +7,79 @@ import numpy as np
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.track.association import associate
+from startracker_ros.track.identified import IdentifiedFrame
 from startracker_ros.track.jpdaf import predict, update
-from startracker_ros.track.model import Fix, Followed, rate_between, StarModel
+from startracker_ros.track.model import FrameUpdate, rate_between, StarModel
 from startracker_ros.track.motion_models import (
     body_rate, constant_velocity, coordinated_turn, image_jacobian, POSITION, turn_curvature,
     VELOCITY)
-from startracker_ros.track.neighbourhood import carried, star_neighbourhood
+from startracker_ros.track.neighbourhood import propagated, star_neighbourhood
 from startracker_ros.track.rotation_fit import fit_rotation, OUTLIER_SIGMA, RotationFit
 
 
-class StarwiseModel(StarModel):
-    """Each star has a position and a velocity of its own on the image."""
+class IndependentStarsModel(StarModel):
+    """A filter of position and velocity on the image for each star (JPDAF)."""
 
-    def start(self, fix: Fix, first: Fix) -> None:
-        self._stamp_ns = fix.stamp_ns
-        self._take_rate(first.stamp_ns, first.attitude, fix.stamp_ns, fix.attitude)
+    def start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
+        self._stamp_ns = second.stamp_ns
+        self._set_rate(first.stamp_ns, first.attitude, second.stamp_ns, second.attitude)
         acceleration_rad_s2 = np.radians(self._options.acceleration_deg_s2)
         self._acceleration_px_s2 = (acceleration_rad_s2 * self._camera.fx,
                                     acceleration_rad_s2 * self._camera.fy)
 
-    def _take_rate(self, before_ns: int, before: AttitudeEstimate, after_ns: int,
-                   after: AttitudeEstimate) -> None:
+    def _set_rate(self, before_ns: int, before: AttitudeEstimate, after_ns: int,
+                  after: AttitudeEstimate) -> None:
         dt_s = (after_ns - before_ns) * 1e-9
         self.rate_rad_s = rate_between(before_ns, before, after_ns, after)
         self.rate_covariance = (before.covariance_sensor + after.covariance_sensor) / dt_s ** 2
 
-    def follow(self, stamp_ns: int, frame: Centroids) -> Followed:
+    def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         self._predict((stamp_ns - self._stamp_ns) * 1e-9)
         self._stamp_ns = stamp_ns
-        unclaimed = self._update(frame)
+        unassociated = self._update(frame)
         fit = self._fit()
         if fit is None or not fit.is_good(
                 int(np.count_nonzero(self.bank.confirmed)), self._options.min_stars,
                 self._options.max_residual_px):
-            return Followed(False, fit, unclaimed)
+            return FrameUpdate(False, fit, unassociated)
         self._estimate_rate(fit)
-        return Followed(True, fit, unclaimed)
+        return FrameUpdate(True, fit, unassociated)
 
     def _predict(self, dt_s: float) -> None:
-        bank, turns = self.bank, self._options.model == 'coordinated_turn'
-        if turns:
-            # The image turns against the body; the same change of velocity in a step.
+        bank, is_turn = self.bank, self._options.model == 'coordinated_turn'
+        if is_turn:
+            # The image turns against the body. Density for the same change of velocity per step.
             u, v = self._acceleration_px_s2
             transition, noise = coordinated_turn(
                 dt_s, -self.rate_rad_s[2], (u * math.sqrt(dt_s), v * math.sqrt(dt_s)))
         else:
             transition, noise = constant_velocity(dt_s, self._acceleration_px_s2)
         state, covariance = predict(bank.state, bank.covariance, transition,
-                                    self._shares()[:, None, None] * noise)
-        if not turns:
+                                    self._noise_factors()[:, None, None] * noise)
+        if not is_turn:
             state += turn_curvature(self._camera, bank.uv, self.rate_rad_s, dt_s)
         bank = replace(bank, state=state, covariance=covariance)
         self.bank = bank.select(self._camera.contains(bank.uv))
 
     def _update(self, frame: Centroids) -> np.ndarray:
-        """Correct the tracks by a frame, and return its centroids (M,) in no gate."""
+        """Update the tracks by a frame; return the mask (M,) of its centroids in no gate."""
         bank, variance = self.bank, self.sigma_px(frame) ** 2
-        probability, unclaimed = associate(
+        probability, unassociated = associate(
             np.ascontiguousarray(bank.uv), np.ascontiguousarray(bank.uv_covariance),
-            np.ascontiguousarray(frame.uv), variance, self._chances)
+            np.ascontiguousarray(frame.uv), variance, self._detection)
         state, covariance = update(bank.state, bank.covariance, frame.uv, variance, probability)
-        self.bank = bank.observed(bank.uv, probability, frame, variance).placed(state, covariance)
-        return unclaimed
+        self.bank = bank.associated(
+            bank.uv, probability, frame, variance).with_state(state, covariance)
+        return unassociated
 
-    def _shares(self) -> np.ndarray:
+    def _noise_factors(self) -> np.ndarray:
         """
-        Return how many times (N,) the camera's process noise each track is given.
+        Return the factors (N,) by which the process noise of each track is multiplied.
 
-        An acceleration of the camera moves all stars alike, so it does not average out over
-        them as centroid errors do: once per track would make the attitude of all tracks
-        too sure of itself. Times the variance of a star over that of the mean of all stars,
-        which is N times if they are equally good, each track has the gain of one filter
+        An acceleration of the camera moves all stars alike and does not average out over
+        them as centroid errors do: with a factor of 1 the covariance of the attitude of all
+        tracks would be too small. The factor is the variance of a star over that of the
+        mean of all stars, N if they are equally good. Then each track has the gain of one filter
         of the common motion, and the attitude of all tracks the covariance of that filter.
         """
         bank = self.bank
@@ -86,51 +88,52 @@ class StarwiseModel(StarModel):
 
     def _fit(self) -> RotationFit | None:
         try:
-            return fit_rotation(self._camera, self._places.direction[self.bank.place],
-                                self.bank.uv, self.bank.sigma_uv, self.bank.seen)
+            return fit_rotation(self._camera, self._places.direction[self.bank.star_index],
+                                self.bank.uv, self.bank.sigma_uv, self.bank.detected)
         except AttitudeError:
             return None
 
     def _estimate_rate(self, fit: RotationFit) -> None:
-        bank = self.bank.select(self.bank.seen & (fit.normalised <= OUTLIER_SIGMA))
+        bank = self.bank.select(self.bank.detected & (fit.normalised <= OUTLIER_SIGMA))
         self.rate_rad_s, self.rate_covariance = body_rate(
             image_jacobian(self._camera, self._camera.unproject(bank.uv)),
             bank.state[:, 1::2], bank.covariance[:, 1::2, 1::2])
 
 
-class NeighbourhoodModel(StarwiseModel):
-    """No filter: stars are where they are measured, and go on with the rate of two frames."""
+class NeighbourhoodModel(IndependentStarsModel):
+    """No filter (SNA): measured positions, propagated by the body rate of two frames."""
 
-    def start(self, fix: Fix, first: Fix) -> None:
-        super().start(fix, first)
-        self._fitted = fix.stamp_ns, fix.attitude
+    def start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
+        super().start(first, second)
+        self._fitted = second.stamp_ns, second.attitude
 
     def _predict(self, dt_s: float) -> None:
         bank = self.bank
         state, covariance = bank.state.copy(), bank.covariance.copy()
-        state[:, POSITION] = carried(self._camera, bank.uv, self.rate_rad_s, dt_s)
+        state[:, POSITION] = propagated(self._camera, bank.uv, self.rate_rad_s, dt_s)
         covariance[:, ::2, ::2] += dt_s ** 2 * covariance[:, 1::2, 1::2]
         bank = replace(bank, state=state, covariance=covariance)
         self.bank = bank.select(self._camera.contains(bank.uv))
 
     def _update(self, frame: Centroids) -> np.ndarray:
         bank, sigma_px = self.bank, self.sigma_px(frame)
-        centroid = star_neighbourhood(self._camera, bank.uv, self._places.direction[bank.place],
-                                      frame.uv, sigma_px)
-        found = np.flatnonzero(centroid >= 0)
+        centroid = star_neighbourhood(
+            self._camera, bank.uv, self._places.direction[bank.star_index], frame.uv, sigma_px)
+        detected = np.flatnonzero(centroid >= 0)
         state, covariance = bank.state.copy(), bank.covariance.copy()
-        state[found[:, None], POSITION] = frame.uv[centroid[found]]
-        covariance[found, ::2, ::2] = (sigma_px[centroid[found]] ** 2)[:, None, None] * np.eye(2)
+        state[detected[:, None], POSITION] = frame.uv[centroid[detected]]
+        covariance[detected, ::2, ::2] = (
+            sigma_px[centroid[detected]] ** 2)[:, None, None] * np.eye(2)
         probability = np.zeros((len(bank), len(frame) + 1))
         probability[np.arange(len(bank)), centroid + 1] = 1
-        self.bank = bank.observed(
-            bank.uv, probability, frame, sigma_px ** 2).placed(state, covariance)
+        self.bank = bank.associated(
+            bank.uv, probability, frame, sigma_px ** 2).with_state(state, covariance)
         return ~np.isin(np.arange(len(frame)), centroid)
 
     def _estimate_rate(self, fit: RotationFit) -> None:
         before_ns, before = self._fitted
         self._fitted = self._stamp_ns, fit.attitude
-        self._take_rate(before_ns, before, self._stamp_ns, fit.attitude)
+        self._set_rate(before_ns, before, self._stamp_ns, fit.attitude)
         jacobian = image_jacobian(self._camera, self._camera.unproject(self.bank.uv))
         self.bank.state[:, VELOCITY] = jacobian @ self.rate_rad_s
         self.bank.covariance[:, 1::2, 1::2] = (

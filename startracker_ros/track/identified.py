@@ -1,0 +1,80 @@
+"""Identified frames: their attitude, and whether it contradicts that of the tracks."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
+from startracker_ros.track.options import TrackerOptions
+from startracker_ros.track.rotation_fit import fit_rotation
+
+CONTRADICTION_SIGMA = 10.0
+"""Mahalanobis distance of an identification from the tracks: far beyond the unmodelled errors
+of the lens, far below the degrees of a wrong identification."""
+
+
+@dataclass(frozen=True)
+class IdentifiedFrame:
+    """
+    A frame that fits the catalogue: star_index (N,), centroids of N stars, and the attitude.
+
+    scale is that of RotationFit.
+    """
+
+    stamp_ns: int
+    star_index: np.ndarray
+    centroids: Centroids
+    attitude: AttitudeEstimate
+    scale: float
+
+    def contradicts(self, tracked: AttitudeEstimate, camera: Camera, places: StarPlaces,
+                    max_residual_px: float) -> bool:
+        """
+        Return whether a tracked attitude of the same frame is too far from this one.
+
+        In sigma and in pixels: a small sigma alone, or a poor lens alone, is no contradiction.
+        """
+        error = attitude_error(self.attitude.quaternion, tracked.quaternion)
+        covariance = self.attitude.covariance_sensor + tracked.covariance_sensor
+        sigmas = math.sqrt(error @ np.linalg.solve(covariance, error))
+        sensor = rotate(conjugate(tracked.quaternion), places.direction[self.star_index])
+        residual = camera.project(sensor) - self.centroids.uv
+        rms_px = np.sqrt(np.mean(np.sum(residual ** 2, axis=1)))
+        return sigmas > CONTRADICTION_SIGMA and not rms_px <= 3 * max_residual_px
+
+
+def fit_identified(camera: Camera, places: StarPlaces, options: TrackerOptions, stamp_ns: int,
+                   centroids: Centroids, sigma_px: np.ndarray, hip: np.ndarray
+                   ) -> IdentifiedFrame | None:
+    """
+    Return an identified frame without outliers, None unless enough stars fit well enough.
+
+    sigma_px (N,) and hip (N,) of each centroid, 0 where it is unknown. Crowded stars are left
+    out. Of several centroids with one hip the first, the brightest, counts.
+    """
+    star_index = places.index_of(hip)
+    known = (star_index >= 0) & ~places.crowded[star_index]
+    known[known] = _first_of_each(star_index[known])
+    centroids, sigma_px, star_index = centroids.select(known), sigma_px[known], star_index[known]
+    if len(star_index) < options.min_stars:
+        return None
+    try:
+        fit = fit_rotation(camera, places.direction[star_index], centroids.uv, sigma_px,
+                           np.ones(len(star_index), bool))
+    except AttitudeError:
+        return None
+    if not fit.is_good(len(star_index), options.min_stars, options.max_residual_px):
+        return None
+    return IdentifiedFrame(stamp_ns, star_index[fit.inlier], centroids.select(fit.inlier),
+                           fit.attitude, fit.scale)
+
+
+def _first_of_each(values: np.ndarray) -> np.ndarray:
+    """Return True (N,) at the first occurrence of each value."""
+    first = np.zeros(len(values), bool)
+    first[np.unique(values, return_index=True)[1]] = True
+    return first
