@@ -8,17 +8,17 @@ import numpy as np
 from startracker_ros.astro.orbit import propagate
 from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places, StarPlaces
+from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
+from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.identify.identification import IdentificationOptions, METHODS
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.locate.line_of_sight import line_of_sight
 from startracker_ros.locate.location import locate
 from startracker_ros.maths.rotation import quaternion_from_pointing
 from startracker_ros.sky.detector import Detector
-from startracker_ros.sky.star_lists import some_field
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.new_stars import match_new_stars
 from startracker_ros.track.options import MODELS, TrackerOptions
@@ -30,10 +30,10 @@ CAMERA = Camera.from_fov(512, 512, 20.0)
 EPOCH_YEAR = 2026.0
 
 
-def _field() -> tuple[StarPlaces, Centroids, np.ndarray]:
-    """Return a sky, the centroids of a field, and their hip (N,)."""
-    places = camera_places(load_catalog(), CAMERA, EPOCH_YEAR, 5.0)
-    return places, *some_field(places, CAMERA)
+def _field() -> tuple[OnboardCatalog, Centroids, np.ndarray]:
+    """Return an on-board catalogue, the centroids of a field, and their hip (N,)."""
+    onboard = onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, 5.0)
+    return onboard, *synthetic_field(onboard, CAMERA)
 
 
 def extraction() -> None:
@@ -44,25 +44,25 @@ def extraction() -> None:
 
 def identification() -> None:
     """Identify a field by every method."""
-    _, centroids, _ = _field()
     for method in METHODS:
         options = IdentificationOptions(method=method, magnitude_limit=5.0)
-        make_identifier(CAMERA, EPOCH_YEAR, options, load_catalog()).identify(centroids)
+        make_identifier(CAMERA, EPOCH_YEAR, options, load_catalog()).warm_up()
 
 
 def tracking() -> None:
     """Track a field by every model, estimate an attitude, look for new stars and a target."""
-    places, centroids, hip = _field()
+    onboard, centroids, hip = _field()
     for model in MODELS:
-        tracker = StarTracker(CAMERA, places, TrackerOptions(model=model))
-        # A gyro is believed after some frames only.
+        tracker = StarTracker(CAMERA, onboard, TrackerOptions(model=model))
+        # A gyro is used only after some frames.
         for stamp_ns in range(0, 1_000_000_000, 100_000_000):
             tracker.add_rate(stamp_ns, np.zeros(3))
             tracker.update(stamp_ns, centroids)
             tracker.identified(stamp_ns, centroids, hip)
     attitude = estimate_attitude(np.eye(3), np.eye(3), np.ones(3))
-    match_new_stars(StarsInView(CAMERA, places), attitude, centroids, centroids.sigma_px, 0.0, 1.0)
-    TargetTracker(CAMERA, places).update(1, attitude, centroids)
+    match_new_stars(
+        StarsInView(CAMERA, onboard), attitude, centroids, centroids.sigma_px, 0.0, 1.0)
+    TargetTracker(CAMERA, onboard).update(1, attitude, centroids)
 
 
 def rendering() -> None:

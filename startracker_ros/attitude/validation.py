@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from startracker_ros.attitude.result import AttitudeEstimate, SOLVERS
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.maths.rotation import conjugate, rotate, sign_continuous
 from startracker_ros.options import option, Options
 
@@ -46,9 +46,10 @@ class AttitudeValidator:
     The sign of the quaternion is continuous from one accepted attitude to the next.
     """
 
-    def __init__(self, camera: Camera, places: StarPlaces, options: ValidationOptions) -> None:
+    def __init__(self, camera: Camera, onboard: OnboardCatalog, options: ValidationOptions
+                 ) -> None:
         self._camera = camera
-        self._places = places
+        self._onboard = onboard
         self._options = options
         self.reset()
 
@@ -89,7 +90,7 @@ class AttitudeValidator:
 
     def warm_up(self) -> None:
         """Load what solve() needs before the first frame."""
-        hip = self._places.hip[:max(4, self._options.min_stars)]
+        hip = self._onboard.hip[:max(4, self._options.min_stars)]
         uv = np.random.default_rng(1).uniform(
             0, [self._camera.width, self._camera.height], (len(hip), 2))
         # Stars of the whole sky at random pixels: the attitude is rejected.
@@ -120,8 +121,8 @@ class AttitudeValidator:
 
     def _known(self, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return which stars (N,) the catalogue holds, and the directions (K, 3) of these."""
-        index = self._places.index_of(hip)
-        return index >= 0, self._places.direction[index[index >= 0]]
+        index = self._onboard.index_of(hip)
+        return index >= 0, self._onboard.direction[index[index >= 0]]
 
     def _too_few(self, count: int, kind: str) -> TrustedAttitude:
         return TrustedAttitude(

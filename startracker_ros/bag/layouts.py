@@ -113,5 +113,5 @@ def _layout(fields: tuple[tuple[str, int, int], ...], point_step: int, wanted: n
 def _never_nan(wanted: np.dtype) -> tuple[list[str], list[int]]:
     """Return the float fields that must be finite, and their columns in rows viewed as floats."""
     columns = {name: offset // 4 for name, (dtype, offset, *_) in (wanted.fields or {}).items()
-              if dtype.kind == 'f' and name not in _MAY_BE_NAN}
+               if dtype.kind == 'f' and name not in _MAY_BE_NAN}
     return list(columns), list(columns.values())

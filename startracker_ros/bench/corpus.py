@@ -7,7 +7,7 @@ import zlib
 
 import numpy as np
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places, StarPlaces
+from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import quaternion_from_pointing
@@ -34,9 +34,9 @@ class View:
         return Camera.from_fov(self.width, self.width, self.fov_deg)
 
     @cached_property
-    def places(self) -> StarPlaces:
+    def onboard(self) -> OnboardCatalog:
         """Return the stars that the camera can detect."""
-        return camera_places(load_catalog(), self.camera, EPOCH_YEAR, self.magnitude_limit)
+        return onboard_catalog(load_catalog(), self.camera, EPOCH_YEAR, self.magnitude_limit)
 
 
 VIEWS = {view.name: view for view in (
@@ -105,10 +105,10 @@ def frames(view: View, cell: Cell, count: int, seed: int) -> list[Frame]:
 
 def _frame(view: View, cell: Cell, rng: np.random.Generator) -> Frame:
     q = _near_pleiades(view, rng) if cell.sky == 'Pleiades' else random_attitude(rng)
-    seen, _ = star_list(view.places, view.camera, q, cell.sigma_px, rng, missing=cell.missing,
+    seen, _ = star_list(view.onboard, view.camera, q, cell.sigma_px, rng, missing=cell.missing,
                         false=cell.false, magnitude_sigma=_MAGNITUDE_SIGMA)
     if cell.sky == 'none':
-        seen, _ = star_list(view.places, view.camera, q, cell.sigma_px, rng, missing=1.0,
+        seen, _ = star_list(view.onboard, view.camera, q, cell.sigma_px, rng, missing=1.0,
                             false=len(seen))
     elif cell.sky == 'mirrored':
         seen = replace(seen, uv=seen.uv * [-1, 1] + [view.width - 1, 0])

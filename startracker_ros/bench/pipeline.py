@@ -15,7 +15,7 @@ import numpy as np
 from rich.progress import track as progress
 from startracker_ros.attitude.estimate import cramer_rao
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.figures.correctness import is_correct
 from startracker_ros.figures.machine import machine, scheduling, StealTime
@@ -90,12 +90,12 @@ def noise_free(trials: int, seed: int) -> Iterator[PercentileRow]:
 def cramer_rao_ratio(trials: int, seed: int) -> Iterator[PercentileRow]:
     """Single-frame attitude at 0.1 px against the bound of the same frames."""
     rng = np.random.default_rng(seed)
-    places = camera_places(load_catalog(), SMALL_CAMERA, EPOCH_YEAR, 6.0)
+    onboard = onboard_catalog(load_catalog(), SMALL_CAMERA, EPOCH_YEAR, 6.0)
     stage = AttitudeStage(SMALL_CAMERA, EPOCH_YEAR)
     normalised, cross, bound = [], [], []
     for _ in range(trials):
         q = random_attitude(rng)
-        centroids, hip = star_list(places, SMALL_CAMERA, q, 0.1, rng)
+        centroids, hip = star_list(onboard, SMALL_CAMERA, q, 0.1, rng)
         solved = stage.from_stars(centroids, hip).attitude
         if solved is None:
             continue
@@ -117,14 +117,14 @@ def cramer_rao_ratio(trials: int, seed: int) -> Iterator[PercentileRow]:
 def pyramid(trials: int, seed: int) -> Iterator[PercentileRow]:
     """Lost-in-space identification of random attitudes without false stars."""
     rng = np.random.default_rng(seed)
-    places = camera_places(load_catalog(), SMALL_CAMERA, EPOCH_YEAR, 6.0)
+    onboard = onboard_catalog(load_catalog(), SMALL_CAMERA, EPOCH_YEAR, 6.0)
     identifier = make_identifier(SMALL_CAMERA, EPOCH_YEAR,
                                  IdentificationOptions(magnitude_limit=6.0))
     solved = wrong = 0
     times_ms = []
     for _ in progress(range(trials), 'identification', transient=True):
         q = random_attitude(rng)
-        centroids, _ = star_list(places, SMALL_CAMERA, q, 0.3, rng)
+        centroids, _ = star_list(onboard, SMALL_CAMERA, q, 0.3, rng)
         start_s = time.process_time()
         result = identifier.identify(centroids)
         times_ms.append((time.process_time() - start_s) * 1e3)

@@ -18,7 +18,7 @@ from startracker_ros.calibration.adjustment import (
     adjust, Adjustment, CalibrationError, MatchedStars, TERMS)
 from startracker_ros.calibration.matching import match_stars, View
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.maths.rotation import attitude_error
 
 MIN_STARS = 30
@@ -71,7 +71,7 @@ class Calibration:
         return self.adjustment.camera
 
 
-def calibrate(views: Sequence[View], camera: Camera, places: StarPlaces,
+def calibrate(views: Sequence[View], camera: Camera, onboard: OnboardCatalog,
               terms: Sequence[str] = ()) -> Calibration:
     """
     Return the calibration of the camera of the views.
@@ -82,7 +82,7 @@ def calibrate(views: Sequence[View], camera: Camera, places: StarPlaces,
     """
     frames = np.arange(len(views))
     quaternions = np.array([view.quaternion for view in views]).reshape(-1, 4)
-    spacing = camera.pixel_rad ** -1 * np.sqrt(4 * np.pi / max(1, len(places)))
+    spacing = camera.pixel_rad ** -1 * np.sqrt(4 * np.pi / max(1, len(onboard)))
     gate_px = first_gate = min(_FIRST_GATE_PX, _FIRST_GATE_SPACING * spacing)
     # With automatic selection a term that is not significant is zero.
     start = camera if terms else replace(camera, distortion=(0.0,) * 5)
@@ -93,7 +93,7 @@ def calibrate(views: Sequence[View], camera: Camera, places: StarPlaces,
                 f'{len(frames)} identified images, at least 2 are needed: in a single one the '
                 'principal point and the attitude are not determined separately, and the '
                 'calibration cannot be checked with another image')
-        stars = match_stars(camera, places, [views[int(i)] for i in frames], quaternions,
+        stars = match_stars(camera, onboard, [views[int(i)] for i in frames], quaternions,
                             gate_px)
         enough = np.bincount(stars.frame, minlength=len(frames)) >= MIN_FRAME_STARS
         if not enough.all():

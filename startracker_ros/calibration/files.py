@@ -11,7 +11,7 @@ from startracker_ros.calibration.summary import figures, summary
 from startracker_ros.camera.files import save_camera
 from startracker_ros.camera.images import calibrated_camera, ImageError, read_image_with_camera
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
@@ -73,12 +73,12 @@ def _calibrate(centroids: dict[int, Centroids], camera: Camera, epoch_year: floa
                terms: Sequence[str], reasons: dict[int, str]
                ) -> tuple[dict[int, int], Calibration]:
     """Return the frame number of each image in use and the calibration; add to reasons."""
-    places = camera_places(load_catalog(), camera, epoch_year)
+    onboard = onboard_catalog(load_catalog(), camera, epoch_year)
     views: dict[int, View] = {}
     camera = _with_focal_length(centroids, camera, epoch_year)
     for options in _REFINED:
         _identify(centroids, views, camera, epoch_year, options, reasons)
-    calibration = calibrate([*views.values()], camera, places, terms)
+    calibration = calibrate([*views.values()], camera, onboard, terms)
     used = _used(views, calibration)
     if len(views) < len(centroids):
         before = len(views)
@@ -87,7 +87,7 @@ def _calibrate(centroids: dict[int, Centroids], camera: Camera, epoch_year: floa
         if len(views) > before:
             for index, frame in used.items():
                 views[index] = View(centroids[index], calibration.adjustment.quaternions[frame])
-            calibration = calibrate([*views.values()], calibration.camera, places, terms)
+            calibration = calibrate([*views.values()], calibration.camera, onboard, terms)
             used = _used(views, calibration)
     reasons.update({index: f'fewer than {MIN_FRAME_STARS} of its stars fit the camera'
                     for index in views if index not in used})

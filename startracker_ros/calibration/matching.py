@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from startracker_ros.calibration.adjustment import MatchedStars
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import conjugate, rotate
 
@@ -19,8 +19,8 @@ class View:
     quaternion: np.ndarray
 
 
-def match_stars(camera: Camera, places: StarPlaces, views: list[View], quaternions: np.ndarray,
-                gate_px: float) -> MatchedStars:
+def match_stars(camera: Camera, onboard: OnboardCatalog, views: list[View],
+                quaternions: np.ndarray, gate_px: float) -> MatchedStars:
     """
     Return the pairs of centroids and stars within gate_px, one to one.
 
@@ -32,15 +32,15 @@ def match_stars(camera: Camera, places: StarPlaces, views: list[View], quaternio
         centroids = view.centroids
         valid = np.flatnonzero(np.isfinite(centroids.uv).all(axis=1) & (centroids.sigma_px > 0)
                                & np.isfinite(centroids.sigma_px))
-        near = places.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
-        uv = camera.project(rotate(conjugate(q), places.direction[near]))
+        near = onboard.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
+        uv = camera.project(rotate(conjugate(q), onboard.direction[near]))
         inside = camera.contains(uv, -gate_px)
         near, uv = near[inside], uv[inside]
         index, star = _nearest_pairs(centroids.uv[valid], uv, gate_px)
-        single = ~places.crowded[near[star]]
+        single = ~onboard.crowded[near[star]]
         index, star = valid[index[single]], near[star[single]]
         parts.append(MatchedStars(centroids.uv[index], centroids.sigma_px[index],
-                                  places.direction[star], np.full(len(index), frame)))
+                                  onboard.direction[star], np.full(len(index), frame)))
     return MatchedStars(*(np.concatenate([getattr(part, name) for part in parts])
                           for name in ('uv', 'sigma_px', 'icrf', 'frame')))
 

@@ -12,7 +12,7 @@ from startracker_ros.attitude.estimate import cramer_rao
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.propagate import AttitudePrediction, AttitudePropagator
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places, StarPlaces
+from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.figures.timing import cpu_timed
 from startracker_ros.identify.extended_grid import ExtendedGridIdentifier, PredictedField
@@ -78,8 +78,8 @@ class Tally:
 
 
 @cache
-def _sky() -> StarPlaces:
-    return camera_places(load_catalog(), CAMERA, EPOCH_YEAR)
+def _sky() -> OnboardCatalog:
+    return onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR)
 
 
 @cache
@@ -89,16 +89,16 @@ def _identifier(perfect: bool) -> ExtendedGridIdentifier:
         method='extended_grid', magnitude_limit=CATALOG_LIMIT))
     if not perfect:
         rng = np.random.default_rng(0)
-        places = identifier.places
+        onboard = identifier.onboard
         # Noise along the line of sight does nothing.
-        direction = places.direction + rng.normal(
-            0, CATALOG_SIGMA_PX * CAMERA.pixel_rad, places.direction.shape)
-        magnitude = places.magnitude + rng.normal(0, CATALOG_SIGMA_MAG, len(places))
+        direction = onboard.direction + rng.normal(
+            0, CATALOG_SIGMA_PX * CAMERA.pixel_rad, onboard.direction.shape)
+        magnitude = onboard.magnitude + rng.normal(0, CATALOG_SIGMA_MAG, len(onboard))
         order = np.argsort(magnitude)
-        identifier.places = StarPlaces(
-            places.hip[order],
+        identifier.onboard = OnboardCatalog(
+            onboard.hip[order],
             (direction / np.linalg.norm(direction, axis=1, keepdims=True))[order],
-            magnitude[order], places.crowded[order])
+            magnitude[order], onboard.crowded[order])
     return identifier
 
 
@@ -150,7 +150,7 @@ def _frame(identifier: ExtendedGridIdentifier, condition: Condition,
     hip_seen = hip[field.index]
     observed = field.direction[:, :2] / field.direction[:, 2:]
     image = identifier.predicted_field(prior.quaternion)
-    hip_known = identifier.places.hip[image.star]
+    hip_known = identifier.onboard.hip[image.star]
     votes = identifier.recognise(observed, image)
     sigma = np.hypot(condition.position_px, CATALOG_SIGMA_PX) * CAMERA.pixel_rad
     fits = triangle_votes(observed, image.brightest(len(observed)), identifier.buffer_rad, sigma)

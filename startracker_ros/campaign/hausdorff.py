@@ -12,15 +12,14 @@ from itertools import chain
 import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.campaign.parallel import parallel_trials
-from startracker_ros.catalog.onboard import star_places
+from startracker_ros.catalog.onboard import build_onboard_catalog
 from startracker_ros.catalog.stars import CATALOG_EPOCH_YEAR, load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.figures.correctness import CORRECT_TEXT, is_correct
 from startracker_ros.figures.rows import Check, combined
 from startracker_ros.figures.timing import cpu_timed
 from startracker_ros.identify.hausdorff import bright_sets, HausdorffIdentifier, Pivots
-from startracker_ros.identify.identification import (
-    Candidates, FieldStars, IdentificationOptions)
+from startracker_ros.identify.identification import Candidates, FieldStars, IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.maths.rotation import quaternion_from_pointing, radec_from_unit, rotate
 from startracker_ros.sky.star_lists import random_attitude, star_list
@@ -117,7 +116,7 @@ def directions(method: str, magnitude_limit: float, name: str, count: int,
 def _direction(identifier: HausdorffIdentifier, variant: Variant,
                rng: np.random.Generator) -> Outcome:
     q = _attitude(identifier.pivots, rng) if variant.at_pivot else random_attitude(rng)
-    centroids, hip = star_list(identifier.places, CAMERA, q, variant.sigma_px, rng,
+    centroids, hip = star_list(identifier.onboard, CAMERA, q, variant.sigma_px, rng,
                                magnitude_sigma=variant.sigma_mag)
     if variant.verified:
         cpu_s, identified = cpu_timed(identifier.identify, centroids)
@@ -128,7 +127,7 @@ def _direction(identifier: HausdorffIdentifier, variant: Variant,
         cpu_s, (field, found) = cpu_timed(_nearest_set, identifier, centroids)
         solved = found is not None
         correct = found is not None and np.array_equal(
-            hip[field.index[found.base]], identifier.places.hip[found.stars[0]])
+            hip[field.index[found.base]], identifier.onboard.hip[found.stars[0]])
     return Outcome(solved, correct, len(hip), 1e3 * cpu_s)
 
 
@@ -151,8 +150,8 @@ def _attitude(pivots: Pivots, rng: np.random.Generator) -> np.ndarray:
 
 def stored_sets(method: str, magnitude_limit: float) -> int:
     """Return the number of sets of the catalogue with unmerged doubles."""
-    stars = star_places(load_catalog(), CATALOG_EPOCH_YEAR, magnitude_limit=magnitude_limit,
-                        merge_rad=0.0, crowd_rad=0.0)
+    stars = build_onboard_catalog(load_catalog(), CATALOG_EPOCH_YEAR, merge_rad=0.0, crowd_rad=0.0,
+                                  magnitude_limit=magnitude_limit)
     identifier = _identifier(method, magnitude_limit)
     return len(bright_sets(stars.direction, identifier.sky_pivots(stars),
                            identifier.radius_rad).feature)

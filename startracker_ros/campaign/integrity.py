@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.campaign.parallel import parallel_map, split_trials
-from startracker_ros.catalog.onboard import camera_places, StarPlaces
+from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.figures.correctness import error_over_bound, WRONG_TEXT
@@ -114,8 +114,8 @@ def _pipeline() -> Pipeline:
 
 
 @cache
-def _sky() -> StarPlaces:
-    return camera_places(load_catalog(), CAMERA, EPOCH_YEAR, MAGNITUDE_LIMIT)
+def _sky() -> OnboardCatalog:
+    return onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, MAGNITUDE_LIMIT)
 
 
 def integrity_runs(name: str, runs: int, seed: int) -> Tally:

@@ -7,7 +7,7 @@ from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.campaign.jpdaf_runs import (
     BLOCK_S, CAMERA, Cell, DETECTION_PROBABILITY, DT_S, FALSE_POINTS, FRAMES, ORBIT_RATE_RAD_S,
     RATE_SIGMA_RAD_S, Run, STARS)
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.track.association import (
@@ -170,7 +170,7 @@ def _coupled(run: Run) -> tuple[np.ndarray, np.ndarray]:
     numbers = np.arange(1, STARS + 1, dtype=np.int32)
     across, roll = np.degrees(body_changes(run.cell)) / DT_S
     tracker = StarTracker(
-        CAMERA, StarPlaces(numbers, run.icrf, np.full(STARS, 4.0), np.zeros(STARS, bool)),
+        CAMERA, OnboardCatalog(numbers, run.icrf, np.full(STARS, 4.0), np.zeros(STARS, bool)),
         TrackerOptions(model='attitude', max_stars=STARS, min_stars=STARS - 1,
                        acceleration_deg_s2=max(across, LEAST_DEG_S2),
                        roll_acceleration_deg_s2=max(roll, LEAST_DEG_S2),

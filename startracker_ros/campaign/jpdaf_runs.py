@@ -12,7 +12,7 @@ import numpy as np
 from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.orbit import CircularOrbit
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places, StarPlaces
+from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import (
     conjugate, matrix_from_quaternion, quaternion_from_pointing, radec_from_unit, rotate)
@@ -96,18 +96,18 @@ class Run:
 
 
 @cache
-def _places() -> StarPlaces:
-    return camera_places(load_catalog(), CAMERA, EPOCH_YEAR, MAGNITUDE_LIMIT)
+def _onboard() -> OnboardCatalog:
+    return onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, MAGNITUDE_LIMIT)
 
 
 def make_run(cell: Cell, rng: np.random.Generator) -> Run:
     """Return a run over the four brightest stars that stay in the image, anywhere in the orbit."""
-    places = _places()
+    onboard = _onboard()
     while True:
         quaternion, rate, steady_rate = _motion(cell, rng)
         axes = matrix_from_quaternion(quaternion)
-        near = places.within(axes[FRAMES // 2, :, 2], CAMERA.corner_angle_rad)
-        icrf = places.direction[near[~places.crowded[near]]]
+        near = onboard.within(axes[FRAMES // 2, :, 2], CAMERA.corner_angle_rad)
+        icrf = onboard.direction[near[~onboard.crowded[near]]]
         # Row vectors times R are R^T d: the directions on sensor axes.
         uv = CAMERA.project(icrf @ axes)
         chosen = np.flatnonzero(CAMERA.contains(uv, _MARGIN_PX).all(axis=0))[:STARS]

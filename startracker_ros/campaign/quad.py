@@ -79,7 +79,7 @@ def _frames(attitudes: list[np.ndarray], rng: np.random.Generator) -> list[Frame
 
 def _frame(q: np.ndarray, rng: np.random.Generator) -> Frame:
     identifier = _identifier()
-    centroids, hip = star_list(identifier.places, CAMERA, q, SIGMA_PX, rng)
+    centroids, hip = star_list(identifier.onboard, CAMERA, q, SIGMA_PX, rng)
     cpu_s, result = cpu_timed(identifier.identify, centroids)
     if result.attitude is None:
         return Frame(False, False, len(hip), 0, 0, 0, 0, 1e3 * cpu_s)
@@ -87,8 +87,8 @@ def _frame(q: np.ndarray, rng: np.random.Generator) -> Frame:
     identified = result.hip[field.index]
     base = np.flatnonzero(identified)[:4]
     star = identifier.verifier.field_match(field.direction, field.sigma_rad, base,
-                                           identifier.places.index_of(identified[base]))
-    matched = np.where(star >= 0, identifier.places.hip[star], 0)
+                                           identifier.onboard.index_of(identified[base]))
+    matched = np.where(star >= 0, identifier.onboard.hip[star], 0)
     return Frame(True, not is_correct(result.attitude.quaternion, q), len(hip),
                  *_correct_and_wrong(result.hip, hip),
                  *_correct_and_wrong(matched, hip[field.index]), 1e3 * cpu_s)

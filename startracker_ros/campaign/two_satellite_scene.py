@@ -13,8 +13,8 @@ import numpy as np
 from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.orbit import Elements, orbit_frame, state_from_elements
 from startracker_ros.camera.model import Camera
-from startracker_ros.locate.location import locate, LocationOptions
 from startracker_ros.locate.line_of_sight import LineOfSight
+from startracker_ros.locate.location import locate, LocationOptions
 from startracker_ros.locate.triangulation import LOCATED, triangulate_all
 from startracker_ros.maths.rotation import ARCSEC
 

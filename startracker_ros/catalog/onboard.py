@@ -21,7 +21,7 @@ centroid by a tenth of the overlap: some 0.1 px, the noise of a star near the de
 
 
 @dataclass(frozen=True)
-class StarPlaces:
+class OnboardCatalog:
     """
     On-board catalogue: the stars as one camera resolves them at one epoch, brightest first.
 
@@ -57,8 +57,8 @@ class StarPlaces:
         return order, self.hip[order]
 
 
-def star_places(catalog: StarCatalog, epoch_year: float, *, magnitude_limit: float,
-                merge_rad: float, crowd_rad: float) -> StarPlaces:
+def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_limit: float,
+                          merge_rad: float, crowd_rad: float) -> OnboardCatalog:
     """
     Return the on-board catalogue up to magnitude_limit at a Julian year.
 
@@ -81,16 +81,16 @@ def star_places(catalog: StarCatalog, epoch_year: float, *, magnitude_limit: flo
     order = np.argsort(magnitude, kind='stable')
     # In float32 like the catalogue, so that a star exactly at the limit is included.
     order = order[magnitude[order].astype(np.float32) <= np.float32(magnitude_limit)]
-    return StarPlaces(catalog.hip[brightest[order]], direction[order], magnitude[order],
-                      crowded[order])
+    return OnboardCatalog(catalog.hip[brightest[order]], direction[order], magnitude[order],
+                          crowded[order])
 
 
-def camera_places(catalog: StarCatalog, camera: Camera, epoch_year: float,
-                  magnitude_limit: float = np.inf) -> StarPlaces:
+def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,
+                    magnitude_limit: float = np.inf) -> OnboardCatalog:
     """Return the on-board catalogue of a camera, with the resolution of its pixels."""
-    return star_places(catalog, epoch_year, magnitude_limit=magnitude_limit,
-                       merge_rad=MERGE_PX * camera.pixel_rad,
-                       crowd_rad=CROWD_PX * camera.pixel_rad)
+    return build_onboard_catalog(catalog, epoch_year, magnitude_limit=magnitude_limit,
+                                 merge_rad=MERGE_PX * camera.pixel_rad,
+                                 crowd_rad=CROWD_PX * camera.pixel_rad)
 
 
 def _close_pairs(direction: np.ndarray, chord: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from pathlib import Path
 import tempfile
 
 import numpy as np
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.folders import cache_folder
 from startracker_ros.identify.pairs import build_pairs, PairDatabase
 
@@ -21,7 +21,7 @@ MAX_FILES = 20
 _VERSION = 2
 
 
-def cached_pairs(places: StarPlaces, min_separation_rad: float,
+def cached_pairs(onboard: OnboardCatalog, min_separation_rad: float,
                  max_separation_rad: float) -> PairDatabase:
     """
     Return the pairs of the catalogue from the cache, or build and store them.
@@ -31,12 +31,12 @@ def cached_pairs(places: StarPlaces, min_separation_rad: float,
     last used files remain.
     """
     key = hashlib.sha256(repr((_VERSION, min_separation_rad, max_separation_rad)).encode())
-    for field in fields(StarPlaces):
-        key.update(np.ascontiguousarray(getattr(places, field.name)).tobytes())
+    for field in fields(OnboardCatalog):
+        key.update(np.ascontiguousarray(getattr(onboard, field.name)).tobytes())
     path = cache_folder() / f'pairs-{key.hexdigest()[:32]}.bin'
     pairs = _load(path)
     if pairs is None:
-        pairs = build_pairs(places, min_separation_rad, max_separation_rad)
+        pairs = build_pairs(onboard, min_separation_rad, max_separation_rad)
         _store(path, pairs)
     return pairs
 

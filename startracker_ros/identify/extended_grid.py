@@ -128,7 +128,7 @@ class ExtendedGridIdentifier(PyramidIdentifier):
 
     def warm_up(self) -> None:
         """Compile and load all that a frame needs, with a predicted attitude and without."""
-        centroids, _ = synthetic_field(self.places, self.camera)
+        centroids, _ = synthetic_field(self.onboard, self.camera)
         attitude = self.identify(centroids).attitude
         if attitude is not None:
             self.identify(centroids, AttitudePrediction(attitude.quaternion,
@@ -137,8 +137,8 @@ class ExtendedGridIdentifier(PyramidIdentifier):
     def predicted_field(self, quaternion: np.ndarray) -> PredictedField:
         """Return the catalogue stars of the extended field, image A."""
         matrix = matrix_from_quaternion(quaternion)
-        near = self.places.within(matrix[:, 2], np.arctan(np.hypot(*self._half_field)))
-        direction = self.places.direction[near] @ matrix
+        near = self.onboard.within(matrix[:, 2], np.arctan(np.hypot(*self._half_field)))
+        direction = self.onboard.direction[near] @ matrix
         tangent = direction[:, :2] / direction[:, 2:]
         within = (np.abs(tangent) <= self._half_field).all(1)
         uv = self.camera.project(direction[within])
@@ -206,7 +206,7 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         covariance[3, 3] = (self.scale_error / options.tolerance_sigmas) ** 2
         verifier = PriorVerifier(observed, field.sigma_rad, predicted.tangent, predicted.inside,
                                  covariance, options.tolerance_sigmas, self._area)
-        found = verifier.verify(recognised, self.places.crowded[predicted.star],
+        found = verifier.verify(recognised, self.onboard.crowded[predicted.star],
                                 options.false_alarm_max)
         count = f'{np.count_nonzero(recognised >= 0)} of {len(field)} stars recognised'
         if found is None:
@@ -225,7 +225,7 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         try:
             attitude = estimate_attitude(
                 np.column_stack([tangent, np.ones(len(tangent))]),
-                self.places.direction[star[known]], field.sigma_rad[known])
+                self.onboard.direction[star[known]], field.sigma_rad[known])
         except AttitudeError as error:
             return self.unidentified(centroids, 'no_candidate', str(error), found.false_alarm)
         residual_px = np.full(len(field), np.nan)

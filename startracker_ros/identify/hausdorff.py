@@ -18,7 +18,7 @@ from itertools import combinations, product
 
 import numpy as np
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.identify.identification import (
     CandidateIdentifier, Candidates, FieldStars, IdentificationOptions)
@@ -91,15 +91,15 @@ class HausdorffIdentifier(CandidateIdentifier):
         self.centre = camera.unproject(self.centre_px)
         edges = camera.unproject(self.centre_px + half_px * [[-1, 0], [1, 0], [0, -1], [0, 1]])
         self.radius_rad = float(_angle(edges, self.centre).min())
-        self.pivots = self.sky_pivots(self.places)
-        direction = self.places.direction
+        self.pivots = self.sky_pivots(self.onboard)
+        direction = self.onboard.direction
         self._sky = StarSets.joined([
             star_sets(direction, self.pivots, around, four)
             for around in self._around(direction, self.pivots) for four in self.sky_fours])
         self._side = _sides(direction[self._sky.stars[:, :3]]).T
 
     @abstractmethod
-    def sky_pivots(self, places: StarPlaces) -> Pivots:
+    def sky_pivots(self, onboard: OnboardCatalog) -> Pivots:
         """Return the pivots of a sky with these stars."""
 
     @abstractmethod
@@ -119,7 +119,7 @@ class HausdorffIdentifier(CandidateIdentifier):
     @cached_property
     def published_sets(self) -> StarSets:
         """Return the sets of the paper's database."""
-        return StarSets.joined([bright_sets(self.places.direction, self.pivots,
+        return StarSets.joined([bright_sets(self.onboard.direction, self.pivots,
                                             self.radius_rad)])
 
     def nearest(self, field: FieldStars) -> Candidates | None:

@@ -1,7 +1,7 @@
 """The pivot approach of hausdorff.py: the pivots are stars of the image and the catalogue."""
 
 import numpy as np
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.identify.hausdorff import FOUR_OF_SIX, HausdorffIdentifier, Pivots
 from startracker_ros.identify.identification import FieldStars
 
@@ -23,8 +23,8 @@ class PivotIdentifier(HausdorffIdentifier):
     def search_radii_rad(self) -> list[float]:
         return [self.radius_rad, max(self.camera.corner_angle_rad, self.radius_rad)]
 
-    def sky_pivots(self, places: StarPlaces) -> Pivots:
-        return Pivots(places.direction, np.arange(len(places)))
+    def sky_pivots(self, onboard: OnboardCatalog) -> Pivots:
+        return Pivots(onboard.direction, np.arange(len(onboard)))
 
     def image_pivots(self, field: FieldStars) -> Pivots:
         order = np.argsort(-(field.direction @ self.centre), kind='stable')

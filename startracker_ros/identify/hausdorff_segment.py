@@ -1,7 +1,7 @@
 """The segmentation approach of hausdorff.py: the pivots are nodes of a grid over the sky."""
 
 import numpy as np
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.identify.hausdorff import HausdorffIdentifier, Pivots
 from startracker_ros.identify.identification import FieldStars
 from startracker_ros.maths.rotation import unit_from_radec
@@ -28,7 +28,7 @@ class SegmentIdentifier(HausdorffIdentifier):
         """Half the diagonal between nodes; the tangent plane is stretched towards its edge."""
         return np.radians(1.0) / np.sqrt(2) / np.cos(self.radius_rad) ** 2
 
-    def sky_pivots(self, places: StarPlaces) -> Pivots:
+    def sky_pivots(self, onboard: OnboardCatalog) -> Pivots:
         ra_deg, dec_deg = np.meshgrid(np.arange(361.0), np.arange(-90.0, 91.0))
         return Pivots(unit_from_radec(np.radians(ra_deg.ravel()), np.radians(dec_deg.ravel())))
 

@@ -9,7 +9,7 @@ import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.lens import Lens, shows, undistort
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import synthetic_field
@@ -123,9 +123,9 @@ class Identifier(ABC):
             camera, catalog, self.stars_per_field)
         self.scale_error = options.fov_error_percent / 100
         # Proper motion of a year is far below the tolerances: one database for the whole year.
-        self.places = camera_places(catalog, camera, round(epoch_year), self.magnitude_limit)
-        self._catalog_stars = len(self.places) * _share_of_sky(camera)
-        self.verifier = Verifier(camera, self.places, options.tolerance_sigmas, self.scale_error,
+        self.onboard = onboard_catalog(catalog, camera, round(epoch_year), self.magnitude_limit)
+        self._catalog_stars = len(self.onboard) * _share_of_sky(camera)
+        self.verifier = Verifier(camera, self.onboard, options.tolerance_sigmas, self.scale_error,
                                  bases_by_brightness=self.bases_by_brightness)
 
     @abstractmethod
@@ -134,7 +134,7 @@ class Identifier(ABC):
 
     def warm_up(self) -> None:
         """Compile and load all that a frame needs, by identifying a synthetic field."""
-        self.identify(synthetic_field(self.places, self.camera)[0])
+        self.identify(synthetic_field(self.onboard, self.camera)[0])
 
     def field_stars(self, centroids: Centroids) -> FieldStars:
         """Return the brightest usable centroids, each star once."""
@@ -146,8 +146,8 @@ class Identifier(ABC):
     def identified(self, centroids: Centroids, field: FieldStars, match: Match) -> Identification:
         """Return an accepted match as the result."""
         hip, magnitude, residual_px = per_centroid(
-            len(centroids), field.index, match.star, match.residual_px, self.places.hip,
-            self.places.magnitude)
+            len(centroids), field.index, match.star, match.residual_px, self.onboard.hip,
+            self.onboard.magnitude)
         return Identification('identified', f'{match.matched} stars', hip, magnitude, residual_px,
                               match.attitude, match.focal_ratio, match.false_alarm)
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.identify.kvector import KVector
 
 # 100 MB, and some two seconds to build.
@@ -43,7 +43,7 @@ class PairDatabase:
         return np.concatenate([first, second]), np.concatenate([second, first])
 
 
-def build_pairs(places: StarPlaces, min_separation_rad: float,
+def build_pairs(onboard: OnboardCatalog, min_separation_rad: float,
                 max_separation_rad: float) -> PairDatabase:
     """
     Return all pairs of stars whose centroids no neighbour disturbs.
@@ -53,8 +53,8 @@ def build_pairs(places: StarPlaces, min_separation_rad: float,
     """
     # Of S stars spread over the sky, S^2 (1 - cos) / 4 pairs are closer than an angle.
     most = int(np.sqrt(4 * _MOST_PAIRS / max(1 - np.cos(max_separation_rad), 1e-12)))
-    star = np.flatnonzero(~places.crowded)[:most]
-    direction = places.direction[star]
+    star = np.flatnonzero(~onboard.crowded)[:most]
+    direction = onboard.direction[star]
     # Imported here: a cached database needs no tree, whose import is slow.
     from scipy.spatial import cKDTree
     pairs = cKDTree(direction).query_pairs(2 * np.sin(max_separation_rad / 2),

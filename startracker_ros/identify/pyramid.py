@@ -91,11 +91,11 @@ class PyramidIdentifier(Identifier):
                  options: IdentificationOptions = IdentificationOptions(),
                  catalog: StarCatalog | None = None) -> None:
         super().__init__(camera, epoch_year, options, catalog)
-        pairs = cached_pairs(self.places, _MIN_SEPARATION_PX * camera.pixel_rad,
+        pairs = cached_pairs(self.onboard, _MIN_SEPARATION_PX * camera.pixel_rad,
                              2 * camera.corner_angle_rad * (1 + self.scale_error))
         share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
         bright = int(np.searchsorted(pairs.star, _BRIGHT_STARS_PER_FIELD / share))
-        direction = self.places.direction
+        direction = self.onboard.direction
         levels = (pair_level(pairs.among(bright), direction, _BRIGHT_IMAGE_STARS,
                              _BRIGHT_TRIANGLES),
                   pair_level(pairs, direction, _IMAGE_STARS, _IMAGE_STARS ** 3))

@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from startracker_ros.attitude.davenport import davenport
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.identify.cache import cached_pairs
 from startracker_ros.identify.identification import (
@@ -47,11 +47,11 @@ class QuadIdentifier(CandidateIdentifier):
                  options: IdentificationOptions = IdentificationOptions(),
                  catalog: StarCatalog | None = None) -> None:
         super().__init__(camera, epoch_year, options, catalog)
-        self.verifier: QuadVerifier = QuadVerifier(camera, self.places, options.tolerance_sigmas,
+        self.verifier: QuadVerifier = QuadVerifier(camera, self.onboard, options.tolerance_sigmas,
                                                    self.scale_error)
-        self.pairs = cached_pairs(self.places, _MIN_SEPARATION_PX * camera.pixel_rad,
+        self.pairs = cached_pairs(self.onboard, _MIN_SEPARATION_PX * camera.pixel_rad,
                                   2 * camera.corner_angle_rad * (1 + self.scale_error))
-        self._directions = self.places.direction[self.pairs.star]
+        self._directions = self.onboard.direction[self.pairs.star]
 
     def candidates(self, field: FieldStars) -> Iterator[Candidates]:
         """Yield the catalogue quads that fit one image quad after the other."""
@@ -65,11 +65,11 @@ class QuadIdentifier(CandidateIdentifier):
 class QuadVerifier(Verifier):
     """Verifies the quads that the field match of the paper confirms."""
 
-    def __init__(self, camera: Camera, places: StarPlaces, tolerance_sigmas: float,
+    def __init__(self, camera: Camera, onboard: OnboardCatalog, tolerance_sigmas: float,
                  scale_error: float) -> None:
-        super().__init__(camera, places, tolerance_sigmas, scale_error)
+        super().__init__(camera, onboard, tolerance_sigmas, scale_error)
         # Allows for the error of the boresight from four stars.
-        self.field_match = partial(full_field_match, places, 1.05 * camera.corner_angle_rad,
+        self.field_match = partial(full_field_match, onboard, 1.05 * camera.corner_angle_rad,
                                    tolerance_sigmas, scale_error)
 
     def supported(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
@@ -168,7 +168,7 @@ def _among(two: np.ndarray, a: np.ndarray, b: np.ndarray, size: int) -> np.ndarr
     return np.searchsorted(listed, wanted, 'right') > np.searchsorted(listed, wanted, 'left')
 
 
-def full_field_match(places: StarPlaces, radius_rad: float, tolerance_sigmas: float,
+def full_field_match(onboard: OnboardCatalog, radius_rad: float, tolerance_sigmas: float,
                      scale_error: float, image: np.ndarray, sigma_rad: np.ndarray,
                      base: np.ndarray, star: np.ndarray) -> np.ndarray:
     """
@@ -180,11 +180,11 @@ def full_field_match(places: StarPlaces, radius_rad: float, tolerance_sigmas: fl
     sides to them are compared: within tolerance_sigmas of the noise sigma_rad (N,) and
     scale_error.
     """
-    corner = places.direction[star]
+    corner = onboard.direction[star]
     coarse, _ = davenport(image[base], corner, np.full(len(base), 1 / len(base)))
-    near = places.within(matrix_from_quaternion(coarse)[:, 2], radius_rad)
+    near = onboard.within(matrix_from_quaternion(coarse)[:, 2], radius_rad)
     seen = _angle(image[:, None], image[base])
-    true = _angle(places.direction[near][:, None], corner)
+    true = _angle(onboard.direction[near][:, None], corner)
     reach = (tolerance_sigmas * np.hypot(sigma_rad[:, None], sigma_rad[base])
              + scale_error * seen)
     worst = np.max(np.abs(seen[:, None] - true) / reach[:, None], axis=2)

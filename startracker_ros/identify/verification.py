@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.catalog.sky_grid import count_in_image, count_near, sky_grid, SkyGrid
 from startracker_ros.compiled import compiled
 from startracker_ros.identify.association import align, fit
@@ -91,13 +91,13 @@ class VerifierData(NamedTuple):
 class Verifier:
     """Verifies candidates against one catalogue and one camera."""
 
-    def __init__(self, camera: Camera, places: StarPlaces, tolerance_sigmas: float,
+    def __init__(self, camera: Camera, onboard: OnboardCatalog, tolerance_sigmas: float,
                  scale_error: float, *, bases_by_brightness: bool = False) -> None:
         self._pixel_rad = camera.pixel_rad
         area = camera.width * camera.height * camera.pixel_rad ** 2
-        sky = sky_grid(places.direction)
+        sky = sky_grid(onboard.direction)
         self.data = VerifierData(
-            sky, places.hip, places.magnitude, float(tolerance_sigmas),
+            sky, onboard.hip, onboard.magnitude, float(tolerance_sigmas),
             float(scale_error),
             ((-0.5 - camera.cx) / camera.fx, (camera.width - 0.5 - camera.cx) / camera.fx,
              (-0.5 - camera.cy) / camera.fy, (camera.height - 0.5 - camera.cy) / camera.fy,

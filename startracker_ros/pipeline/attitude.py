@@ -4,7 +4,7 @@ import numpy as np
 from startracker_ros.attitude.validation import (
     AttitudeValidator, TrustedAttitude, ValidationOptions)
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
@@ -16,7 +16,7 @@ class AttitudeStage:
     def __init__(self, camera: Camera, epoch_year: float,
                  options: ValidationOptions = ValidationOptions()) -> None:
         self._validator = AttitudeValidator(
-            camera, camera_places(load_catalog(), camera, epoch_year), options)
+            camera, onboard_catalog(load_catalog(), camera, epoch_year), options)
 
     def reset(self) -> None:
         """Forget the sign of the last quaternion."""

@@ -2,7 +2,7 @@
 
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.target import TargetTracker, TargetTrackOptions
@@ -13,7 +13,7 @@ def make_star_tracker(camera: Camera, epoch_year: float,
                       options: TrackerOptions = TrackerOptions(),
                       gyro: GyroErrorOptions = GyroErrorOptions()) -> StarTracker:
     """Return a star tracker with the shipped catalogue at a Julian year."""
-    onboard = camera_places(load_catalog(), camera, epoch_year, options.magnitude_limit)
+    onboard = onboard_catalog(load_catalog(), camera, epoch_year, options.magnitude_limit)
     return StarTracker(camera, onboard, options, gyro)
 
 
@@ -21,5 +21,5 @@ def make_trackers(camera: Camera, epoch_year: float, options: TrackerOptions,
                   gyro: GyroErrorOptions, target: TargetTrackOptions
                   ) -> tuple[StarTracker, TargetTracker]:
     """Return a star tracker, and a tracker of the target among its stars."""
-    onboard = camera_places(load_catalog(), camera, epoch_year, options.magnitude_limit)
+    onboard = onboard_catalog(load_catalog(), camera, epoch_year, options.magnitude_limit)
     return StarTracker(camera, onboard, options, gyro), TargetTracker(camera, onboard, target)

@@ -2,7 +2,7 @@
 
 import numpy as np
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import conjugate, rotate
 
@@ -13,13 +13,7 @@ def random_attitude(rng: np.random.Generator) -> np.ndarray:
     return q / np.linalg.norm(q)
 
 
-def some_field(places: StarPlaces, camera: Camera) -> tuple[Centroids, np.ndarray]:
-    """Return the centroids of one fixed field and their hip (N,)."""
-    rng = np.random.default_rng(1)
-    return star_list(places, camera, random_attitude(rng), 0.1, rng)
-
-
-def star_list(places: StarPlaces, camera: Camera, q: np.ndarray, sigma_px: float,
+def star_list(onboard: OnboardCatalog, camera: Camera, q: np.ndarray, sigma_px: float,
               rng: np.random.Generator, *, magnitude_sigma: float = 0.1, missing: float = 0.0,
               false: int = 0, brightest_false: float = 1.0) -> tuple[Centroids, np.ndarray]:
     """
@@ -29,16 +23,16 @@ def star_list(places: StarPlaces, camera: Camera, q: np.ndarray, sigma_px: float
     probability. False stars, hip 0, are uniform over the image and in magnitude from
     brightest_false to the faintest star of the on-board catalogue.
     """
-    near = places.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
-    uv = camera.project(rotate(conjugate(q), places.direction[near]))
+    near = onboard.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
+    uv = camera.project(rotate(conjugate(q), onboard.direction[near]))
     visible = camera.contains(uv) & (rng.random(len(near)) >= missing)
     near, uv = near[visible], uv[visible] + rng.normal(0, sigma_px, (np.count_nonzero(visible), 2))
-    magnitude = places.magnitude[near] + rng.normal(0, magnitude_sigma, len(near))
+    magnitude = onboard.magnitude[near] + rng.normal(0, magnitude_sigma, len(near))
     uv = np.concatenate([uv, rng.uniform(-0.5, [camera.width - 0.5, camera.height - 0.5],
                                          (false, 2))])
     magnitude = np.concatenate([magnitude, rng.uniform(
-        brightest_false, places.magnitude.max(initial=brightest_false), false)])
-    hip = np.concatenate([places.hip[near], np.zeros(false, np.int32)])
+        brightest_false, onboard.magnitude.max(initial=brightest_false), false)])
+    hip = np.concatenate([onboard.hip[near], np.zeros(false, np.int32)])
     order = np.argsort(magnitude)
     count = len(order)
     error = max(sigma_px, 1e-3)

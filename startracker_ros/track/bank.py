@@ -5,7 +5,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.compiled import compiled
 from startracker_ros.track.association import most_probable
@@ -18,7 +18,7 @@ class TrackBank:
     """
     Tracks in the order in which they were started.
 
-    track_id (N,); star_index (N,) into the StarPlaces; state (N, 4) and covariance
+    track_id (N,); star_index (N,) into the OnboardCatalog; state (N, 4) and covariance
     (N, 4, 4) as in motion_models; variance (N,) px^2 per axis of the last centroid seen;
     confirmed (N,) bool; age and missed (N,) in frames; the rest (N,) as in Tracks.
     """
@@ -111,12 +111,12 @@ class TrackBank:
             np.ascontiguousarray(centroids.uv), variance, centroids.flux, centroids.snr,
             centroids.sigma_px)._asdict())
 
-    def to_tracks(self, places: StarPlaces, identified: bool) -> Tracks:
+    def to_tracks(self, onboard: OnboardCatalog, identified: bool) -> Tracks:
         """Return the tracks for publication; unless identified, without hip and magnitude."""
         named = self.confirmed & identified
         return Tracks(
-            hip=np.where(named, places.hip[self.star_index], 0).astype(np.int32),
-            magnitude=np.where(named, places.magnitude[self.star_index], np.nan),
+            hip=np.where(named, onboard.hip[self.star_index], 0).astype(np.int32),
+            magnitude=np.where(named, onboard.magnitude[self.star_index], np.nan),
             uv=self.uv, flux=self.flux, snr=self.snr, sigma_px=self.sigma_px,
             residual_px=self.residual_px, track_id=self.track_id.astype(np.uint32),
             age=np.minimum(self.age, 65535).astype(np.uint16),

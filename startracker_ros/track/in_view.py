@@ -4,7 +4,7 @@ import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.lens import distort, Lens
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.compiled import compiled
 from startracker_ros.maths.rotation import matrix_from_quaternion
 
@@ -15,10 +15,10 @@ AHEAD_RAD = np.radians(0.5)
 class StarsInView:
     """The catalogue stars of a camera around attitudes that change little from one to the next."""
 
-    def __init__(self, camera: Camera, places: StarPlaces) -> None:
+    def __init__(self, camera: Camera, onboard: OnboardCatalog) -> None:
         """Places are the catalogue stars that the camera can detect."""
         self.camera = camera
-        self.places = places
+        self.onboard = onboard
         self._centre = np.zeros(3)
         self._cos_ahead = float(np.cos(AHEAD_RAD))
         self._cos_radius = float(np.cos(camera.corner_angle_rad))
@@ -33,8 +33,8 @@ class StarsInView:
         boresight = matrix[:, 2]
         if not boresight @ self._centre > self._cos_ahead:
             self._centre = boresight
-            self._near = self.places.within(boresight, self.camera.corner_angle_rad + AHEAD_RAD)
-            self._direction = self.places.direction[self._near]
+            self._near = self.onboard.within(boresight, self.camera.corner_angle_rad + AHEAD_RAD)
+            self._direction = self.onboard.direction[self._near]
         return _in_view(self._near, self._direction, matrix, self._cos_radius, self.camera.lens)
 
 

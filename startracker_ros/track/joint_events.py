@@ -70,7 +70,7 @@ def _root(parent: np.ndarray, track: int) -> int:
 
 @compiled
 def _marginalise(probability: np.ndarray, cluster: np.ndarray, claims: np.ndarray, most_states: int
-               ) -> None:
+                 ) -> None:
     """Turn the rows of a cluster (T,) from weights into marginal probabilities."""
     layers = len(cluster)
     start, column = _pairings(probability, cluster, claims)

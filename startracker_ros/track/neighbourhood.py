@@ -68,7 +68,7 @@ def star_neighbourhood(camera: Camera, predicted: np.ndarray, icrf: np.ndarray, 
         measured = np.linalg.norm(sensor[candidate, None] - sensor[beside], axis=2)
         known = np.linalg.norm(icrf[index] - icrf[neighbour], axis=1)
         misfit = np.abs(measured - known) / np.hypot(tolerance_rad[candidate, None],
-                                                 tolerance_rad[beside])
+                                                     tolerance_rad[beside])
         # The median misfit, of needed neighbours at least: one of them may be a false star.
         most = max(len(neighbour) // 2, needed - 1)
         misfit = np.partition(misfit, most, axis=1)[:, most]

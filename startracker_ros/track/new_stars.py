@@ -27,9 +27,9 @@ def match_new_stars(stars: StarsInView, attitude: AttitudeEstimate, centroids: C
     1 DN. A pair agrees in position and magnitude, and neither of the two agrees with any
     other. A crowded star makes pairs ambiguous and is in none itself.
     """
-    places = stars.places
+    onboard = stars.onboard
     near, sensor, uv = stars.of(attitude)
-    return _match(near, sensor, uv, places.magnitude, places.crowded,
+    return _match(near, sensor, uv, onboard.magnitude, onboard.crowded,
                   np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.flux),
                   np.ascontiguousarray(sigma_px), np.ascontiguousarray(attitude.covariance_sensor),
                   stars.camera.lens, float(zero_point), float(magnitude_tolerance))

@@ -9,7 +9,7 @@ import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.maths.rotation import attitude_error
@@ -63,14 +63,14 @@ class StarTracker:
     agreed with the tracks.
     """
 
-    def __init__(self, camera: Camera, places: StarPlaces,
+    def __init__(self, camera: Camera, onboard: OnboardCatalog,
                  options: TrackerOptions = TrackerOptions(),
                  gyro: GyroErrorOptions = GyroErrorOptions()) -> None:
         self._camera = camera
-        self._places = places
+        self._onboard = onboard
         self._options = options
         self._gyro_options = gyro
-        self._stars = StarsInView(camera, places)
+        self._stars = StarsInView(camera, onboard)
         self._unassociated: tuple[RotationFit, Centroids] | None = None
         self._next_id = 1
         self.late_frames = 0
@@ -106,8 +106,8 @@ class StarTracker:
 
     def warm_up(self) -> None:
         """Compile and load what a frame needs, with a second tracker of a synthetic field."""
-        tracker = StarTracker(self._camera, self._places, self._options)
-        centroids, hip = synthetic_field(self._places, self._camera)
+        tracker = StarTracker(self._camera, self._onboard, self._options)
+        centroids, hip = synthetic_field(self._onboard, self._camera)
         for stamp_ns in (1, 2, 3):
             tracker.update(stamp_ns, centroids)
             tracker.identified(stamp_ns, centroids, hip)
@@ -141,7 +141,7 @@ class StarTracker:
         if self.state is not TrackerState.TRACKING or stamp_ns != self._bank_stamp_ns:
             return Tracks.empty()
         return self._model.bank.to_tracks(
-            self._places, self._good_stamp_ns == self._bank_stamp_ns)
+            self._onboard, self._good_stamp_ns == self._bank_stamp_ns)
 
     def identified(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray) -> None:
         """
@@ -151,7 +151,7 @@ class StarTracker:
         """
         centroids, good = self._usable(centroids)
         frame = fit_identified(
-            self._camera, self._places, self._options, stamp_ns, centroids,
+            self._camera, self._onboard, self._options, stamp_ns, centroids,
             self._model.sigma_px(centroids), np.asarray(hip)[good])
         if frame is None:
             return
@@ -177,7 +177,7 @@ class StarTracker:
             return
         detected = bank.detected
         with np.errstate(invalid='ignore', divide='ignore'):
-            zero_point = median(self._places.magnitude[bank.star_index[detected]]
+            zero_point = median(self._onboard.magnitude[bank.star_index[detected]]
                                 + 2.5 * np.log10(bank.flux[detected]))
         star_index, centroid = match_new_stars(
             self._stars, fit.attitude, frame, fit.scale * self._model.sigma_px(frame), zero_point,
@@ -197,7 +197,7 @@ class StarTracker:
         self.stars_matched = 0
         self.residual_px = math.nan
         self._first: IdentifiedFrame | None = None
-        self._model = make_model(self._camera, self._places, self._options, self._gyro)
+        self._model = make_model(self._camera, self._onboard, self._options, self._gyro)
         self._unassociated = None
         self._bank_stamp_ns = 0
         self._good_stamp_ns = 0
@@ -234,7 +234,7 @@ class StarTracker:
                         if stamp_ns == frame.stamp_ns), None)
         if tracked is None:
             return
-        if frame.contradicts(tracked, self._camera, self._places, self._options.max_residual_px):
+        if frame.contradicts(tracked, self._camera, self._onboard, self._options.max_residual_px):
             error = attitude_error(frame.attitude.quaternion, tracked.quaternion)
             self._acquire(frame, f'an identification contradicts the tracks by '
                                  f'{np.degrees(np.linalg.norm(error)):.3g} deg')
@@ -313,10 +313,10 @@ class StarTracker:
         return centroids.select(good), good
 
 
-def make_model(camera: Camera, places: StarPlaces, options: TrackerOptions, gyro: Gyro
+def make_model(camera: Camera, onboard: OnboardCatalog, options: TrackerOptions, gyro: Gyro
                ) -> StarModel:
     """Return the model that the options name."""
     if options.model == 'attitude':
-        return AttitudeModel(camera, places, options, gyro)
+        return AttitudeModel(camera, onboard, options, gyro)
     model = NeighbourhoodModel if options.model == 'sna' else IndependentStarsModel
-    return model(camera, places, options)
+    return model(camera, onboard, options)

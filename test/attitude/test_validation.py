@@ -7,25 +7,25 @@ import pytest
 from startracker_ros.attitude.estimate import estimate_attitude, SOLVERS
 from startracker_ros.attitude.validation import AttitudeValidator, ValidationOptions
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import attitude_error, quaternion_from_pointing
 from startracker_ros.sky.star_lists import star_list
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
-PLACES = camera_places(load_catalog(), CAMERA, 2026.0, 6.0)
+ONBOARD = onboard_catalog(load_catalog(), CAMERA, 2026.0, 6.0)
 POINTING = quaternion_from_pointing(*np.radians([83.0, -1.0, 20.0]))
 
 
 @pytest.fixture
 def stars():
     """Return positions (N, 2) px, numbers (N,) and sigma (N,) px of a field."""
-    centroids, hip = star_list(PLACES, CAMERA, POINTING, 0.1, np.random.default_rng(1))
+    centroids, hip = star_list(ONBOARD, CAMERA, POINTING, 0.1, np.random.default_rng(1))
     return centroids.uv, hip, centroids.sigma_px
 
 
 def validator(**options):
-    return AttitudeValidator(CAMERA, PLACES, replace(ValidationOptions(), **options))
+    return AttitudeValidator(CAMERA, ONBOARD, replace(ValidationOptions(), **options))
 
 
 @pytest.mark.parametrize('solver', SOLVERS)
@@ -33,7 +33,7 @@ def test_the_solver_is_the_one_of_the_options(stars, solver):
     uv, hip, sigma_px = stars
     found = validator(solver=solver).solve(*stars).attitude
     expected = estimate_attitude(
-        CAMERA.unproject(uv), PLACES.direction[PLACES.index_of(hip)],
+        CAMERA.unproject(uv), ONBOARD.direction[ONBOARD.index_of(hip)],
         sigma_px * CAMERA.pixel_rad, solver)
     assert np.linalg.norm(attitude_error(found.quaternion, expected.quaternion)) < 1e-14
     scale = found.covariance_sensor / expected.covariance_sensor
@@ -74,5 +74,5 @@ def test_the_sign_of_the_quaternion_is_continuous():
 
 
 def _field(q):
-    centroids, hip = star_list(PLACES, CAMERA, q, 0.1, np.random.default_rng(2))
+    centroids, hip = star_list(ONBOARD, CAMERA, q, 0.1, np.random.default_rng(2))
     return centroids.uv, hip, centroids.sigma_px

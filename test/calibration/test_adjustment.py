@@ -9,7 +9,7 @@ from startracker_ros.calibration.adjustment import adjust, CalibrationError, Mat
 from startracker_ros.calibration.estimate import calibrate, covered_percent, star_shift
 from startracker_ros.calibration.matching import match_stars, View
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
@@ -18,7 +18,7 @@ from startracker_ros.sky.star_lists import random_attitude, star_list
 LENS = Camera(1024, 768, 2850.0, 2850.0, 519.0, 377.0, (-0.25, 0.4, 8e-4, -6e-4, 0.0))
 START = Camera(1024, 768, 2862.0, 2862.0, 511.5, 383.5)
 TERMS = ('focal', 'k1', 'centre', 'tangential', 'k2')
-PLACES = camera_places(load_catalog(), LENS, 2026.7, 7.0)
+ONBOARD = onboard_catalog(load_catalog(), LENS, 2026.7, 7.0)
 # A k1 that the start does not know moves stars by more than the widest gate.
 MILD = replace(LENS, distortion=(-0.12, 0.0, 0.0, 0.0, 0.0))
 
@@ -27,7 +27,7 @@ def sky(rng, frames, camera=LENS, sigma_px=0.1, **kwargs):
     """Return views of random pointings, the attitudes as an ideal camera would see them."""
     views = []
     for _ in range(frames):
-        spots, hip = star_list(PLACES, camera, random_attitude(rng), sigma_px, rng, **kwargs)
+        spots, hip = star_list(ONBOARD, camera, random_attitude(rng), sigma_px, rng, **kwargs)
         views.append(View(spots, apparent_attitude(spots, hip)))
     return views
 
@@ -35,7 +35,7 @@ def sky(rng, frames, camera=LENS, sigma_px=0.1, **kwargs):
 def apparent_attitude(spots, hip):
     true = hip > 0
     return estimate_attitude(START.unproject(spots.uv[true]),
-                             PLACES.direction[PLACES.index_of(hip[true])],
+                             ONBOARD.direction[ONBOARD.index_of(hip[true])],
                              spots.sigma_px[true]).quaternion
 
 
@@ -44,8 +44,8 @@ def known(rng, frames, sigma_px=0.1):
     parts, attitudes = [], []
     for frame in range(frames):
         q = random_attitude(rng)
-        spots, hip = star_list(PLACES, LENS, q, sigma_px, rng)
-        parts.append((spots.uv, spots.sigma_px, PLACES.direction[PLACES.index_of(hip)],
+        spots, hip = star_list(ONBOARD, LENS, q, sigma_px, rng)
+        parts.append((spots.uv, spots.sigma_px, ONBOARD.direction[ONBOARD.index_of(hip)],
                       np.full(len(hip), frame)))
         attitudes.append(multiply(q, quaternion_from_rotation_vector(rng.normal(0, 3e-4, 3))))
     return MatchedStars(*(np.concatenate(part) for part in zip(*parts))), np.array(attitudes)
@@ -113,7 +113,7 @@ def test_too_few_stars_to_adjust():
 
 def test_the_data_choose_the_terms_and_the_edges_come_in():
     rng = np.random.default_rng(5)
-    found = calibrate(sky(rng, 8, MILD, missing=0.1, false=5), START, PLACES)
+    found = calibrate(sky(rng, 8, MILD, missing=0.1, false=5), START, ONBOARD)
     assert found.adjustment.terms == ('focal', 'k1', 'centre')
     assert found.held['k2'] == 'does not differ from zero'
     error = found.adjustment.values['k1'] + 0.12
@@ -128,7 +128,7 @@ def test_the_data_choose_the_terms_and_the_edges_come_in():
 
 
 def test_a_lens_of_all_terms():
-    found = calibrate(sky(np.random.default_rng(6), 20), START, PLACES, TERMS[1:])
+    found = calibrate(sky(np.random.default_rng(6), 20), START, ONBOARD, TERMS[1:])
     error = errors(found.adjustment)
     assert np.abs(error / np.sqrt(np.diag(found.adjustment.covariance))).max() < 3
 
@@ -137,14 +137,14 @@ def test_an_image_with_a_wrong_attitude_is_left_out():
     rng = np.random.default_rng(7)
     views = sky(rng, 6, MILD)
     views[2] = View(views[2].centroids, random_attitude(rng))
-    assert calibrate(views, START, PLACES).frames.tolist() == [0, 1, 3, 4, 5]
+    assert calibrate(views, START, ONBOARD).frames.tolist() == [0, 1, 3, 4, 5]
 
 
 @pytest.mark.parametrize('frames, words', [
     (0, '0 identified images, at least 2'), (1, '1 identified images, at least 2')])
 def test_one_image_is_not_enough(frames, words):
     with pytest.raises(CalibrationError, match=words):
-        calibrate(sky(np.random.default_rng(8), frames, MILD), START, PLACES)
+        calibrate(sky(np.random.default_rng(8), frames, MILD), START, ONBOARD)
 
 
 def test_images_of_one_pointing_are_rejected():
@@ -152,10 +152,10 @@ def test_images_of_one_pointing_are_rejected():
     q = random_attitude(rng)
     views = []
     for _ in range(5):
-        spots, hip = star_list(PLACES, MILD, q, 0.1, rng)
+        spots, hip = star_list(ONBOARD, MILD, q, 0.1, rng)
         views.append(View(spots, apparent_attitude(spots, hip)))
     with pytest.raises(CalibrationError, match='same pointing.*principal point'):
-        calibrate(views, START, PLACES)
+        calibrate(views, START, ONBOARD)
 
 
 def test_what_is_not_determined_is_named():
@@ -165,14 +165,14 @@ def test_what_is_not_determined_is_named():
     middle = [View(view.centroids.select(np.hypot(
         *(view.centroids.uv - [511.5, 383.5]).T) < 200), view.quaternion) for view in views]
     with pytest.raises(CalibrationError, match='k1 is not determined: its 1 sigma error'):
-        calibrate(middle, START, PLACES, ('k1', 'k2'))
-    found = calibrate(middle, START, PLACES)
+        calibrate(middle, START, ONBOARD, ('k1', 'k2'))
+    found = calibrate(middle, START, ONBOARD)
     assert 'k1' not in found.adjustment.terms
     assert 'k1 is not determined' in found.held['k1']
     assert found.camera.distortion == (0.0,) * 5
     few = [View(view.centroids.select(slice(6)), view.quaternion) for view in views[:4]]
     with pytest.raises(CalibrationError, match='stars, at least 30 are needed: focal length'):
-        calibrate(few, START, PLACES)
+        calibrate(few, START, ONBOARD)
 
 
 def test_centroids_that_are_not_numbers_are_left_out():
@@ -182,9 +182,9 @@ def test_centroids_that_are_not_numbers_are_left_out():
     uv, sigma_px = spots.uv.copy(), spots.sigma_px.copy()
     uv[0], sigma_px[1], sigma_px[2] = np.nan, np.nan, 0.0
     views[0] = View(Centroids(uv, spots.flux, spots.snr, sigma_px), views[0].quaternion)
-    stars = match_stars(START, PLACES, views, [view.quaternion for view in views], 3.0)
+    stars = match_stars(START, ONBOARD, views, [view.quaternion for view in views], 3.0)
     assert np.isfinite(stars.uv).all() and (stars.sigma_px > 0).all()
-    found = calibrate(views, START, PLACES)
+    found = calibrate(views, START, ONBOARD)
     assert np.isfinite(found.adjustment.covariance).all()
 
 

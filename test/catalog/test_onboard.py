@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import (
-    camera_places, CROWD_MAGNITUDES, CROWD_PX, MERGE_PX, star_places)
+    build_onboard_catalog, CROWD_MAGNITUDES, CROWD_PX, MERGE_PX, onboard_catalog)
 from startracker_ros.catalog.sky_grid import count_near, sky_grid
 from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.maths.rotation import ARCSEC, unit_from_radec
@@ -65,101 +65,102 @@ def test_places_agree_with_brute_force(seed, size):
     # A patch so small that pairs, chains and crowds are common.
     ra_rad, dec_rad = rng.uniform(0, 0.008, size), rng.uniform(1.2, 1.203, size)
     catalog = catalog_of(ra_rad, dec_rad, rng.uniform(2.0, 9.0, size))
-    places = star_places(catalog, EPOCH_YEAR, magnitude_limit=7.0, merge_rad=MERGE_RAD,
-                         crowd_rad=CROWD_RAD)
+    onboard = build_onboard_catalog(catalog, EPOCH_YEAR, magnitude_limit=7.0, merge_rad=MERGE_RAD,
+                                    crowd_rad=CROWD_RAD)
     expected = brute_force(catalog, 7.0)
-    assert set(places.hip.tolist()) == set(expected)
-    assert np.all(np.diff(places.magnitude) >= 0)
-    for k, hip in enumerate(places.hip.tolist()):
+    assert set(onboard.hip.tolist()) == set(expected)
+    assert np.all(np.diff(onboard.magnitude) >= 0)
+    for k, hip in enumerate(onboard.hip.tolist()):
         direction, magnitude, crowded = expected[hip]
-        np.testing.assert_allclose(places.direction[k], direction, atol=1e-12)
-        assert places.magnitude[k] == pytest.approx(magnitude, abs=1e-9)
-        assert places.crowded[k] == crowded
+        np.testing.assert_allclose(onboard.direction[k], direction, atol=1e-12)
+        assert onboard.magnitude[k] == pytest.approx(magnitude, abs=1e-9)
+        assert onboard.crowded[k] == crowded
 
 
 def test_double_of_faint_stars_belongs_to_the_sky():
     catalog = catalog_of([1.0, 1.0], [0.5, 0.5 + 20 * ARCSEC], [6.5, 6.5])
-    places = star_places(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
-                         crowd_rad=CROWD_RAD)
-    assert places.magnitude == pytest.approx(6.5 - 2.5 * np.log10(2))
+    onboard = build_onboard_catalog(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
+                                    crowd_rad=CROWD_RAD)
+    assert onboard.magnitude == pytest.approx(6.5 - 2.5 * np.log10(2))
     np.testing.assert_allclose(
-        places.direction[0], unit_from_radec(1.0, 0.5 + 10 * ARCSEC), atol=1e-12)
-    assert not places.crowded[0]
+        onboard.direction[0], unit_from_radec(1.0, 0.5 + 10 * ARCSEC), atol=1e-12)
+    assert not onboard.crowded[0]
 
 
 def test_chain_becomes_one_image():
     step = 0.9 * MERGE_RAD
     catalog = catalog_of(np.full(5, 2.0), step * np.arange(5), [5.0, 4.0, 5.0, 5.0, 5.0])
-    places = star_places(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
-                         crowd_rad=CROWD_RAD)
-    assert places.hip.tolist() == [1]
+    onboard = build_onboard_catalog(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
+                                    crowd_rad=CROWD_RAD)
+    assert onboard.hip.tolist() == [1]
 
 
 def test_faint_neighbour_does_not_crowd_a_bright_star():
     catalog = catalog_of([1.0, 1.0], [0.5, 0.5 + 150 * ARCSEC], [2.0, 5.0])
-    places = star_places(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
-                         crowd_rad=CROWD_RAD)
-    assert places.crowded.tolist() == [False, True]
+    onboard = build_onboard_catalog(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
+                                    crowd_rad=CROWD_RAD)
+    assert onboard.crowded.tolist() == [False, True]
 
 
 def test_neighbour_below_the_limit_crowds():
     catalog = catalog_of([1.0, 1.0], [0.5, 0.5 + 150 * ARCSEC], [5.9, 6.8])
-    places = star_places(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
-                         crowd_rad=CROWD_RAD)
-    assert places.crowded.tolist() == [True]
+    onboard = build_onboard_catalog(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
+                                    crowd_rad=CROWD_RAD)
+    assert onboard.crowded.tolist() == [True]
 
 
 def test_real_sky_of_a_camera():
     camera = Camera.from_fov(1024, 1024, 11.0)
-    places = camera_places(load_catalog(), camera, EPOCH_YEAR, 7.0)
+    onboard = onboard_catalog(load_catalog(), camera, EPOCH_YEAR, 7.0)
     # Alpha Centauri A and B are one image, named after A.
-    alpha = places.index_of(np.array([71683, 71681]))
+    alpha = onboard.index_of(np.array([71683, 71681]))
     assert alpha[0] >= 0 and alpha[1] == -1
-    assert places.magnitude[alpha[0]] == pytest.approx(-0.28, abs=0.05)
-    assert abs(len(places) / len(load_catalog().brighter_than(7.0)) - 1) < 0.01
-    assert 0.005 < places.crowded.mean() < 0.05
-    assert np.all(places.magnitude.astype(np.float32) <= 7)
+    assert onboard.magnitude[alpha[0]] == pytest.approx(-0.28, abs=0.05)
+    assert abs(len(onboard) / len(load_catalog().brighter_than(7.0)) - 1) < 0.01
+    assert 0.005 < onboard.crowded.mean() < 0.05
+    assert np.all(onboard.magnitude.astype(np.float32) <= 7)
     assert MERGE_PX < CROWD_PX
 
 
 def test_crowded_stars_of_the_real_sky():
     catalog = load_catalog().brighter_than(6.0)
-    places = star_places(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
-                         crowd_rad=CROWD_RAD)
-    cosine = places.direction @ places.direction.T
+    onboard = build_onboard_catalog(catalog, EPOCH_YEAR, magnitude_limit=6.0, merge_rad=MERGE_RAD,
+                                    crowd_rad=CROWD_RAD)
+    cosine = onboard.direction @ onboard.direction.T
     np.fill_diagonal(cosine, -1)
     close = np.argwhere(cosine > np.cos(CROWD_RAD))
     assert len(close)
     for a, b in close:
-        fainter_by = places.magnitude[b] - places.magnitude[a]
+        fainter_by = onboard.magnitude[b] - onboard.magnitude[a]
         if fainter_by <= CROWD_MAGNITUDES - 0.01 and cosine[a, b] > np.cos(0.9 * CROWD_RAD):
-            assert places.crowded[a]
+            assert onboard.crowded[a]
 
 
 def test_within_agrees_with_brute_force():
-    places = camera_places(load_catalog(), Camera.from_fov(512, 512, 12.0), EPOCH_YEAR, 5.0)
+    onboard = onboard_catalog(load_catalog(), Camera.from_fov(512, 512, 12.0), EPOCH_YEAR, 5.0)
     rng = np.random.default_rng(3)
     for radius_rad in (0.0, 0.01, 0.3, 2.0, np.pi):
         center = rng.normal(size=3)
         center /= np.linalg.norm(center)
-        found = places.within(center, radius_rad)
-        distance = np.linalg.norm(places.direction - center, axis=1)
+        found = onboard.within(center, radius_rad)
+        distance = np.linalg.norm(onboard.direction - center, axis=1)
         np.testing.assert_array_equal(
             found, np.flatnonzero(distance <= 2 * np.sin(radius_rad / 2)))
         chord = 2 * np.sin(radius_rad / 2)
-        assert count_near(sky_grid(places.direction), center[None], chord).tolist() == [len(found)]
+        counts = count_near(sky_grid(onboard.direction), center[None], chord)
+        assert counts.tolist() == [len(found)]
 
 
 def test_index_of():
-    places = camera_places(load_catalog(), Camera.from_fov(512, 512, 12.0), EPOCH_YEAR, 5.0)
-    np.testing.assert_array_equal(places.index_of(places.hip), np.arange(len(places)))
-    assert places.index_of(np.array([0, -5, 999999])).tolist() == [-1, -1, -1]
-    assert places.index_of(np.zeros(0, np.int32)).shape == (0,)
+    onboard = onboard_catalog(load_catalog(), Camera.from_fov(512, 512, 12.0), EPOCH_YEAR, 5.0)
+    np.testing.assert_array_equal(onboard.index_of(onboard.hip), np.arange(len(onboard)))
+    assert onboard.index_of(np.array([0, -5, 999999])).tolist() == [-1, -1, -1]
+    assert onboard.index_of(np.zeros(0, np.int32)).shape == (0,)
 
 
 def test_empty_sky():
-    places = star_places(catalog_of([], [], []), EPOCH_YEAR, magnitude_limit=6.0,
-                         merge_rad=MERGE_RAD, crowd_rad=CROWD_RAD)
-    assert len(places) == 0
-    assert len(places.within(np.array([0.0, 0.0, 1.0]), 1.0)) == 0
-    assert places.index_of(np.array([5])).tolist() == [-1]
+    onboard = build_onboard_catalog(catalog_of([], [], []), EPOCH_YEAR, magnitude_limit=6.0,
+                                    merge_rad=MERGE_RAD, crowd_rad=CROWD_RAD)
+    assert len(onboard) == 0
+    assert len(onboard.within(np.array([0.0, 0.0, 1.0]), 1.0)) == 0
+    assert onboard.index_of(np.array([5])).tolist() == [-1]

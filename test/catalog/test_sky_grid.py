@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.sky_grid import count_in_image, count_near, nearest, sky_grid
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import matrix_from_quaternion
@@ -14,7 +14,7 @@ CAMERA = Camera.from_fov(512, 512, 12.0)
 
 @pytest.fixture(scope='module')
 def directions():
-    return camera_places(load_catalog(), CAMERA, 2026.0, 6.0).direction
+    return onboard_catalog(load_catalog(), CAMERA, 2026.0, 6.0).direction
 
 
 @pytest.mark.parametrize('chord', [1e-4, 0.003, 0.02, 0.5, 2.1])

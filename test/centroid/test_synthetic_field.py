@@ -3,7 +3,7 @@
 import numpy as np
 from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.maths.rotation import ARCSEC
@@ -11,19 +11,19 @@ from startracker_ros.maths.rotation import ARCSEC
 
 def test_the_stars_are_exact():
     camera = Camera.from_fov(640, 480, 15.0)
-    places = camera_places(load_catalog(), camera, 2026.0, 6.0)
-    centroids, hip = synthetic_field(places, camera)
+    onboard = onboard_catalog(load_catalog(), camera, 2026.0, 6.0)
+    centroids, hip = synthetic_field(onboard, camera)
     assert len(centroids) == len(hip) > 10
     assert camera.contains(centroids.uv).all()
     assert (np.diff(centroids.flux) <= 0).all()
     attitude = estimate_attitude(camera.unproject(centroids.uv),
-                                 places.direction[places.index_of(hip)],
+                                 onboard.direction[onboard.index_of(hip)],
                                  centroids.sigma_px * camera.pixel_rad)
     assert attitude.residual_rad.max() < 1e-3 * ARCSEC
 
 
 def test_a_sky_without_stars_there_gives_an_empty_field():
     camera = Camera.from_fov(512, 512, 2.0)
-    places = camera_places(load_catalog(), camera, 2026.0, 0.0)
-    centroids, hip = synthetic_field(places, camera)
+    onboard = onboard_catalog(load_catalog(), camera, 2026.0, 0.0)
+    centroids, hip = synthetic_field(onboard, camera)
     assert len(centroids) == len(hip) == 0

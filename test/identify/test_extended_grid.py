@@ -5,7 +5,7 @@ import pytest
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.propagate import AttitudePrediction
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.extended_grid import ExtendedGridIdentifier, RecursiveIdentifier
@@ -24,8 +24,8 @@ S = 1_000_000_000
 
 
 @pytest.fixture(scope='module')
-def places():
-    return camera_places(load_catalog(), CAMERA, EPOCH_YEAR, 7.5)
+def onboard():
+    return onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, 7.5)
 
 
 @pytest.fixture(scope='module')
@@ -58,12 +58,12 @@ def check_right(result, hip, q):
 
 @pytest.mark.parametrize('count, sigma_deg, least', [
     (2, 0.001, 0.9), (3, 0.003, 0.95), (20, 0.03, 0.97)])
-def test_as_few_as_two_stars(identifier, places, count, sigma_deg, least):
+def test_as_few_as_two_stars(identifier, onboard, count, sigma_deg, least):
     rng = np.random.default_rng(count)
     solved = 0
     for _ in range(80):
         q = random_attitude(rng)
-        centroids, hip = star_list(places, CAMERA, q, 0.3, rng)
+        centroids, hip = star_list(onboard, CAMERA, q, 0.3, rng)
         centroids, hip = centroids.select(slice(count)), hip[:count]
         result = identifier.identify(centroids, prior_near(q, sigma_deg, rng))
         if result.status == 'identified':
@@ -75,11 +75,11 @@ def test_as_few_as_two_stars(identifier, places, count, sigma_deg, least):
     assert solved >= least * 80
 
 
-def test_an_unsure_prediction_is_not_enough_for_two_stars(identifier, places):
+def test_an_unsure_prediction_is_not_enough_for_two_stars(identifier, onboard):
     """The same stars and a prediction of three minutes of arc: that may be chance."""
     rng = np.random.default_rng(1)
     q = random_attitude(rng)
-    centroids = star_list(places, CAMERA, q, 0.3, rng)[0].select(slice(2))
+    centroids = star_list(onboard, CAMERA, q, 0.3, rng)[0].select(slice(2))
     sure, unsure = (identifier.identify(centroids, prior_near(q, sigma_deg, rng))
                     for sigma_deg in (0.001, 0.05))
     assert sure.status == 'identified'
@@ -88,13 +88,13 @@ def test_an_unsure_prediction_is_not_enough_for_two_stars(identifier, places):
 
 
 @pytest.mark.parametrize('off_deg', [0.5, 2.0, 40.0])
-def test_a_wrong_prediction_is_not_believed(identifier, places, off_deg):
+def test_a_wrong_prediction_is_not_believed(identifier, onboard, off_deg):
     rng = np.random.default_rng(4)
     for _ in range(40):
         q = random_attitude(rng)
-        centroids, hip = star_list(places, CAMERA, q, 0.3, rng)
+        centroids, hip = star_list(onboard, CAMERA, q, 0.3, rng)
         result = identifier.identify(centroids, prior_near(q, 0.003, rng, off_deg))
-        # A turn about the boresight may leave stars near the centre in their places.
+        # A turn about the boresight may leave stars near the centre where they are.
         if result.attitude is not None:
             check_right(result, hip, q)
             assert off_deg < 1
@@ -111,12 +111,12 @@ def test_false_stars_alone_are_not_believed(identifier, count):
         assert result.attitude is None and not result.hip.any()
 
 
-def test_missing_and_false_stars(identifier, places):
+def test_missing_and_false_stars(identifier, onboard):
     rng = np.random.default_rng(6)
     solved = 0
     for _ in range(60):
         q = random_attitude(rng)
-        centroids, hip = star_list(places, CAMERA, q, 0.3, rng, missing=0.2, false=3,
+        centroids, hip = star_list(onboard, CAMERA, q, 0.3, rng, missing=0.2, false=3,
                                    brightest_false=4.0)
         result = identifier.identify(centroids, prior_near(q, 0.003, rng))
         if result.attitude is not None:
@@ -181,11 +181,11 @@ def test_patterns_against_a_slow_oracle(identifier):
     np.testing.assert_array_equal(again, cells)
 
 
-def test_without_a_usable_prediction_it_is_the_pyramid(identifier, places):
+def test_without_a_usable_prediction_it_is_the_pyramid(identifier, onboard):
     rng = np.random.default_rng(9)
     pyramid = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=8.0))
     q = random_attitude(rng)
-    centroids, hip = star_list(places, CAMERA, q, 0.3, rng)
+    centroids, hip = star_list(onboard, CAMERA, q, 0.3, rng)
     unsure = prior_near(q, 0.1, rng)
     assert not identifier.captures(unsure)
     for result in (identifier.identify(centroids), identifier.identify(centroids, unsure)):
@@ -202,11 +202,11 @@ def test_too_few_stars(identifier, count):
     assert result.status == 'too_few_stars' and f'{count} usable stars' in result.reason
 
 
-def test_useless_rows_are_left_out(identifier, places):
+def test_useless_rows_are_left_out(identifier, onboard):
     """NaN, outside the image, found twice: the rest still gives the right answer."""
     rng = np.random.default_rng(11)
     q = random_attitude(rng)
-    centroids, hip = star_list(places, CAMERA, q, 0.3, rng)
+    centroids, hip = star_list(onboard, CAMERA, q, 0.3, rng)
     bad = [[np.nan, 5.0], [-50.0, 10.0], [1e6, 1e6], *(centroids.uv[:2] + 0.2)]
     uv = np.concatenate([centroids.uv, bad])
     result = identifier.identify(frame(uv), prior_near(q, 0.003, rng))
@@ -234,7 +234,7 @@ def test_a_wide_field_and_an_empty_sky():
         assert result.attitude is None
 
 
-def test_from_frame_to_frame(identifier, places):
+def test_from_frame_to_frame(identifier, onboard):
     """One full frame, then the two brightest stars alone; the gyro drifts, then falls silent."""
     rng = np.random.default_rng(14)
     recursive = RecursiveIdentifier(identifier, GyroErrorOptions())
@@ -244,7 +244,7 @@ def test_from_frame_to_frame(identifier, places):
 
     def at(second):
         q = multiply(start, quaternion_from_rotation_vector(rate * second))
-        return q, *star_list(places, CAMERA, q, 0.3, rng)
+        return q, *star_list(onboard, CAMERA, q, 0.3, rng)
 
     q, centroids, hip = at(0)
     assert recursive.identify(0, centroids).status == 'identified'
@@ -269,11 +269,11 @@ def test_from_frame_to_frame(identifier, places):
     assert np.hypot(*attitude_error(result.attitude.quaternion, at(61)[0])[:2]) < 5 * ARCSEC
 
 
-def test_an_answer_that_is_not_believed_leaves_the_prediction(identifier, places):
+def test_an_answer_that_is_not_believed_leaves_the_prediction(identifier, onboard):
     rng = np.random.default_rng(15)
     recursive = RecursiveIdentifier(identifier)
     q = random_attitude(rng)
-    centroids, hip = star_list(places, CAMERA, q, 0.3, rng)
+    centroids, hip = star_list(onboard, CAMERA, q, 0.3, rng)
     recursive.identify(0, centroids)
     for second in range(1, 21):
         for k in range(1, 11):
@@ -286,19 +286,19 @@ def test_an_answer_that_is_not_believed_leaves_the_prediction(identifier, places
             assert recursive.identify(second * S, false).attitude is None
 
 
-def test_a_turn_that_the_gyro_missed(identifier, places):
+def test_a_turn_that_the_gyro_missed(identifier, onboard):
     """Two stars elsewhere are not believed, a full field overrules the prediction."""
     rng = np.random.default_rng(16)
     recursive = RecursiveIdentifier(identifier)
     for second in range(2):
         recursive.add_rate(second * S, np.zeros(3))
     q = random_attitude(rng)
-    assert recursive.identify(S, star_list(places, CAMERA, q, 0.3, rng)[0]).matched > 4
+    assert recursive.identify(S, star_list(onboard, CAMERA, q, 0.3, rng)[0]).matched > 4
     for k, count in enumerate((2, 20, 2), 1):
         recursive.add_rate(S + k * S // 10, np.zeros(3))
         if k == 1:
             q = random_attitude(rng)
-        centroids, hip = star_list(places, CAMERA, q, 0.3, rng)
+        centroids, hip = star_list(onboard, CAMERA, q, 0.3, rng)
         result = recursive.identify(S + k * S // 10, centroids.select(slice(count)))
         if k == 1:
             assert result.attitude is None and 'predicted' in recursive.condition

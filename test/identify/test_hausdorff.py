@@ -98,7 +98,7 @@ def test_the_circle_is_that_of_the_paper(identifiers):
     for identifier in identifiers.values():
         assert np.degrees(identifier.radius_rad) == pytest.approx(6.0, abs=1e-9)
     assert len(identifiers['segment'].pivots.direction) == 361 * 181
-    assert len(identifiers['pivot'].pivots.direction) == len(identifiers['pivot'].places)
+    assert len(identifiers['pivot'].pivots.direction) == len(identifiers['pivot'].onboard)
 
 
 @pytest.mark.parametrize('method, least', [('pivot', 0.95), ('segment', 0.97)])
@@ -107,7 +107,7 @@ def test_random_attitudes(identifiers, method, least):
     solved, count = 0, 50
     for _ in range(count):
         q = random_attitude(rng)
-        centroids, hip = star_list(identifiers[method].places, CAMERA, q, 0.1, rng)
+        centroids, hip = star_list(identifiers[method].onboard, CAMERA, q, 0.1, rng)
         result = identifiers[method].identify(centroids)
         if result.attitude is not None:
             assert right(result, q)
@@ -123,7 +123,7 @@ def test_false_and_missing_stars(identifier):
     solved, count = 0, 30
     for _ in range(count):
         q = random_attitude(rng)
-        centroids, _ = star_list(identifier.places, CAMERA, q, 0.1, rng)
+        centroids, _ = star_list(identifier.onboard, CAMERA, q, 0.1, rng)
         uv = np.concatenate([rng.uniform(0, 511, (1, 2)), centroids.uv[1:]])
         result = identifier.identify(frame(uv))
         if result.attitude is not None:
@@ -135,7 +135,7 @@ def test_false_and_missing_stars(identifier):
 def test_no_answer_where_there_is_none(identifier):
     rng = np.random.default_rng(4)
     for _ in range(5):
-        centroids, _ = star_list(identifier.places, CAMERA, random_attitude(rng), 0.1, rng)
+        centroids, _ = star_list(identifier.onboard, CAMERA, random_attitude(rng), 0.1, rng)
         for uv in (rng.uniform(0, 511, (15, 2)), centroids.uv * [-1, 1] + [511, 0]):
             result = identifier.identify(frame(uv))
             assert result.status == 'no_candidate' and result.reason
@@ -151,7 +151,7 @@ def test_other_cameras(identifier, width, height, cx):
     solved = 0
     for _ in range(15):
         q = random_attitude(rng)
-        centroids, _ = star_list(other.places, camera, q, 0.1, rng)
+        centroids, _ = star_list(other.onboard, camera, q, 0.1, rng)
         result = other.identify(centroids)
         if result.attitude is not None:
             assert right(result, q)
@@ -165,16 +165,16 @@ def test_the_nearest_distance_names_a_field_about_a_star(identifiers):
     rng = np.random.default_rng(6)
     everyone = make('pivot', max_image_stars=100)
     named, count = 0, 40
-    for star in rng.choice(len(identifier.places), count, replace=False):
+    for star in rng.choice(len(identifier.onboard), count, replace=False):
         q = quaternion_from_pointing(
-            *radec_from_unit(identifier.places.direction[star]), rng.uniform(0, 6))
-        centroids, hip = star_list(identifier.places, CAMERA, q, 0.0, rng, magnitude_sigma=0.0)
+            *radec_from_unit(identifier.onboard.direction[star]), rng.uniform(0, 6))
+        centroids, hip = star_list(identifier.onboard, CAMERA, q, 0.0, rng, magnitude_sigma=0.0)
         field = everyone.field_stars(centroids)
         found = everyone.nearest(field)
         assert found.stars.shape == (1, 5) and len(found.base) == 5
-        assert hip[field.index[found.base[0]]] == identifier.places.hip[star]
+        assert hip[field.index[found.base[0]]] == identifier.onboard.hip[star]
         named += np.array_equal(hip[field.index[found.base]],
-                                identifier.places.hip[found.stars[0]])
+                                identifier.onboard.hip[found.stars[0]])
     # Two stars may be each other's distance: at equal separations the nearest is a toss.
     assert named >= 0.9 * count
 
@@ -188,8 +188,8 @@ def test_a_lone_pivot_has_no_nearest_set(identifier):
 def test_a_set_is_the_same_at_every_roll_and_scale_of_brightness(identifier):
     rng = np.random.default_rng(7)
     for _ in range(10):
-        direction = identifier.places.direction[
-            identifier.places.within(random_units(rng, 1)[0], 0.1)]
+        direction = identifier.onboard.direction[
+            identifier.onboard.within(random_units(rng, 1)[0], 0.1)]
         centre = direction.mean(0) / np.linalg.norm(direction.mean(0))
         turned, _ = np.linalg.qr(rng.standard_normal((3, 3)))
         sets = [bright_sets(each, Pivots(pivot[None]), 0.1)
@@ -201,7 +201,7 @@ def test_a_set_is_the_same_at_every_roll_and_scale_of_brightness(identifier):
 def test_useless_rows_are_left_out(identifier):
     rng = np.random.default_rng(8)
     q = random_attitude(rng)
-    centroids, _ = star_list(identifier.places, CAMERA, q, 0.1, rng)
+    centroids, _ = star_list(identifier.onboard, CAMERA, q, 0.1, rng)
     bad = [[np.nan, 5.0], [-50.0, 10.0], [1e6, 1e6], *(centroids.uv[:3] + 0.2)]
     result = identifier.identify(frame(
         np.concatenate([bad, centroids.uv]), np.concatenate([np.full(6, 1e9), centroids.flux])))

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.identification import IdentificationOptions
@@ -19,8 +19,8 @@ EPOCH_YEAR = 2026.5
 
 
 @pytest.fixture(scope='module')
-def places():
-    return camera_places(load_catalog(), CAMERA, EPOCH_YEAR, 6.0)
+def onboard():
+    return onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, 6.0)
 
 
 @pytest.fixture(scope='module')
@@ -49,12 +49,12 @@ def off_by(result, q):
 
 
 @pytest.mark.parametrize('sigma_px, false, least', [(0.3, 0, 0.97), (0.3, 5, 0.95)])
-def test_random_attitudes(identifier, places, sigma_px, false, least):
+def test_random_attitudes(identifier, onboard, sigma_px, false, least):
     rng = np.random.default_rng(false)
     solved, count = 0, 60
     for _ in range(count):
         q = random_attitude(rng)
-        centroids, _ = star_list(places, CAMERA, q, sigma_px, rng)
+        centroids, _ = star_list(onboard, CAMERA, q, sigma_px, rng)
         result = identifier.identify(with_false(centroids, false, rng))
         if result.status == 'identified':
             cross, roll = off_by(result, q)
@@ -66,10 +66,10 @@ def test_random_attitudes(identifier, places, sigma_px, false, least):
     assert solved >= least * count
 
 
-def test_each_star_gets_its_own_number(identifier, places):
+def test_each_star_gets_its_own_number(identifier, onboard):
     rng = np.random.default_rng(4)
     for _ in range(20):
-        centroids, hip = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
+        centroids, hip = star_list(onboard, CAMERA, random_attitude(rng), 0.1, rng)
         result = identifier.identify(centroids)
         known = result.hip > 0
         assert known.sum() == result.matched
@@ -88,24 +88,24 @@ def test_false_stars_alone_are_never_believed(identifier):
         assert result.attitude is None
 
 
-def test_mirrored_fields_are_never_believed(identifier, places):
+def test_mirrored_fields_are_never_believed(identifier, onboard):
     rng = np.random.default_rng(6)
     quick = make_identifier(CAMERA, EPOCH_YEAR,
                             replace(identifier.options, time_limit_s=0.1))
     for _ in range(30):
-        centroids, _ = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
+        centroids, _ = star_list(onboard, CAMERA, random_attitude(rng), 0.1, rng)
         result = quick.identify(frame(centroids.uv * [-1, 1] + [511, 0], centroids.flux))
         assert result.attitude is None
 
 
-def test_a_focal_length_within_its_tolerance_is_fitted(places):
+def test_a_focal_length_within_its_tolerance_is_fitted(onboard):
     rng = np.random.default_rng(7)
     assumed = CAMERA.with_focal_ratio(1 / 1.004)
     identifier = make_identifier(assumed, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
     ratios = []
     for _ in range(20):
         q = random_attitude(rng)
-        centroids, _ = star_list(places, CAMERA, q, 0.1, rng)
+        centroids, _ = star_list(onboard, CAMERA, q, 0.1, rng)
         result = identifier.identify(centroids)
         if result.attitude is not None:
             ratios.append(result.focal_ratio)
@@ -117,7 +117,7 @@ def test_a_focal_length_within_its_tolerance_is_fitted(places):
 
 
 @pytest.mark.parametrize('ratio', [0.986, 1.014])
-def test_a_wide_tolerance_of_the_focal_length_is_used(places, ratio):
+def test_a_wide_tolerance_of_the_focal_length_is_used(onboard, ratio):
     rng = np.random.default_rng(15)
     identifier = make_identifier(
         CAMERA.with_focal_ratio(1 / ratio), EPOCH_YEAR,
@@ -125,7 +125,7 @@ def test_a_wide_tolerance_of_the_focal_length_is_used(places, ratio):
     solved = 0
     for _ in range(20):
         q = random_attitude(rng)
-        centroids, _ = star_list(places, CAMERA, q, 0.1, rng)
+        centroids, _ = star_list(onboard, CAMERA, q, 0.1, rng)
         result = identifier.identify(centroids)
         if result.attitude is not None:
             assert off_by(result, q)[0] < 0.01
@@ -134,18 +134,18 @@ def test_a_wide_tolerance_of_the_focal_length_is_used(places, ratio):
     assert solved >= 19
 
 
-def test_a_focal_length_far_off_gives_no_answer(places):
+def test_a_focal_length_far_off_gives_no_answer(onboard):
     rng = np.random.default_rng(8)
     identifier = make_identifier(CAMERA.with_focal_ratio(1.05), EPOCH_YEAR,
                                  IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.1))
     for _ in range(20):
-        centroids, _ = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
+        centroids, _ = star_list(onboard, CAMERA, random_attitude(rng), 0.1, rng)
         assert identifier.identify(centroids).attitude is None
 
 
 @pytest.mark.parametrize('ratio', [1 / 1.03, 1 / 1.015, 1.03])
 @pytest.mark.parametrize('ra_deg, dec_deg', [(56.75, 24.1), (66.7, 16.0)])
-def test_a_wrong_lens_finds_nothing_in_a_cluster(places, ra_deg, dec_deg, ratio):
+def test_a_wrong_lens_finds_nothing_in_a_cluster(onboard, ra_deg, dec_deg, ratio):
     """Around the Pleiades and the Hyades many stars still match, at a wrong attitude."""
     rng = np.random.default_rng(13)
     identifier = make_identifier(CAMERA.with_focal_ratio(ratio), EPOCH_YEAR,
@@ -154,26 +154,26 @@ def test_a_wrong_lens_finds_nothing_in_a_cluster(places, ra_deg, dec_deg, ratio)
         pointing = [ra_deg + rng.uniform(-4, 4), dec_deg + rng.uniform(-4, 4),
                     rng.uniform(0, 360)]
         q = quaternion_from_pointing(*np.radians(pointing))
-        centroids, _ = star_list(places, CAMERA, q, 0.3, rng)
+        centroids, _ = star_list(onboard, CAMERA, q, 0.3, rng)
         result = identifier.identify(centroids)
         assert result.attitude is None or off_by(result, q)[0] < 0.05
 
 
-def test_a_field_of_view_known_to_five_percent(places):
+def test_a_field_of_view_known_to_five_percent(onboard):
     rng = np.random.default_rng(16)
     identifier = make_identifier(
         CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0, fov_error_percent=5.0))
     for _ in range(20):
         true = CAMERA.with_focal_ratio(rng.uniform(0.95, 1.05))
         q = random_attitude(rng)
-        centroids, _ = star_list(places, true, q, 0.3, rng)
+        centroids, _ = star_list(onboard, true, q, 0.3, rng)
         result = identifier.identify(centroids)
         assert result.status == 'identified'
         assert result.focal_ratio == pytest.approx(true.fx / CAMERA.fx, abs=2e-3)
         assert off_by(result, q)[0] < 0.05
 
 
-def test_the_false_alarm_probability_is_honest(places):
+def test_the_false_alarm_probability_is_honest(onboard):
     """Of fields without a single true star, one in ten may claim 0.1 or less, one in 100 0.01."""
     rng = np.random.default_rng(17)
     identifier = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(
@@ -191,13 +191,13 @@ def test_the_false_alarm_probability_is_honest(places):
     assert (claimed < 0.9).any()
 
 
-def test_false_stars_may_be_brighter_than_all_true_ones(places):
+def test_false_stars_may_be_brighter_than_all_true_ones(onboard):
     rng = np.random.default_rng(18)
     identifier = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
     solved = 0
     for _ in range(30):
         q = random_attitude(rng)
-        centroids, hip = star_list(places, CAMERA, q, 0.3, rng, false=20, missing=0.1,
+        centroids, hip = star_list(onboard, CAMERA, q, 0.3, rng, false=20, missing=0.1,
                                    brightest_false=-1.0)
         result = identifier.identify(centroids)
         if result.attitude is not None:
@@ -207,13 +207,13 @@ def test_false_stars_may_be_brighter_than_all_true_ones(places):
     assert solved >= 28
 
 
-def test_an_answer_with_the_order_of_brightness_reversed_costs_more(identifier, places):
+def test_an_answer_with_the_order_of_brightness_reversed_costs_more(identifier, onboard):
     """The order of brightness is evidence, but not asked for."""
     rng = np.random.default_rng(19)
     ratios = []
     for _ in range(20):
         q = random_attitude(rng)
-        centroids, _ = star_list(places, CAMERA, q, 0.1, rng)
+        centroids, _ = star_list(onboard, CAMERA, q, 0.1, rng)
         right = identifier.identify(centroids)
         reversed_ = identifier.identify(replace(centroids, flux=centroids.flux[::-1]))
         if right.status == reversed_.status == 'identified':
@@ -222,9 +222,9 @@ def test_an_answer_with_the_order_of_brightness_reversed_costs_more(identifier, 
     assert len(ratios) >= 15 and np.median(ratios) < 1e-3
 
 
-def test_a_catalogue_without_pairs_gives_no_answer(places):
+def test_a_catalogue_without_pairs_gives_no_answer(onboard):
     rng = np.random.default_rng(14)
-    centroids, _ = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
+    centroids, _ = star_list(onboard, CAMERA, random_attitude(rng), 0.1, rng)
     identifier = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=0.01))
     result = identifier.identify(centroids)
     assert result.status == 'no_candidate'
@@ -234,7 +234,7 @@ def test_a_catalogue_without_pairs_gives_no_answer(places):
 def test_a_catalogue_too_deep_for_the_field_is_no_burden():
     """Two thousand stars in a field: bounded pairs, and still the right answer."""
     camera = Camera.from_fov(512, 512, 40.0)
-    sky = camera_places(load_catalog(), camera, EPOCH_YEAR, 4.0)
+    sky = onboard_catalog(load_catalog(), camera, EPOCH_YEAR, 4.0)
     identifier = make_identifier(camera, EPOCH_YEAR, IdentificationOptions(magnitude_limit=8.0))
     rng = np.random.default_rng(20)
     solved = 0
@@ -249,20 +249,20 @@ def test_a_catalogue_too_deep_for_the_field_is_no_burden():
 
 
 @pytest.mark.parametrize('count', [0, 1, 3])
-def test_too_few_stars(identifier, places, count):
+def test_too_few_stars(identifier, onboard, count):
     rng = np.random.default_rng(9)
-    centroids, _ = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)
+    centroids, _ = star_list(onboard, CAMERA, random_attitude(rng), 0.1, rng)
     result = identifier.identify(frame(centroids.uv[:count], centroids.flux[:count]))
     assert result.status == 'too_few_stars'
     assert f'{count} usable stars' in result.reason
     assert len(result.hip) == count
 
 
-def test_useless_rows_are_left_out(identifier, places):
+def test_useless_rows_are_left_out(identifier, onboard):
     """NaN, outside the image, found twice: the rest still gives the right answer."""
     rng = np.random.default_rng(10)
     q = random_attitude(rng)
-    centroids, _ = star_list(places, CAMERA, q, 0.1, rng)
+    centroids, _ = star_list(onboard, CAMERA, q, 0.1, rng)
     bad = [[np.nan, 5.0], [-50.0, 10.0], [1e6, 1e6], *(centroids.uv[:3] + 0.2)]
     uv = np.concatenate([bad, centroids.uv])
     flux = np.concatenate([np.full(6, 1e9), centroids.flux])
@@ -289,11 +289,11 @@ def test_thousands_of_centroids_are_bounded_work():
     assert part.reason == f'no answer within time_limit_s = 0.001, {fewer} candidates tested'
 
 
-def test_two_skies_in_one_image_are_ambiguous_or_one_of_them(identifier, places):
+def test_two_skies_in_one_image_are_ambiguous_or_one_of_them(identifier, onboard):
     rng = np.random.default_rng(12)
     for _ in range(10):
         both = [random_attitude(rng), random_attitude(rng)]
-        uv = np.concatenate([star_list(places, CAMERA, q, 0.1, rng)[0].uv for q in both])
+        uv = np.concatenate([star_list(onboard, CAMERA, q, 0.1, rng)[0].uv for q in both])
         result = identifier.identify(frame(rng.permutation(uv)))
         if result.attitude is not None:
             assert min(off_by(result, q)[0] for q in both) < 0.05

@@ -2,7 +2,7 @@
 
 from hypothesis import example, given, strategies as st
 import numpy as np
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.identify.kvector import KVector
 from startracker_ros.identify.pairs import build_pairs
 
@@ -70,9 +70,9 @@ def test_separations_are_numbers_even_where_stars_coincide():
     direction = rng.standard_normal((200, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     direction = np.concatenate([direction, direction[:50], -direction[:50]])
-    places = StarPlaces(np.arange(1, 301, dtype=np.int32), direction, np.full(300, 5.0),
-                        np.zeros(300, bool))
-    separation = build_pairs(places, 0.0, 3.0).separation
+    onboard = OnboardCatalog(np.arange(1, 301, dtype=np.int32), direction, np.full(300, 5.0),
+                             np.zeros(300, bool))
+    separation = build_pairs(onboard, 0.0, 3.0).separation
     assert np.isfinite(separation).all()
     assert np.count_nonzero(separation == 0) == 50
     assert_right(separation, 0.0, 0.0)

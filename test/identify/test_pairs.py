@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.identify import cache
 from startracker_ros.identify.cache import cache_folder, cached_pairs
@@ -17,8 +17,8 @@ NEAR, FAR = 0.005, 0.2
 
 
 @pytest.fixture(scope='module')
-def places():
-    return camera_places(load_catalog(), CAMERA, 2026.0, 4.0)
+def onboard():
+    return onboard_catalog(load_catalog(), CAMERA, 2026.0, 4.0)
 
 
 @pytest.fixture(autouse=True)
@@ -31,12 +31,12 @@ def assert_equal(a, b):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
 
-def test_every_pair_of_lone_stars_is_there_once(places):
-    pairs = build_pairs(places, NEAR, FAR)
-    lone = np.flatnonzero(~places.crowded)
-    assert 0 < len(lone) < len(places)
+def test_every_pair_of_lone_stars_is_there_once(onboard):
+    pairs = build_pairs(onboard, NEAR, FAR)
+    lone = np.flatnonzero(~onboard.crowded)
+    assert 0 < len(lone) < len(onboard)
     np.testing.assert_array_equal(pairs.star, lone)
-    direction = places.direction[lone]
+    direction = onboard.direction[lone]
     cross = np.linalg.norm(np.cross(direction[:, None], direction[None]), axis=2)
     angle = np.triu(np.arctan2(cross, direction @ direction.T), 1)
     expected = np.argwhere((angle >= NEAR) & (angle <= FAR))
@@ -46,8 +46,8 @@ def test_every_pair_of_lone_stars_is_there_once(places):
     np.testing.assert_allclose(pairs.separation, angle[tuple(ours.T)], atol=1e-12)
 
 
-def test_pairs_between_come_in_both_orders(places):
-    pairs = build_pairs(places, NEAR, FAR)
+def test_pairs_between_come_in_both_orders(onboard):
+    pairs = build_pairs(onboard, NEAR, FAR)
     a, b = pairs.between(0.1, 0.11)
     half = len(a) // 2
     assert half == np.count_nonzero((pairs.separation >= 0.1) & (pairs.separation <= 0.11)) > 0
@@ -55,43 +55,43 @@ def test_pairs_between_come_in_both_orders(places):
     np.testing.assert_array_equal(b[:half], a[half:])
 
 
-def test_the_cache_gives_back_what_was_built(places):
-    built = cached_pairs(places, NEAR, FAR)
+def test_the_cache_gives_back_what_was_built(onboard):
+    built = cached_pairs(onboard, NEAR, FAR)
     file, = cache_folder().iterdir()
     written = file.stat().st_ino
-    assert_equal(cached_pairs(places, NEAR, FAR), built)
+    assert_equal(cached_pairs(onboard, NEAR, FAR), built)
     assert file.stat().st_ino == written
 
 
-def test_the_cache_keeps_what_was_used_last(places, monkeypatch):
+def test_the_cache_keeps_what_was_used_last(onboard, monkeypatch):
     monkeypatch.setattr('startracker_ros.identify.cache.MAX_FILES', 2)
-    cached_pairs(places, NEAR, 0.19)
+    cached_pairs(onboard, NEAR, 0.19)
     first, = cache_folder().iterdir()
     os.utime(first, (100, 100))
-    cached_pairs(places, NEAR, 0.18)
+    cached_pairs(onboard, NEAR, 0.18)
     second, = set(cache_folder().iterdir()) - {first}
     os.utime(second, (200, 200))
-    cached_pairs(places, NEAR, 0.19)
-    cached_pairs(places, NEAR, 0.17)
+    cached_pairs(onboard, NEAR, 0.19)
+    cached_pairs(onboard, NEAR, 0.17)
     assert first.exists() and not second.exists()
     assert len(list(cache_folder().iterdir())) == 2
 
 
-def test_the_cache_is_keyed_by_what_it_was_built_from(places):
-    cached_pairs(places, NEAR, FAR)
-    cached_pairs(places, NEAR, 0.19)
-    other = camera_places(load_catalog(), CAMERA, 2027.0, 4.0)
+def test_the_cache_is_keyed_by_what_it_was_built_from(onboard):
+    cached_pairs(onboard, NEAR, FAR)
+    cached_pairs(onboard, NEAR, 0.19)
+    other = onboard_catalog(load_catalog(), CAMERA, 2027.0, 4.0)
     cached_pairs(other, NEAR, FAR)
     assert len(list(cache_folder().iterdir())) == 3
 
 
-def test_a_database_of_another_version_is_left_alone(places, monkeypatch):
-    built = cached_pairs(places, NEAR, FAR)
+def test_a_database_of_another_version_is_left_alone(onboard, monkeypatch):
+    built = cached_pairs(onboard, NEAR, FAR)
     old, = cache_folder().iterdir()
     # Whatever another version has put there under its own key.
     old.write_bytes(b'another layout')
     monkeypatch.setattr(cache, '_VERSION', cache._VERSION + 1)
-    assert_equal(cached_pairs(places, NEAR, FAR), built)
+    assert_equal(cached_pairs(onboard, NEAR, FAR), built)
     assert old.read_bytes() == b'another layout' and len(list(cache_folder().iterdir())) == 2
 
 
@@ -99,19 +99,19 @@ def test_a_database_of_another_version_is_left_alone(places, monkeypatch):
     lambda content: b'', lambda content: content[:20], lambda content: content[:-1],
     lambda content: content[:5000] + bytes([content[5000] ^ 1]) + content[5001:],
     lambda content: b'something else altogether' * 100])
-def test_a_damaged_cache_is_built_anew_and_replaced(places, caplog, damage):
-    built = cached_pairs(places, NEAR, FAR)
+def test_a_damaged_cache_is_built_anew_and_replaced(onboard, caplog, damage):
+    built = cached_pairs(onboard, NEAR, FAR)
     file, = cache_folder().iterdir()
     content = file.read_bytes()
     file.write_bytes(damage(content))
     with caplog.at_level(logging.WARNING):
-        assert_equal(cached_pairs(places, NEAR, FAR), built)
+        assert_equal(cached_pairs(onboard, NEAR, FAR), built)
     assert 'is damaged and is rebuilt' in caplog.text
     assert file.read_bytes() == content
 
 
-def test_without_a_cache_folder_it_only_takes_longer(places, tmp_path, monkeypatch, caplog):
+def test_without_a_cache_folder_it_only_takes_longer(onboard, tmp_path, monkeypatch, caplog):
     (tmp_path / 'file').write_text('in the way')
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'file'))
-    assert_equal(cached_pairs(places, NEAR, FAR), build_pairs(places, NEAR, FAR))
+    assert_equal(cached_pairs(onboard, NEAR, FAR), build_pairs(onboard, NEAR, FAR))
     assert 'is not cached' in caplog.text

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify import identification
 from startracker_ros.identify.identification import IdentificationOptions
@@ -50,10 +50,10 @@ def angle(a, b):
 
 
 def sky(direction):
-    """Return places at directions (N, 3)."""
+    """Return an on-board catalogue with stars at directions (N, 3)."""
     count = len(direction)
-    return StarPlaces(np.arange(1, count + 1, dtype=np.int32), direction, np.full(count, 5.0),
-                      np.zeros(count, bool))
+    return OnboardCatalog(np.arange(1, count + 1, dtype=np.int32), direction, np.full(count, 5.0),
+                          np.zeros(count, bool))
 
 
 @pytest.mark.parametrize('seed', range(8))
@@ -99,7 +99,7 @@ def test_mirrored_quads_do_not_fit():
 def test_quads_that_fit_everywhere_are_passed_over(hasty):
     """Errors as large as the field would ask for every pair of the sky."""
     rng = np.random.default_rng(2)
-    centroids, _ = star_list(hasty.places, CAMERA, random_attitude(rng), 0.5, rng)
+    centroids, _ = star_list(hasty.onboard, CAMERA, random_attitude(rng), 0.5, rng)
     result = hasty.identify(replace(centroids, sigma_px=np.full(len(centroids), 1e3)))
     assert result.attitude is None
 
@@ -120,21 +120,21 @@ def test_a_false_star_is_soon_left_aside():
 
 def test_the_field_match_names_each_star_and_no_false_one(identifier):
     rng = np.random.default_rng(3)
-    places = identifier.places
+    onboard = identifier.onboard
     named = stars = misnamed = 0
     for _ in range(20):
-        centroids, hip = star_list(places, CAMERA, random_attitude(rng), 0.5, rng, false=5)
+        centroids, hip = star_list(onboard, CAMERA, random_attitude(rng), 0.5, rng, false=5)
         field = identifier.field_stars(centroids)
         true = hip[field.index]
         base = np.flatnonzero(true)[:4]
-        found = full_field_match(places, 1.05 * CAMERA.corner_angle_rad, 3.5, 0.005,
+        found = full_field_match(onboard, 1.05 * CAMERA.corner_angle_rad, 3.5, 0.005,
                                  field.direction, field.sigma_rad, base,
-                                 places.index_of(true[base]))
+                                 onboard.index_of(true[base]))
         known = found >= 0
         assert len(np.unique(found[known])) == np.count_nonzero(known)
         stars += np.count_nonzero(true)
-        named += np.count_nonzero(places.hip[found[known]] == true[known])
-        misnamed += np.count_nonzero(places.hip[found[known]] != true[known])
+        named += np.count_nonzero(onboard.hip[found[known]] == true[known])
+        misnamed += np.count_nonzero(onboard.hip[found[known]] != true[known])
     assert named >= 0.98 * stars
     assert misnamed <= 2
 
@@ -143,9 +143,9 @@ def test_a_wrong_quad_is_not_confirmed(identifier):
     """The stars of another part of the sky under the same quad agree with nothing."""
     rng = np.random.default_rng(4)
     for _ in range(10):
-        centroids, hip = star_list(identifier.places, CAMERA, random_attitude(rng), 0.5, rng)
+        centroids, hip = star_list(identifier.onboard, CAMERA, random_attitude(rng), 0.5, rng)
         field = identifier.field_stars(centroids)
-        stars = identifier.places.index_of(hip[field.index[:4]])
+        stars = identifier.onboard.index_of(hip[field.index[:4]])
         right = identifier.verifier.supported(field.direction, field.sigma_rad, np.arange(4),
                                               np.stack([stars[[1, 0, 3, 2]], stars]))
         assert list(right) == [1]
@@ -157,7 +157,7 @@ def test_random_attitudes(identifier, false, missing):
     solved, count = 0, 40
     for _ in range(count):
         q = random_attitude(rng)
-        centroids, hip = star_list(identifier.places, CAMERA, q, 0.5, rng, false=false,
+        centroids, hip = star_list(identifier.onboard, CAMERA, q, 0.5, rng, false=false,
                                    missing=missing)
         result = identifier.identify(centroids)
         if result.attitude is None:
@@ -182,7 +182,7 @@ def test_false_stars_alone_are_never_believed(hasty):
 def test_mirrored_fields_are_never_believed(hasty):
     rng = np.random.default_rng(6)
     for _ in range(40):
-        centroids, _ = star_list(hasty.places, CAMERA, random_attitude(rng), 0.5, rng)
+        centroids, _ = star_list(hasty.onboard, CAMERA, random_attitude(rng), 0.5, rng)
         mirrored = replace(centroids, uv=centroids.uv * [-1, 1] + [1023, 0])
         assert hasty.identify(mirrored).attitude is None
 
@@ -190,7 +190,7 @@ def test_mirrored_fields_are_never_believed(hasty):
 @pytest.mark.parametrize('count', [0, 1, 4])
 def test_too_few_stars(identifier, count):
     rng = np.random.default_rng(7)
-    centroids, _ = star_list(identifier.places, CAMERA, random_attitude(rng), 0.5, rng)
+    centroids, _ = star_list(identifier.onboard, CAMERA, random_attitude(rng), 0.5, rng)
     result = identifier.identify(frame(centroids.uv[:count], centroids.flux[:count]))
     assert result.status == 'too_few_stars'
     assert f'{count} usable stars, quad needs 5' in result.reason
@@ -202,7 +202,7 @@ def test_useless_rows_are_left_out(identifier):
     rng = np.random.default_rng(8)
     for _ in range(5):
         q = random_attitude(rng)
-        centroids, _ = star_list(identifier.places, CAMERA, q, 0.5, rng)
+        centroids, _ = star_list(identifier.onboard, CAMERA, q, 0.5, rng)
         bad = [[np.nan, 5.0], [np.inf, 1.0], [-50.0, 10.0], [1e6, 1e6], *(centroids.uv[:3] + 0.4),
                [500.0, 500.0]]
         uv = np.concatenate([bad, centroids.uv])
@@ -239,7 +239,7 @@ def test_thousands_of_centroids_are_bounded_work(identifier, monkeypatch):
 
 def test_a_catalogue_without_quads_gives_no_answer(identifier):
     rng = np.random.default_rng(10)
-    centroids, _ = star_list(identifier.places, CAMERA, random_attitude(rng), 0.5, rng)
+    centroids, _ = star_list(identifier.onboard, CAMERA, random_attitude(rng), 0.5, rng)
     bare = make_identifier(CAMERA, EPOCH_YEAR,
                            replace(identifier.options, magnitude_limit=0.01, time_limit_s=0.1))
     assert bare.identify(centroids).attitude is None
@@ -248,9 +248,9 @@ def test_a_catalogue_without_quads_gives_no_answer(identifier):
 def test_the_stars_of_the_answer_are_where_its_attitude_puts_them(identifier):
     rng = np.random.default_rng(11)
     q = random_attitude(rng)
-    centroids, _ = star_list(identifier.places, CAMERA, q, 0.5, rng)
+    centroids, _ = star_list(identifier.onboard, CAMERA, q, 0.5, rng)
     result = identifier.identify(centroids)
     known = result.hip > 0
-    star = identifier.places.direction[identifier.places.index_of(result.hip[known])]
+    star = identifier.onboard.direction[identifier.onboard.index_of(result.hip[known])]
     predicted = CAMERA.project(rotate(conjugate(result.attitude.quaternion), star))
     assert np.abs(predicted - centroids.uv[known]).max() < 3

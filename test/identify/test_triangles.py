@@ -5,7 +5,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.identify.pair_search import expected_pairs, image_side, pair_level
 from startracker_ros.identify.pairs import build_pairs
 from startracker_ros.identify.triangle_order import new_state, next_triangle
@@ -21,8 +21,8 @@ SIGMAS = 3.5
 def make(direction, scale_error):
     """Return level and verifier of a sky of stars (N, 3)."""
     count = len(direction)
-    sky = StarPlaces(np.arange(1, count + 1, dtype=np.int32), direction, np.full(count, 5.0),
-                     np.zeros(count, bool))
+    sky = OnboardCatalog(np.arange(1, count + 1, dtype=np.int32), direction, np.full(count, 5.0),
+                         np.zeros(count, bool))
     level = pair_level(build_pairs(sky, 1e-3, 0.3), direction, 40, 1000)
     return level, Verifier(CAMERA, sky, SIGMAS, scale_error).data
 

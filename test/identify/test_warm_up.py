@@ -24,7 +24,7 @@ def test_the_field_of_a_warm_up_is_identified(method, fov_deg, monkeypatch):
     identifier.warm_up()
     # Without a predicted attitude, and with one where the method uses it.
     assert len(results) == (2 if method == 'extended_grid' else 1)
-    hip = synthetic_field(identifier.places, camera)[1]
+    hip = synthetic_field(identifier.onboard, camera)[1]
     for _, result in results:
         assert result.status == 'identified'
         known = result.hip > 0

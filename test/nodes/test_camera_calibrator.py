@@ -5,7 +5,7 @@ import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.ros import qos
@@ -16,7 +16,7 @@ from startracker_ros.sky.star_lists import random_attitude, star_list
 from std_srvs.srv import Trigger
 
 CAMERA = Camera.from_fov(1024, 768, 15.0)
-PLACES = camera_places(load_catalog(), CAMERA, 2026.7, 6.5)
+ONBOARD = onboard_catalog(load_catalog(), CAMERA, 2026.7, 6.5)
 START_NS = 1_790_000_000_000_000_000
 
 
@@ -73,7 +73,7 @@ def test_what_is_missing_is_said(nodes, probe, tmp_path):
     def send(q):
         nonlocal index
         index += 1
-        spots, hip = star_list(PLACES, CAMERA, q, 0.1, rng)
+        spots, hip = star_list(ONBOARD, CAMERA, q, 0.1, rng)
         unknown = np.full(len(hip), np.nan)
         stars.publish(stars_to_message(spots, hip, unknown, unknown, CAMERA,
                                        header(index)))

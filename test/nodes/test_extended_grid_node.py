@@ -7,7 +7,7 @@ import pytest
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
 from startracker_ros.bag.layouts import MessageError, ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
@@ -110,9 +110,9 @@ class Sky:
         self.centroids = probe.speak(PointCloud2, 'centroids', qos.LIST)
         self.imu = probe.speak(Imu, 'imu', qos.LIST)
         probe.wait(lambda: probe.count_publishers('stars'), 'stars offered')
-        places = camera_places(load_catalog(), CAMERA, EPOCH_YEAR, 7.5)
+        onboard = onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, 7.5)
         rng = np.random.default_rng(2)
-        self.stars = star_list(places, CAMERA, random_attitude(rng), 0.1, rng)[0]
+        self.stars = star_list(onboard, CAMERA, random_attitude(rng), 0.1, rng)[0]
         assert len(self.stars) >= 8
 
     def header(self, frame_id=FRAME):

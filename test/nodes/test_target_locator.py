@@ -22,7 +22,7 @@ from visualization_msgs.msg import MarkerArray
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 START_NS = 1_790_000_000_000_000_000
 TARGET = np.array([7.45e6, 2.1e5, 3e4])
-PLACES = np.array([[7.07e6, 0.0, 0.0], [7.05e6, 4.9e5, 1e3]])
+ONBOARD = np.array([[7.07e6, 0.0, 0.0], [7.05e6, 4.9e5, 1e3]])
 VELOCITY = np.array([0.0, 7.5e3, 0.0])
 
 
@@ -49,8 +49,8 @@ class Observers:
     def frame(self, which, place=None, quaternion=None, *, later_s=0.0, covariance=ARCSEC ** 2,
               frame_id='icrf', uv=(511.5, 511.5), sigma_px=0.1):
         """Publish all that one observer says about the present frame; return its stamp."""
-        place = PLACES[which] if place is None else place
-        quaternion = towards(PLACES[which]) if quaternion is None else quaternion
+        place = ONBOARD[which] if place is None else place
+        quaternion = towards(ONBOARD[which]) if quaternion is None else quaternion
         stamp_ns = START_NS + self.index * 500_000_000 + round(later_s * 1e9)
         sensor = make_header(stamp_ns, 'star_tracker_optical_frame')
         inertial = make_header(stamp_ns, frame_id)
@@ -61,7 +61,7 @@ class Observers:
         topics = self.topics[which]
         topics['camera_info'].publish(camera_to_message(CAMERA, sensor))
         topics['odometry'].publish(motion_to_odometry(
-            place, VELOCITY, towards(PLACES[which]), np.zeros(3), inertial, sensor.frame_id))
+            place, VELOCITY, towards(ONBOARD[which]), np.zeros(3), inertial, sensor.frame_id))
         topics['attitude_cov'].publish(attitude)
         topics['target_centroid'].publish(centroids_to_message(Centroids(
             np.array([uv]), np.array([1e4]), np.array([50.0]), np.array([sigma_px])),
@@ -105,17 +105,17 @@ def test_target_is_located_and_bad_input_is_named(observers):
     assert 5 < np.sqrt(np.trace(covariance)) < 50 and not covariance[3:].any()
     markers = probe.wait(lambda: probe.received['target/line_of_sight'], 'lines of sight')
     first, second, ellipsoid = markers[0].markers
-    for line, start in ((first, PLACES[0]), (second, PLACES[1])):
+    for line, start in ((first, ONBOARD[0]), (second, ONBOARD[1])):
         ends = np.array([[point.x, point.y, point.z] for point in line.points])
         np.testing.assert_allclose(ends, [start, TARGET], atol=1e-2)
     assert {first.header.frame_id, second.header.frame_id, ellipsoid.header.frame_id} == {'icrf'}
     assert ellipsoid.scale.x <= ellipsoid.scale.y <= ellipsoid.scale.z
 
     nan = float('nan')
-    observers.refused('parallel', quaternion=towards(PLACES[0]))
+    observers.refused('parallel', quaternion=towards(ONBOARD[0]))
     observers.refused('behind the second observer',
-                      quaternion=towards(PLACES[1], 2 * PLACES[1] - TARGET))
-    observers.refused('observers 0 m apart', place=PLACES[0])
+                      quaternion=towards(ONBOARD[1], 2 * ONBOARD[1] - TARGET))
+    observers.refused('observers 0 m apart', place=ONBOARD[0])
     observers.refused('do not point to one target', uv=(711.5, 511.5))
     observers.refused('orientation [0.0, 0.0, 0.0, 0.0] is no attitude', quaternion=np.zeros(4))
     observers.refused('orientation [nan', quaternion=np.full(4, nan))

@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
 from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import (
     attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
@@ -24,7 +24,7 @@ from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.track.tracks import Tracks
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
-PLACES = camera_places(load_catalog(), CAMERA, 2026.7, 6.5)
+ONBOARD = onboard_catalog(load_catalog(), CAMERA, 2026.7, 6.5)
 START_NS = 1_790_000_000_000_000_000
 STEP_NS = 100_000_000
 FRAME = 'star_tracker_optical_frame'
@@ -82,7 +82,7 @@ class Flight:
                 if measured is not None:
                     self.imu.publish(gyro_to_imu(
                         np.asarray(measured), 1e-5, self.header(-k * STEP_NS // 10, frame_id)))
-            seen, _ = star_list(PLACES, CAMERA, self.q, 0.1, self.rng, false=3)
+            seen, _ = star_list(ONBOARD, CAMERA, self.q, 0.1, self.rng, false=3)
             self.truth[START_NS + self.index * STEP_NS] = self.q
             answers = len(self.probe.received['attitude_imu'])
             # The rates of a frame are there before its stars, as a camera's are.
@@ -191,7 +191,7 @@ def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
     state.publish(DiagnosticStatus(message='TRACKING'))
     centroids = probe.speak(PointCloud2, 'centroids', qos.LIST)
     q = quaternion_from_pointing(*np.radians([84.0, 0.0, 20.0]))
-    seen, _ = star_list(PLACES, CAMERA, q, 0.1, np.random.default_rng(1))
+    seen, _ = star_list(ONBOARD, CAMERA, q, 0.1, np.random.default_rng(1))
 
     indices = itertools.count()
 
@@ -229,7 +229,7 @@ def test_tracks_alone_are_solved(nodes, probe, solver):
         camera_to_message(CAMERA, header))
     tracks = probe.speak(PointCloud2, 'tracks', qos.LIST)
     q = quaternion_from_pointing(*np.radians([84.0, 0.0, 20.0]))
-    seen, hip = star_list(PLACES, CAMERA, q, 0.1, np.random.default_rng(3))
+    seen, hip = star_list(ONBOARD, CAMERA, q, 0.1, np.random.default_rng(3))
     count, zero = len(hip), np.zeros(len(hip))
     tracks.publish(tracks_to_message(Tracks(
         hip=hip, magnitude=zero, uv=seen.uv, flux=seen.flux, snr=seen.snr,

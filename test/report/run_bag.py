@@ -11,7 +11,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import (
@@ -83,7 +83,7 @@ def write_run(folder: Path, *, leave_out: tuple[str, ...] = (), namespace: str =
 
 
 def _messages() -> Iterator[tuple[int, str, Any]]:
-    places = camera_places(load_catalog(), CAMERA, 2026.5, 6.0)
+    onboard = onboard_catalog(load_catalog(), CAMERA, 2026.5, 6.0)
     for frame in range(FRAMES):
         stamp_ns = START_NS + frame * STEP_NS
         header = make_header(stamp_ns, 'star_tracker_optical_frame')
@@ -91,11 +91,11 @@ def _messages() -> Iterator[tuple[int, str, Any]]:
         state = {0: 'LOST', 1: 'ACQUIRING', 30: 'LOST', 31: 'LOST', 32: 'ACQUIRING'}.get(
             frame, 'TRACKING')
         q = truth(frame)
-        directions = rotate(conjugate(q), places.direction)
+        directions = rotate(conjugate(q), onboard.direction)
         uv = CAMERA.project(directions)
         seen = (directions[:, 2] > 0.5) & CAMERA.contains(uv)
         count = int(np.count_nonzero(seen))
-        flux = 10 ** (4 - 0.4 * places.magnitude[seen])
+        flux = 10 ** (4 - 0.4 * onboard.magnitude[seen])
         found = Centroids(uv[seen], flux, np.full(count, 50.0), np.full(count, 0.1))
         solved = frame not in UNSOLVED
         rows = [
@@ -104,7 +104,7 @@ def _messages() -> Iterator[tuple[int, str, Any]]:
             ('truth/attitude', quaternion_to_message(q, inertial)),
             ('centroids', centroids_to_message(found, CAMERA, header)),
             ('tracks', tracks_to_message(
-                _tracks(uv[seen], flux, places.hip[seen], places.magnitude[seen]), CAMERA,
+                _tracks(uv[seen], flux, onboard.hip[seen], onboard.magnitude[seen]), CAMERA,
                 header)),
             ('tracker_state', status_message(
                 'star_tracker: state', 'st0', DiagnosticStatus.OK, state, {})),

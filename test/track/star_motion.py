@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places, StarPlaces
+from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import (
@@ -15,8 +15,8 @@ STEP_NS = 100_000_000
 START_NS = 1_790_000_000_000_000_000
 
 
-def sky(magnitude_limit: float = 6.0, camera: Camera = CAMERA) -> StarPlaces:
-    return camera_places(load_catalog(), camera, 2026.5, magnitude_limit)
+def sky(magnitude_limit: float = 6.0, camera: Camera = CAMERA) -> OnboardCatalog:
+    return onboard_catalog(load_catalog(), camera, 2026.5, magnitude_limit)
 
 
 @dataclass
@@ -28,7 +28,7 @@ class Motion:
     logarithm of the ratio of the next fainter magnitude.
     """
 
-    places: StarPlaces
+    onboard: OnboardCatalog
     rate_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     pointing_deg: tuple[float, float, float] = (84.0, 5.0, 30.0)
     sigma_px: float = 0.1
@@ -48,26 +48,26 @@ class Motion:
 
     def place(self, frame: float, hip: np.ndarray) -> np.ndarray:
         """Return the true positions (N, 2) of stars by Hipparcos number."""
-        star = self.places.direction[self.places.index_of(hip)]
+        star = self.onboard.direction[self.onboard.index_of(hip)]
         return self.camera.project(rotate(conjugate(self.q(frame)), star))
 
     def frame(self, frame: float) -> tuple[int, Centroids, np.ndarray]:
         """Return the stamp, the centroids, brightest first, and their hip, 0 for false ones."""
         q = self.q(frame)
-        near = self.places.within(rotate(q, [0.0, 0.0, 1.0]), self.camera.corner_angle_rad)
-        uv = self.camera.project(rotate(conjugate(q), self.places.direction[near]))
+        near = self.onboard.within(rotate(q, [0.0, 0.0, 1.0]), self.camera.corner_angle_rad)
+        uv = self.camera.project(rotate(conjugate(q), self.onboard.direction[near]))
         visible = self.camera.contains(uv) & (self.rng.random(len(near)) >= self.missed)
         near, uv = near[visible], uv[visible]
         sigma_px = self.sigma_px * 10 ** (
-            self.sigma_per_magnitude * (self.places.magnitude[near] - 5))
+            self.sigma_per_magnitude * (self.onboard.magnitude[near] - 5))
         uv = uv + self.rng.normal(0, sigma_px[:, None], uv.shape)
-        flux = 1e6 * 10 ** (-0.4 * (self.places.magnitude[near]
+        flux = 1e6 * 10 ** (-0.4 * (self.onboard.magnitude[near]
                                     + self.rng.normal(0, 0.1, len(near))))
         false_uv = self.rng.uniform(0, [self.camera.width, self.camera.height],
                                     (self.false_points, 2))
         uv = np.concatenate([uv, false_uv])
         flux = np.append(flux, self.rng.choice(flux, self.false_points))
-        hip = np.append(self.places.hip[near], np.zeros(self.false_points, int))
+        hip = np.append(self.onboard.hip[near], np.zeros(self.false_points, int))
         sigma_px = np.append(sigma_px, np.full(self.false_points, self.sigma_px))
         order = np.argsort(-flux)
         centroids = Centroids(uv[order], flux[order], np.full(len(order), 30.0), sigma_px[order])

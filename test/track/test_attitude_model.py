@@ -13,7 +13,7 @@ from startracker_ros.maths.rotation import (
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.tracker import StarTracker, TrackerState
 
-PLACES = sky()
+ONBOARD = sky()
 DEG_H = np.radians(1 / 3600)
 PER_FRAME = 10
 GYRO = GyroErrorOptions(gyro_drift_deg_h=3.0, gyro_noise_deg_sqrt_h=0.15)
@@ -56,7 +56,7 @@ def frames_of(motion, *, gyro=None, dark=(), **options):
 
     gyro returns the measured rate of a true one; frames in dark have no stars.
     """
-    tracker = StarTracker(CAMERA, PLACES, TrackerOptions(**options), GYRO)
+    tracker = StarTracker(CAMERA, ONBOARD, TrackerOptions(**options), GYRO)
     started = False
     for k in range(motion.frames):
         if gyro is not None and k > 0:
@@ -100,7 +100,7 @@ def slew(axis, peak_deg_s, acceleration_deg_s2, seconds):
 @pytest.mark.parametrize('peak_deg_s, acceleration_deg_s2, gyro', [
     (1.0, 0.05, None), (1.0, 0.5, None), (3.0, 0.5, true), (3.0, 5.0, true)])
 def test_slews_are_tracked(axis, peak_deg_s, acceleration_deg_s2, gyro):
-    motion = Turns(PLACES, rates=slew(axis, peak_deg_s, acceleration_deg_s2, 20.0),
+    motion = Turns(ONBOARD, rates=slew(axis, peak_deg_s, acceleration_deg_s2, 20.0),
                    false_points=5, missed=0.05)
     with_attitude = 0
     for k, tracker in frames_of(motion, gyro=gyro):
@@ -115,7 +115,7 @@ def test_slews_are_tracked(axis, peak_deg_s, acceleration_deg_s2, gyro):
 @pytest.mark.parametrize('gyro, rate_deg_s', [(true, 0.3), (None, 0.06)])
 def test_two_dark_seconds_are_bridged(gyro, rate_deg_s):
     rates = np.tile([0.0, rate_deg_s, rate_deg_s / 3], (900, 1))
-    motion = Turns(PLACES, rates=rates)
+    motion = Turns(ONBOARD, rates=rates)
     dark = range(40, 60)
     for k, tracker in frames_of(motion, gyro=gyro, dark=dark):
         assert tracker.state is TrackerState.TRACKING
@@ -125,7 +125,7 @@ def test_two_dark_seconds_are_bridged(gyro, rate_deg_s):
 
 
 def test_a_gyro_bridges_a_slew_in_the_dark():
-    motion = Turns(PLACES, rates=slew((0, 1, 0), 3.0, 5.0, 9.0))
+    motion = Turns(ONBOARD, rates=slew((0, 1, 0), 3.0, 5.0, 9.0))
     dark = range(19, 39)
     for k, tracker in frames_of(motion, gyro=true, dark=dark):
         assert (tracker.attitude is None) == (k in dark), k
@@ -142,7 +142,7 @@ WRONG_GYROS = {
 @pytest.mark.parametrize('error', WRONG_GYROS)
 def test_a_wrong_gyro_is_reported_and_does_no_harm(error):
     rates = slew((0.2, 1, 0.3), 0.5, 0.1, 20.0)
-    motion = Turns(PLACES, rates=rates, false_points=5)
+    motion = Turns(ONBOARD, rates=rates, false_points=5)
     troubled = 0
     for k, tracker in frames_of(motion, gyro=WRONG_GYROS[error]):
         assert tracker.state is TrackerState.TRACKING, (k, tracker.reason)
@@ -154,7 +154,7 @@ def test_a_wrong_gyro_is_reported_and_does_no_harm(error):
 
 def test_a_gyro_that_stops_is_not_needed():
     rates = np.tile([0.0, 0.3, 0.0], (1000, 1))
-    motion = Turns(PLACES, rates=rates)
+    motion = Turns(ONBOARD, rates=rates)
     tracker = None
     for k, tracker in frames_of(motion, gyro=true):
         if k == 50:
@@ -177,7 +177,7 @@ def test_the_covariance_is_consistent(gyro):
     total, rate_total, runs = 0.0, 0.0, 120
     for seed in range(runs):
         rng = np.random.default_rng(1000 + seed)
-        motion = Turns(PLACES, rates=random_turns(rng, 6.0, 0.005), seed=seed, missed=0.05,
+        motion = Turns(ONBOARD, rates=random_turns(rng, 6.0, 0.005), seed=seed, missed=0.05,
                        pointing_deg=(rng.uniform(60, 120), rng.uniform(-20, 40), 0.0))
         *_, (_, tracker) = frames_of(motion, gyro=gyro)
         total += squared(tracker, motion, motion.frames - 1)
@@ -194,7 +194,7 @@ def test_better_than_a_filter_for_each_star():
     rates = random_turns(rng, 20.0, 0.005)
     rms = {}
     for model, gyro in (('attitude', None), ('attitude', true), ('constant_velocity', None)):
-        motion = Turns(PLACES, rates=rates, false_points=5, missed=0.05, seed=1)
+        motion = Turns(ONBOARD, rates=rates, false_points=5, missed=0.05, seed=1)
         errors = [attitude_error(tracker.attitude.attitude.quaternion, motion.q(k))
                   for k, tracker in frames_of(motion, gyro=gyro, model=model)]
         rms[model, gyro] = np.sqrt(np.mean(np.square(errors))) / ARCSEC

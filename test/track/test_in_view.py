@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import conjugate, quaternion_from_pointing, rotate
 from startracker_ros.track.in_view import project, StarsInView
@@ -17,17 +17,17 @@ DISTORTED = replace(PLAIN, distortion=(-0.1, 0.02, 1e-3, -5e-4, 0.0))
 
 @pytest.mark.parametrize('camera', [PLAIN, DISTORTED])
 def test_as_the_catalogue_and_the_camera_say(camera):
-    places = camera_places(load_catalog(), camera, 2026.0, 6.0)
-    stars = StarsInView(camera, places)
+    onboard = onboard_catalog(load_catalog(), camera, 2026.0, 6.0)
+    stars = StarsInView(camera, onboard)
     # Small steps, which keep the stars of the search before, and leaps.
     for ra_deg in (10.0, 10.1, 10.4, 10.9, 200.0, 10.0):
         q = quaternion_from_pointing(*np.radians([ra_deg, 40.0, 3 * ra_deg]))
         index, sensor, uv = stars.of(
             AttitudeEstimate(q, np.eye(3) * 1e-12, 9, np.zeros(9), 9.0))
-        expected = places.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
+        expected = onboard.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
         assert len(index) > 20
         np.testing.assert_array_equal(index, expected)
-        np.testing.assert_allclose(sensor, rotate(conjugate(q), places.direction[index]),
+        np.testing.assert_allclose(sensor, rotate(conjugate(q), onboard.direction[index]),
                                    atol=1e-14)
         np.testing.assert_allclose(uv, camera.project(sensor), atol=1e-9)
 

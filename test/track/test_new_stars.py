@@ -3,7 +3,7 @@
 import numpy as np
 from star_motion import CAMERA
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.catalog.onboard import StarPlaces
+from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import quaternion_from_pointing, rotate
 from startracker_ros.track.in_view import StarsInView
@@ -15,16 +15,16 @@ MAGNITUDE = np.array([3.0, 4.0, 4.2, 5.0, 8.0])
 
 
 def match(uv, magnitude, sigma_rad=1e-7, crowded=(False,) * 5, roll_sigma_rad=1e-7):
-    places = StarPlaces(np.arange(1, 6, dtype=np.int32), rotate(Q, CAMERA.unproject(UV)),
-                        MAGNITUDE, np.array(crowded))
+    onboard = OnboardCatalog(np.arange(1, 6, dtype=np.int32), rotate(Q, CAMERA.unproject(UV)),
+                             MAGNITUDE, np.array(crowded))
     attitude = AttitudeEstimate(
         Q, np.diag([sigma_rad, sigma_rad, roll_sigma_rad]) ** 2, 9, np.zeros(9), 9.0)
     uv = np.reshape(uv, (-1, 2))
     centroids = Centroids(uv, 10 ** (0.4 * (20 - np.asarray(magnitude, float))),
                           np.full(len(uv), 9.0), np.full(len(uv), 0.1))
-    index, centroid = match_new_stars(StarsInView(CAMERA, places), attitude, centroids,
+    index, centroid = match_new_stars(StarsInView(CAMERA, onboard), attitude, centroids,
                                       centroids.sigma_px, 20.0, 1.0)
-    return sorted(zip(places.hip[index].tolist(), centroid.tolist()))
+    return sorted(zip(onboard.hip[index].tolist(), centroid.tolist()))
 
 
 def test_near_and_as_bright():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import (
@@ -12,7 +12,7 @@ from startracker_ros.maths.rotation import (
 from startracker_ros.track.target import TargetTracker, TargetTrackOptions
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
-PLACES = camera_places(load_catalog(), CAMERA, 2026.5, 9.0)
+ONBOARD = onboard_catalog(load_catalog(), CAMERA, 2026.5, 9.0)
 SIGMA_PX = 0.05
 STEP_NS = 500_000_000
 START = quaternion_from_pointing(*np.radians([80.0, 5.0, 20.0]))
@@ -36,7 +36,7 @@ class Sky:
     def update(self, tracker, spots, *, noise=0):
         """Show the next frame with spots on ICRF (K, 3); return the result of the tracker."""
         q, attitude = self.attitude()
-        stars = PLACES.direction[PLACES.magnitude < 6.5]
+        stars = ONBOARD.direction[ONBOARD.magnitude < 6.5]
         uv = CAMERA.project(rotate(conjugate(q), np.concatenate([stars, spots])))
         uv = uv[CAMERA.contains(uv)]
         uv = np.concatenate([uv, self.rng.uniform(0, 1023, (noise, 2))])
@@ -57,7 +57,7 @@ def moving(rate_deg_s, frame, *, aside_deg=0.0):
 
 @pytest.mark.parametrize('rate_deg_s', [0.004, 0.024, 0.3])
 def test_target_is_found_and_measured(rate_deg_s):
-    sky, tracker = Sky(), TargetTracker(CAMERA, PLACES)
+    sky, tracker = Sky(), TargetTracker(CAMERA, ONBOARD)
     said = []
     for frame in range(24):
         spot = moving(rate_deg_s, frame)
@@ -75,7 +75,7 @@ def test_target_is_found_and_measured(rate_deg_s):
 
 def test_nothing_moves_nothing_is_said():
     """False spots everywhere, a star that no catalogue has, and a hot pixel."""
-    sky, tracker = Sky(), TargetTracker(CAMERA, PLACES)
+    sky, tracker = Sky(), TargetTracker(CAMERA, ONBOARD)
     for _ in range(60):
         q, _ = sky.attitude()
         hot = rotate(q, CAMERA.unproject(np.array([[300.0, 200.0]])))
@@ -85,7 +85,7 @@ def test_nothing_moves_nothing_is_said():
 
 
 def test_a_target_that_hides_for_a_while_stays_the_same():
-    sky, tracker = Sky(), TargetTracker(CAMERA, PLACES)
+    sky, tracker = Sky(), TargetTracker(CAMERA, ONBOARD)
     frames = []
     for frame in range(30):
         hidden = 12 <= frame < 15
@@ -96,7 +96,7 @@ def test_a_target_that_hides_for_a_while_stays_the_same():
 
 
 def test_the_first_of_two_is_the_target_until_it_leaves():
-    sky, tracker = Sky(), TargetTracker(CAMERA, PLACES)
+    sky, tracker = Sky(), TargetTracker(CAMERA, ONBOARD)
     results = []
     for frame in range(40):
         spots = [moving(0.05, frame)] if frame < 25 else []
@@ -109,7 +109,7 @@ def test_the_first_of_two_is_the_target_until_it_leaves():
 
 
 def test_a_slow_frame_or_none_at_all():
-    tracker = TargetTracker(CAMERA, PLACES, TargetTrackOptions())
+    tracker = TargetTracker(CAMERA, ONBOARD, TargetTrackOptions())
     assert tracker.update(1, AttitudeEstimate(START, np.eye(3) * 1e-12, 5, np.empty(0), 1.0),
                           Centroids.empty()) is None
     nan = np.full(1, np.nan)

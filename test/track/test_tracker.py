@@ -13,7 +13,7 @@ from startracker_ros.maths.rotation import (
 from startracker_ros.track.options import MODELS, TrackerOptions
 from startracker_ros.track.tracker import StarTracker, TrackerState
 
-PLACES = sky()
+ONBOARD = sky()
 ELSEWHERE_DEG = (200.0, -40.0, 10.0)
 FILTERS = ['attitude', 'constant_velocity', 'coordinated_turn']
 
@@ -42,7 +42,7 @@ def run(tracker, motion, frames):
 
 def tracking(motion, frames=10, **options):
     """Return a tracker that has tracked a motion for some frames."""
-    tracker = StarTracker(motion.camera, motion.places, TrackerOptions(**options))
+    tracker = StarTracker(motion.camera, motion.onboard, TrackerOptions(**options))
     for _ in run(tracker, motion, range(frames)):
         pass
     assert tracker.state is TrackerState.TRACKING, tracker.reason
@@ -64,8 +64,8 @@ def worst_px(motion, k, tracks):
 
 
 def test_two_identifications_start_tracking():
-    motion = Motion(PLACES, (0.1, 0.2, 0.3))
-    tracker = StarTracker(CAMERA, PLACES)
+    motion = Motion(ONBOARD, (0.1, 0.2, 0.3))
+    tracker = StarTracker(CAMERA, ONBOARD)
     assert tracker.state is TrackerState.LOST and tracker.state.value == 'LOST'
     frame = motion.frame(0)
     assert len(tracker.update(*frame[:2])) == 0
@@ -87,9 +87,9 @@ def test_two_identifications_start_tracking():
 
 
 def test_identification_may_come_late_or_early():
-    motion = Motion(PLACES, (0.0, 0.5, 0.0))
+    motion = Motion(ONBOARD, (0.0, 0.5, 0.0))
     frames = [motion.frame(k) for k in range(12)]
-    late, early = StarTracker(CAMERA, PLACES), StarTracker(CAMERA, PLACES)
+    late, early = StarTracker(CAMERA, ONBOARD), StarTracker(CAMERA, ONBOARD)
     for k in range(12):
         if k in (3, 5):
             early.identified(*frames[k])
@@ -108,7 +108,7 @@ def test_identification_may_come_late_or_early():
 @pytest.mark.parametrize('model', FILTERS)
 @pytest.mark.parametrize('rate_deg_s', [(0, 0, 0), (0.05, 0.1, 0.02), (0, 1, 0), (0, 0, 1)])
 def test_filtered_attitude_is_consistent_unbiased_and_better_than_one_frame(rate_deg_s, model):
-    motion = Motion(PLACES, rate_deg_s, false_points=5, missed=0.05)
+    motion = Motion(ONBOARD, rate_deg_s, false_points=5, missed=0.05)
     tracker = tracking(motion, 30, model=model)
     nees, filtered, single, error_px, position_nees = [], [], [], [], []
     for k in range(30, 180):
@@ -121,7 +121,7 @@ def test_filtered_attitude_is_consistent_unbiased_and_better_than_one_frame(rate
         filtered.append(error)
         known = hip > 0
         of_frame = estimate_attitude(
-            CAMERA.unproject(centroids.uv[known]), PLACES.direction[PLACES.index_of(hip[known])],
+            CAMERA.unproject(centroids.uv[known]), ONBOARD.direction[ONBOARD.index_of(hip[known])],
             np.full(known.sum(), CAMERA.pixel_rad))
         single.append(attitude_error(of_frame.quaternion, motion.q(k)))
         offset = tracks.uv[used] - motion.place(k, tracks.hip[used])
@@ -138,7 +138,7 @@ def test_filtered_attitude_is_consistent_unbiased_and_better_than_one_frame(rate
 
 def test_curved_paths_are_tracked_without_lag():
     """At 1 deg/s of roll a star 600 px from the centre is pushed by 0.18 px/s^2."""
-    motion = Motion(PLACES, (0.0, 0.0, 1.0), sigma_px=0.05)
+    motion = Motion(ONBOARD, (0.0, 0.0, 1.0), sigma_px=0.05)
     tracker = tracking(motion, 30, acceleration_deg_s2=0.001)
     inward = []
     for k in range(30, 120):
@@ -156,7 +156,7 @@ def test_attitude_is_consistent_under_acceleration(sigma_per_magnitude, model):
     """The body rate swings, its peak acceleration the 1 sigma that the options allow for."""
     options = TrackerOptions()
     pulsation = 2 * np.pi / 30
-    motion = Swing(PLACES, swing_deg=options.acceleration_deg_s2 / pulsation ** 2,
+    motion = Swing(ONBOARD, swing_deg=options.acceleration_deg_s2 / pulsation ** 2,
                    pulsation=pulsation, false_points=5,
                    sigma_per_magnitude=sigma_per_magnitude)
     tracker, nees = tracking(motion, 20, model=model), []
@@ -168,8 +168,8 @@ def test_attitude_is_consistent_under_acceleration(sigma_per_magnitude, model):
 
 def test_distorted_lens():
     camera = Camera(1200, 900, 4000.0, 4010.0, 610.0, 440.0, (-0.3, 0.5, 1e-3, -2e-3, 0.0))
-    places = sky(6.0, camera)
-    motion = Motion(places, (0.3, 0.6, 0.5), camera=camera)
+    onboard = sky(6.0, camera)
+    motion = Motion(onboard, (0.3, 0.6, 0.5), camera=camera)
     tracker = tracking(motion, 20)
     for k, tracks in run(tracker, motion, range(20, 60)):
         assert tracks.usable.sum() > 10 and worst_px(motion, k, tracks) < 0.6
@@ -178,7 +178,7 @@ def test_distorted_lens():
 
 @pytest.mark.parametrize('model', MODELS)
 def test_stars_enter_and_leave(model):
-    motion = Motion(PLACES, (0.0, 1.0, 0.0), false_points=5)
+    motion = Motion(ONBOARD, (0.0, 1.0, 0.0), false_points=5)
     tracker = tracking(motion, 3, model=model)
     first = set(motion.frame(2)[2]) - {0}
     owner = {}
@@ -195,8 +195,8 @@ def test_stars_enter_and_leave(model):
 
 
 def test_new_stars_count_only_after_some_frames():
-    motion = Motion(PLACES, (0.0, 0.0, 0.0))
-    tracker = StarTracker(CAMERA, PLACES, TrackerOptions(confirm_frames=4))
+    motion = Motion(ONBOARD, (0.0, 0.0, 0.0))
+    tracker = StarTracker(CAMERA, ONBOARD, TrackerOptions(confirm_frames=4))
     for k in (0, 1):
         stamp_ns, centroids, hip = motion.frame(k)
         tracker.update(stamp_ns, centroids)
@@ -206,7 +206,7 @@ def test_new_stars_count_only_after_some_frames():
 
 
 def test_crowded_stars_are_left_alone():
-    crowded = replace(PLACES, crowded=PLACES.crowded | (np.arange(len(PLACES)) % 2 == 0))
+    crowded = replace(ONBOARD, crowded=ONBOARD.crowded | (np.arange(len(ONBOARD)) % 2 == 0))
     motion = Motion(crowded)
     tracker = tracking(motion, 12)
     tracks = tracker.update(*motion.frame(12)[:2])
@@ -215,7 +215,7 @@ def test_crowded_stars_are_left_alone():
 
 
 def test_the_number_of_stars_is_limited():
-    motion = Motion(PLACES, (0.0, 0.5, 0.0))
+    motion = Motion(ONBOARD, (0.0, 0.5, 0.0))
     tracker = tracking(motion, 3, max_stars=12)
     for _, tracks in run(tracker, motion, range(3, 60)):
         assert len(tracks) <= 12
@@ -224,7 +224,7 @@ def test_the_number_of_stars_is_limited():
 
 @pytest.mark.parametrize('model', MODELS)
 def test_false_points_and_missed_stars(model):
-    motion = Motion(PLACES, (0.1, 0.1, 0.1), false_points=20, missed=0.2)
+    motion = Motion(ONBOARD, (0.1, 0.1, 0.1), false_points=20, missed=0.2)
     tracker = tracking(motion, 10, model=model)
     for k, tracks in run(tracker, motion, range(10, 150)):
         assert tracker.state is TrackerState.TRACKING and worst_px(motion, k, tracks) < 0.7
@@ -236,7 +236,7 @@ def test_false_points_and_missed_stars(model):
 
 @pytest.mark.parametrize('model', MODELS)
 def test_short_dropout_is_bridged_a_long_one_is_not(model):
-    motion = Motion(PLACES, (0.1, 0.2, 0.0))
+    motion = Motion(ONBOARD, (0.1, 0.2, 0.0))
     tracker = tracking(motion, 30, max_gap_s=0.5, model=model)
     for k in (30, 31, 32):
         tracks = tracker.update(START_NS + k * STEP_NS, Centroids.empty())
@@ -252,7 +252,7 @@ def test_short_dropout_is_bridged_a_long_one_is_not(model):
 
 
 def test_star_that_disappears_is_dropped_and_acquired_again():
-    motion = Motion(PLACES, (0.0, 0.1, 0.0))
+    motion = Motion(ONBOARD, (0.0, 0.1, 0.0))
     tracker = tracking(motion, 20, max_missed=4, confirm_frames=3)
     star = motion.frame(0)[2][3]
     history = []
@@ -270,7 +270,7 @@ def test_star_that_disappears_is_dropped_and_acquired_again():
 
 @pytest.mark.parametrize('model', MODELS)
 def test_frame_with_too_few_stars_identifies_none(model):
-    motion = Motion(PLACES)
+    motion = Motion(ONBOARD)
     tracker = tracking(motion, 20, model=model)
     stamp_ns, centroids, _ = motion.frame(20)
     few = Centroids(*(getattr(centroids, name)[:3] for name in (
@@ -283,8 +283,8 @@ def test_frame_with_too_few_stars_identifies_none(model):
 
 @pytest.mark.parametrize('model', MODELS)
 def test_kidnapped_camera_is_lost_and_acquired_again(model):
-    motion, other = Motion(PLACES, (0.1, 0.2, 0.0)), Motion(
-        PLACES, pointing_deg=ELSEWHERE_DEG, false_points=100, seed=1)
+    motion, other = Motion(ONBOARD, (0.1, 0.2, 0.0)), Motion(
+        ONBOARD, pointing_deg=ELSEWHERE_DEG, false_points=100, seed=1)
     tracker = tracking(motion, 20, model=model)
     for k in range(20, 25):
         assert tracker.state is TrackerState.TRACKING
@@ -297,7 +297,7 @@ def test_kidnapped_camera_is_lost_and_acquired_again(model):
 
 @pytest.mark.parametrize('model', MODELS)
 def test_star_that_leaves_the_common_rotation_is_dropped(model):
-    motion = Motion(PLACES)
+    motion = Motion(ONBOARD)
     tracker = tracking(motion, 20, model=model)
     star = motion.frame(0)[2][3]
     track = None
@@ -316,7 +316,7 @@ def test_star_that_leaves_the_common_rotation_is_dropped(model):
 
 
 def test_contradicting_identification_drops_all_tracks():
-    motion, other = Motion(PLACES), Motion(PLACES, pointing_deg=ELSEWHERE_DEG)
+    motion, other = Motion(ONBOARD), Motion(ONBOARD, pointing_deg=ELSEWHERE_DEG)
     tracker = tracking(motion, 20)
     tracker.identified(*motion.frame(19))
     assert tracker.state is TrackerState.TRACKING
@@ -333,8 +333,8 @@ def test_contradicting_identification_drops_all_tracks():
 @pytest.mark.parametrize('model', MODELS)
 def test_tracks_of_a_wrong_start_are_dropped(model):
     """Two identifications agree with each other, but not with what the camera sees next."""
-    motion, other = Motion(PLACES), Motion(PLACES, pointing_deg=ELSEWHERE_DEG)
-    tracker = StarTracker(CAMERA, PLACES, TrackerOptions(model=model))
+    motion, other = Motion(ONBOARD), Motion(ONBOARD, pointing_deg=ELSEWHERE_DEG)
+    tracker = StarTracker(CAMERA, ONBOARD, TrackerOptions(model=model))
     for k in (0, 1):
         tracker.update(*motion.frame(k)[:2])
         tracker.identified(*other.frame(k))
@@ -350,8 +350,8 @@ def test_tracks_of_a_wrong_start_are_dropped(model):
 
 
 def test_identification_that_does_not_fit_the_catalogue_is_ignored():
-    motion = Motion(PLACES)
-    tracker = StarTracker(CAMERA, PLACES)
+    motion = Motion(ONBOARD)
+    tracker = StarTracker(CAMERA, ONBOARD)
     stamp_ns, centroids, hip = motion.frame(0)
     tracker.update(stamp_ns, centroids)
     tracker.identified(stamp_ns, centroids, np.random.default_rng(0).permutation(hip))
@@ -367,8 +367,8 @@ def test_identification_that_does_not_fit_the_catalogue_is_ignored():
 
 
 def test_star_identified_twice_is_tracked_once():
-    motion = Motion(PLACES)
-    tracker = StarTracker(CAMERA, PLACES)
+    motion = Motion(ONBOARD)
+    tracker = StarTracker(CAMERA, ONBOARD)
     for k in (0, 1):
         stamp_ns, centroids, hip = motion.frame(k)
         twice = np.append(np.arange(len(hip)), 0)
@@ -381,8 +381,8 @@ def test_star_identified_twice_is_tracked_once():
 
 
 def test_two_identifications_too_fast_for_the_camera():
-    motion, other = Motion(PLACES), Motion(PLACES, pointing_deg=(86.0, 5.0, 30.0))
-    tracker = StarTracker(CAMERA, PLACES)
+    motion, other = Motion(ONBOARD), Motion(ONBOARD, pointing_deg=(86.0, 5.0, 30.0))
+    tracker = StarTracker(CAMERA, ONBOARD)
     tracker.identified(*motion.frame(0))
     tracker.identified(*other.frame(1))
     assert tracker.state is TrackerState.ACQUIRING and 'deg/s' in tracker.reason
@@ -390,7 +390,7 @@ def test_two_identifications_too_fast_for_the_camera():
 
 @pytest.mark.parametrize('model', MODELS)
 def test_irregular_stamps(model):
-    motion = Motion(PLACES, (0.2, 0.3, 0.4))
+    motion = Motion(ONBOARD, (0.2, 0.3, 0.4))
     tracker = tracking(motion, 20, model=model)
     for k in np.cumsum([20, 0.3, 0.5, 2.0, 1.0, 7.0, 1.0, 0.2]):
         tracks = tracker.update(*motion.frame(k)[:2])
@@ -398,7 +398,7 @@ def test_irregular_stamps(model):
 
 
 def test_late_frames_are_rejected_and_counted():
-    motion = Motion(PLACES)
+    motion = Motion(ONBOARD)
     tracker = tracking(motion, 20)
     assert tracker.update(*motion.frame(19)[:2]) is None
     assert tracker.update(*motion.frame(12)[:2]) is None
@@ -407,7 +407,7 @@ def test_late_frames_are_rejected_and_counted():
 
 
 def test_time_jumps():
-    motion = Motion(PLACES)
+    motion = Motion(ONBOARD)
     tracker = tracking(motion, 10)
     assert len(tracker.update(*motion.frame(70)[:2])) == 0
     assert tracker.state is TrackerState.LOST and 'no stars' in tracker.reason
@@ -423,8 +423,8 @@ def test_time_jumps():
 
 
 def test_no_second_identification():
-    motion = Motion(PLACES)
-    tracker = StarTracker(CAMERA, PLACES, TrackerOptions(max_gap_s=2.0))
+    motion = Motion(ONBOARD)
+    tracker = StarTracker(CAMERA, ONBOARD, TrackerOptions(max_gap_s=2.0))
     tracker.identified(*motion.frame(0))
     for k in range(25):
         tracker.update(*motion.frame(k)[:2])
@@ -432,7 +432,7 @@ def test_no_second_identification():
 
 
 def test_useless_centroids_are_rejected():
-    motion = Motion(PLACES, (0.1, 0.2, 0.3))
+    motion = Motion(ONBOARD, (0.1, 0.2, 0.3))
     clean, dirty = tracking(motion, 10), tracking(replace(motion), 10)
     stamp_ns, good, hip = motion.frame(10)
     bad = Centroids(uv=np.array([[np.nan, 3], [5, np.inf], [100, 100], [200, 200]]),
@@ -448,7 +448,7 @@ def test_useless_centroids_are_rejected():
 
 
 def test_reset():
-    motion = Motion(PLACES)
+    motion = Motion(ONBOARD)
     tracker = tracking(motion, 10)
     tracker.reset()
     assert tracker.state is TrackerState.LOST and 'waiting' in tracker.reason
@@ -458,8 +458,8 @@ def test_reset():
 
 def test_same_input_same_output():
     one, two = (
-        tracking(Motion(PLACES, (0.1, 0.2, 0.3), false_points=5), 30) for _ in range(2))
-    frame = Motion(PLACES, (0.1, 0.2, 0.3), false_points=5).frame(30)
+        tracking(Motion(ONBOARD, (0.1, 0.2, 0.3), false_points=5), 30) for _ in range(2))
+    frame = Motion(ONBOARD, (0.1, 0.2, 0.3), false_points=5).frame(30)
     np.testing.assert_array_equal(one.update(*frame[:2]).uv, two.update(*frame[:2]).uv)
 
 

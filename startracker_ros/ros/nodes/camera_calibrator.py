@@ -12,7 +12,7 @@ from startracker_ros.calibration.estimate import calibrate, MIN_FRAME_STARS
 from startracker_ros.calibration.matching import View
 from startracker_ros.calibration.summary import sentence
 from startracker_ros.camera.files import save_camera
-from startracker_ros.catalog.onboard import camera_places
+from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
@@ -45,7 +45,7 @@ class CameraCalibratorNode(CameraNode):
 
     def rebuild(self) -> None:
         if self.camera is not None:
-            self._places = camera_places(load_catalog(), self.camera, self.epoch_year)
+            self._onboard = onboard_catalog(load_catalog(), self.camera, self.epoch_year)
             self._collection = ViewCollection(self.camera, self.options(CollectionOptions))
             self._describe()
 
@@ -55,7 +55,7 @@ class CameraCalibratorNode(CameraNode):
         if camera is None or not self.in_order('stars', message.header.stamp):
             return
         centroids = centroids_from_rows(rows)
-        index = self._places.index_of(rows['hip'].astype(np.int32))
+        index = self._onboard.index_of(rows['hip'].astype(np.int32))
         known = (index >= 0) & (centroids.sigma_px > 0)
         if np.count_nonzero(known) < MIN_FRAME_STARS:
             self.diagnostics.counts['frames with too few stars'] += 1
@@ -64,7 +64,7 @@ class CameraCalibratorNode(CameraNode):
             return
         try:
             attitude = estimate_attitude(
-                camera.unproject(centroids.uv[known]), self._places.direction[index[known]],
+                camera.unproject(centroids.uv[known]), self._onboard.direction[index[known]],
                 centroids.sigma_px[known] * camera.pixel_rad)
         except AttitudeError as error:
             self.diagnostics.report(WARN, f'no attitude: {error}')
@@ -85,7 +85,7 @@ class CameraCalibratorNode(CameraNode):
             return False, 'no valid camera_info received'
         output, done = self.options(OutputOptions).output_file, False
         try:
-            calibration = calibrate(self._collection.views, self.camera, self._places)
+            calibration = calibrate(self._collection.views, self.camera, self._onboard)
             save_camera(calibration.camera, output)
         except CalibrationError as error:
             message = str(error)
