@@ -1,4 +1,4 @@
-"""Two and three stars of a narrow field by a predicted attitude: right, or no answer."""
+"""Two and three stars of a narrow field by a predicted attitude: right, or no result."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def identifier():
 
 
 def prior_near(q, sigma_deg, rng, off_deg=None):
-    """Return a prediction wrong by what it says, or by off_deg about any axis."""
+    """Return a prediction wrong by its own sigma, or by off_deg about any axis."""
     error = rng.normal(0, np.radians(sigma_deg), 3)
     if off_deg is not None:
         error *= np.radians(off_deg) / np.linalg.norm(error)
@@ -88,13 +88,13 @@ def test_an_unsure_prediction_is_not_enough_for_two_stars(identifier, onboard):
 
 
 @pytest.mark.parametrize('off_deg', [0.5, 2.0, 40.0])
-def test_a_wrong_prediction_is_not_believed(identifier, onboard, off_deg):
+def test_a_wrong_prediction_is_not_accepted(identifier, places, off_deg):
     rng = np.random.default_rng(4)
     for _ in range(40):
         q = random_attitude(rng)
         centroids, hip = star_list(onboard, CAMERA, q, 0.3, rng)
         result = identifier.identify(centroids, prior_near(q, 0.003, rng, off_deg))
-        # A turn about the boresight may leave stars near the centre where they are.
+        # A turn about the boresight may leave stars near the centre where they are predicted.
         if result.attitude is not None:
             check_right(result, hip, q)
             assert off_deg < 1
@@ -103,7 +103,7 @@ def test_a_wrong_prediction_is_not_believed(identifier, onboard, off_deg):
 
 
 @pytest.mark.parametrize('count', [2, 4, 15])
-def test_false_stars_alone_are_not_believed(identifier, count):
+def test_false_stars_alone_are_not_accepted(identifier, count):
     rng = np.random.default_rng(count)
     for _ in range(60):
         uv = rng.uniform(0, 1023, (count, 2))
@@ -141,7 +141,7 @@ def test_chance_is_what_it_says():
         chances.append(1.0 if match is None else match.false_alarm)
     for level in (0.05, 0.01):
         assert np.mean(np.array(chances) <= level) <= 1.3 * level
-    # It is not so shy that the bound means nothing.
+    # Nor is it so high that the bound is useless.
     assert np.mean(np.array(chances) <= 0.05) > 0.0005
 
 
@@ -202,8 +202,8 @@ def test_too_few_stars(identifier, count):
     assert result.status == 'too_few_stars' and f'{count} usable stars' in result.reason
 
 
-def test_useless_rows_are_left_out(identifier, onboard):
-    """NaN, outside the image, found twice: the rest still gives the right answer."""
+def test_useless_rows_are_left_out(identifier, places):
+    """NaN, outside the image, found twice: the rest still gives the right result."""
     rng = np.random.default_rng(11)
     q = random_attitude(rng)
     centroids, hip = star_list(onboard, CAMERA, q, 0.3, rng)
@@ -269,7 +269,7 @@ def test_from_frame_to_frame(identifier, onboard):
     assert np.hypot(*attitude_error(result.attitude.quaternion, at(61)[0])[:2]) < 5 * ARCSEC
 
 
-def test_an_answer_that_is_not_believed_leaves_the_prediction(identifier, onboard):
+def test_a_result_that_is_not_accepted_leaves_the_prediction(identifier, places):
     rng = np.random.default_rng(15)
     recursive = RecursiveIdentifier(identifier)
     q = random_attitude(rng)
@@ -286,8 +286,8 @@ def test_an_answer_that_is_not_believed_leaves_the_prediction(identifier, onboar
             assert recursive.identify(second * S, false).attitude is None
 
 
-def test_a_turn_that_the_gyro_missed(identifier, onboard):
-    """Two stars elsewhere are not believed, a full field overrules the prediction."""
+def test_a_turn_that_the_gyro_missed(identifier, places):
+    """Two stars elsewhere are not accepted, a full field overrules the prediction."""
     rng = np.random.default_rng(16)
     recursive = RecursiveIdentifier(identifier)
     for second in range(2):

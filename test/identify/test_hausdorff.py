@@ -1,4 +1,4 @@
-"""Sets of bright stars by their Hausdorff distance: the distance, the sets, the answers."""
+"""Sets of bright stars by their Hausdorff distance: the distance, the sets, the results."""
 
 from dataclasses import replace
 from itertools import count, islice
@@ -58,9 +58,9 @@ def test_the_distance_is_that_of_scipy():
     rng = np.random.default_rng(0)
     for _ in range(50):
         a, b = rng.normal(size=(2, 2)), rng.normal(size=(3, 2))
-        gap = np.linalg.norm(a[:, None] - b, axis=-1)
+        distance = np.linalg.norm(a[:, None] - b, axis=-1)
         expected = max(directed_hausdorff(a, b)[0], directed_hausdorff(b, a)[0])
-        assert hausdorff_distance(gap) == pytest.approx(expected, rel=1e-12)
+        assert hausdorff_distance(distance) == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_brightest_around_are_those_of_a_slow_search():
@@ -132,7 +132,7 @@ def test_false_and_missing_stars(identifier):
     assert solved >= 0.8 * count
 
 
-def test_no_answer_where_there_is_none(identifier):
+def test_no_result_where_there_is_none(identifier):
     rng = np.random.default_rng(4)
     for _ in range(5):
         centroids, _ = star_list(identifier.onboard, CAMERA, random_attitude(rng), 0.1, rng)
@@ -217,7 +217,7 @@ def test_useless_rows_are_left_out(identifier):
     (np.column_stack([np.linspace(20, 490, 12), np.full(12, 255.5)]), 'no_candidate'),
     (np.stack(np.meshgrid(*[np.linspace(50, 460, 5)] * 2), -1).reshape(-1, 2), 'no_candidate'),
 ])
-def test_images_without_an_answer_say_why(identifier, uv, status):
+def test_images_without_a_result_have_a_reason(identifier, uv, status):
     result = identifier.identify(frame(uv))
     assert result.status == status and result.attitude is None
     assert len(result.hip) == len(uv) and not result.hip.any()
@@ -241,7 +241,7 @@ def test_thousands_of_centroids_are_bounded_work(identifier, monkeypatch):
 
 
 @pytest.mark.parametrize('method', ['pivot', 'segment'])
-def test_a_sky_without_sets_gives_no_answer(method):
+def test_a_sky_without_sets_gives_no_result(method):
     rng = np.random.default_rng(10)
     identifier = make(method, magnitude_limit=0.01)
     uv = rng.uniform(0, 511, (10, 2))

@@ -1,4 +1,4 @@
-"""Lost-in-space identification of the real sky: right answers, no wrong ones, clear reasons."""
+"""Lost-in-space identification of the real sky: right results, no wrong ones, clear reasons."""
 
 from dataclasses import replace
 import re
@@ -78,7 +78,7 @@ def test_each_star_gets_its_own_number(identifier, onboard):
             result.residual_px[known]).all()
 
 
-def test_false_stars_alone_are_never_believed(identifier):
+def test_false_stars_alone_are_never_accepted(identifier):
     rng = np.random.default_rng(5)
     quick = make_identifier(CAMERA, EPOCH_YEAR,
                             replace(identifier.options, time_limit_s=0.1))
@@ -88,7 +88,7 @@ def test_false_stars_alone_are_never_believed(identifier):
         assert result.attitude is None
 
 
-def test_mirrored_fields_are_never_believed(identifier, onboard):
+def test_mirrored_fields_are_never_accepted(identifier, places):
     rng = np.random.default_rng(6)
     quick = make_identifier(CAMERA, EPOCH_YEAR,
                             replace(identifier.options, time_limit_s=0.1))
@@ -134,7 +134,7 @@ def test_a_wide_tolerance_of_the_focal_length_is_used(onboard, ratio):
     assert solved >= 19
 
 
-def test_a_focal_length_far_off_gives_no_answer(onboard):
+def test_a_focal_length_far_off_gives_no_result(places):
     rng = np.random.default_rng(8)
     identifier = make_identifier(CAMERA.with_focal_ratio(1.05), EPOCH_YEAR,
                                  IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.1))
@@ -207,8 +207,8 @@ def test_false_stars_may_be_brighter_than_all_true_ones(onboard):
     assert solved >= 28
 
 
-def test_an_answer_with_the_order_of_brightness_reversed_costs_more(identifier, onboard):
-    """The order of brightness is evidence, but not asked for."""
+def test_a_result_with_the_order_of_brightness_reversed_costs_more(identifier, places):
+    """The order of brightness is evidence, but not required."""
     rng = np.random.default_rng(19)
     ratios = []
     for _ in range(20):
@@ -222,7 +222,7 @@ def test_an_answer_with_the_order_of_brightness_reversed_costs_more(identifier, 
     assert len(ratios) >= 15 and np.median(ratios) < 1e-3
 
 
-def test_a_catalogue_without_pairs_gives_no_answer(onboard):
+def test_a_catalogue_without_pairs_gives_no_result(places):
     rng = np.random.default_rng(14)
     centroids, _ = star_list(onboard, CAMERA, random_attitude(rng), 0.1, rng)
     identifier = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=0.01))
@@ -232,7 +232,7 @@ def test_a_catalogue_without_pairs_gives_no_answer(onboard):
 
 
 def test_a_catalogue_too_deep_for_the_field_is_no_burden():
-    """Two thousand stars in a field: bounded pairs, and still the right answer."""
+    """Two thousand stars in a field: bounded pairs, and still the right result."""
     camera = Camera.from_fov(512, 512, 40.0)
     sky = onboard_catalog(load_catalog(), camera, EPOCH_YEAR, 4.0)
     identifier = make_identifier(camera, EPOCH_YEAR, IdentificationOptions(magnitude_limit=8.0))
@@ -258,8 +258,8 @@ def test_too_few_stars(identifier, onboard, count):
     assert len(result.hip) == count
 
 
-def test_useless_rows_are_left_out(identifier, onboard):
-    """NaN, outside the image, found twice: the rest still gives the right answer."""
+def test_useless_rows_are_left_out(identifier, places):
+    """NaN, outside the image, found twice: the rest still gives the right result."""
     rng = np.random.default_rng(10)
     q = random_attitude(rng)
     centroids, _ = star_list(onboard, CAMERA, q, 0.1, rng)

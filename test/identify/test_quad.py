@@ -171,7 +171,7 @@ def test_random_attitudes(identifier, false, missing):
     assert solved >= 0.95 * count
 
 
-def test_false_stars_alone_are_never_believed(hasty):
+def test_false_stars_alone_are_never_accepted(hasty):
     rng = np.random.default_rng(5)
     for _ in range(100):
         result = hasty.identify(frame(rng.uniform(0, 1023, (20, 2))))
@@ -179,7 +179,7 @@ def test_false_stars_alone_are_never_believed(hasty):
         assert result.status in ('no_candidate', 'time_limit')
 
 
-def test_mirrored_fields_are_never_believed(hasty):
+def test_mirrored_fields_are_never_accepted(hasty):
     rng = np.random.default_rng(6)
     for _ in range(40):
         centroids, _ = star_list(hasty.onboard, CAMERA, random_attitude(rng), 0.5, rng)
@@ -198,7 +198,7 @@ def test_too_few_stars(identifier, count):
 
 
 def test_useless_rows_are_left_out(identifier):
-    """NaN, outside the image, found twice, without an error: the rest gives the right answer."""
+    """NaN, outside the image, found twice, without an error: the rest gives the right result."""
     rng = np.random.default_rng(8)
     for _ in range(5):
         q = random_attitude(rng)
@@ -218,7 +218,7 @@ def test_useless_rows_are_left_out(identifier):
     np.full((50, 2), 300.0), np.full((50, 2), np.nan),
     np.column_stack([np.linspace(10, 1000, 20), np.full(20, 400.0)])],
     ids=['one place', 'nan', 'a line'])
-def test_degenerate_fields_are_never_believed(hasty, uv):
+def test_degenerate_fields_are_never_accepted(hasty, uv):
     assert hasty.identify(frame(uv)).attitude is None
 
 
@@ -237,7 +237,7 @@ def test_thousands_of_centroids_are_bounded_work(identifier, monkeypatch):
         f'no answer within time_limit_s = 20, {sum(tested)} candidates tested')
 
 
-def test_a_catalogue_without_quads_gives_no_answer(identifier):
+def test_a_catalogue_without_quads_gives_no_result(identifier):
     rng = np.random.default_rng(10)
     centroids, _ = star_list(identifier.onboard, CAMERA, random_attitude(rng), 0.5, rng)
     bare = make_identifier(CAMERA, EPOCH_YEAR,
@@ -245,7 +245,7 @@ def test_a_catalogue_without_quads_gives_no_answer(identifier):
     assert bare.identify(centroids).attitude is None
 
 
-def test_the_stars_of_the_answer_are_where_its_attitude_puts_them(identifier):
+def test_the_stars_of_the_result_are_where_its_attitude_puts_them(identifier):
     rng = np.random.default_rng(11)
     q = random_attitude(rng)
     centroids, _ = star_list(identifier.onboard, CAMERA, q, 0.5, rng)
