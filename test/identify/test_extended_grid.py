@@ -88,7 +88,7 @@ def test_an_unsure_prediction_is_not_enough_for_two_stars(identifier, onboard):
 
 
 @pytest.mark.parametrize('off_deg', [0.5, 2.0, 40.0])
-def test_a_wrong_prediction_is_not_accepted(identifier, places, off_deg):
+def test_a_wrong_prediction_is_not_accepted(identifier, onboard, off_deg):
     rng = np.random.default_rng(4)
     for _ in range(40):
         q = random_attitude(rng)
@@ -202,7 +202,7 @@ def test_too_few_stars(identifier, count):
     assert result.status == 'too_few_stars' and f'{count} usable stars' in result.reason
 
 
-def test_useless_rows_are_left_out(identifier, places):
+def test_useless_rows_are_left_out(identifier, onboard):
     """NaN, outside the image, found twice: the rest still gives the right result."""
     rng = np.random.default_rng(11)
     q = random_attitude(rng)
@@ -269,7 +269,7 @@ def test_from_frame_to_frame(identifier, onboard):
     assert np.hypot(*attitude_error(result.attitude.quaternion, at(61)[0])[:2]) < 5 * ARCSEC
 
 
-def test_a_result_that_is_not_accepted_leaves_the_prediction(identifier, places):
+def test_a_result_that_is_not_accepted_leaves_the_prediction(identifier, onboard):
     rng = np.random.default_rng(15)
     recursive = RecursiveIdentifier(identifier)
     q = random_attitude(rng)
@@ -286,7 +286,7 @@ def test_a_result_that_is_not_accepted_leaves_the_prediction(identifier, places)
             assert recursive.identify(second * S, false).attitude is None
 
 
-def test_a_turn_that_the_gyro_missed(identifier, places):
+def test_a_turn_that_the_gyro_missed(identifier, onboard):
     """Two stars elsewhere are not accepted, a full field overrules the prediction."""
     rng = np.random.default_rng(16)
     recursive = RecursiveIdentifier(identifier)

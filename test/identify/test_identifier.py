@@ -88,7 +88,7 @@ def test_false_stars_alone_are_never_accepted(identifier):
         assert result.attitude is None
 
 
-def test_mirrored_fields_are_never_accepted(identifier, places):
+def test_mirrored_fields_are_never_accepted(identifier, onboard):
     rng = np.random.default_rng(6)
     quick = make_identifier(CAMERA, EPOCH_YEAR,
                             replace(identifier.options, time_limit_s=0.1))
@@ -134,7 +134,7 @@ def test_a_wide_tolerance_of_the_focal_length_is_used(onboard, ratio):
     assert solved >= 19
 
 
-def test_a_focal_length_far_off_gives_no_result(places):
+def test_a_focal_length_far_off_gives_no_result(onboard):
     rng = np.random.default_rng(8)
     identifier = make_identifier(CAMERA.with_focal_ratio(1.05), EPOCH_YEAR,
                                  IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.1))
@@ -207,7 +207,7 @@ def test_false_stars_may_be_brighter_than_all_true_ones(onboard):
     assert solved >= 28
 
 
-def test_a_result_with_the_order_of_brightness_reversed_costs_more(identifier, places):
+def test_a_result_with_the_order_of_brightness_reversed_costs_more(identifier, onboard):
     """The order of brightness is evidence, but not required."""
     rng = np.random.default_rng(19)
     ratios = []
@@ -222,7 +222,7 @@ def test_a_result_with_the_order_of_brightness_reversed_costs_more(identifier, p
     assert len(ratios) >= 15 and np.median(ratios) < 1e-3
 
 
-def test_a_catalogue_without_pairs_gives_no_result(places):
+def test_a_catalogue_without_pairs_gives_no_result(onboard):
     rng = np.random.default_rng(14)
     centroids, _ = star_list(onboard, CAMERA, random_attitude(rng), 0.1, rng)
     identifier = make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=0.01))
@@ -258,7 +258,7 @@ def test_too_few_stars(identifier, onboard, count):
     assert len(result.hip) == count
 
 
-def test_useless_rows_are_left_out(identifier, places):
+def test_useless_rows_are_left_out(identifier, onboard):
     """NaN, outside the image, found twice: the rest still gives the right result."""
     rng = np.random.default_rng(10)
     q = random_attitude(rng)
