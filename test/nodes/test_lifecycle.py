@@ -128,7 +128,7 @@ def test_every_parameter_takes_effect_or_is_refused_with_a_reason(nodes, probe, 
         now = ask_once(probe, GetParameters, f'{place}/get_parameters', GetParameters.Request(
             names=[row.name for row in settable])).values
         assert now == kept
-    assert nodes.failed() == []
+    assert nodes.ended() == []
     end_all(nodes, tmp_path, signal.SIGTERM)
 
 
@@ -207,7 +207,7 @@ def transitions(folder, node):
 
 def test_each_transition_is_one_line_in_the_log(nodes, probe, tmp_path):
     states = probe.received['tracker_state']
-    probe.listen(DiagnosticStatus, 'tracker_state', qos.STATE)
+    probe.collect(DiagnosticStatus, 'tracker_state', qos.STATE)
     for node in PIPELINE:
         nodes.start(node)
     nodes.start('sky_simulator', {**SKY, 'wait_for_camera_users': len(PIPELINE)})
