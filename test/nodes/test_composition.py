@@ -79,7 +79,7 @@ def test_who_listens_elsewhere_hears_after_those_here():
 def test_what_nobody_waits_for_comes_last():
     composition, order = Composition(), []
     publish_first, publish_second = (composition.advertise(Line(topic), False)
-                               for topic in ('/first', '/second'))
+                                     for topic in ('/first', '/second'))
 
     def answer(message):
         composition.defer(lambda: order.append('deferred'))
