@@ -13,7 +13,6 @@ from startracker_ros.bench.bag_fuzz import fuzz_in_processes
 from startracker_ros.bench.bag_read import read_figures
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.harness.processes import node_environment, NodeProcesses
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.table import Result
@@ -67,48 +66,15 @@ def _damage_rows(inputs: int, seed: int) -> list[Row]:
 
 
 def _pace_rows() -> list[Row]:
-    late_ms = _lateness_ms()
-    p50, p95 = np.percentile(late_ms, (50, 95))
+    from startracker_ros.harness.bag_pace import playback_lateness_ms
+    lateness_ms = playback_lateness_ms(_RATE_HZ, _SECONDS)
+    p50, p95 = np.percentile(lateness_ms, (50, 95))
     count = _RATE_HZ * _SECONDS
     return [
-        _row('played messages received', len(late_ms), 'messages', f'= {count}',
-             len(late_ms) == count),
+        _row('played messages received', len(lateness_ms), 'messages', f'= {count}',
+             len(lateness_ms) == count),
         _row('pacing error, p50', p50, 'ms'),
         _row('pacing error, p95', p95, 'ms', '<= 2', p95 <= 2.0)]
-
-
-def _lateness_ms() -> np.ndarray:
-    """Return how far each message was sent from its time, against the promptest one (N,)."""
-    # Before rclpy is imported: this machine only.
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.update(node_environment())
-    import rclpy
-    from std_msgs.msg import String
-    cdr = bytes([0, 1, 0, 0, 12, 0, 0, 0]) + b'a message..\0'
-    sent_ns: list[int] = []
-    with tempfile.TemporaryDirectory() as folder:
-        with BagWriter(Path(folder, 'bag')) as writer:
-            writer.add_topic('/pace', 'std_msgs/msg/String')
-            for number in range(_RATE_HZ * _SECONDS):
-                writer.write('/pace', cdr, 10 ** 18 + number * 10 ** 9 // _RATE_HZ, 0)
-        rclpy.init()
-        node = rclpy.create_node('pace_listener')
-
-        def note(message: String, info: dict) -> None:
-            sent_ns.append(info['source_timestamp'])
-        # rclpy passes the info to a callback of two arguments; its type hint allows one only.
-        node.create_subscription(String, '/pace', note, 1000)  # type: ignore[arg-type]
-        with NodeProcesses(Path(folder)) as nodes:
-            player = nodes.start('bag_player', {'path': str(Path(folder, 'bag'))})
-            while player.poll() is None:
-                rclpy.spin_once(node, timeout_sec=0.1)
-        for _ in range(100):
-            rclpy.spin_once(node, timeout_sec=0.01)
-        node.destroy_node()
-        rclpy.try_shutdown()
-    due_ns = np.arange(len(sent_ns)) * (10 ** 9 // _RATE_HZ)
-    late_ms = (np.array(sent_ns) - due_ns) * 1e-6
-    return late_ms - late_ms.min()
 
 
 def _images() -> list[bytes]:

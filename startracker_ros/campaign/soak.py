@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.harness.rig import log_folder
+from startracker_ros.harness.rig import LogFolder
 from startracker_ros.harness.soak import BAG_FILE_MB, CAMERA, IN_FLIGHT, NODES, Soak, SoakResult
 from startracker_ros.table import Result
 
@@ -65,7 +65,7 @@ def rows_of(result: SoakResult) -> list[SoakRow]:
              result.attitudes >= 0.99 * result.frames),
         _row('wrong attitudes', result.wrong, 'frames', '= 0', result.wrong == 0),
         _row('pace', result.frames / result.elapsed_s, 'frames/s')]
-    latency_ms = 1e3 * np.array(result.latency_s)[int(_WARM_UP * result.answered):]
+    latency_ms = 1e3 * np.array(result.latency_s)[int(_WARM_UP * result.processed):]
     first, last = _tenths(latency_ms)
     rows.append(_row('image sent to attitude received, last tenth', last, 'ms',
                      f'<= {_LATER:g} x {first:.3g}', last <= _LATER * first))
@@ -98,8 +98,8 @@ def _cpu_row(node: str, frames: Sequence[int], cpu_s: list[float]) -> SoakRow:
 
 
 def run_soak_campaign(*, frames: int, seed: int) -> Result:
-    """Send the frames through the nodes; RigError when these do not come up."""
-    with log_folder('soak') as folder, Soak(folder, seed=seed) as soak:
+    """Send the frames through the nodes; HarnessError when these do not work."""
+    with LogFolder('soak') as folder, Soak(folder, seed=seed) as soak:
         result = soak.run(frames)
     return Result('campaign soak', rows_of(result), {
         'pipeline': f'four stages and a recorder, a process each; images of {CAMERA.width} x '

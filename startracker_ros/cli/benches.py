@@ -23,9 +23,9 @@ def _bench(function: Callable[..., None]) -> Callable[..., None]:
 def bench_pipeline(trials: int, seed: int, only: tuple[str, ...], as_json: bool) -> None:
     """Accuracy against the Cramer-Rao bound, identification, start-up, frame times."""
     from startracker_ros.bench.pipeline import CASES, run_pipeline_bench
-    from startracker_ros.harness.processes import RigError
+    from startracker_ros.harness.processes import HarnessError
     check_names('case', only, CASES)
-    with told(RigError):
+    with told(HarnessError):
         result = run_pipeline_bench(trials=trials, seed=seed, only=only or tuple(CASES))
     finish(result, as_json)
 

@@ -96,9 +96,9 @@ def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed:
 def campaign_faults(only: tuple[str, ...], seed: int, as_json: bool) -> None:
     """Kill and stop processes, send bad images, clocks and disks: see how the nodes recover."""
     from startracker_ros.campaign.faults import NAMES, run_faults_campaign
-    from startracker_ros.harness.processes import RigError
+    from startracker_ros.harness.processes import HarnessError
     check_names('fault', only, NAMES)
-    with told(RigError):
+    with told(HarnessError):
         result = run_faults_campaign(seed=seed, only=only)
     finish(result, as_json)
 
@@ -111,8 +111,8 @@ def campaign_faults(only: tuple[str, ...], seed: int, as_json: bool) -> None:
 def campaign_soak(frames: int, seed: int, as_json: bool) -> None:
     """Many frames through the nodes: memory, handles, processor time and latency stay flat."""
     from startracker_ros.campaign.soak import run_soak_campaign
-    from startracker_ros.harness.processes import RigError
-    with told(RigError):
+    from startracker_ros.harness.processes import HarnessError
+    with told(HarnessError):
         result = run_soak_campaign(frames=frames, seed=seed)
     finish(result, as_json)
 

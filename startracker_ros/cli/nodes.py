@@ -29,8 +29,9 @@ def demo(context: click.Context, output: Path, seconds: float, seed: int, as_jso
     """Run all nodes on the simulated sky, record a bag, print and draw the result."""
     if context.invoked_subcommand is not None:
         return
-    from startracker_ros.harness.demo import DemoError, run_demo
-    with told(DemoError):
+    from startracker_ros.harness.demo import run_demo
+    from startracker_ros.harness.processes import HarnessError
+    with told(HarnessError):
         result = run_demo(output, seconds=seconds, seed=seed)
     finish(result, as_json)
 
@@ -45,9 +46,9 @@ def demo(context: click.Context, output: Path, seconds: float, seed: int, as_jso
 @json_option
 def demo_two_satellite(output: Path, seconds: float, seed: int, as_json: bool) -> None:
     """Two satellites, each with a star tracker of its own, locate a third."""
-    from startracker_ros.harness.demo import DemoError
+    from startracker_ros.harness.processes import HarnessError
     from startracker_ros.harness.two_satellite_demo import run_two_satellite_demo
-    with told(DemoError):
+    with told(HarnessError):
         result = run_two_satellite_demo(output, seconds=seconds, seed=seed)
     finish(result, as_json)
 

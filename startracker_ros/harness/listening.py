@@ -1,78 +1,75 @@
-"""What a camera publishes, heard for some seconds and printed as JSON, for the doctor."""
+"""Summarises what a camera publishes within some seconds and prints it as JSON, for the doctor."""
 
 from dataclasses import asdict
 import json
 import sys
-import time
 
 import numpy as np
 import rclpy
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 from startracker_ros.bag.layouts import (
     camera_from_message, image_from_message, MessageError, ns_from_stamp)
 from startracker_ros.camera.model import CameraError
+from startracker_ros.harness.probe import Probe
 
-# Hears reliable and best-effort cameras alike.
+# Matches reliable and best-effort publishers.
 _ANY = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class Listener(Node):
-    """Keeps the newest camera_info and image_raw, and the stamps of all images."""
+class CameraListener(Probe):
+    """Keeps figures of the newest camera_info and image_raw, and the stamps of all images."""
 
     def __init__(self, namespace: str) -> None:
         super().__init__('startracker_doctor', namespace=namespace)
-        self.heard: dict[str, dict] = {'camera_info': {'count': 0}, 'image_raw': {'count': 0}}
+        self._figures: dict[str, dict] = {'camera_info': {'count': 0}, 'image_raw': {'count': 0}}
         self._stamps_ns: list[int] = []
-        self.create_subscription(CameraInfo, 'camera_info', self._take_camera, _ANY)
-        self.create_subscription(Image, 'image_raw', self._take_image, _ANY)
+        self.create_subscription(CameraInfo, 'camera_info', self._on_camera_info, _ANY)
+        self.create_subscription(Image, 'image_raw', self._on_image, _ANY)
 
-    def _take_camera(self, message: CameraInfo) -> None:
-        heard = self.heard['camera_info']
-        heard.update(count=heard['count'] + 1, frame_id=message.header.frame_id,
-                     camera=None, error='')
+    def _on_camera_info(self, message: CameraInfo) -> None:
+        figures = self._figures['camera_info']
+        figures.update(count=figures['count'] + 1, frame_id=message.header.frame_id,
+                       camera=None, error='')
         try:
-            heard['camera'] = asdict(camera_from_message(message))
+            figures['camera'] = asdict(camera_from_message(message))
         except CameraError as error:
-            heard['error'] = str(error)
+            figures['error'] = str(error)
 
-    def _take_image(self, message: Image) -> None:
-        heard = self.heard['image_raw']
+    def _on_image(self, message: Image) -> None:
+        figures = self._figures['image_raw']
         self._stamps_ns.append(ns_from_stamp(message.header.stamp))
-        heard.update(count=heard['count'] + 1, frame_id=message.header.frame_id,
-                     width=message.width, height=message.height, encoding=message.encoding,
-                     error='')
+        figures.update(count=figures['count'] + 1, frame_id=message.header.frame_id,
+                       width=message.width, height=message.height, encoding=message.encoding,
+                       error='')
         try:
             image = image_from_message(message)
         except MessageError as error:
-            heard['error'] = str(error)
+            figures['error'] = str(error)
             return
         brightest = int(image.max())
-        heard.update(median_dn=float(np.median(image)), max_dn=brightest,
-                     brightest_share=float(np.mean(image == brightest)))
+        figures.update(median_dn=float(np.median(image)), max_dn=brightest,
+                       brightest_share=float(np.mean(image == brightest)))
 
     def summary(self) -> dict[str, dict]:
-        """Return what was heard, with the offers of the publishers."""
-        for topic, heard in self.heard.items():
+        """Return the figures by topic, with the QoS offered by the publishers."""
+        for topic, figures in self._figures.items():
             offers = self.get_publishers_info_by_topic(topic)
-            heard['publishers'] = len(offers)
-            heard['best_effort'] = any(
+            figures['publishers'] = len(offers)
+            figures['best_effort'] = any(
                 offer.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
                 for offer in offers)
-        self.heard['image_raw']['stamps_ns'] = self._stamps_ns
-        return self.heard
+        self._figures['image_raw']['stamps_ns'] = self._stamps_ns
+        return self._figures
 
 
 def main(seconds: float, namespace: str) -> None:
-    """Listen, then print."""
+    """Subscribe for some seconds, then print."""
     rclpy.init()
-    node = Listener(namespace)
-    deadline_s = time.monotonic() + seconds
-    while time.monotonic() < deadline_s:
-        rclpy.spin_once(node, timeout_sec=0.1)
-    print(json.dumps(node.summary()))
-    node.destroy_node()
+    listener = CameraListener(namespace)
+    listener.spin_for(seconds)
+    print(json.dumps(listener.summary()))
+    listener.destroy_node()
     rclpy.shutdown()
 
 

@@ -1,4 +1,4 @@
-"""An image from one process to another, as the doctor tries it: send TOPIC, receive TOPIC."""
+"""An image from one process to another, for the doctor: send TOPIC, receive TOPIC."""
 
 import json
 import sys
@@ -17,7 +17,7 @@ _IMAGES = 5
 
 
 def send(topic: str) -> None:
-    """Publish an image ten times a second, until killed."""
+    """Publish an image at 10 Hz until killed."""
     rclpy.init()
     node = Node('startracker_loopback_send')
     publisher = node.create_publisher(Image, topic, qos.IMAGE)
@@ -29,14 +29,14 @@ def send(topic: str) -> None:
 
 
 def receive(topic: str) -> None:
-    """Print the median time of the first images as JSON."""
+    """Print the median transport time of the first images as JSON."""
     rclpy.init()
     node = Node('startracker_loopback_receive')
     times_ms: list[float] = []
 
-    def take(message: Image) -> None:
+    def on_image(message: Image) -> None:
         times_ms.append((time.time_ns() - ns_from_stamp(message.header.stamp)) * 1e-6)
-    node.create_subscription(Image, topic, take, qos.IMAGE)
+    node.create_subscription(Image, topic, on_image, qos.IMAGE)
     while len(times_ms) < _IMAGES:
         rclpy.spin_once(node)
     print(json.dumps({'median_ms': float(np.median(times_ms))}))

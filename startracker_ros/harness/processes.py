@@ -1,4 +1,4 @@
-"""Nodes as processes of their own, with the environment that makes DDS fast."""
+"""Nodes as processes, with the environment that DDS needs for images."""
 
 from collections.abc import Sequence
 import os
@@ -15,8 +15,8 @@ _ROOT = Path(__file__).parents[2]
 """Where the package is imported from."""
 
 
-class RigError(RuntimeError):
-    """The nodes did not come up; the text says where their logs are."""
+class HarnessError(RuntimeError):
+    """Nodes did not start, connect, respond or end cleanly; the text names their logs."""
 
 
 def share_folder() -> Path:
@@ -30,12 +30,11 @@ def share_folder() -> Path:
 
 def node_environment() -> dict[str, str]:
     """
-    Return this process's environment with what the nodes need.
+    Return this process's environment with what the nodes need; variables that are set stay.
 
-    They import the package that this process has, whatever folder they are started in. Image
-    messages want a shared-memory segment larger than the stock one, and fresh
-    2 MiB buffers without page faults; NumPy's threads would only fight over the cores.
-    What the user has set stays.
+    Nodes import the same package as this process. Images need a larger shared-memory segment
+    than the default one, and 2 MiB buffers without page faults. Threads of NumPy would compete
+    with the nodes for the cores.
     """
     root = str(_ROOT)
     paths = os.environ.get('PYTHONPATH', '').split(os.pathsep)
@@ -57,9 +56,27 @@ def node_environment() -> dict[str, str]:
             'AMENT_PREFIX_PATH': os.pathsep.join(filter(None, prefixes))}
 
 
+def set_environment(*, isolated: bool) -> None:
+    """
+    Set the environment of the nodes in this process, which runs its own ones with it.
+
+    Discovery is limited to this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE is set. isolated
+    selects a ROS domain by the process id.
+    """
+    if isolated:
+        os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.update(node_environment())
+
+
 def node_command(node: str, arguments: Sequence[str] = ()) -> list[str]:
     """Return the command that runs one node; KeyError for an unknown name."""
-    return [sys.executable, '-m', EXECUTABLES[node], *arguments]
+    return module_command(EXECUTABLES[node], arguments)
+
+
+def module_command(module: str, arguments: Sequence[str] = ()) -> list[str]:
+    """Return the command that runs a Python module."""
+    return [sys.executable, '-m', module, *arguments]
 
 
 def parameter_arguments(parameters: dict[str, object]) -> list[str]:
@@ -71,7 +88,12 @@ def parameter_arguments(parameters: dict[str, object]) -> list[str]:
 
 
 class NodeProcesses:
-    """A group of nodes, ended together; used as a context manager."""
+    """
+    A group of processes by name, ended together; used as a context manager.
+
+    What a process prints goes into log_folder/NAME.log; environment is added to that of the
+    nodes.
+    """
 
     def __init__(self, log_folder: Path, environment: dict[str, str] | None = None) -> None:
         self.log_folder = log_folder
@@ -80,7 +102,7 @@ class NodeProcesses:
 
     def start(self, node: str, parameters: dict[str, object] | None = None,
               extra: Sequence[str] = (), *, namespace: str = '') -> subprocess.Popen:
-        """Start one node; what it prints goes into the log folder."""
+        """Start a node, or start it again; in a namespace its name is NAMESPACE.NODE."""
         arguments = [*parameter_arguments(parameters or {}), *extra]
         name = node
         if namespace:
@@ -89,26 +111,48 @@ class NodeProcesses:
         return self.run(name, node_command(node, arguments))
 
     def run(self, name: str, command: Sequence[str]) -> subprocess.Popen:
-        """Run a command under a name; what it prints goes into the log folder."""
+        """Run a command under a name."""
         with open(self.log_folder / f'{name}.log', 'ab') as log:
             process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
                                        env=self._environment)
         self.processes[name] = process
         return process
 
-    def failed(self) -> list[str]:
-        """Return the names of the nodes that have ended."""
-        return [name for name, process in self.processes.items() if process.poll() is not None]
+    def is_running(self, name: str) -> bool:
+        """Return whether a process was started and has not ended."""
+        process = self.processes.get(name)
+        return process is not None and process.poll() is None
 
-    def stop(self, patience_s: float = 15.0) -> dict[str, int]:
-        """End all nodes by SIGTERM, after patience_s by SIGKILL; return their exit codes."""
+    def pid(self, name: str) -> int:
+        """Return a process id."""
+        return self.processes[name].pid
+
+    def ended(self) -> list[str]:
+        """Return the names of the processes that have ended."""
+        return [name for name in self.processes if not self.is_running(name)]
+
+    def signal(self, number: signal.Signals, *names: str) -> None:
+        """Send a signal to processes."""
+        for name in names:
+            self.processes[name].send_signal(number)
+
+    def kill(self, *names: str) -> None:
+        """Send SIGKILL to processes one after another and wait for their ends."""
+        for name in names:
+            self.processes[name].kill()
+            self.processes[name].wait()
+
+    def stop(self, timeout_s: float = 15.0) -> dict[str, int]:
+        """End all by SIGTERM, by SIGKILL after timeout_s; return their exit codes."""
         for process in self.processes.values():
             if process.poll() is None:
+                # A stopped process handles SIGTERM only after it continues.
+                process.send_signal(signal.SIGCONT)
                 process.send_signal(signal.SIGTERM)
         codes = {}
         for name, process in self.processes.items():
             try:
-                codes[name] = process.wait(timeout=patience_s)
+                codes[name] = process.wait(timeout=timeout_s)
             except subprocess.TimeoutExpired:
                 process.kill()
                 codes[name] = process.wait()

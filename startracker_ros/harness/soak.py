@@ -1,4 +1,4 @@
-"""Many frames through real nodes, as fast as these take them, with an eye on what they hold."""
+"""Many frames through node processes as fast as they are processed, with their resource use."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -16,7 +16,7 @@ from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.executables import STAGES
 from startracker_ros.figures.correctness import is_wrong
 from startracker_ros.harness.process_sample import ProcessSample, sample_process, shared_memory_mib
-from startracker_ros.harness.processes import RigError
+from startracker_ros.harness.processes import HarnessError
 from startracker_ros.harness.rig import Rig
 from startracker_ros.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotation_vector_from_quaternion)
@@ -33,19 +33,19 @@ NODES = (*STAGES, 'bag_recorder')
 LOOP_FRAMES = 600
 STEP_NS = 100_000_000
 IN_FLIGHT = 2
-"""Frames under way at a time, as many as the queues of images hold."""
+"""Frames sent and not yet processed: the depth of the image queues."""
 BAG_FILE_MB = 64.0
-"""The index of a file is held until its end, so that long recordings are split."""
+"""The recorder keeps the index of a file in memory until its end, so recordings are split."""
 _SAMPLE_PERIOD_S = 2.0
-_START_PATIENCE_S = 600.0
+_START_TIMEOUT_S = 600.0
 _LOST_S = 30.0
-_WAIT_S = 0.25
+_SPIN_S = 0.25
 _AMPLITUDE_RAD = np.radians(2.0)
 
 
 @dataclass(frozen=True)
 class Nutation:
-    """A boresight on a circle, once round in a loop of frames, so that images can be repeated."""
+    """A boresight on a circle, closed after period_s, so that the images can be repeated."""
 
     centre: Motion
     period_s: float
@@ -64,10 +64,10 @@ class Nutation:
 
 @dataclass
 class SoakResult:
-    """What was seen: per sample the frames so far and each node's state; per frame times."""
+    """Counts of frames; per frame the latency; per sample the frames so far and resources."""
 
     frames: int = 0
-    answered: int = 0
+    processed: int = 0
     lost: int = 0
     attitudes: int = 0
     wrong: int = 0
@@ -80,7 +80,7 @@ class SoakResult:
 
 
 def loop_of_frames(seed: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield image (H, W) and true attitude (4,) of the frames of a closed motion."""
+    """Yield image (H, W) and true attitude (4,) of each frame of a closed motion."""
     motion = Nutation(
         motion_from_options(MotionOptions(motion='inertial')), LOOP_FRAMES * STEP_NS * 1e-9)
     simulator = SkySimulator(CAMERA, motion, load_catalog(),
@@ -91,83 +91,81 @@ def loop_of_frames(seed: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 
 
 class Soak(Rig):
-    """Sends a frame when the one before the last is answered; samples the nodes."""
+    """Keeps IN_FLIGHT frames in flight; samples the resources of the nodes."""
 
-    def __init__(self, folder: Path, *, seed: int) -> None:
-        super().__init__(folder)
+    def __init__(self, log_folder: Path, *, seed: int) -> None:
+        super().__init__(log_folder)
         self._loop = list(loop_of_frames(seed))
-        self.listen(Imu, 'attitude_imu', self._take_answer)
-        self._camera_info = self.node.create_publisher(CameraInfo, 'camera_info', qos.LIST)
-        self._image = self.node.create_publisher(Image, 'image_raw', qos.IMAGE)
+        self.probe.create_subscription(Imu, 'attitude_imu', self._on_attitude_imu, qos.LIST)
+        self._camera_info = self.probe.create_publisher(CameraInfo, 'camera_info', qos.LIST)
+        self._image = self.probe.create_publisher(Image, 'image_raw', qos.IMAGE)
         for node in NODES:
-            self.start_node(node, {} if node != 'bag_recorder' else {
-                'folder': str(folder / 'bag'), 'exclude': ['/image_raw', '*/image_annotated'],
+            self.processes.start(node, {} if node != 'bag_recorder' else {
+                'folder': str(log_folder / 'bag'), 'exclude': ['/image_raw', '*/image_annotated'],
                 'max_file_size_mb': BAG_FILE_MB})
         self._begin_ns = time.time_ns()
         self._index = 0
-        self._under_way: dict[int, tuple[int, float]] = {}
-        self._waits = 0
+        self._in_flight: dict[int, tuple[int, float]] = {}
+        self._empty_spins = 0
         self._result = SoakResult()
 
     def run(self, frames: int) -> SoakResult:
-        """Send so many frames, count and measure; RigError when the nodes do not work."""
-        self._begin()
+        """Send frames, count and measure; HarnessError when the nodes do not work."""
+        self._wait_until_working()
         self._result = result = SoakResult()
         start_s = next_sample_s = time.monotonic()
         with Progress(transient=True) as progress:
             task = progress.add_task('soak', total=frames)
             while result.frames < frames:
-                while len(self._under_way) < IN_FLIGHT and result.frames < frames:
+                while len(self._in_flight) < IN_FLIGHT and result.frames < frames:
                     self._send()
                     result.frames += 1
-                self._wait()
+                self._spin()
                 if time.monotonic() >= next_sample_s:
                     self._sample()
                     next_sample_s = time.monotonic() + _SAMPLE_PERIOD_S
                     progress.update(task, completed=result.frames)
-        self._settle()
+        self._drain()
         self._sample()
         result.elapsed_s = time.monotonic() - start_s
         return result
 
-    def _begin(self) -> None:
-        """Send a frame now and then until there are attitudes."""
-        deadline_s = time.monotonic() + _START_PATIENCE_S
+    def _wait_until_working(self) -> None:
+        """Send frames at less than 10 Hz until there are ten attitudes."""
+        deadline_s = time.monotonic() + _START_TIMEOUT_S
         while self._result.attitudes < 10:
-            if time.monotonic() > deadline_s or not all(map(self.runs, NODES)):
-                raise RigError(f'the nodes do not work: see {self.folder}')
+            if time.monotonic() > deadline_s or self.processes.ended():
+                raise HarnessError(f'the nodes do not work: see {self.log_folder}')
             self._send()
-            again_s = time.monotonic() + 0.1
-            while time.monotonic() < again_s:
-                self.spin(0.02)
-        self._settle()
+            self.probe.spin_for(0.1)
+        self._drain()
 
-    def _settle(self) -> None:
-        """Wait for the frames under way."""
-        while self._under_way:
-            self._wait()
+    def _drain(self) -> None:
+        """Wait until no frame is in flight."""
+        while self._in_flight:
+            self._spin()
 
     def _send(self) -> None:
         index = self._index % LOOP_FRAMES
         stamp_ns = self._begin_ns + self._index * STEP_NS
         header = make_header(stamp_ns, 'star_tracker_optical_frame')
         self._index += 1
-        self._under_way[stamp_ns] = index, time.monotonic()
+        self._in_flight[stamp_ns] = index, time.monotonic()
         self._camera_info.publish(camera_to_message(CAMERA, header))
         self._image.publish(image_to_message(self._loop[index][0], header))
 
-    def _take_answer(self, message: Imu) -> None:
+    def _on_attitude_imu(self, message: Imu) -> None:
         stamp_ns = ns_from_stamp(message.header.stamp)
-        sent = self._under_way.pop(stamp_ns, None)
+        sent = self._in_flight.pop(stamp_ns, None)
         if sent is None:
             return
         index, sent_s = sent
         result = self._result
-        # Answers come in the order of the frames.
-        for passed_over in [under_way for under_way in self._under_way if under_way < stamp_ns]:
-            del self._under_way[passed_over]
+        # Frames are processed in their order: earlier ones are lost.
+        for earlier_ns in [key for key in self._in_flight if key < stamp_ns]:
+            del self._in_flight[earlier_ns]
             result.lost += 1
-        result.answered += 1
+        result.processed += 1
         result.latency_s.append(time.monotonic() - sent_s)
         tracked = tracked_attitude_from_imu(message)
         if tracked is not None:
@@ -176,23 +174,23 @@ class Soak(Rig):
             result.wrong += is_wrong(
                 attitude.quaternion, attitude.covariance_sensor, self._loop[index][1])
 
-    def _wait(self) -> None:
+    def _spin(self) -> None:
         """
-        Take an answer; frames are lost when many waits in a row have brought none.
+        Process one message; frames in flight are lost after _LOST_S of spins without result.
 
-        Waits are counted and not the time, of which any amount passes when all is stopped.
+        Spins are counted, because time also passes while the whole machine is suspended.
         """
-        answered = self._result.answered
-        self.spin(_WAIT_S)
-        self._waits = 0 if self._result.answered > answered else self._waits + 1
-        if self._waits > _LOST_S / _WAIT_S:
-            self._result.lost += len(self._under_way)
-            self._under_way.clear()
-            self._waits = 0
+        processed = self._result.processed
+        self.probe.spin_once(_SPIN_S)
+        self._empty_spins = 0 if self._result.processed > processed else self._empty_spins + 1
+        if self._empty_spins > _LOST_S / _SPIN_S:
+            self._result.lost += len(self._in_flight)
+            self._in_flight.clear()
+            self._empty_spins = 0
 
     def _sample(self) -> None:
         result = self._result
-        result.sampled_frames.append(result.answered)
+        result.sampled_frames.append(result.processed)
         for node in NODES:
-            result.samples[node].append(sample_process(self.pid(node)))
-        result.shared_mib.append(shared_memory_mib([self.pid(node) for node in NODES]))
+            result.samples[node].append(sample_process(self.processes.pid(node)))
+        result.shared_mib.append(shared_memory_mib([self.processes.pid(node) for node in NODES]))

@@ -1,7 +1,7 @@
 """
-Nodes that note when each frame passes: python -m startracker_ros.harness.stage_times FILE NODE ...
+Nodes that record frame times: python -m startracker_ros.harness.stage_times FILE NODE ...
 
-Several nodes run composed in the one process. FILE becomes a .npy of (place, stamp, time).
+Several nodes run composed in the one process. FILE becomes a .npy array of EVENT_DTYPE.
 """
 
 from collections.abc import Callable
@@ -16,35 +16,35 @@ from rclpy.utilities import remove_ros_args
 from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.ros.node import node_class_of, PipelineNode, run
 
-PASSAGE_DTYPE = np.dtype([('place', 'U32'), ('stamp_ns', 'i8'), ('time_ns', 'i8')])
-"""place is a node and what it takes, or what it is about to send."""
+EVENT_DTYPE = np.dtype([('endpoint', 'U32'), ('stamp_ns', 'i8'), ('time_ns', 'i8')])
+"""A frame at an endpoint: NODE TOPIC when a message is received, NODE sends before an image is."""
 
 
-def timed(node_class: type[PipelineNode], passages: list[tuple[str, int, int]], file: Path
+def timed(node_class: type[PipelineNode], events: list[tuple[str, int, int]], file: Path
           ) -> type[PipelineNode]:
-    """Return a node class that appends to passages, and writes them to a file when it ends."""
-    # mypy knows no base class that is chosen at run time.
+    """Return a node class that appends to events, and writes them to a file when it ends."""
+    # mypy does not support a base class that is a variable.
     class Timed(node_class):  # type: ignore[misc, valid-type]
-        """Notes the time of what it takes and of the images that it sends."""
+        """Records the times of messages received and of images sent."""
 
         def subscribe(self, message_type: type, topic: str, callback: Callable, profile: Any,
                       **how: Any) -> None:
-            place = f'{self.get_name()} {topic}'
+            endpoint = f'{self.get_name()} {topic}'
 
-            def clocked(message: Any) -> None:
-                passages.append((place, ns_from_stamp(message.header.stamp), time.time_ns()))
+            def recorded(message: Any) -> None:
+                events.append((endpoint, ns_from_stamp(message.header.stamp), time.time_ns()))
                 callback(message)
-            stamped = hasattr(message_type, 'header')
+            has_stamp = hasattr(message_type, 'header')
             super().subscribe(
-                message_type, topic, clocked if stamped else callback, profile, **how)
+                message_type, topic, recorded if has_stamp else callback, profile, **how)
 
         def publish_image(self, image: np.ndarray, camera: Any, header: Any) -> None:
-            passages.append((f'{self.get_name()} sends', ns_from_stamp(header.stamp),
-                             time.time_ns()))
+            events.append((f'{self.get_name()} sends', ns_from_stamp(header.stamp),
+                           time.time_ns()))
             super().publish_image(image, camera, header)
 
         def close(self) -> None:
-            np.save(file, np.array(passages, PASSAGE_DTYPE))
+            np.save(file, np.array(events, EVENT_DTYPE))
             super().close()
 
     Timed.__module__ = node_class.__module__
@@ -54,8 +54,8 @@ def timed(node_class: type[PipelineNode], passages: list[tuple[str, int, int]], 
 def main() -> int:
     """Run the nodes."""
     file, *names = remove_ros_args(sys.argv)[1:]
-    passages: list[tuple[str, int, int]] = []
-    return run([timed(node_class_of(name), passages, Path(file)) for name in names])
+    events: list[tuple[str, int, int]] = []
+    return run([timed(node_class_of(name), events, Path(file)) for name in names])
 
 
 if __name__ == '__main__':

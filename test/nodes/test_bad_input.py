@@ -42,10 +42,10 @@ class Extractor:
         nodes.start('centroid_extractor')
         self.probe = probe
         self.index = 0
-        probe.listen(PointCloud2, 'centroids')
-        self.camera_info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
+        probe.collect(PointCloud2, 'centroids')
+        self.camera_info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
         self.camera_info.publish(camera_to_message(CAMERA, header(0)))
-        self.image = probe.speak(Image, 'image_raw', qos.IMAGE)
+        self.image = probe.advertise(Image, 'image_raw', qos.IMAGE)
         probe.wait(lambda: probe.count_publishers('centroids'), 'centroids offered')
 
     def send(self, image, camera_info=None, **changes):
@@ -86,7 +86,7 @@ def extractor(nodes, probe):
 ])
 def test_image_that_is_none(extractor, probe, sky, changes, words):
     extractor.send(sky, **changes)
-    probe.wait_condition(words)
+    probe.wait_diagnostic(words)
     assert not probe.received['centroids']
     extractor.still_works(sky)
 
@@ -101,15 +101,15 @@ def test_camera_info_that_is_none(extractor, probe, sky, field, value, words):
     info = camera_to_message(CAMERA, header(1))
     setattr(info, field, value)
     extractor.send(sky, camera_info=info)
-    probe.wait_condition(words)
-    probe.wait_condition('no valid camera_info received')
+    probe.wait_diagnostic(words)
+    probe.wait_diagnostic('no valid camera_info received')
     assert not probe.received['centroids']
     extractor.still_works(sky)
 
 
 def test_no_camera_info(nodes, probe):
     nodes.start('centroid_extractor')
-    probe.wait_condition('waiting for camera_info')
+    probe.wait_diagnostic('waiting for camera_info')
     assert not probe.count_subscribers('image_raw')
 
 
@@ -139,25 +139,25 @@ def test_image_out_of_order_is_counted_and_dropped(extractor, probe, sky):
 
 def test_cloud_without_a_field_is_refused_by_name(nodes, probe):
     nodes.start('star_identifier')
-    info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
-    centroids = probe.speak(PointCloud2, 'centroids', qos.LIST)
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
+    centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
     info.publish(camera_to_message(CAMERA, header(0)))
     rows = np.zeros(3, np.dtype([('x', 'f4'), ('y', 'f4')]))
     centroids.publish(cloud_to_message(rows, header(1)))
-    probe.wait_condition("cloud has no field 'z'")
+    probe.wait_diagnostic("cloud has no field 'z'")
     rows = np.zeros(3, CENTROID_DTYPE)
     rows['u'] = np.nan
     centroids.publish(cloud_to_message(rows, header(2)))
-    probe.wait_condition("cloud field 'u' is not finite in point 0")
+    probe.wait_diagnostic("cloud field 'u' is not finite in point 0")
 
 
 def test_too_few_stars_give_no_attitude(nodes, probe):
     for node in ('star_identifier', 'star_tracker', 'attitude_estimator'):
         nodes.start(node)
     for topic in ('stars', 'tracks', 'attitude'):
-        probe.listen(PointCloud2 if topic != 'attitude' else QuaternionStamped, topic)
-    info = probe.speak(CameraInfo, 'camera_info', qos.LIST, to=3)
-    centroids = probe.speak(PointCloud2, 'centroids', qos.LIST, to=2)
+        probe.collect(PointCloud2 if topic != 'attitude' else QuaternionStamped, topic)
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST, subscribers=3)
+    centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST, subscribers=2)
     probe.wait(lambda: probe.count_publishers('attitude') and probe.count_publishers('stars')
                and probe.count_publishers('tracks'), 'all nodes')
     info.publish(camera_to_message(CAMERA, header(0)))
@@ -169,8 +169,8 @@ def test_too_few_stars_give_no_attitude(nodes, probe):
         centroids.publish(cloud_to_message(rows, header(index)))
         probe.spin_for(0.1)
     probe.wait(lambda: len(probe.received['stars']) >= 5, 'answers of the identifier')
-    probe.wait_condition('2 ')
-    probe.wait_condition('no attitude')
+    probe.wait_diagnostic('2 ')
+    probe.wait_diagnostic('no attitude')
     assert all(not rows['hip'].any() for rows in (
         read_cloud(cloud, STAR_DTYPE) for cloud in probe.received['stars']))
     assert not probe.received['attitude']

@@ -57,7 +57,7 @@ def texts(probe, topic):
 
 
 def ask(probe, name):
-    return probe.ask(Trigger, f'/bag_player/{name}', Trigger.Request())
+    return probe.call(Trigger, f'/bag_player/{name}', Trigger.Request())
 
 
 @pytest.mark.parametrize('version, mode', [
@@ -66,9 +66,9 @@ def ask(probe, name):
 def test_a_bag_of_rosbags_is_played_with_the_quality_it_was_recorded_at(
         nodes, probe, tmp_path, version, mode):
     write_bag(tmp_path / 'bag', version=version, mode=mode)
-    probe.listen(Clock, '/clock', BEST_EFFORT)
-    probe.listen(String, '/state', LATCHED)
-    probe.listen(String, '/fast', BEST_EFFORT)
+    probe.collect(Clock, '/clock', BEST_EFFORT)
+    probe.collect(String, '/state', LATCHED)
+    probe.collect(String, '/fast', BEST_EFFORT)
     player = nodes.start('bag_player', {'path': str(tmp_path / 'bag'), 'start_paused': True})
     probe.wait(lambda: probe.count_publishers('/fast') and probe.count_publishers('/state'),
                'the player')
@@ -95,7 +95,7 @@ def test_a_bag_of_rosbags_is_played_with_the_quality_it_was_recorded_at(
 
 def test_pause_step_resume_and_a_node_on_the_time_of_the_bag(nodes, probe, tmp_path):
     write_bag(tmp_path / 'bag')
-    probe.listen(String, '/renamed', LATCHED)
+    probe.collect(String, '/renamed', LATCHED)
     nodes.start('attitude_estimator', {'use_sim_time': True})
     probe.wait(lambda: probe.count_publishers('attitude'), 'a node with use_sim_time')
     nodes.start('bag_player', {
@@ -139,7 +139,7 @@ def test_what_is_whole_of_a_cut_bag_is_played(nodes, probe, tmp_path):
     whole = next((tmp_path / 'bag').glob('*.mcap')).read_bytes()
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(whole[:-200])
-    probe.listen(String, '/state', LATCHED)
+    probe.collect(String, '/state', LATCHED)
     player = nodes.start('bag_player', {'path': str(cut), 'rate': 10.0, 'start_paused': True})
     probe.wait(lambda: probe.count_publishers('/state'), 'the player')
     probe.spin_for(0.5)
@@ -167,7 +167,7 @@ def test_a_golden_bag_drives_the_pipeline(nodes, probe):
     truth = dict(attitudes_of(bag, '/truth/attitude'))
     for node in ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_estimator'):
         nodes.start(node)
-    probe.listen(PoseWithCovarianceStamped, 'attitude_cov', 100)
+    probe.collect(PoseWithCovarianceStamped, 'attitude_cov', 100)
     probe.wait(lambda: probe.count_publishers('attitude_cov')
                and probe.count_publishers('centroids') and probe.count_publishers('stars')
                and probe.count_publishers('tracks'), 'the pipeline')

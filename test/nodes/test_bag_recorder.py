@@ -142,7 +142,7 @@ def test_a_full_disk_is_told_and_the_recorder_lives_on(probe, tmp_path):
             publisher.publish(String(data=f'{sent:05d}' + 10_000 * 'x'))
             sent += 1
             probe.spin_for(0.05)
-        status = probe.wait_condition('the recording ends here')
+        status = probe.wait_diagnostic('the recording ends here')
         assert status.level == b'\x02'
     finally:
         recorder.send_signal(signal.SIGTERM)

@@ -21,7 +21,7 @@ START_NS = 1_790_000_000_000_000_000
 
 
 def call(probe, name):
-    return probe.ask(Trigger, f'/camera_calibrator/{name}', Trigger.Request())
+    return probe.call(Trigger, f'/camera_calibrator/{name}', Trigger.Request())
 
 
 def value(probe, key):
@@ -62,8 +62,8 @@ def test_what_is_missing_is_said(nodes, probe, tmp_path):
                                       'max_frames': 4})
     answer = call(probe, 'calibrate')
     assert not answer.success and answer.message == 'no valid camera_info received'
-    info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
-    stars = probe.speak(PointCloud2, 'stars', qos.LIST)
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
+    stars = probe.advertise(PointCloud2, 'stars', qos.LIST)
     info.publish(camera_to_message(CAMERA, header(0)))
     probe.wait(lambda: value(probe, 'frames') == '0', 'the camera')
     rng = np.random.default_rng(1)

@@ -136,15 +136,15 @@ def right_attitudes(probe, count):
 
 
 def test_a_composed_pipeline_finds_the_attitude(nodes, probe):
-    probe.listen(QuaternionStamped, 'truth/attitude', qos.LIST)
-    probe.listen(QuaternionStamped, 'attitude', qos.LIST)
+    probe.collect(QuaternionStamped, 'truth/attitude', qos.LIST)
+    probe.collect(QuaternionStamped, 'attitude', qos.LIST)
     # The simulator and the stages, images never on DDS; names and services as ever.
     nodes.start('composed_pipeline', SKY, ['--', 'sky_simulator', *STAGES])
     right_attitudes(probe, 20)
     assert {'sky_simulator', *STAGES} <= set(probe.get_node_names())
     assert probe.count_publishers('image_raw') == 1
     assert probe.count_subscribers('image_raw') == 0
-    assert probe.ask(Trigger, 'star_tracker/reset', Trigger.Request()).success
+    assert probe.call(Trigger, 'star_tracker/reset', Trigger.Request()).success
     before = len(probe.received['attitude'])
     right_attitudes(probe, before + 10)
     told = {status.name for status in probe.statuses()}
@@ -152,8 +152,8 @@ def test_a_composed_pipeline_finds_the_attitude(nodes, probe):
 
 
 def test_the_four_stages_take_a_camera_of_another_process(nodes, probe):
-    probe.listen(QuaternionStamped, 'truth/attitude', qos.LIST)
-    probe.listen(QuaternionStamped, 'attitude', qos.LIST)
+    probe.collect(QuaternionStamped, 'truth/attitude', qos.LIST)
+    probe.collect(QuaternionStamped, 'attitude', qos.LIST)
     nodes.start('composed_pipeline')
     nodes.start('sky_simulator', {name.partition(':')[2]: value for name, value in SKY.items()})
     right_attitudes(probe, 10)

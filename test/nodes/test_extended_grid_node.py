@@ -51,7 +51,7 @@ def test_attitudes_of_two_and_three_stars(nodes, probe):
     for topic, kind in (('attitude', QuaternionStamped), ('truth/attitude', QuaternionStamped),
                         ('truth/stars', PointCloud2), ('stars', PointCloud2),
                         ('centroids', PointCloud2)):
-        probe.listen(kind, topic, qos.LIST)
+        probe.collect(kind, topic, qos.LIST)
     probe.wait(lambda: probe.count_publishers('attitude') and probe.count_publishers('stars')
                and probe.count_subscribers('stars') >= 2 and probe.count_subscribers('imu')
                and probe.count_subscribers('camera_info') >= 3, 'the nodes')
@@ -65,8 +65,8 @@ def test_attitudes_of_two_and_three_stars(nodes, probe):
     probe.wait(lambda: probe.count_publishers('truth/stars')
                and probe.count_publishers('truth/attitude'), 'the truth')
     probe.spin_for(0.5)
-    probe.listen(CameraInfo, 'camera_info', qos.LIST)
-    probe.wait(lambda: len(probe.received['stars']) >= frames, 'all frames')
+    probe.collect(CameraInfo, 'camera_info', qos.LIST)
+    probe.wait(lambda: len(probe.received['stars']) >= frames, 'all frames', 40)
     probe.spin_for(0.5)
     truth = {ns_from_stamp(m.header.stamp): quaternion_from_message(m)
              for m in probe.received['truth/attitude']}
@@ -103,12 +103,12 @@ class Sky:
         nodes.start('star_identifier', OPTIONS)
         self.probe = probe
         self.index = 0
-        probe.listen(PointCloud2, 'stars', qos.LIST)
-        self.info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
+        probe.collect(PointCloud2, 'stars', qos.LIST)
+        self.info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
         self.info.publish(camera_to_message(CAMERA, self.header()))
         probe.spin_for(0.5)
-        self.centroids = probe.speak(PointCloud2, 'centroids', qos.LIST)
-        self.imu = probe.speak(Imu, 'imu', qos.LIST)
+        self.centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
+        self.imu = probe.advertise(Imu, 'imu', qos.LIST)
         probe.wait(lambda: probe.count_publishers('stars'), 'stars offered')
         onboard = onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, 7.5)
         rng = np.random.default_rng(2)
@@ -139,9 +139,9 @@ def sky(nodes, probe):
 
 def test_without_imu_the_pyramid_alone(sky, probe):
     assert sky.frame(12) >= 4
-    probe.wait_condition('no imu: identifying lost-in-space only')
+    probe.wait_diagnostic('no imu: identifying lost-in-space only')
     assert sky.frame(2) == 0
-    probe.wait_condition('2 usable stars')
+    probe.wait_diagnostic('2 usable stars')
     assert any(v.key == 'prediction' and v.value == 'no imu, lost in space'
                for status in probe.statuses() for v in status.values)
 
@@ -153,12 +153,12 @@ def test_imu_that_cannot_be_right(sky, probe):
     sky.rate()
     assert sky.frame(2) == 2
     sky.rate((np.nan, 0.0, 0.0))
-    probe.wait_condition('imu: angular velocity [nan, 0.0, 0.0] rad/s cannot be right')
+    probe.wait_diagnostic('imu: angular velocity [nan, 0.0, 0.0] rad/s cannot be right')
     sky.rate((0.0, 1e3, 0.0), 'imu_link')
-    probe.wait_condition("frame 'imu_link' is not that of the centroids")
+    probe.wait_diagnostic("frame 'imu_link' is not that of the centroids")
     sky.index += 1
     sky.rate((0.0, 1e3, 0.0))
-    probe.wait_condition('imu: angular velocity [0.0, 1000.0, 0.0] rad/s cannot be right')
+    probe.wait_diagnostic('imu: angular velocity [0.0, 1000.0, 0.0] rad/s cannot be right')
     assert sky.frame(3) == 3
     sky.index += 50
     assert sky.frame(3) == 0
@@ -169,7 +169,7 @@ def test_imu_that_cannot_be_right(sky, probe):
 
 def test_a_jump_back_in_time_forgets_the_attitude(sky, probe):
     """And it does not rest: the star tracker says that it is tracking all the time."""
-    state = probe.speak(DiagnosticStatus, 'tracker_state', qos.STATE)
+    state = probe.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
     state.publish(DiagnosticStatus(message='TRACKING'))
     sky.index = 100
     sky.rate()

@@ -30,7 +30,7 @@ def test_a_node_says_that_it_compiles(probe, tmp_path, run, reason):
     processes = NodeProcesses(tmp_path, {'NUMBA_CACHE_DIR': empty})
     process = processes.run('centroid_extractor', [sys.executable, *run])
     try:
-        camera_info = probe.speak(CameraInfo, 'camera_info', qos.LIST)
+        camera_info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
         camera_info.publish(camera_to_message(
             Camera.from_fov(256, 256, 20.0), make_header(1_790_000_000_000_000_000, 'sensor')))
         log = tmp_path / 'centroid_extractor.log'

@@ -113,7 +113,7 @@ def test_every_parameter_takes_effect_or_is_refused_with_a_reason(nodes, probe, 
         rows = tables.node_rows(node)
         settable = [row for row in rows if not row.read_only]
         wrong = [row for row in settable if beyond(row) is not None]
-        kept = probe.ask(GetParameters, f'{place}/get_parameters', GetParameters.Request(
+        kept = probe.call(GetParameters, f'{place}/get_parameters', GetParameters.Request(
             names=[row.name for row in settable])).values
         wishes = [changed(row.name, value) for row, before in zip(settable, kept)
                   for value in (another(row), parameter_value_to_python(before))]
@@ -141,10 +141,10 @@ def test_every_parameter_takes_effect_or_is_refused_with_a_reason(nodes, probe, 
             assert result.reason == (
                 f'{row.name} is read at the start only: end the node and start it again with '
                 f'-p {row.name}:=...')
-        now = probe.ask(GetParameters, f'{place}/get_parameters', GetParameters.Request(
+        now = probe.call(GetParameters, f'{place}/get_parameters', GetParameters.Request(
             names=[row.name for row in settable])).values
         assert now == kept
-    assert nodes.failed() == []
+    assert nodes.ended() == []
     end_all(nodes, tmp_path, signal.SIGTERM)
 
 
@@ -152,7 +152,7 @@ def test_several_changes_are_made_together_or_not_at_all(nodes, probe):
     nodes.start('attitude_estimator')
 
     def values():
-        return [parameter_value_to_python(value) for value in probe.ask(
+        return [parameter_value_to_python(value) for value in probe.call(
             GetParameters, '/attitude_estimator/get_parameters',
             GetParameters.Request(names=['min_stars', 'max_residual_px'])).values]
 
@@ -214,7 +214,7 @@ def test_every_node_talks_on_the_topics_of_the_readme_is_reset_and_ends(nodes, p
                 node, where)) <= subscribes[node], node
         reset = f'{place}/reset'
         if node in RESETTABLE:
-            answer = probe.ask(Trigger, reset, Trigger.Request())
+            answer = probe.call(Trigger, reset, Trigger.Request())
             assert answer.success and answer.message == 'state forgotten'
             probe.wait(lambda node=node, reset=reset: len(re.findall(
                 'reset: state forgotten', log(tmp_path, node))) == probe.requests[reset],
@@ -232,8 +232,8 @@ def transitions(folder, node):
 def test_each_transition_is_one_line_in_the_log(nodes, probe, tmp_path):
     states = probe.received['tracker_state']
     frames = probe.received['image_raw']
-    probe.listen(Image, 'image_raw', qos.IMAGE)
-    probe.listen(DiagnosticStatus, 'tracker_state', qos.STATE)
+    probe.collect(Image, 'image_raw', qos.IMAGE)
+    probe.collect(DiagnosticStatus, 'tracker_state', qos.STATE)
     for node in PIPELINE:
         nodes.start(node)
     nodes.start('sky_simulator', {**SKY, 'wait_for_camera_users': len(PIPELINE)})

@@ -21,8 +21,8 @@ def start_nodes(nodes, probe, publisher):
     nodes.start('centroid_extractor')
     nodes.start('star_identifier')
     nodes.start('attitude_estimator', {'source': 'stars'})
-    probe.listen(QuaternionStamped, 'attitude', qos.LIST)
-    probe.listen(PointCloud2, 'stars', qos.LIST)
+    probe.collect(QuaternionStamped, 'attitude', qos.LIST)
+    probe.collect(PointCloud2, 'stars', qos.LIST)
     probe.wait(lambda: probe.count_publishers('attitude') and probe.count_publishers('stars')
                and probe.count_subscribers('stars') >= 2
                and probe.count_subscribers('camera_info') >= 3, 'the nodes')
@@ -40,8 +40,8 @@ def solutions(folder):
 def test_night_sky_of_11_degrees(nodes, probe, sky_data, tmp_path):
     folder = sky_data / 'night-sky-11deg'
     rows = solutions(folder)
-    probe.listen(Image, 'image_annotated', qos.IMAGE)
-    probe.listen(ImageMarker, 'image_markers', qos.LIST)
+    probe.collect(Image, 'image_annotated', qos.IMAGE)
+    probe.collect(ImageMarker, 'image_markers', qos.LIST)
     camera_file = tmp_path / 'camera.yaml'
     save_camera(Camera.from_fov(1024, 768, 11.427), camera_file)
     start_nodes(nodes, probe, {'path': str(folder), 'camera_file': str(camera_file)})

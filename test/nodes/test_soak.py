@@ -15,7 +15,7 @@ def result(tmp_path_factory):
 
 
 def test_every_frame_is_answered_and_none_wrong(result):
-    assert (result.frames, result.answered, result.lost, result.wrong) == (2000, 2000, 0, 0)
+    assert (result.frames, result.processed, result.lost, result.wrong) == (2000, 2000, 0, 0)
     assert result.attitudes >= 1980
 
 

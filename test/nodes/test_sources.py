@@ -12,7 +12,7 @@ from startracker_ros.ros import qos
 
 
 def test_a_source_makes_up_for_the_time_that_it_stood_still(nodes, probe):
-    probe.listen(CameraInfo, 'camera_info', qos.LIST)
+    probe.collect(CameraInfo, 'camera_info', qos.LIST)
     source = nodes.start('sky_simulator', {'width': 64, 'height': 64, 'frame_rate_hz': 10.0})
     heard = probe.received['camera_info']
     probe.wait(lambda: len(heard) >= 10, 'images')
@@ -30,7 +30,7 @@ def test_looped_files_are_read_again_when_they_change(nodes, probe, tmp_path):
     folder.mkdir()
     cv2.imwrite(str(folder / 'a.png'), np.full((32, 32), 10, np.uint8))
     cv2.imwrite(str(folder / 'b.png'), np.full((32, 32), 20, np.uint8))
-    probe.listen(Image, 'image_raw', qos.IMAGE)
+    probe.collect(Image, 'image_raw', qos.IMAGE)
     nodes.start('image_publisher', {'path': str(folder), 'loop': True, 'frame_rate_hz': 20.0})
 
     def levels():
@@ -43,7 +43,7 @@ def test_looped_files_are_read_again_when_they_change(nodes, probe, tmp_path):
     (tmp_path / 'new.png').rename(folder / 'b.png')
     probe.wait(lambda: 30 in levels(), 'the new image')
     (folder / 'b.png').unlink()
-    probe.wait_condition('b.png: No such file')
+    probe.wait_diagnostic('b.png: No such file')
 
 
 def test_another_camera_is_told_of_before_its_first_image(nodes, probe, tmp_path):
@@ -54,8 +54,8 @@ def test_another_camera_is_told_of_before_its_first_image(nodes, probe, tmp_path
     def note(message: Any, info: dict[str, int]) -> None:
         stamp_ns = ns_from_stamp(message.header.stamp)
         sent[type(message)][stamp_ns] = info['source_timestamp'], message.width
-    probe.create_subscription(CameraInfo, 'camera_info', note, qos.LIST)
-    probe.create_subscription(Image, 'image_raw', note, qos.IMAGE)
+    probe.subscribe_with_info(CameraInfo, 'camera_info', note, qos.LIST)
+    probe.subscribe_with_info(Image, 'image_raw', note, qos.IMAGE)
     nodes.start('image_publisher', {'path': str(tmp_path), 'loop': True, 'frame_rate_hz': 10.0,
                                     'wait_for_subscribers': 1, 'wait_for_camera_users': 1})
     probe.wait(lambda: len(sent[Image]) >= 12, 'images')

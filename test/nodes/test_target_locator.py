@@ -41,7 +41,7 @@ class Observers:
         self.probe = probe
         self.index = 0
         self.topics = [{
-            topic: probe.speak(kind, f'tracker_{number}/{topic}', qos.LIST)
+            topic: probe.advertise(kind, f'tracker_{number}/{topic}', qos.LIST)
             for topic, kind in (('camera_info', CameraInfo), ('odometry', Odometry),
                                 ('attitude_cov', PoseWithCovarianceStamped),
                                 ('target_centroid', PointCloud2))} for number in (1, 2)]
@@ -78,15 +78,15 @@ class Observers:
         self.index += 1
         stamp_ns = self.frame(0)
         self.frame(1, **other)
-        self.probe.wait_condition(words)
+        self.probe.wait_diagnostic(words)
         assert self.answer_to(stamp_ns) is None
 
 
 @pytest.fixture
 def observers(nodes, probe):
     nodes.start('target_locator', {'aberration': 'none'})
-    probe.listen(PoseWithCovarianceStamped, 'target/position')
-    probe.listen(MarkerArray, 'target/line_of_sight')
+    probe.collect(PoseWithCovarianceStamped, 'target/position')
+    probe.collect(MarkerArray, 'target/line_of_sight')
     observers = Observers(probe)
     probe.wait(lambda: probe.count_publishers('target/line_of_sight'), 'target offered')
     return observers
@@ -94,7 +94,7 @@ def observers(nodes, probe):
 
 def test_target_is_located_and_bad_input_is_named(observers):
     probe = observers.probe
-    probe.wait_condition('tracker_1: no camera_info; tracker_2: no camera_info')
+    probe.wait_diagnostic('tracker_1: no camera_info; tracker_2: no camera_info')
     stamp_ns = observers.frame(0)
     observers.frame(1)
     message = probe.wait(lambda: observers.answer_to(stamp_ns), 'a position')
@@ -131,7 +131,7 @@ def test_target_is_located_and_bad_input_is_named(observers):
     for _ in range(4):
         observers.index += 250
         observers.frame(0)
-    probe.wait_condition('tracker_2: odometry silent, or its clock apart, for')
+    probe.wait_diagnostic('tracker_2: odometry silent, or its clock apart, for')
     # And all is well again.
     observers.index += 1
     stamp_ns = observers.frame(0)

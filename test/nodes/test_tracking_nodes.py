@@ -41,19 +41,18 @@ class Flight:
         nodes.start('star_tracker')
         nodes.start('attitude_estimator')
         self.probe = probe
-        probe.listen(Imu, 'attitude_imu', qos.LIST)
-        probe.listen(DiagnosticStatus, 'tracker_state', STATES)
-        probe.listen(PointCloud2, 'stars', qos.LIST)
-        info = probe.speak(CameraInfo, 'camera_info', qos.LIST, to=3)
+        probe.collect(Imu, 'attitude_imu', qos.LIST)
+        probe.collect(DiagnosticStatus, 'tracker_state', qos.STATE)
+        probe.collect(PointCloud2, 'stars', qos.LIST)
+        info = probe.advertise(CameraInfo, 'camera_info', qos.LIST, subscribers=3)
 
         def camera_known():
-            info.publish(camera_to_message(
-                CAMERA, make_header(START_NS, FRAME)))
+            info.publish(camera_to_message(CAMERA, make_header(START_NS, FRAME)))
             return all('camera 1024 x 1024' in path.read_text()
                        for path in nodes.log_folder.glob('*.log'))
         probe.wait(camera_known, 'the camera in all nodes')
-        self.imu = probe.speak(Imu, 'imu', qos.IMU)
-        self.centroids = probe.speak(PointCloud2, 'centroids', qos.LIST, to=2)
+        self.imu = probe.advertise(Imu, 'imu', qos.IMU)
+        self.centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST, subscribers=2)
         probe.wait(lambda: all(probe.count_publishers(topic) and probe.count_subscribers(topic)
                                for topic in ('stars', 'tracks', 'tracked_attitude'))
                    and probe.count_subscribers('tracker_state') == 2, 'all nodes')
@@ -156,7 +155,7 @@ def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
     assert int(flight.state('checks_passed')) >= 3
     assert set(np.diff(identified_ns())) == {CHECK_NS}
     flight.frames(2, frame_id='base_link')
-    probe.wait_condition("imu: frame 'base_link' is not that of the centroids")
+    probe.wait_diagnostic("imu: frame 'base_link' is not that of the centroids")
 
 
 def test_a_gyro_in_degrees_is_named_and_not_used(nodes, probe):
@@ -165,7 +164,7 @@ def test_a_gyro_in_degrees_is_named_and_not_used(nodes, probe):
     errors = flight.errors(flight.frames(30, measured=np.degrees(RATE)))
     assert len(errors) == 30 and np.abs(errors).max() < 5
     assert flight.state('gyro') == 'unused'
-    probe.wait_condition('is it in rad/s')
+    probe.wait_diagnostic('is it in rad/s')
 
 
 def test_a_camera_turned_away_is_lost_and_found(nodes, probe):
@@ -184,12 +183,12 @@ def test_a_camera_turned_away_is_lost_and_found(nodes, probe):
 
 def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
     nodes.start('star_identifier')
-    probe.listen(PointCloud2, 'stars', qos.LIST)
-    probe.speak(CameraInfo, 'camera_info', qos.LIST).publish(
+    probe.collect(PointCloud2, 'stars', qos.LIST)
+    probe.advertise(CameraInfo, 'camera_info', qos.LIST).publish(
         camera_to_message(CAMERA, make_header(START_NS, FRAME)))
-    state = probe.speak(DiagnosticStatus, 'tracker_state', qos.STATE)
+    state = probe.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
     state.publish(DiagnosticStatus(message='TRACKING'))
-    centroids = probe.speak(PointCloud2, 'centroids', qos.LIST)
+    centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
     q = quaternion_from_pointing(*np.radians([84.0, 0.0, 20.0]))
     seen, _ = star_list(ONBOARD, CAMERA, q, 0.1, np.random.default_rng(1))
 
@@ -223,11 +222,11 @@ def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
 @pytest.mark.parametrize('solver', ['quest', 'triad'])
 def test_tracks_alone_are_solved(nodes, probe, solver):
     nodes.start('attitude_estimator', {'solver': solver})
-    probe.listen(Imu, 'attitude_imu', qos.LIST)
+    probe.collect(Imu, 'attitude_imu', qos.LIST)
     header = make_header(START_NS, FRAME)
-    probe.speak(CameraInfo, 'camera_info', qos.LIST).publish(
+    probe.advertise(CameraInfo, 'camera_info', qos.LIST).publish(
         camera_to_message(CAMERA, header))
-    tracks = probe.speak(PointCloud2, 'tracks', qos.LIST)
+    tracks = probe.advertise(PointCloud2, 'tracks', qos.LIST)
     q = quaternion_from_pointing(*np.radians([84.0, 0.0, 20.0]))
     seen, hip = star_list(ONBOARD, CAMERA, q, 0.1, np.random.default_rng(3))
     count, zero = len(hip), np.zeros(len(hip))

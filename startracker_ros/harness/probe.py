@@ -1,0 +1,197 @@
+"""A node that observes others: collects messages by topic, publishes, calls services, waits."""
+
+from collections import Counter, defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import numpy as np
+from rclpy.client import Client
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from startracker_ros.harness.processes import HarnessError
+
+_SPIN_S = 0.05
+_DISCOVERY_S = 0.3
+_REPEAT_REQUEST_S = 3.0
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """A status of /diagnostics and when it was received (monotonic clock)."""
+
+    received_s: float
+    status: DiagnosticStatus
+
+    @property
+    def node(self) -> str:
+        """Return the name of the node, the part of the status name before the colon."""
+        return self.status.name.partition(':')[0]
+
+
+class Progress:
+    """Measures how long a count has not increased."""
+
+    def __init__(self, stall_s: float) -> None:
+        self.count = 0
+        self._stall_s = stall_s
+        self._increased_s = time.monotonic()
+
+    def is_stalled(self, count: int) -> bool:
+        """Return whether the count has not increased for stall_s."""
+        if count > self.count:
+            self.count, self._increased_s = count, time.monotonic()
+        return time.monotonic() - self._increased_s > self._stall_s
+
+
+class Probe(Node):
+    """
+    Collects messages by topic, publishes, calls services and waits with a deadline.
+
+    requests counts the requests by service, those that were repeated included.
+
+    HarnessError when a wait exceeds its time limit, timeout_s by default; the text names
+    log_folder.
+    """
+
+    def __init__(self, name: str, *, context: Context | None = None, namespace: str = '',
+                 timeout_s: float = 30.0, log_folder: Path | None = None) -> None:
+        super().__init__(name, context=context, namespace=namespace)
+        self.received: dict[str, list[Any]] = defaultdict(list)
+        self.diagnostics: list[Diagnostic] = []
+        self.requests: Counter[str] = Counter()
+        self._timeout_s = timeout_s
+        self._log_folder = log_folder
+        self._service_clients: dict[str, Client] = {}
+        self._spinner = SingleThreadedExecutor(context=context)
+        self._spinner.add_node(self)
+
+    def destroy_node(self) -> None:
+        """Remove the node from its executor and from DDS."""
+        self._spinner.remove_node(self)
+        self._spinner.shutdown()
+        super().destroy_node()
+
+    # --- messages and services ---
+
+    def collect(self, message_type: type, topic: str, profile: Any = 10) -> None:
+        """Append every message of a topic to received[topic]."""
+        self.create_subscription(message_type, topic, self.received[topic].append, profile)
+
+    def subscribe_with_info(self, message_type: type, topic: str,
+                            callback: Callable[[Any, dict[str, int]], None], profile: Any
+                            ) -> None:
+        """Call back with each message and its source_timestamp and received_timestamp, in ns."""
+        # The type hint of rclpy allows callbacks of one argument only.
+        self.create_subscription(
+            message_type, topic, callback, profile)  # type: ignore[arg-type]
+
+    def collect_diagnostics(self) -> None:
+        """Append every message of /diagnostics to received, and each status to diagnostics."""
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self.received['/diagnostics'].append(message)
+        now_s = time.monotonic()
+        self.diagnostics += [Diagnostic(now_s, status) for status in message.status]
+
+    def advertise(self, message_type: type, topic: str, profile: Any = 10, *,
+                  subscribers: int = 1) -> Publisher:
+        """Return a publisher once that many subscribers match."""
+        publisher = self.create_publisher(message_type, topic, profile)
+        self.wait(lambda: publisher.get_subscription_count() >= subscribers,
+                  f'{subscribers} subscribers of {topic}')
+        # The match on the side of the subscriber may come a little later.
+        self.spin_for(_DISCOVERY_S)
+        return publisher
+
+    def call(self, service_type: type, name: str, request: Any, timeout_s: float | None = None
+             ) -> Any:
+        """
+        Return the response of a service to an idempotent request.
+
+        A service that has not discovered the reader of its client yet drops the response, so
+        the request is repeated every few seconds.
+        """
+        if name not in self._service_clients:
+            self._service_clients[name] = self.create_client(service_type, name)
+        client = self._service_clients[name]
+        self.wait(client.service_is_ready, f'service {name}', timeout_s)
+        futures: list[Any] = []
+        repeat_s = 0.0
+
+        def done() -> Any:
+            nonlocal repeat_s
+            if time.monotonic() > repeat_s:
+                futures.append(client.call_async(request))
+                self.requests[name] += 1
+                repeat_s = time.monotonic() + _REPEAT_REQUEST_S
+            return next((future for future in futures if future.done()), None)
+        return self.wait(done, f'response of {name}', timeout_s).result()
+
+    # --- time ---
+
+    def spin_once(self, timeout_s: float) -> None:
+        """Process one message, if one comes in time."""
+        self._spinner.spin_once(timeout_sec=timeout_s)
+
+    def spin_for(self, seconds: float) -> None:
+        """Process messages for a time."""
+        self.spin_until(lambda: False, seconds)
+
+    def spin_until(self, condition: Callable[[], Any], timeout_s: float) -> Any:
+        """Process messages until a condition is true or the time is up; return its value."""
+        deadline_s = time.monotonic() + timeout_s
+        while not (value := condition()) and time.monotonic() < deadline_s:
+            self.spin_once(_SPIN_S)
+        return value
+
+    def wait(self, condition: Callable[[], Any], what: str, timeout_s: float | None = None
+             ) -> Any:
+        """Return the value of a condition once it is true; HarnessError after the time limit."""
+        timeout_s = self._timeout_s if timeout_s is None else timeout_s
+        value = self.spin_until(condition, timeout_s)
+        if not value:
+            counts = {topic: len(messages) for topic, messages in self.received.items()}
+            raise HarnessError(f'{what}: not within {timeout_s:g} s; received {counts}, '
+                               f'diagnostics {self.conditions()}: see {self._log_folder}')
+        return value
+
+    # --- diagnostics ---
+
+    def statuses(self) -> list[DiagnosticStatus]:
+        """Return all statuses received, oldest first."""
+        return [diagnostic.status for diagnostic in self.diagnostics]
+
+    def conditions(self) -> list[str]:
+        """Return the distinct texts of the statuses received."""
+        return list(dict.fromkeys(f'{s.name}: {s.message}' for s in self.statuses()))
+
+    def find_diagnostic(self, text: str, *, node: str = '', since_s: float = 0.0
+                        ) -> Diagnostic | None:
+        """Return the first diagnostic that contains a text, of one node or of any."""
+        return next((diagnostic for diagnostic in self.diagnostics
+                     if diagnostic.received_s >= since_s and node in ('', diagnostic.node)
+                     and text in diagnostic.status.message), None)
+
+    def wait_diagnostic(self, text: str, timeout_s: float | None = None) -> DiagnosticStatus:
+        """Return the first status that contains a text; HarnessError after the time limit."""
+        return self.wait(lambda: self.find_diagnostic(text), f'diagnostic {text!r}',
+                         timeout_s).status
+
+    def diagnostic_value(self, name: str, key: str, hardware_id: str = '') -> str | None:
+        """Return the newest value of a key in the statuses of a name, None without one."""
+        status = next((status for status in reversed(self.statuses()) if status.name == name
+                       and hardware_id in ('', status.hardware_id)), None)
+        return status and {value.key: value.value for value in status.values}.get(key)
+
+    def longest_silence_s(self, node: str, since_s: float) -> float:
+        """Return the longest time without a diagnostic of a node, until now."""
+        times_s = [since_s, *(diagnostic.received_s for diagnostic in self.diagnostics
+                              if diagnostic.received_s >= since_s and diagnostic.node == node)]
+        return float(np.diff([*times_s, time.monotonic()]).max())
