@@ -8,10 +8,11 @@ import numpy as np
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.detection import Peaks
 from startracker_ros.centroid.frame import Frame, prepare
-from startracker_ros.centroid.gaussian_fit import Fit, fit_stars, FLUX, SIGMA, U, V
+from startracker_ros.centroid.gaussian_fit import Fit, fit_stars
 from startracker_ros.centroid.moments import Segmentation, weighted_means, WEIGHTS
 from startracker_ros.centroid.noise import first_noise_model
 from startracker_ros.centroid.noise_fit import refine_noise_model
+from startracker_ros.centroid.psf import FLUX, SIGMA, U, V
 from startracker_ros.centroid.shape import judge_shape, lone_pixels, repeated, streaks
 from startracker_ros.centroid.windows import Windows
 from startracker_ros.compiled import compiled
@@ -279,8 +280,8 @@ def _significance(fit: Fit) -> np.ndarray:
 
 def _centroids(fit: Fit) -> Centroids:
     """Return all fitted stars; a misfit beyond chance widens their errors."""
-    ratio = fit.chi2 / fit.freedom
-    misfit = np.where(ratio > 1 + MISFIT * np.sqrt(2 / fit.freedom), np.sqrt(ratio), 1.0)
+    ratio = fit.chi2 / fit.dof
+    misfit = np.where(ratio > 1 + MISFIT * np.sqrt(2 / fit.dof), np.sqrt(ratio), 1.0)
     place = fit.covariance[:, U, U] + fit.covariance[:, V, V]
     return Centroids(fit.parameters[:, :V + 1], fit.parameters[:, FLUX],
                      _significance(fit) / misfit, misfit * np.sqrt(place / 2))

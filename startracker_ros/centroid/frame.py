@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.centroid.background import measure_background, Mesh
 from startracker_ros.centroid.detection import find_peaks, full_scale, Peaks, Search
-from startracker_ros.centroid.gaussian_fit import FLUX, SIGMA, U, V
+from startracker_ros.centroid.psf import FLUX, SIGMA, U, V
 from startracker_ros.centroid.smoothing import gaussian_kernel, Kernel
 from startracker_ros.centroid.windows import cut_windows, Windows
 

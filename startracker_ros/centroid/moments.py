@@ -9,8 +9,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.centroid.gaussian_fit import Fit, FLUX, LEVEL, profile, SIGMA
+from startracker_ros.centroid.gaussian_fit import Fit
 from startracker_ros.centroid.noise import NoiseModel, pixel_variance
+from startracker_ros.centroid.psf import FLUX, LEVEL, profile, SIGMA
 from startracker_ros.centroid.threshold import iterative_threshold
 from startracker_ros.centroid.windows import Windows
 from startracker_ros.compiled import compiled

@@ -4,7 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.centroid.gaussian_fit import Fit, FLUX, MOST_COLUMNS, profile, SIGMA, U, V
+from startracker_ros.centroid.gaussian_fit import Fit
+from startracker_ros.centroid.normal_equations import MAX_COLUMNS
+from startracker_ros.centroid.psf import FLUX, profile, SIGMA, U, V
 from startracker_ros.centroid.windows import Windows
 from startracker_ros.compiled import compiled, reordered
 
@@ -12,7 +14,7 @@ WIDTH_RATIO = 2.0  # the other hypotheses: half as wide, twice as wide
 MARGIN = 9.0  # of chi2, by which another width must be better
 MAX_ELONGATION = 0.4
 (LIGHT, LIGHT_Y, LIGHT_YY, SIZE, SIZE_YY, ERROR, ERROR_YY, ERROR_YYYY,
- SUMS) = range(0, 9 * MOST_COLUMNS, MOST_COLUMNS)
+ SUMS) = range(0, 9 * MAX_COLUMNS, MAX_COLUMNS)
 """Where the sums down the columns of a window begin, for its moments."""
 LONE_PIXEL = 0.3  # less light than this share of a pixel in the eight around it
 
