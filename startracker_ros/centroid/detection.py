@@ -120,7 +120,8 @@ def _search(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Threshold,
     weights, radius = kernel.weights, len(kernel.weights) - 1
     rows, limits = _empty_rows(width, radius), _limits(mesh, threshold, width)
     peaks, row_max = _empty_peaks(max_peaks), np.empty(height, image.dtype)
-    segments = np.empty(len(limits.begin) - 1, np.int64)
+    segments, maxima = np.empty(len(limits.begin) - 1, np.int64), np.empty(width, np.int64)
+    upper, middle, lower = rows.smooth[0], rows.smooth[1], rows.smooth[2]
     found = discs = 0
     for below in range(-radius, height):
         if below + radius < height:
@@ -131,39 +132,35 @@ def _search(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Threshold,
             continue
         v = below - 1
         interpolate_row(limits.mesh, (v + 0.5) * mesh.scale[0] + 0.5, limits.at_tile)
-        for k in range(_find_segments(rows.down[v % 3], kernel, limits, segments)):
-            if _smooth_segment(rows, weights, limits, segments[k], v):
-                new, large = _search_segment(image, kernel, mesh, rows, limits, segments[k], v,
-                                             ring, peaks, found)
-                found, discs = found + new, discs + large
+        above, line, under = rows.down[(v - 1) % 3], rows.down[v % 3], rows.down[below % 3]
+        for k in range(_find_segments(line, kernel, limits, segments)):
+            first, end = limits.begin[segments[k]], limits.begin[segments[k] + 1]
+            filter_across(line, weights, first - 1, end + 1, middle)
+            if not _reaches(middle, first, end, _lowest(limits, segments[k])):
+                continue
+            filter_across(above, weights, first - 1, end + 1, upper)
+            filter_across(under, weights, first - 1, end + 1, lower)
+            for m in range(_find_maxima(rows.smooth, limits, segments[k], mesh.scale[1], maxima)):
+                large = _measure_peak(image, kernel, mesh, rows.smooth, ring, maxima[m], v, found,
+                                      peaks)
+                found, discs = found + (not large), discs + large
     return peaks, found, discs, row_max
 
 
 @compiled
-def _search_segment(image: np.ndarray, kernel: Kernel, mesh: Mesh, rows: _Rows, limits: _Limits,
-                    j: int, v: int, ring: np.ndarray, peaks: Peaks, found: int
-                    ) -> tuple[int, int]:
-    """Put the peaks of segment j of row v into peaks from slot `found` on; count peaks, discs."""
-    new = discs = 0
-    left, right = limits.at_tile[j], limits.at_tile[j + 1]
-    lowest = np.float32(min(left, right))
-    for u in range(limits.begin[j], limits.begin[j + 1]):
-        here = rows.smooth[1, u]
-        if here < lowest:
-            continue
-        x = (u + 0.5) * mesh.scale[1] + 0.5 - j
-        if here > (1 - x) * left + x * right and _is_maximum(rows.smooth, u):
-            level, noise = background_at(mesh, u, v)
-            if not _dark_around(image, kernel, u, v, here - level, level, ring):
-                discs += 1
-                continue
-            slot = found + new
-            if slot < len(peaks.height):
-                peaks.uv[slot], peaks.top[slot] = (u, v), _top_offset(rows.smooth, u)
-                peaks.height[slot], peaks.level[slot] = here - level, level
-                peaks.noise[slot] = noise
-            new += 1
-    return new, discs
+def _measure_peak(image: np.ndarray, kernel: Kernel, mesh: Mesh, smooth: np.ndarray,
+                  ring: np.ndarray, u: int, v: int, slot: int, peaks: Peaks) -> bool:
+    """Return whether the peak at pixel u, v is of something large; if not, put it into a slot."""
+    level, noise = background_at(mesh, u, v)
+    height = smooth[1, u] - level
+    if not _dark_around(image, kernel, u, v, height, level, ring):
+        return True
+    if slot < len(peaks.height):
+        peaks.uv[slot, 0], peaks.uv[slot, 1] = u, v
+        peaks.top[slot, 0] = _parabola(smooth[1, u - 1], smooth[1, u], smooth[1, u + 1])
+        peaks.top[slot, 1] = _parabola(smooth[0, u], smooth[1, u], smooth[2, u])
+        peaks.height[slot], peaks.level[slot], peaks.noise[slot] = height, level, noise
+    return False
 
 
 @compiled
@@ -235,8 +232,8 @@ def _may_reach(line: np.ndarray, begin: int, end: int, least: float, margin: flo
     """
     Return whether in line[begin:end] a pixel reaches least + margin, a pair least - below.
 
-    A pair is the mean of two neighbours. It is one comparison of sums of two: the neighbour counts as no less than what a pixel at
-    least + margin lacks.
+    A pair is the mean of two neighbours. One comparison does both: a pixel is added to its
+    neighbour, which counts as no less than what a pixel of least + margin needs beside it.
     """
     least -= ROUNDING * abs(least)
     pair = np.float32(2 * (least - below))
@@ -250,21 +247,9 @@ def _may_reach(line: np.ndarray, begin: int, end: int, least: float, margin: flo
 
 
 @compiled
-def _smooth_segment(rows: _Rows, weights: np.ndarray, limits: _Limits, j: int, v: int) -> bool:
-    """
-    Fill rows.smooth with segment j of rows v - 1, v and v + 1, one pixel more on each side.
-
-    Returns False, with row v alone filled, where none of its pixels reaches the lower end of
-    the threshold.
-    """
-    first, end = limits.begin[j], limits.begin[j + 1]
-    filter_across(rows.down[v % 3], weights, first - 1, end + 1, rows.smooth[1])
-    lowest = np.float32(min(limits.at_tile[j], limits.at_tile[j + 1]))
-    if not _reaches(rows.smooth[1], first, end, lowest):
-        return False
-    filter_across(rows.down[(v - 1) % 3], weights, first - 1, end + 1, rows.smooth[0])
-    filter_across(rows.down[(v + 1) % 3], weights, first - 1, end + 1, rows.smooth[2])
-    return True
+def _lowest(limits: _Limits, j: int) -> np.float32:
+    """Return the lower end of the threshold in segment j."""
+    return np.float32(min(limits.at_tile[j], limits.at_tile[j + 1]))
 
 
 @compiled
@@ -274,6 +259,22 @@ def _reaches(line: np.ndarray, begin: int, end: int, lowest: np.float32) -> bool
     for k in range(np.uintp(begin), np.uintp(end)):
         reached |= line[k] >= lowest
     return reached
+
+
+@compiled
+def _find_maxima(smooth: np.ndarray, limits: _Limits, j: int, tiles_per_px: float,
+                 maxima: np.ndarray) -> int:
+    """Fill maxima with the columns of the peaks in segment j of a row; return their number."""
+    count, left, right = 0, limits.at_tile[j], limits.at_tile[j + 1]
+    lowest = _lowest(limits, j)
+    for k in range(np.uintp(limits.begin[j]), np.uintp(limits.begin[j + 1])):
+        if smooth[1, k] >= lowest:
+            u = np.int64(k)
+            x = (u + 0.5) * tiles_per_px + 0.5 - j
+            if smooth[1, u] > (1 - x) * left + x * right and _is_maximum(smooth, u):
+                maxima[count] = u
+                count += 1
+    return count
 
 
 @compiled
@@ -288,13 +289,6 @@ def _is_maximum(smooth: np.ndarray, u: int) -> bool:
     return (here > smooth[1, u - 1] and here >= smooth[1, u + 1]
             and here > smooth[0, u - 1] and here > smooth[0, u] and here > smooth[0, u + 1]
             and here >= smooth[2, u - 1] and here >= smooth[2, u] and here >= smooth[2, u + 1])
-
-
-@compiled
-def _top_offset(smooth: np.ndarray, u: int) -> tuple[float, float]:
-    """Return how far across and down from pixel u the top of the middle of rows (3, W) is."""
-    return (_parabola(smooth[1, u - 1], smooth[1, u], smooth[1, u + 1]),
-            _parabola(smooth[0, u], smooth[1, u], smooth[2, u]))
 
 
 @compiled
@@ -325,9 +319,9 @@ def full_scale(image: np.ndarray, row_max: np.ndarray, background_dn: float) -> 
     """
     Return the DN at which the image saturates, infinity when nothing in it is saturated.
 
-    row_max (H,) are the brightest pixels of the rows. The brightest pixel is at full scale when it has the largest value of the type or of a
-    10, 12 or 14 bit camera (in the low or the high bits), or when it belongs to a flat top,
-    as it does where a camera clips at a lower level.
+    row_max (H,) are the brightest pixels of the rows. The brightest pixel is at full scale when
+    it has the largest value of the type or of a 10, 12 or 14 bit camera (in the low or the high
+    bits), or when it belongs to a flat top, as where a camera clips at a lower level.
     """
     brightest, bits = int(row_max.max()), 8 * image.dtype.itemsize
     if brightest == 2 ** bits - 1:

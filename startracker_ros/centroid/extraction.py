@@ -210,7 +210,7 @@ def _significance(fit: Fit) -> np.ndarray:
 
 
 def _centroids(fit: Fit) -> Centroids:
-    """Return all fitted stars; a misfit beyond chance inflates their errors by sqrt(chi2 / dof)."""
+    """Return all fitted stars; a misfit beyond chance inflates errors by sqrt(chi2 / dof)."""
     ratio = fit.chi2 / fit.dof
     inflation = np.where(ratio > 1 + MISFIT * np.sqrt(2 / fit.dof), np.sqrt(ratio), 1.0)
     variance = (fit.covariance[:, U, U] + fit.covariance[:, V, V]) / 2

@@ -46,7 +46,7 @@ class Frame:
         return bool(2 * np.count_nonzero(rows == self.full_scale_dn) > self.image.size)
 
     def windows(self, peaks: Peaks, sigma_px: float) -> tuple[Windows, np.ndarray]:
-        """Return windows for stars of this width at K peaks; initial parameters (K, 5) of their fit."""
+        """Return windows for stars of this width at K peaks, and initial parameters (K, 5)."""
         radius = max(MIN_RADIUS_PX, int(np.ceil(RADIUS_SIGMAS * sigma_px)))
         start = np.zeros((len(peaks.uv), 5))
         start[:, [U, V]] = peaks.uv + peaks.top

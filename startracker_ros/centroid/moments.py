@@ -119,8 +119,10 @@ def _add_error(error: float, kind: int, light: np.ndarray, used: np.ndarray, noi
     """
     Return error plus the expected square error, of both axes, of a star of light (n, n) at u, v.
 
-    With the mean E_k and the variance V_k of the weight of pixel k, and the mean position
-    x = sum(x_k E_k) / sum(E_k) it is bias and noise, (x - u)^2 + sum((x_k - x)^2 V_k) / sum(E_k)^2.
+    Per axis it is the bias and the noise of the mean, E_k the mean and V_k the variance of the
+    weight of pixel k:
+
+        (x - u)^2 + sum((x_k - x)^2 V_k) / sum(E_k)^2,  x = sum(x_k E_k) / sum(E_k)
     """
     count = len(light)
     weight_variance = np.empty((count, count))

@@ -19,7 +19,7 @@ class NoiseModel(NamedTuple):
 
 @compiled
 def pixel_variance(noise: NoiseModel, background: float, light: float) -> float:
-    """Return the variance in DN^2 of a pixel with light in DN above a background of this variance."""
+    """Return the variance in DN^2 of a pixel with this light in DN and background variance."""
     light = max(light, 0.0)
     return background + light * (noise.gain_dn + noise.model_error ** 2 * light)
 

@@ -32,15 +32,16 @@ def _refine(noise: NoiseModel, fit: Fit, windows: Windows, chosen: np.ndarray
     square, light, background = _pixels(fit, windows, chosen)
     gain, model_error, prior = noise.gain_dn, noise.model_error, noise.gain_dn
     for _ in range(ITERATIONS):
+        # Normal equations [a b; b c] [gain, model_error^2] = [p q].
         a, b, c = PRIOR_PIXELS / prior ** 2, 0.0, 0.0
         p, q = PRIOR_PIXELS / prior, 0.0
         for k in range(len(square)):
             variance = background[k] + light[k] * (gain + model_error ** 2 * light[k])
             excess = min(square[k], OUTLIER * variance) - background[k]
-            first = light[k] / variance
-            second, excess = light[k] * first, excess / variance
-            a, b, c = a + first * first, b + first * second, c + second * second
-            p, q = p + first * excess, q + second * excess
+            d_gain = light[k] / variance
+            d_error, excess = light[k] * d_gain, excess / variance
+            a, b, c = a + d_gain * d_gain, b + d_gain * d_error, c + d_error * d_error
+            p, q = p + d_gain * excess, q + d_error * excess
         gain, model_error = _solve(a, b, c, p, q)
     return gain, model_error
 
@@ -83,13 +84,13 @@ def _leverage(fit: Fit, windows: Windows, i: int, columns: np.ndarray, rows: np.
     profile(star[V], star[SIGMA], windows.corner[i, 1], rows)
     for y in range(h.shape[0]):
         # J C J^T is a quadratic form in a_u, a and 1, with coefficients of the row.
-        u, v, f = star[FLUX] * rows[SHARE, y], star[FLUX] * rows[D_CENTRE, y], float(
-            rows[SHARE, y])
-        c_uu, c_ua = np.float32(u * u * c[U, U]), np.float32(
-            2 * u * (v * c[U, V] + f * c[U, FLUX]))
-        c_aa = np.float32(v * v * c[V, V] + 2 * v * f * c[V, FLUX] + f * f * c[FLUX, FLUX])
-        c_u1, c_11 = np.float32(2 * u * c[U, LEVEL]), np.float32(c[LEVEL, LEVEL])
-        c_a1 = np.float32(2 * (v * c[V, LEVEL] + f * c[FLUX, LEVEL]))
+        d = float(rows[SHARE, y])
+        fd, fdv = star[FLUX] * rows[SHARE, y], star[FLUX] * rows[D_CENTRE, y]
+        c_uu = np.float32(fd * fd * c[U, U])
+        c_ua = np.float32(2 * fd * (fdv * c[U, V] + d * c[U, FLUX]))
+        c_aa = np.float32(fdv * fdv * c[V, V] + 2 * fdv * d * c[V, FLUX] + d * d * c[FLUX, FLUX])
+        c_u1, c_11 = np.float32(2 * fd * c[U, LEVEL]), np.float32(c[LEVEL, LEVEL])
+        c_a1 = np.float32(2 * (fdv * c[V, LEVEL] + d * c[FLUX, LEVEL]))
         for x in range(h.shape[1]):
             a, a_u = columns[SHARE, x], columns[D_CENTRE, x]
             total = a_u * (c_uu * a_u + c_ua * a + c_u1) + a * (c_aa * a + c_a1) + c_11
@@ -98,7 +99,7 @@ def _leverage(fit: Fit, windows: Windows, i: int, columns: np.ndarray, rows: np.
 
 @fused
 def _solve(a: float, b: float, c: float, p: float, q: float) -> tuple[float, float]:
-    """Return x and sqrt(y) of the least squares solution of [a b; b c] [x y] = [p q], x, y >= 0."""
+    """Return x and sqrt(y) that solve [a b; b c] [x y] = [p q] best with x, y >= 0."""
     determinant = a * c - b * b
     if determinant > 0:
         x, y = (c * p - b * q) / determinant, (a * q - b * p) / determinant

@@ -51,7 +51,7 @@ def classify_shapes(fit: Fit, windows: Windows) -> Shape:
     Spots connected to an elongated one by neighbours are part of it: the fit of neighbours in
     turns cuts a long streak into round pieces.
     """
-    return Shape(*_test_widths(fit, windows), _grow(streaks(fit, windows), windows))
+    return _classify(fit, windows)
 
 
 @compiled
@@ -62,6 +62,12 @@ def streaks(fit: Fit, windows: Windows) -> np.ndarray:
     for i in range(len(streak)):
         streak[i] = _elongated(fit, windows, i, across, sums)
     return streak
+
+
+@compiled
+def _classify(fit: Fit, windows: Windows) -> Shape:
+    narrow, wide = _test_widths(fit, windows)
+    return Shape(narrow, wide, _grow(streaks(fit, windows), windows))
 
 
 @compiled
@@ -143,10 +149,7 @@ def _elongated(fit: Fit, windows: Windows, i: int, across: np.ndarray, sums: np.
     for m in range(across.shape[1]):
         x = windows.corner[i, 0] + m - star[U]
         across[0, m], across[1, m] = x, math.exp(-x * x * per_width)
-    sums[:] = 0
-    for k in range(windows.data.shape[1]):
-        y = windows.corner[i, 1] + k - star[V]
-        _add_moments(fit, i, k, np.float32(y), np.float32(math.exp(-y * y * per_width)), sums)
+    _set_moments(fit, windows, i, per_width, sums)
     straight = oblique = size = variance = np.float32(0)
     for m in range(across.shape[1]):
         x, g = across[0, m], across[1, m]
@@ -156,26 +159,30 @@ def _elongated(fit: Fit, windows: Windows, i: int, across: np.ndarray, sums: np.
         size += g * (xx * sums[SIZE_0 + m] + sums[SIZE_YY + m])
         variance += g * g * (xx * (xx * sums[VAR_0 + m] + sums[VAR_YY + m]
                                    + sums[VAR_YY + m]) + sums[VAR_YYYY + m])
-    return (math.hypot(straight, np.float32(2) * oblique)
-            > MAX_ELONGATION * size + 3 * math.sqrt(variance / 2))
+    return bool(math.hypot(straight, np.float32(2) * oblique)
+                > MAX_ELONGATION * size + 3 * math.sqrt(variance / 2))
 
 
 @reordered
-def _add_moments(fit: Fit, i: int, k: int, y: np.float32, g: np.float32, sums: np.ndarray
-                 ) -> None:
-    """Add row k of window i, at y and of weight g, to the sums over y of each column."""
-    none, yy = np.float32(0), y * y
-    for m in range(fit.own.shape[2]):
-        weight, own, light = fit.weight[i, k, m], fit.own[i, k, m], fit.light[i, k, m]
-        used = g if weight > none else none
-        variance = used * used / weight if weight > none else none
-        size = used * (own if own > light else light)
-        own *= used
-        sums[M_0 + m] += own
-        sums[M_Y + m] += own * y
-        sums[M_YY + m] += own * yy
-        sums[SIZE_0 + m] += size
-        sums[SIZE_YY + m] += size * yy
-        sums[VAR_0 + m] += variance
-        sums[VAR_YY + m] += variance * yy
-        sums[VAR_YYYY + m] += variance * yy * yy
+def _set_moments(fit: Fit, windows: Windows, i: int, per_width: float, sums: np.ndarray) -> None:
+    """Fill the sums over y of each column of window i."""
+    sums[:] = 0
+    none = np.float32(0)
+    for k in range(fit.own.shape[1]):
+        down = windows.corner[i, 1] + k - fit.parameters[i, V]
+        g, y = np.float32(math.exp(-down * down * per_width)), np.float32(down)
+        yy = y * y
+        for m in range(fit.own.shape[2]):
+            weight, own, light = fit.weight[i, k, m], fit.own[i, k, m], fit.light[i, k, m]
+            used = g if weight > none else none
+            variance = used * used / weight if weight > none else none
+            size = used * (own if own > light else light)
+            own *= used
+            sums[M_0 + m] += own
+            sums[M_Y + m] += own * y
+            sums[M_YY + m] += own * yy
+            sums[SIZE_0 + m] += size
+            sums[SIZE_YY + m] += size * yy
+            sums[VAR_0 + m] += variance
+            sums[VAR_YY + m] += variance * yy
+            sums[VAR_YYYY + m] += variance * yy * yy

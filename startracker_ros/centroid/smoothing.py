@@ -9,7 +9,7 @@ from startracker_ros.compiled import compiled, fused
 
 class Kernel(NamedTuple):
     """
-    A Gaussian along rows and columns; weights (r + 1,) float32 are its middle and one side, r even.
+    A Gaussian along rows and columns; weights (r + 1,) float32: its middle and one side, r even.
 
     noise_gain is the ratio of white noise after to before the filter. pairs is the share of the
     weights along a line that can be written as means of two neighbours.

@@ -32,7 +32,7 @@ class Windows(NamedTuple):
         return self.data.shape[1] // 2
 
     def select(self, chosen: np.ndarray) -> 'Windows':
-        """Return the windows of chosen (K,) bool; the other stars no longer count as neighbours."""
+        """Return the windows of chosen (K,) bool; other stars no longer count as neighbours."""
         if chosen.all():
             return self
         corner = self.corner[chosen]
