@@ -267,9 +267,8 @@ def _find_maxima(smooth: np.ndarray, limits: _Limits, j: int, tiles_per_px: floa
     """Fill maxima with the columns of the peaks in segment j of a row; return their number."""
     count, left, right = 0, limits.at_tile[j], limits.at_tile[j + 1]
     lowest = _lowest(limits, j)
-    for k in range(np.uintp(limits.begin[j]), np.uintp(limits.begin[j + 1])):
-        if smooth[1, k] >= lowest:
-            u = np.int64(k)
+    for u in range(limits.begin[j], limits.begin[j + 1]):
+        if smooth[1, u] >= lowest:
             x = (u + 0.5) * tiles_per_px + 0.5 - j
             if smooth[1, u] > (1 - x) * left + x * right and _is_maximum(smooth, u):
                 maxima[count] = u

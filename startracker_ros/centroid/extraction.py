@@ -43,8 +43,8 @@ class ExtractionOptions(Options):
     """Options of the centroid extraction."""
 
     threshold: str = option(
-        'sigma', 'pixels of a star: above 3 times their noise; above threshold_dn, which is then '
-        'the detection threshold too; or above the iterative threshold of the star\'s window',
+        'sigma', 'threshold of the pixels of a star: sigma: 3 times their noise; fixed: '
+        'threshold_dn, for detection too; iterative: computed in the window of the star',
         choices=('sigma', 'fixed', 'iterative'))
     threshold_sigma: float = option(
         5.5, 'detection threshold above the local background, in standard deviations of the '
