@@ -25,7 +25,7 @@ class Threshold(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The threshold in words."""
+        """Return the threshold with its unit."""
         return f'{self.dn:.1f} DN' if self.dn > 0 else f'{self.sigmas:g} sigma'
 
 

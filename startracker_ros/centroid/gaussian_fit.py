@@ -173,7 +173,7 @@ def _set_model(fit: Fit, windows: Windows, i: int, noise: NoiseModel, work: _Wor
 @fused
 def _variance(background: np.float32, gain: np.float32, square: np.float32, light: np.float32
               ) -> np.float32:
-    """Return noise.pixel_variance() in float32; square is that of the model error."""
+    """Return the pixel variance of noise.py in float32; square is model_error squared."""
     none = np.float32(0)
     light = light if light > none else none
     return background + light * (gain + square * light)

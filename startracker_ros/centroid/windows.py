@@ -39,7 +39,6 @@ class Windows(NamedTuple):
         return Windows(self.data[chosen], self.used[chosen], corner, self.variance[chosen],
                        *_neighbours(corner, self.data.shape[1]))
 
-
     def saturated_cores(self) -> np.ndarray:
         """Return the number (K,) of unused pixels within CORE_RADIUS_PX of the peaks."""
         return _count_unused(self.used, CORE_RADIUS_PX)
