@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from scipy.special import erf
-from startracker_ros.camera import Camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.background import TILE_PX
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
-from startracker_ros.rotation import conjugate, rotate
+from startracker_ros.maths.rotation import conjugate, rotate
 
 SKY_E, READ_E, GAIN_E_PER_DN, OFFSET_DN = 200.0, 10.0, 1.5, 100.0
 # Enough for the crowded fields here; the default keeps to what a star tracker follows.
