@@ -1,18 +1,32 @@
-"""Where stars may be: peaks of the smoothed image, and the full scale of the camera."""
+"""Detection of stars as peaks of the smoothed image, and the full scale of the camera."""
 
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.centroid.background import across_mesh, background_at, Mesh
+from startracker_ros.centroid.background import background_at, interpolate_row, Mesh
 from startracker_ros.centroid.smoothing import filter_across, filter_down, filtered_at, Kernel
 from startracker_ros.compiled import compiled
 
+PX_PER_PEAK = 400  # more peaks than one in so many pixels are noise, not stars
+FEW_PEAKS = 100  # never too many
 ROUNDING = 1e-6  # relative, of a mean in float32
 PLATEAU_DN = 64  # a flat top lower than this may be rounding, not saturation
-RING_SIGMAS = 4.0  # around a peak it is dark again,
-RING_LIGHT = 0.5  # less than this share of the peak in half of the directions
+RING_SIGMAS = 4.0  # radius of a ring around a peak,
+RING_LIGHT = 0.5  # half of which is darker than this share of the peak
 _ANGLES = np.arange(8) * np.pi / 4
 _DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], 1)
+
+
+class Threshold(NamedTuple):
+    """Height of a peak above the background: `sigmas` of the noise, and no less than dn."""
+
+    sigmas: float
+    dn: float
+
+    @property
+    def text(self) -> str:
+        """Return the threshold with its unit."""
+        return f'{self.dn:.1f} DN' if self.dn > 0 else f'{self.sigmas:g} sigma'
 
 
 class Peaks(NamedTuple):
@@ -20,7 +34,7 @@ class Peaks(NamedTuple):
     K peaks, highest first: uv (K, 2) int; height, level, noise (K,) of the smoothed image.
 
     height and level in DN, the height above the level; noise 1 sigma in DN. top (K, 2) px is
-    how far from uv a parabola through the peak and its neighbours has its top.
+    the offset from uv to the top of a parabola through the peak and its neighbours.
     """
 
     uv: np.ndarray
@@ -37,143 +51,189 @@ class Peaks(NamedTuple):
 
 class Search(NamedTuple):
     """
-    What a search found: peaks; the number of all, listed or not, and of those left out.
+    Result of a search: peaks; found, the number of all peaks, listed or not.
 
-    tops (H,) are the brightest pixels of the rows.
+    discs counts the peaks left out because they belong to something large, such as the Moon.
+    row_max (H,) are the brightest pixels of the rows.
     """
 
     peaks: Peaks
     found: int
     discs: int
-    tops: np.ndarray
+    row_max: np.ndarray
+
+    @property
+    def too_many(self) -> bool:
+        """Whether there are more peaks than an image of stars can have."""
+        return self.found > len(self.peaks.uv)
 
 
-def find_peaks(image: np.ndarray, kernel: Kernel, mesh: Mesh, sigmas: float, least_dn: float,
-               most: int) -> Search:
+class _Rows(NamedTuple):
     """
-    Return the local maxima of image (H, W) after smoothing.
+    Ring buffers of a search down the image, float32; row v is at v modulo their length.
 
-    A maximum is `sigmas` of noise and least_dn above the background. No more than `most` are
-    listed. Left out are those within or on the rim of something bright and large, such as the
-    Moon, whose noise would otherwise make more peaks than the sky has stars.
+    image (2 r + 1, W); down (3, W + 2 r): filtered along the columns, r px longer on each side.
+    smooth (3, W) is no ring: rows v - 1, v, v + 1 filtered along both axes, where needed.
+    """
+
+    image: np.ndarray
+    down: np.ndarray
+    smooth: np.ndarray
+
+
+class _Limits(NamedTuple):
+    """
+    Detection threshold, in DN of the smoothed image.
+
+    mesh (rows + 2, columns + 2) has a value per tile. at_tile (N,), N = columns + 2, are its
+    values in one row, at the middles of the tiles. Segment j of a row, of the N - 1, is
+    between the middles of tiles j and j + 1, where the threshold is a straight line: pixels
+    begin[j] to begin[j + 1] - 1. margin is the median height of the threshold above the level.
+    """
+
+    mesh: np.ndarray
+    at_tile: np.ndarray
+    begin: np.ndarray
+    margin: float
+
+
+def find_peaks(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Threshold) -> Search:
+    """
+    Return the local maxima of image (H, W) after smoothing that exceed the threshold.
+
+    No more are listed than an image of stars can have. Peaks within or on the rim of something
+    bright and large, such as the Moon, are left out: its noise would otherwise make more peaks
+    than the sky has stars.
     """
     ring = np.rint(RING_SIGMAS * kernel.sigma_px * _DIRECTIONS).astype(np.int64)
-    columns, found, discs, tops = _scan(image, kernel, mesh, sigmas, least_dn, ring, most)
-    peaks = Peaks(*columns)
-    return Search(peaks.select(np.argsort(-peaks.height, kind='stable')), found, discs, tops)
+    max_peaks = max(FEW_PEAKS, image.size // PX_PER_PEAK)
+    peaks, found, discs, row_max = _search(image, kernel, mesh, threshold, ring, max_peaks)
+    order = np.argsort(-peaks.height[:found], kind='stable')
+    return Search(peaks.select(order), found, discs, row_max)
 
 
 @compiled
-def _scan(image: np.ndarray, kernel: Kernel, mesh: Mesh, sigmas: float, least_dn: float,
-          ring: np.ndarray, most: int) -> tuple[tuple[np.ndarray, ...], int, int, np.ndarray]:
-    """
-    Return the fields of Search, with the peaks in the order of the image.
-
-    A pixel must exceed the four neighbours before it and not fall below the four after
-    it, so that a flat top gives one peak. The outermost pixels are no peaks.
-    """
+def _search(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Threshold,
+            ring: np.ndarray, max_peaks: int) -> tuple[Peaks, int, int, np.ndarray]:
+    """Return the fields of Search, with the peaks in the order of the image."""
     height, width = image.shape
     weights, radius = kernel.weights, len(kernel.weights) - 1
-    rows = np.empty((2 * radius + 1, width), np.float32)
-    columns = np.empty((3, width + 2 * radius), np.float32)
-    smooth = np.empty((3, width), np.float32)
-    tops = np.empty(height, image.dtype)
-    uv, top = np.empty((most, 2), np.int64), np.empty((most, 2))
-    peak_dn, level_dn, noise_dn = np.empty(most), np.empty(most), np.empty(most)
-    count = discs = 0
-    threshold = mesh.level + np.maximum(sigmas * mesh.noise, least_dn)
-    margin = max(sigmas * mesh.median_noise, least_dn)
-    node = np.empty(threshold.shape[1])
-    middle = (np.arange(len(node)) + 0.5) / mesh.scale[1] - 0.5
-    end = np.ones(len(node), np.int64)
-    end[1:] = np.minimum(np.ceil(middle[:-1]), width - 1)
-    likely = np.empty(len(node), np.int64)
-    for v in range(min(radius, height)):
-        tops[v] = _take_in(image, v, rows)
-    for v in range(height):
-        if v + radius < height:
-            tops[v + radius] = _take_in(image, v + radius, rows)
-        filter_down(rows, weights, v, height, columns[v % 3])
-        if v < 2:
+    rows, limits = _empty_rows(width, radius), _limits(mesh, threshold, width)
+    peaks, row_max = _empty_peaks(max_peaks), np.empty(height, image.dtype)
+    segments, maxima = np.empty(len(limits.begin) - 1, np.int64), np.empty(width, np.int64)
+    upper, middle, lower = rows.smooth[0], rows.smooth[1], rows.smooth[2]
+    found = discs = 0
+    for below in range(-radius, height):
+        if below + radius < height:
+            row_max[below + radius] = _load_row(image, below + radius, rows.image)
+        if below >= 0:
+            filter_down(rows.image, weights, below, height, rows.down[below % 3])
+        if below < 2:
             continue
-        across_mesh(threshold, (v - 0.5) * mesh.scale[0] + 0.5, node)
-        before, line, after = columns[(v - 2) % 3], columns[(v - 1) % 3], columns[v % 3]
-        for k in range(_likely_pieces(line, kernel, node, end, margin, likely)):
-            j = likely[k]
-            lowest = np.float32(min(node[j], node[j + 1]))
-            filter_across(line, weights, end[j] - 1, end[j + 1] + 1, smooth[1])
-            if not _reaches(smooth[1], end[j], end[j + 1], lowest):
+        v = below - 1
+        interpolate_row(limits.mesh, (v + 0.5) * mesh.scale[0] + 0.5, limits.at_tile)
+        above, line, under = rows.down[(v - 1) % 3], rows.down[v % 3], rows.down[below % 3]
+        for k in range(_find_segments(line, kernel, limits, segments)):
+            first, end = limits.begin[segments[k]], limits.begin[segments[k] + 1]
+            filter_across(line, weights, first - 1, end + 1, middle)
+            if not _reaches(middle, first, end, _lowest(limits, segments[k])):
                 continue
-            filter_across(before, weights, end[j] - 1, end[j + 1] + 1, smooth[0])
-            filter_across(after, weights, end[j] - 1, end[j + 1] + 1, smooth[2])
-            for u in range(end[j], end[j + 1]):
-                here = smooth[1, u]
-                if here < lowest:
-                    continue
-                x = (u + 0.5) * mesh.scale[1] + 0.5 - j
-                if here > (1 - x) * node[j] + x * node[j + 1] and _is_top(smooth, u):
-                    level, noise = background_at(mesh, u, v - 1)
-                    if not _alone(image, kernel, u, v - 1, here - level, level, ring):
-                        discs += 1
-                        continue
-                    if count < most:
-                        uv[count] = u, v - 1
-                        top[count, 0] = _parabola(smooth[1, u - 1], here, smooth[1, u + 1])
-                        top[count, 1] = _parabola(smooth[0, u], here, smooth[2, u])
-                        peak_dn[count], level_dn[count] = here - level, level
-                        noise_dn[count] = noise
-                    count += 1
-    listed = min(count, most)
-    return ((uv[:listed], top[:listed], peak_dn[:listed], level_dn[:listed], noise_dn[:listed]),
-            count, discs, tops)
+            filter_across(above, weights, first - 1, end + 1, upper)
+            filter_across(under, weights, first - 1, end + 1, lower)
+            for m in range(_find_maxima(rows.smooth, limits, segments[k], mesh.scale[1], maxima)):
+                large = _measure_peak(image, kernel, mesh, rows.smooth, ring, maxima[m], v, found,
+                                      peaks)
+                found, discs = found + (not large), discs + large
+    return peaks, found, discs, row_max
 
 
 @compiled
-def _take_in(image: np.ndarray, v: int, rows: np.ndarray) -> int:
-    """Put row v of image into rows; return its brightest pixel."""
-    line, place = image[v], v % len(rows)
-    top = line[0]
+def _measure_peak(image: np.ndarray, kernel: Kernel, mesh: Mesh, smooth: np.ndarray,
+                  ring: np.ndarray, u: int, v: int, slot: int, peaks: Peaks) -> bool:
+    """Return whether the peak at pixel u, v is of something large; if not, put it into a slot."""
+    level, noise = background_at(mesh, u, v)
+    height = smooth[1, u] - level
+    if not _dark_around(image, kernel, u, v, height, level, ring):
+        return True
+    if slot < len(peaks.height):
+        peaks.uv[slot, 0], peaks.uv[slot, 1] = u, v
+        peaks.top[slot, 0] = _parabola(smooth[1, u - 1], smooth[1, u], smooth[1, u + 1])
+        peaks.top[slot, 1] = _parabola(smooth[0, u], smooth[1, u], smooth[2, u])
+        peaks.height[slot], peaks.level[slot], peaks.noise[slot] = height, level, noise
+    return False
+
+
+@compiled
+def _empty_peaks(count: int) -> Peaks:
+    return Peaks(np.empty((count, 2), np.int64), np.empty((count, 2)), np.empty(count),
+                 np.empty(count), np.empty(count))
+
+
+@compiled
+def _empty_rows(width: int, radius: int) -> _Rows:
+    return _Rows(np.empty((2 * radius + 1, width), np.float32),
+                 np.empty((3, width + 2 * radius), np.float32),
+                 np.empty((3, width), np.float32))
+
+
+@compiled
+def _limits(mesh: Mesh, threshold: Threshold, width: int) -> _Limits:
+    """Return the detection threshold of an image of this width; at_tile is not filled yet."""
+    tiles = mesh.level.shape[1]
+    middle = (np.arange(tiles) - 0.5) / mesh.scale[1] - 0.5
+    begin = np.ones(tiles, np.int64)
+    begin[1:] = np.minimum(np.ceil(middle[1:]), width - 1)
+    return _Limits(mesh.level + np.maximum(threshold.sigmas * mesh.noise, threshold.dn),
+                   np.empty(tiles), begin,
+                   max(threshold.sigmas * mesh.median_noise, threshold.dn))
+
+
+@compiled
+def _load_row(image: np.ndarray, v: int, rows: np.ndarray) -> int:
+    """Copy row v of image into the ring buffer rows (n, W); return its brightest pixel."""
+    line, row = image[v], v % len(rows)
+    brightest = line[0]
     for u in range(len(line)):
-        rows[place, u] = line[u]
-        top = max(top, line[u])
-    return top
+        rows[row, u] = line[u]
+        brightest = max(brightest, line[u])
+    return brightest
 
 
 @compiled
-def _likely_pieces(line: np.ndarray, kernel: Kernel, node: np.ndarray, end: np.ndarray,
-                   margin: float, likely: np.ndarray) -> int:
+def _find_segments(line: np.ndarray, kernel: Kernel, limits: _Limits, segments: np.ndarray
+                   ) -> int:
     """
-    Fill likely with those pieces j of a row in which a star may be; return their number.
+    Fill segments with those of a row in which a star may be; return their number.
 
-    line is the row filtered along its columns. Piece j goes from end[j] to end[j + 1], between
-    the middles of two tiles, where the threshold is a straight line from node[j] to
-    node[j + 1]: where no pixel reaches the lower end, none needs a second look. The filter
-    along the row is a mean of means of pairs, and of few single pixels: where no single pixel
-    is a margin above the threshold and no pair is above what this margin makes good, it need
-    not be applied.
+    line is the row filtered along its columns. The filter along the row is a mean of means of
+    pairs, with the share P = kernel.pairs, and of single pixels. Where all pixels are below
+    T + margin and all means of pairs below T - margin (1 - P) / P, T the lower end of the
+    threshold in the segment, the filtered row is below T: it need not be computed.
     """
-    pieces, reach, count = len(node) - 1, 2 * (len(kernel.weights) - 1), 0
+    count, at_tile, begin = len(limits.begin) - 1, limits.at_tile, limits.begin
+    reach, margin, chosen = 2 * (len(kernel.weights) - 1), limits.margin, 0
     below = margin * (1 - kernel.pairs) / kernel.pairs
-    least = node[0]
-    for j in range(pieces):
-        least = min(least, node[j + 1])
-    # Most rows of a dark sky are through at once.
-    if not _may_reach(line, end[0], end[pieces] + reach, least, margin, below):
+    lowest = at_tile[0]
+    for j in range(count):
+        lowest = min(lowest, at_tile[j + 1])
+    # Most rows of a dark sky end here.
+    if not _may_reach(line, begin[0], begin[count] + reach, lowest, margin, below):
         return 0
-    for j in range(pieces):
-        likely[count] = j
-        count += _may_reach(line, end[j], end[j + 1] + reach, min(node[j], node[j + 1]), margin,
-                            below)
-    return count
+    for j in range(count):
+        segments[chosen] = j
+        chosen += _may_reach(line, begin[j], begin[j + 1] + reach,
+                             min(at_tile[j], at_tile[j + 1]), margin, below)
+    return chosen
 
 
 @compiled
 def _may_reach(line: np.ndarray, begin: int, end: int, least: float, margin: float, below: float
                ) -> bool:
     """
-    Return whether in line[begin:end] a pixel reaches least + margin, or a pair least - below.
+    Return whether in line[begin:end] a pixel reaches least + margin, a pair least - below.
 
-    It is one comparison: a pixel that reaches its limit makes up for any that is beside it.
+    A pair is the mean of two neighbours. One comparison does both: a pixel is added to its
+    neighbour, which counts as no less than what a pixel of least + margin needs beside it.
     """
     least -= ROUNDING * abs(least)
     pair = np.float32(2 * (least - below))
@@ -187,6 +247,12 @@ def _may_reach(line: np.ndarray, begin: int, end: int, least: float, margin: flo
 
 
 @compiled
+def _lowest(limits: _Limits, j: int) -> np.float32:
+    """Return the lower end of the threshold in segment j."""
+    return np.float32(min(limits.at_tile[j], limits.at_tile[j + 1]))
+
+
+@compiled
 def _reaches(line: np.ndarray, begin: int, end: int, lowest: np.float32) -> bool:
     """Return whether one of line[begin:end] is at least lowest."""
     reached = False
@@ -196,8 +262,28 @@ def _reaches(line: np.ndarray, begin: int, end: int, lowest: np.float32) -> bool
 
 
 @compiled
-def _is_top(smooth: np.ndarray, u: int) -> bool:
-    """Return whether the middle one of the rows (3, W) has its highest value at u."""
+def _find_maxima(smooth: np.ndarray, limits: _Limits, j: int, tiles_per_px: float,
+                 maxima: np.ndarray) -> int:
+    """Fill maxima with the columns of the peaks in segment j of a row; return their number."""
+    count, left, right = 0, limits.at_tile[j], limits.at_tile[j + 1]
+    lowest = _lowest(limits, j)
+    for u in range(limits.begin[j], limits.begin[j + 1]):
+        if smooth[1, u] >= lowest:
+            x = (u + 0.5) * tiles_per_px + 0.5 - j
+            if smooth[1, u] > (1 - x) * left + x * right and _is_maximum(smooth, u):
+                maxima[count] = u
+                count += 1
+    return count
+
+
+@compiled
+def _is_maximum(smooth: np.ndarray, u: int) -> bool:
+    """
+    Return whether the middle one of the rows (3, W) has a local maximum at u.
+
+    It exceeds the four neighbours before it and does not fall below the four after it, so that
+    a flat top gives one peak.
+    """
     here = smooth[1, u]
     return (here > smooth[1, u - 1] and here >= smooth[1, u + 1]
             and here > smooth[0, u - 1] and here > smooth[0, u] and here > smooth[0, u + 1]
@@ -206,15 +292,15 @@ def _is_top(smooth: np.ndarray, u: int) -> bool:
 
 @compiled
 def _parabola(before: float, here: float, after: float) -> float:
-    """Return where between -0.5 and 0.5 a parabola through three values has its top."""
+    """Return the top, between -0.5 and 0.5, of a parabola through values at -1, 0 and 1."""
     bend = max(2 * here - before - after, 1e-6)
     return min(max((after - before) / (2 * bend), -0.5), 0.5)
 
 
 @compiled
-def _alone(image: np.ndarray, kernel: Kernel, u: int, v: int, peak_dn: float, level: float,
-           ring: np.ndarray) -> bool:
-    """Return whether it is dark around a peak in half of the directions."""
+def _dark_around(image: np.ndarray, kernel: Kernel, u: int, v: int, peak_dn: float, level: float,
+                 ring: np.ndarray) -> bool:
+    """Return whether the median of a ring around a peak is below RING_LIGHT of its height."""
     around, dark, half = np.empty(len(ring)), 0, len(ring) // 2
     limit = level + RING_LIGHT * peak_dn
     for k in range(len(ring)):
@@ -222,23 +308,21 @@ def _alone(image: np.ndarray, kernel: Kernel, u: int, v: int, peak_dn: float, le
                                 min(max(u + ring[k, 0], 0), image.shape[1] - 1),
                                 min(max(v + ring[k, 1], 0), image.shape[0] - 1))
         dark += around[k] < limit
-        # The rest cannot change the median any more: it is the mean of the two in the middle.
+        # The other directions cannot move the median across the limit any more.
         if dark > half or k - dark >= half:
             return dark > half
     return bool(np.median(around) < limit)
 
 
-def full_scale(image: np.ndarray, tops: np.ndarray, background_dn: float) -> float:
+def full_scale(image: np.ndarray, row_max: np.ndarray, background_dn: float) -> float:
     """
     Return the DN at which the image saturates, infinity when nothing in it is saturated.
 
-    tops (H,) are the maxima of the rows.
-
-    The brightest pixel is at full scale when it has the largest value of the type or of a
-    10, 12 or 14 bit camera (in the low or the high bits), or when it belongs to a flat top,
-    as it does where a camera clips at a level of its own.
+    row_max (H,) are the brightest pixels of the rows. The brightest pixel is at full scale when
+    it has the largest value of the type or of a 10, 12 or 14 bit camera (in the low or the high
+    bits), or when it belongs to a flat top, as where a camera clips at a lower level.
     """
-    brightest, bits = int(tops.max()), 8 * image.dtype.itemsize
+    brightest, bits = int(row_max.max()), 8 * image.dtype.itemsize
     if brightest == 2 ** bits - 1:
         return float(brightest)
     if brightest - background_dn < PLATEAU_DN:
@@ -247,15 +331,15 @@ def full_scale(image: np.ndarray, tops: np.ndarray, background_dn: float) -> flo
     if any(brightest in (2 ** depth - 1, (2 ** depth - 1) << (bits - depth))
            for depth in depths):
         return float(brightest)
-    return float(brightest) if _flat_top(image, tops) else np.inf
+    return float(brightest) if _flat_top(image, row_max) else np.inf
 
 
 @compiled
-def _flat_top(image: np.ndarray, tops: np.ndarray) -> bool:
-    """Return whether a brightest pixel has four as bright beside it."""
-    brightest = tops.max()
+def _flat_top(image: np.ndarray, row_max: np.ndarray) -> bool:
+    """Return whether one of the brightest pixels has four as bright beside it."""
+    brightest = row_max.max()
     for v in range(1, len(image) - 1):
-        if tops[v - 1] == tops[v] == tops[v + 1] == brightest:
+        if row_max[v - 1] == row_max[v] == row_max[v + 1] == brightest:
             before, here, after = image[v - 1], image[v], image[v + 1]
             for u in range(1, len(here) - 1):
                 if (before[u] == brightest and after[u] == brightest

@@ -1,11 +1,11 @@
-"""One image made ready: its background known, its peaks listed."""
+"""One image with its background and its peaks."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.centroid.background import measure_background, Mesh
-from startracker_ros.centroid.detection import find_peaks, full_scale, Peaks, Search
-from startracker_ros.centroid.gaussian_fit import FLUX, SIGMA, U, V
+from startracker_ros.centroid.detection import find_peaks, full_scale, Peaks, Search, Threshold
+from startracker_ros.centroid.psf import FLUX, SIGMA, U, V
 from startracker_ros.centroid.smoothing import gaussian_kernel, Kernel
 from startracker_ros.centroid.windows import cut_windows, Windows
 
@@ -15,7 +15,7 @@ MIN_RADIUS_PX = 3
 
 @dataclass(frozen=True)
 class Frame:
-    """Image (H, W), the filter that its stars are looked for with, and what was found."""
+    """Image (H, W), the matched filter of its stars, its background and its peaks."""
 
     image: np.ndarray
     kernel: Kernel
@@ -35,18 +35,18 @@ class Frame:
 
     @property
     def blank(self) -> bool:
-        """Whether all pixels are alike."""
-        tops = self.search.tops
-        return bool(tops.min() == tops.max() and (self.image == tops[0]).all())
+        """Whether all pixels are equal."""
+        row_max = self.search.row_max
+        return bool(row_max.min() == row_max.max() and (self.image == row_max[0]).all())
 
     @property
     def saturated(self) -> bool:
         """Whether most pixels are at full scale."""
-        rows = self.image[self.search.tops == self.full_scale_dn]
+        rows = self.image[self.search.row_max == self.full_scale_dn]
         return bool(2 * np.count_nonzero(rows == self.full_scale_dn) > self.image.size)
 
     def windows(self, peaks: Peaks, sigma_px: float) -> tuple[Windows, np.ndarray]:
-        """Return windows for stars of this width at K peaks and the start (K, 5) of their fit."""
+        """Return windows for stars of this width at K peaks, and initial parameters (K, 5)."""
         radius = max(MIN_RADIUS_PX, int(np.ceil(RADIUS_SIGMAS * sigma_px)))
         start = np.zeros((len(peaks.uv), 5))
         start[:, [U, V]] = peaks.uv + peaks.top
@@ -57,10 +57,10 @@ class Frame:
                            self.full_scale_dn), start
 
 
-def prepare(image: np.ndarray, filter_sigma_px: float, sigmas: float, least_dn: float,
-            most: int) -> Frame:
-    """Return the frame of image (H, W) uint8 or uint16; the last three are of find_peaks()."""
+def prepare(image: np.ndarray, filter_sigma_px: float, threshold: Threshold) -> Frame:
+    """Return the frame of image (H, W) uint8 or uint16 with a filter of this width."""
     kernel = gaussian_kernel(filter_sigma_px)
     mesh = measure_background(image, kernel)
-    search = find_peaks(image, kernel, mesh, sigmas, least_dn, most)
-    return Frame(image, kernel, mesh, search, full_scale(image, search.tops, mesh.median_level))
+    search = find_peaks(image, kernel, mesh, threshold)
+    return Frame(image, kernel, mesh, search,
+                 full_scale(image, search.row_max, mesh.median_level))

@@ -1,4 +1,4 @@
-"""Noise of the pixels under a star: background, photons, and what the model does not tell."""
+"""Noise of the pixels of a star: background, photons and the error of the star's model."""
 
 from typing import NamedTuple
 
@@ -9,8 +9,8 @@ class NoiseModel(NamedTuple):
     """
     Variance of a pixel: background + gain_dn * light + (model_error * light)^2.
 
-    gain_dn is the DN of one photo-electron (Poisson noise), model_error the relative error of the
-    point spread function, which no Gaussian of a real lens is without.
+    gain_dn is the DN of one photo-electron (Poisson noise), model_error the relative error of a
+    Gaussian as the point spread function of a real lens.
     """
 
     gain_dn: float
@@ -19,11 +19,11 @@ class NoiseModel(NamedTuple):
 
 @compiled
 def pixel_variance(noise: NoiseModel, background: float, light: float) -> float:
-    """Return DN^2 of a pixel with light in DN above a background of this variance."""
+    """Return the variance in DN^2 of a pixel with this light in DN and background variance."""
     light = max(light, 0.0)
     return background + light * (noise.gain_dn + noise.model_error ** 2 * light)
 
 
-def first_noise_model(level_dn: float, variance: float) -> NoiseModel:
-    """Return the model of a background that is all light: a camera without offset."""
+def initial_noise_model(level_dn: float, variance: float) -> NoiseModel:
+    """Return the initial model: all of the background is light, as in a camera without offset."""
     return NoiseModel(variance / max(level_dn, 3 * variance ** 0.5))

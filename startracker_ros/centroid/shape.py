@@ -1,27 +1,29 @@
-"""Does a fitted spot look like a star: width and elongation."""
+"""Whether a fitted spot has the shape of a star: width and elongation."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.centroid.gaussian_fit import Fit, FLUX, MOST_COLUMNS, profile, SIGMA, U, V
+from startracker_ros.centroid.gaussian_fit import Fit
+from startracker_ros.centroid.normal_equations import MAX_COLUMNS
+from startracker_ros.centroid.psf import profile, SHARE, SIGMA, U, V
 from startracker_ros.centroid.windows import Windows
 from startracker_ros.compiled import compiled, reordered
 
-WIDTH_RATIO = 2.0  # the other hypotheses: half as wide, twice as wide
-MARGIN = 9.0  # of chi2, by which another width must be better
+WIDTH_RATIO = 2.0  # of the alternative hypotheses: half as wide, twice as wide
+MARGIN = 9.0  # of chi-square, by which another width must be better
 MAX_ELONGATION = 0.4
-(LIGHT, LIGHT_Y, LIGHT_YY, SIZE, SIZE_YY, ERROR, ERROR_YY, ERROR_YYYY,
- SUMS) = range(0, 9 * MOST_COLUMNS, MOST_COLUMNS)
-"""Where the sums down the columns of a window begin, for its moments."""
 LONE_PIXEL = 0.3  # less light than this share of a pixel in the eight around it
+# Where the sums over y begin, flat with constant steps as in normal_equations.py.
+(M_0, M_Y, M_YY, SIZE_0, SIZE_YY, VAR_0, VAR_YY, VAR_YYYY,
+ _END) = range(0, 9 * MAX_COLUMNS, MAX_COLUMNS)
 
 
 class Shape(NamedTuple):
     """
-    What is wrong with each of K spots, all (K,) bool.
+    Which of K spots are no stars, all (K,) bool.
 
-    narrow: hot pixels and cosmic hits; wide: spots that no star makes; elongated: streaks.
+    narrow: hot pixels and cosmic-ray hits; wide: blurred spots; elongated: streaks.
     """
 
     narrow: np.ndarray
@@ -42,61 +44,78 @@ def lone_pixels(data: np.ndarray) -> np.ndarray:
     return lone
 
 
-def judge_shape(fit: Fit, windows: Windows) -> Shape:
+def classify_shapes(fit: Fit, windows: Windows) -> Shape:
     """
     Return the shapes of all spots.
 
-    Spots chained to an elongated one are part of it, as the fit of neighbours in turns cuts
-    a long streak into round pieces.
+    Spots connected to an elongated one by neighbours are part of it: the fit of neighbours in
+    turns cuts a long streak into round pieces.
     """
-    return Shape(*_judge(fit, windows))
+    return _classify(fit, windows)
 
 
 @compiled
 def streaks(fit: Fit, windows: Windows) -> np.ndarray:
-    """Return True (K,) for elongated spots, each looked at alone."""
+    """Return True (K,) for spots that are elongated themselves."""
     streak, filled = np.empty(len(fit.parameters), np.bool_), windows.data.shape[2]
-    sums, across = np.empty(SUMS, np.float32), np.empty((2, filled), np.float32)
+    sums, across = np.empty(_END, np.float32), np.empty((2, filled), np.float32)
     for i in range(len(streak)):
         streak[i] = _elongated(fit, windows, i, across, sums)
     return streak
 
 
 @compiled
-def _judge(fit: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _classify(fit: Fit, windows: Windows) -> Shape:
+    narrow, wide = _test_widths(fit, windows)
+    return Shape(narrow, wide, _grow(streaks(fit, windows), windows))
+
+
+@compiled
+def _grow(streak: np.ndarray, windows: Windows) -> np.ndarray:
+    """Return streak (K,) with all spots that neighbours connect to one."""
+    grown = bool(streak.any())
+    while grown:
+        grown = False
+        for i in range(len(streak)):
+            for k in range(windows.first[i], windows.first[i + 1]):
+                if streak[windows.sources[k]] and not streak[i]:
+                    streak[i] = grown = True
+    return streak
+
+
+@compiled
+def _test_widths(fit: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """Return narrow and wide (K,): another width has a chi-square better by MARGIN."""
     stars, count, filled = windows.data.shape
     narrow, wide = np.empty(stars, np.bool_), np.empty(stars, np.bool_)
-    streak = streaks(fit, windows)
     columns, rows = np.empty((3, filled), np.float32), np.empty((3, count), np.float32)
     work = np.empty(count * filled, np.float32)
     for i in range(stars):
         limit = fit.chi2[i] - MARGIN
         narrow[i] = _chi2_of_width(fit, windows, i, 1 / WIDTH_RATIO, columns, rows, work) < limit
         wide[i] = _chi2_of_width(fit, windows, i, WIDTH_RATIO, columns, rows, work) < limit
-    grown = bool(streak.any())
-    while grown:
-        grown = False
-        for i in range(stars):
-            for k in range(windows.first[i], windows.first[i + 1]):
-                if streak[windows.sources[k]] and not streak[i]:
-                    streak[i] = grown = True
-    return narrow, wide, streak
+    return narrow, wide
 
 
 @reordered
 def _chi2_of_width(fit: Fit, windows: Windows, i: int, ratio: float, columns: np.ndarray,
                    rows: np.ndarray, work: np.ndarray) -> np.floating:
     """
-    Return chi2 of a star `ratio` times as wide at the same place, flux and level free.
+    Return chi-square of a star `ratio` times as wide at the same position, flux and level free.
 
-    columns (3, m), rows (3, n) and work (n m,) are filled.
+    With the profile s = a(x) d(y), the data D and sums over pixels with weights w, it is
+
+        sum w D^2 - (sum w D)^2 / W - (sum w s D - sum w s sum w D / W)^2
+                                      / (sum w s^2 - (sum w s)^2 / W),  W = sum w
+
+    columns (3, m), rows (3, n) and work (n m,) are work arrays.
     """
     star, filled = fit.parameters[i], columns.shape[1]
     profile(star[U], star[SIGMA] * ratio, windows.corner[i, 0], columns)
     profile(star[V], star[SIGMA] * ratio, windows.corner[i, 1], rows)
     for y in range(rows.shape[1]):
         for x in range(filled):
-            work[y * filled + x] = rows[0, y] * columns[0, x]
+            work[y * filled + x] = rows[SHARE, y] * columns[SHARE, x]
     weight, own = fit.weight[i].ravel(), fit.own[i].ravel()
     total = s = d = ss = sd = dd = np.float32(0)
     for k in range(len(work)):
@@ -107,64 +126,63 @@ def _chi2_of_width(fit: Fit, windows: Windows, i: int, ratio: float, columns: np
         ss += ws * work[k]
         sd += ws * own[k]
         dd += wd * own[k]
-    whole, of_star, of_own = float(total), float(s), float(d)
-    return (dd - of_own * of_own / whole - (sd - of_star * of_own / whole) ** 2
-            / (ss - of_star * of_star / whole))
+    sum_w, sum_s, sum_d = float(total), float(s), float(d)
+    return (dd - sum_d * sum_d / sum_w - (sd - sum_s * sum_d / sum_w) ** 2
+            / (ss - sum_s * sum_s / sum_w))
 
 
 @reordered
 def _elongated(fit: Fit, windows: Windows, i: int, across: np.ndarray, sums: np.ndarray) -> bool:
     """
-    Return whether spot i is a streak, by second moments under a Gaussian twice a star's width.
+    Return whether spot i is a streak, by its second moments.
 
-    The elongation is (a - b) / (a + b) of the moments a, b along the axes of the spot; it must
-    exceed MAX_ELONGATION by three times its error. across (2, m) and sums are filled.
+    With weights g(x) g(y), a Gaussian twice as wide as a star, light D and coordinates from the
+    position of the star, the elongation (a - b) / (a + b) of the moments a, b along the axes
+    of the spot is
+
+        sqrt((M_xx - M_yy)^2 + (2 M_xy)^2) / (M_xx + M_yy),  M_xy = sum g(x) g(y) D x y
+
+    It must exceed MAX_ELONGATION by three standard deviations of the numerator. M_xx + M_yy
+    counts a pixel with no less than the model's light. across (2, m) and sums are work arrays.
     """
     star, per_width = fit.parameters[i], 1 / (8 * fit.parameters[i, SIGMA] ** 2)
     for m in range(across.shape[1]):
         x = windows.corner[i, 0] + m - star[U]
         across[0, m], across[1, m] = x, math.exp(-x * x * per_width)
+    _set_moments(fit, windows, i, per_width, sums)
+    straight = oblique = size = variance = np.float32(0)
+    for m in range(across.shape[1]):
+        x, g = across[0, m], across[1, m]
+        xx = x * x
+        straight += g * (xx * sums[M_0 + m] - sums[M_YY + m])
+        oblique += g * x * sums[M_Y + m]
+        size += g * (xx * sums[SIZE_0 + m] + sums[SIZE_YY + m])
+        variance += g * g * (xx * (xx * sums[VAR_0 + m] + sums[VAR_YY + m]
+                                   + sums[VAR_YY + m]) + sums[VAR_YYYY + m])
+    return bool(math.hypot(straight, np.float32(2) * oblique)
+                > MAX_ELONGATION * size + 3 * math.sqrt(variance / 2))
+
+
+@reordered
+def _set_moments(fit: Fit, windows: Windows, i: int, per_width: float, sums: np.ndarray) -> None:
+    """Fill the sums over y of each column of window i."""
     sums[:] = 0
     none = np.float32(0)
-    for k in range(windows.data.shape[1]):
-        down = windows.corner[i, 1] + k - star[V]
-        share = np.float32(math.exp(-down * down * per_width))
-        y = np.float32(down)
+    for k in range(fit.own.shape[1]):
+        down = windows.corner[i, 1] + k - fit.parameters[i, V]
+        g, y = np.float32(math.exp(-down * down * per_width)), np.float32(down)
         yy = y * y
-        for m in range(across.shape[1]):
+        for m in range(fit.own.shape[2]):
             weight, own, light = fit.weight[i, k, m], fit.own[i, k, m], fit.light[i, k, m]
-            used = share if weight > none else none
+            used = g if weight > none else none
             variance = used * used / weight if weight > none else none
             size = used * (own if own > light else light)
             own *= used
-            sums[LIGHT + m] += own
-            sums[LIGHT_Y + m] += own * y
-            sums[LIGHT_YY + m] += own * yy
-            sums[SIZE + m] += size
+            sums[M_0 + m] += own
+            sums[M_Y + m] += own * y
+            sums[M_YY + m] += own * yy
+            sums[SIZE_0 + m] += size
             sums[SIZE_YY + m] += size * yy
-            sums[ERROR + m] += variance
-            sums[ERROR_YY + m] += variance * yy
-            sums[ERROR_YYYY + m] += variance * yy * yy
-    straight = oblique = size = error = none
-    for m in range(across.shape[1]):
-        x, share = across[0, m], across[1, m]
-        xx = x * x
-        straight += share * (xx * sums[LIGHT + m] - sums[LIGHT_YY + m])
-        oblique += share * x * sums[LIGHT_Y + m]
-        size += share * (xx * sums[SIZE + m] + sums[SIZE_YY + m])
-        error += share * share * (xx * (xx * sums[ERROR + m] + sums[ERROR_YY + m]
-                                        + sums[ERROR_YY + m]) + sums[ERROR_YYYY + m])
-    return (math.hypot(straight, np.float32(2) * oblique)
-            > MAX_ELONGATION * size + 3 * math.sqrt(error / 2))
-
-
-@compiled
-def repeated(fit: Fit, windows: Windows, apart_px: float) -> np.ndarray:
-    """Return True (K,) for the fainter of two fits that are closer than apart_px."""
-    twice = np.zeros(len(fit.parameters), np.bool_)
-    for i in range(len(twice)):
-        for k in range(windows.first[i], windows.first[i + 1]):
-            star, other = fit.parameters[i], fit.parameters[windows.sources[k]]
-            if math.hypot(star[U] - other[U], star[V] - other[V]) < apart_px:
-                twice[i] |= star[FLUX] < other[FLUX]
-    return twice
+            sums[VAR_0 + m] += variance
+            sums[VAR_YY + m] += variance * yy
+            sums[VAR_YYYY + m] += variance * yy * yy

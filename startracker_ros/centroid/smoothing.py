@@ -9,10 +9,10 @@ from startracker_ros.compiled import compiled, fused
 
 class Kernel(NamedTuple):
     """
-    A Gaussian along rows and columns; weights (r + 1,) float32 its middle and one side, r even.
+    A Gaussian along rows and columns; weights (r + 1,) float32: its middle and one side, r even.
 
-    sigma_px is its width; noise_gain what it leaves of white noise. pairs is the share of the
-    weights along a line that can be put on means of two neighbours.
+    noise_gain is the ratio of white noise after to before the filter. pairs is the share of the
+    weights along a line that can be written as means of two neighbours.
     """
 
     weights: np.ndarray
@@ -27,7 +27,7 @@ def gaussian_kernel(sigma_px: float) -> Kernel:
     Return the filter for stars of this width.
 
     A Gaussian of the width of the point spread function is the matched filter of stars;
-    with a width wrong by a factor q it keeps 2 q / (1 + q^2) of the signal to noise ratio.
+    a width wrong by a factor q keeps 2 q / (1 + q^2) of the signal to noise ratio.
     """
     side = np.exp(-0.5 * (np.arange(np.ceil(2 * sigma_px) + 1) / sigma_px) ** 2)
     side /= 2 * side.sum() - side[0]
@@ -38,13 +38,13 @@ def gaussian_kernel(sigma_px: float) -> Kernel:
 
 
 def _share_of_pairs(weights: np.ndarray) -> float:
-    """Return how much of the weights (r + 1,), middle and one side, pairs can take."""
+    """Return the share of the weights (r + 1,) that can be written as means of two neighbours."""
     rest, share = weights.astype(float), 0.0
     rest[0] /= 2  # the middle one belongs to both sides
     for k in range(len(rest) - 1, 0, -1):
-        taken = rest[k - 1:k + 1].min()
-        rest[k - 1:k + 1] -= taken
-        share += 4 * taken
+        paired = rest[k - 1:k + 1].min()
+        rest[k - 1:k + 1] -= paired
+        share += 4 * paired
     return share
 
 
@@ -54,8 +54,8 @@ def filter_down(rows: np.ndarray, weights: np.ndarray, v: int, height: int, line
     """
     Fill line (W + 2 r,) float32 with row v of an image filtered along its columns.
 
-    rows (n, W) has row i of the image, of this height, at i modulo n; all that are within r of v
-    are there. The image is mirrored at its borders, and the line goes on for r beyond them.
+    rows (n, W) is a ring buffer: row i of the image, of this height, is at i modulo n; it holds
+    all rows within r of v. The image is mirrored at its borders; the line extends r beyond them.
     """
     radius, count, width = len(weights) - 1, len(rows), rows.shape[1]
     inner = line[radius:radius + width]
@@ -83,8 +83,8 @@ def filter_down(rows: np.ndarray, weights: np.ndarray, v: int, height: int, line
 @compiled
 def filter_across(line: np.ndarray, weights: np.ndarray, begin: int, end: int, target: np.ndarray
                   ) -> None:
-    """Fill target[begin:end] with what filter_down() left in line, filtered along the row."""
-    # Unsigned, as an index that may count from the end takes longer.
+    """Fill target[begin:end] with line, a result of filter_down(), filtered along the row."""
+    # Unsigned: an index that may be negative takes longer.
     first, last, middle = np.uintp(begin), np.uintp(end), np.uintp(len(weights) - 1)
     before, after = np.uintp(middle - 1), np.uintp(middle + 1)
     before_2, after_2 = np.uintp(middle - 2), np.uintp(middle + 2)

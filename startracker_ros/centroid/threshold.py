@@ -3,8 +3,8 @@
 import numpy as np
 from startracker_ros.compiled import compiled
 
-_ENOUGH = 1e-3  # of the range of the window
-_ROUNDS = 30
+_CONVERGED = 1e-3  # of the range of the window
+_MAX_ITERATIONS = 30
 
 
 @compiled
@@ -12,11 +12,11 @@ def iterative_threshold(window: np.ndarray) -> float:
     """
     Return the value that is the mean of the means of the pixels of (n, n) below and above it.
 
-    It begins between the darkest and the brightest pixel.
+    The iteration starts halfway between the darkest and the brightest pixel.
     """
     low, high = window.min(), window.max()
     threshold = (low + high) / 2
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ITERATIONS):
         bright, total, bright_total = 0, 0.0, 0.0
         for y in range(window.shape[0]):
             for x in range(window.shape[1]):
@@ -28,6 +28,6 @@ def iterative_threshold(window: np.ndarray) -> float:
         before = threshold
         threshold = (bright_total / bright
                      + (total - bright_total) / (window.size - bright)) / 2
-        if abs(threshold - before) < _ENOUGH * (high - low):
+        if abs(threshold - before) < _CONVERGED * (high - low):
             break
     return threshold

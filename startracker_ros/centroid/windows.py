@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.compiled import compiled
 
-
-LANES = 8  # pixels that are worked on at a time
+LANES = 8  # pixels processed at a time
+CORE_RADIUS_PX = 2
 
 
 class Windows(NamedTuple):
@@ -16,7 +16,7 @@ class Windows(NamedTuple):
     m is a multiple of LANES. data (K, n, m) float32 DN above the mesh background; used
     (K, n, m) bool, False outside the image or the window and where saturated; corner (K, 2)
     int, u and v of the first pixel; variance (K,) DN^2 of one background pixel. Stars
-    sources[first[i]:first[i + 1]] throw light into window i; first (K + 1,) int.
+    sources[first[i]:first[i + 1]] have light in window i; first (K + 1,) int.
     """
 
     data: np.ndarray
@@ -32,12 +32,16 @@ class Windows(NamedTuple):
         return self.data.shape[1] // 2
 
     def select(self, chosen: np.ndarray) -> 'Windows':
-        """Return the windows of chosen (K,) bool; light of stars not chosen is forgotten."""
+        """Return the windows of chosen (K,) bool; other stars no longer count as neighbours."""
         if chosen.all():
             return self
         corner = self.corner[chosen]
         return Windows(self.data[chosen], self.used[chosen], corner, self.variance[chosen],
                        *_neighbours(corner, self.data.shape[1]))
+
+    def saturated_cores(self) -> np.ndarray:
+        """Return the number (K,) of unused pixels within CORE_RADIUS_PX of the peaks."""
+        return _count_unused(self.used, CORE_RADIUS_PX)
 
 
 def cut_windows(image: np.ndarray, uv: np.ndarray, radius: int, level: np.ndarray,
@@ -67,10 +71,21 @@ def _cut(image: np.ndarray, uv: np.ndarray, radius: int, level: np.ndarray, full
 
 
 @compiled
+def _count_unused(used: np.ndarray, radius: int) -> np.ndarray:
+    """Return the number (K,) of pixels not used within radius of the middle of used (K, n, n)."""
+    middle, count = used.shape[1] // 2, np.zeros(len(used), np.int64)
+    for i in range(len(used)):
+        for y in range(middle - radius, middle + radius + 1):
+            for x in range(middle - radius, middle + radius + 1):
+                count[i] += not used[i, y, x]
+    return count
+
+
+@compiled
 def _neighbours(corner: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return first (K + 1,) and sources: stars whose peaks are less than `count` px away."""
     order = np.argsort(corner[:, 1])
-    first, place = np.zeros(len(corner) + 1, np.int64), np.zeros(len(corner), np.int64)
+    first, slot = np.zeros(len(corner) + 1, np.int64), np.zeros(len(corner), np.int64)
     sources = np.empty(0, np.int64)
     for filling in (False, True):
         for a in range(len(order)):
@@ -80,11 +95,11 @@ def _neighbours(corner: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]
                     break
                 if abs(corner[j, 0] - corner[i, 0]) < count:
                     if filling:
-                        sources[place[i]], sources[place[j]] = j, i
-                    place[i] += 1
-                    place[j] += 1
+                        sources[slot[i]], sources[slot[j]] = j, i
+                    slot[i] += 1
+                    slot[j] += 1
         if not filling:
-            first[1:] = np.cumsum(place)
-            place[:] = first[:-1]
+            first[1:] = np.cumsum(slot)
+            slot[:] = first[:-1]
             sources = np.empty(first[-1], np.int64)
     return first, sources

@@ -37,7 +37,7 @@ def expose(electrons, rng, dtype=np.uint16, gain=GAIN_E_PER_DN, offset=OFFSET_DN
 
 
 def scattered(rng, count, size):
-    """Places on a grid, shaken by some pixels."""
+    """Return positions on a grid, each moved at random by up to 3 px per axis."""
     side = int(np.ceil(count ** 0.5))
     node = (np.arange(side) + 0.5) * size / side
     uv = np.stack(np.meshgrid(node, node), -1).reshape(-1, 2)[:count]
@@ -86,7 +86,7 @@ def test_without_noise_the_error_is_below_a_thousandth_of_a_pixel(sigma_px):
 
 
 @pytest.mark.parametrize('snr', [7, 10, 20, 50, 100, 300])
-def test_errors_are_as_stated_and_near_the_cramer_rao_bound(snr):
+def test_errors_match_sigma_and_are_near_the_cramer_rao_bound(snr):
     rng = np.random.default_rng(snr)
     flux, errors, sigmas = flux_of_snr(snr), [], []
     for _ in range(4):
@@ -104,7 +104,7 @@ def test_errors_are_as_stated_and_near_the_cramer_rao_bound(snr):
 
 
 @pytest.mark.parametrize('method', ['binary', 'grey', 'squared', 'thresholded', 'gaussian'])
-def test_every_method_states_its_errors(method):
+def test_sigma_of_every_method_is_that_of_the_errors(method):
     rng = np.random.default_rng(12)
     extract = CentroidExtractor(ExtractionOptions(method=method, max_stars=300)).extract
     chi2 = []
@@ -178,7 +178,7 @@ def test_detection_at_default_threshold():
 
 @pytest.mark.parametrize('gain', [20.0, 60.0, 200.0])
 def test_coarsely_quantised_8_bit_images(gain):
-    """At 200 electrons a DN the sky noise is a tenth of a DN: most pixels are equal."""
+    """At 200 electrons per DN the sky noise is a tenth of a DN: most pixels are equal."""
     rng = np.random.default_rng(4)
     uv = scattered(rng, 36, 1024)
     flux = flux_of_snr(20, noise_e2=SKY_E + READ_E ** 2 + gain ** 2 / 12)
@@ -224,7 +224,7 @@ def test_hot_pixels_cosmic_hits_and_streaks_are_rejected():
         assert result.rejected['elongated'] >= 1
 
 
-def test_close_pair_is_told_apart():
+def test_close_pair_is_resolved():
     rng = np.random.default_rng(7)
     first = scattered(rng, 36, 512)
     angle = rng.uniform(0, 2 * np.pi, 36)
@@ -238,7 +238,7 @@ def test_close_pair_is_told_apart():
     assert (error ** 2 / result.centroids.sigma_px[index, None] ** 2).mean() < 1.2
 
 
-def test_saturated_stars_are_placed_by_their_flanks_or_rejected():
+def test_saturated_stars_are_fitted_by_their_flanks_or_rejected():
     rng = np.random.default_rng(8)
     uv = scattered(rng, 16, 512)
     flux = np.repeat([8e3, 6e4, 1e6, 3e7], 4)
@@ -282,7 +282,7 @@ def test_the_moon_hides_only_the_stars_beside_it():
     (np.pad([[200]], 40).astype(np.uint8), 'no_stars'),
     (np.full((2048, 2048), 255, np.uint8), 'blank'),
 ])
-def test_an_image_without_stars_says_why(image, status):
+def test_an_image_without_stars_has_a_status_and_a_reason(image, status):
     result = EXTRACT(image)
     assert result.status == status and result.reason
     assert len(result.centroids) == 0
@@ -299,12 +299,12 @@ def test_an_image_without_stars_says_why(image, status):
     (np.zeros(10, np.uint8), '1 dimensions'),
     (np.zeros((0, 10), np.uint8), 'empty'),
 ])
-def test_wrong_images_are_refused_by_name(image, words):
+def test_wrong_images_are_rejected_with_their_type_or_shape(image, words):
     with pytest.raises(ValueError, match=words):
         EXTRACT(image)
 
 
-def test_options_do_what_they_say_and_the_image_is_left_alone():
+def test_options_have_their_effect_and_the_image_is_unchanged():
     rng = np.random.default_rng(10)
     uv = scattered(rng, 36, 512)
     image = expose(SKY_E + light((512, 512), uv, np.geomspace(1500, 50000, 36), 0.8), rng)
@@ -325,7 +325,7 @@ def test_options_do_what_they_say_and_the_image_is_left_alone():
 
 
 def test_real_photographs_of_wide_field(sky_data):
-    """What is found are catalogue stars: after the residual distortion is fitted, to 0.15 px."""
+    """Centroids are catalogue stars, to 0.15 px after a fit of the residual distortion."""
     folder = sky_data / 'night-sky-11deg'
     catalog = load_catalog()
     directions = catalog.directions(2019.57)
@@ -356,7 +356,7 @@ def test_real_photographs_of_wide_field(sky_data):
 
 
 def test_real_photographs_of_narrow_field(sky_data):
-    """High gain, background cut off at zero, hot pixels: few stars and hardly anything else."""
+    """High gain, background cut off at zero, hot pixels: few stars, hardly a false one."""
     paths = sorted((sky_data / 'night-sky-6deg').glob('*.png'))
     assert len(paths) == 6
     for path in paths:
