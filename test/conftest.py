@@ -7,10 +7,12 @@ from hypothesis import settings
 import pytest
 
 ROOT = Path(__file__).parent
-# By the longest path that fits: core runs in one process within a minute or two, dds starts
-# nodes, long takes more than some ten seconds a test.
+# By the longest path that fits, unless a test is marked itself: core needs no nodes, dds starts
+# some, long takes more than some ten seconds of a processor.
 KINDS = {
     '': 'core',
+    'bag/test_damage.py': 'long',
+    'bench': 'long',
     'campaign': 'long',
     'nodes': 'dds',
     'nodes/test_demo.py': 'long',
@@ -18,6 +20,8 @@ KINDS = {
     'nodes/test_soak.py': 'long',
     'nodes/test_two_satellite_demo.py': 'long',
     'package/test_install.py': 'long',
+    'package/test_lint.py': 'long',
+    'test_compiled.py': 'long',
 }
 NOT_RUN = pytest.StashKey[str]()
 
@@ -41,9 +45,10 @@ def kind_of(path: Path) -> str:
 
 @pytest.hookimpl(tryfirst=True, wrapper=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Any:
-    """Mark each test by its path; then leave out what needs a browser where there is none."""
+    """Mark each test by its kind; then leave out what needs a browser where there is none."""
     for item in items:
-        item.add_marker(kind_of(item.path))
+        if not any(item.get_closest_marker(kind) for kind in set(KINDS.values())):
+            item.add_marker(kind_of(item.path))
     result = yield
     pages = [item for item in items if 'page' in getattr(item, 'fixturenames', ())]
     if pages:

@@ -23,7 +23,8 @@ EPOCH_YEAR = 2000.0
 
 
 def make(method, camera=CAMERA, **options):
-    options = {'magnitude_limit': 6.0, **options}
+    # No search ends for the machine's speed.
+    options = {'magnitude_limit': 6.0, 'time_limit_s': 600.0, **options}
     return make_identifier(camera, EPOCH_YEAR, IdentificationOptions(
         method=f'hausdorff_{method}', **options))
 

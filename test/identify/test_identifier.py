@@ -25,7 +25,8 @@ def onboard():
 
 @pytest.fixture(scope='module')
 def identifier():
-    return make_identifier(CAMERA, EPOCH_YEAR, IdentificationOptions(magnitude_limit=6.0))
+    return make_identifier(CAMERA, EPOCH_YEAR,
+                           IdentificationOptions(magnitude_limit=6.0, time_limit_s=600.0))
 
 
 def frame(uv, flux=None, sigma_px=0.1):

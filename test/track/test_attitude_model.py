@@ -171,6 +171,7 @@ def random_turns(rng, seconds, acceleration_deg_s2):
     return np.cumsum(acceleration, axis=0) * STEP_NS * 1e-9 / PER_FRAME + [0.0, 0.1, 0.05]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('gyro', [None, true])
 def test_the_covariance_is_consistent(gyro):
     """The last of 60 frames of 120 runs, with the motion and the errors that are assumed."""
