@@ -13,8 +13,8 @@ from startracker_ros.attitude.estimate import (
 from startracker_ros.figures.machine import machine
 from startracker_ros.figures.rows import BenchRow, mean_chi_square_bounds
 from startracker_ros.figures.timing import cpu_timed, garbage_collector_off
-from startracker_ros.maths.rotation import ARCSEC, attitude_error, matrix_from_quaternion
-from startracker_ros.sky.star_lists import random_attitude
+from startracker_ros.maths.rotation import (
+    ARCSEC, attitude_error, matrix_from_quaternion, random_attitude)
 from startracker_ros.table import Result
 
 VECTORS = (4, 20, 40)

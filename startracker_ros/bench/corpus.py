@@ -10,8 +10,8 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.maths.rotation import quaternion_from_pointing
-from startracker_ros.sky.star_lists import random_attitude, star_list
+from startracker_ros.centroid.synthetic_field import star_list
+from startracker_ros.maths.rotation import quaternion_from_pointing, random_attitude
 
 EPOCH_YEAR = 2026.5
 

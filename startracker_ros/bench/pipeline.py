@@ -17,19 +17,19 @@ from startracker_ros.attitude.estimate import cramer_rao
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.figures.correctness import is_correct
 from startracker_ros.figures.machine import machine, scheduling, StealTime
 from startracker_ros.figures.rows import PercentileRow
 from startracker_ros.harness.processes import node_environment
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.maths.rotation import ARCSEC, attitude_error, random_attitude
 from startracker_ros.pipeline.attitude import AttitudeStage
 from startracker_ros.pipeline.pipeline import Pipeline
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
-from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result
 from startracker_ros.track.tracks import Tracks
 
@@ -232,7 +232,7 @@ def latency(trials: int, seed: int) -> Iterator[PercentileRow]:
 
 def _latency_of_size(size: int, folder: Path, trials: int, seed: int) -> Iterator[PercentileRow]:
     """Send the same images, of one field with noise of their own, every way that there is."""
-    from startracker_ros.harness.latency import core_ms, crossing_ms, measure, CAMERA_RATE_HZ
+    from startracker_ros.harness.latency import CAMERA_RATE_HZ, core_ms, crossing_ms, measure
     simulator = SkySimulator(Camera.from_fov(size, size, 12.0),
                              motion_from_options(MotionOptions(motion='inertial')),
                              load_catalog(), EPOCH_YEAR, seed=seed)

@@ -14,11 +14,12 @@ from startracker_ros.attitude.propagate import AttitudePrediction, AttitudePropa
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.figures.timing import cpu_timed
 from startracker_ros.identify.extended_grid import ExtendedGridIdentifier, PredictedField
 from startracker_ros.identify.identification import IdentificationOptions
-from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
-from startracker_ros.sky.star_lists import random_attitude, star_list
+from startracker_ros.maths.rotation import (
+    multiply, quaternion_from_rotation_vector, random_attitude)
 
 EPOCH_YEAR = 2026.5
 CAMERA = Camera.from_fov(1024, 1024, 4.0)

@@ -15,14 +15,15 @@ from startracker_ros.campaign.parallel import parallel_trials
 from startracker_ros.catalog.onboard import build_onboard_catalog
 from startracker_ros.catalog.stars import CATALOG_EPOCH_YEAR, load_catalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.figures.correctness import CORRECT_TEXT, is_correct
 from startracker_ros.figures.rows import Check, combined
 from startracker_ros.figures.timing import cpu_timed
 from startracker_ros.identify.hausdorff import bright_sets, HausdorffIdentifier, Pivots
 from startracker_ros.identify.identification import Candidates, FieldStars, IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.maths.rotation import quaternion_from_pointing, radec_from_unit, rotate
-from startracker_ros.sky.star_lists import random_attitude, star_list
+from startracker_ros.maths.rotation import (
+    quaternion_from_pointing, radec_from_unit, random_attitude, rotate)
 from startracker_ros.table import Result
 
 CAMERA = Camera.from_fov(512, 512, 12.0)

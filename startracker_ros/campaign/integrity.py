@@ -10,12 +10,13 @@ from startracker_ros.campaign.parallel import parallel_map, split_trials
 from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.figures.correctness import error_over_bound, WRONG_TEXT
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.maths.compiled_rotation import turned
-from startracker_ros.maths.rotation import ARCSEC, attitude_error, conjugate, rotate
+from startracker_ros.maths.rotation import (
+    ARCSEC, attitude_error, conjugate, random_attitude, rotate)
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
-from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.tracker import TrackerState

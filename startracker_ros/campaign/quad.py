@@ -11,12 +11,13 @@ from functools import cache
 import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.campaign.parallel import parallel_map, split_trials
+from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.figures.correctness import CORRECT_TEXT, is_correct
 from startracker_ros.figures.timing import cpu_timed
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.quad import QuadIdentifier
+from startracker_ros.maths.rotation import random_attitude
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
-from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.table import Result
 
 EPOCH_YEAR = 2026.5

@@ -8,7 +8,7 @@ from startracker_ros.bag.errors import BagError
 from startracker_ros.export.aem import aem_text, AemLabels
 from startracker_ros.export.segments import lock_segments
 from startracker_ros.export.tables import load_parquet_writer, TABLES, write_csv, write_parquet
-from startracker_ros.report.recording import load_recording
+from startracker_ros.report.loading import load_recording
 from startracker_ros.table import Result
 
 FORMATS = ('aem', 'csv', 'parquet')

@@ -102,7 +102,7 @@ def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
         demo.watch(frames)
         demo.finish()
     # Imported here, because it would delay the start of the nodes.
-    from startracker_ros.report.recording import load_recording
+    from startracker_ros.report.loading import load_recording
     from startracker_ros.report.summary import summarise
     recording = load_recording(demo.bag)
     rows = summarise(recording)

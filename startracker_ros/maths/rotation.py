@@ -113,3 +113,9 @@ def pointing_from_quaternion(q: np.ndarray) -> tuple[float, float, float]:
     east = np.array([-np.sin(ra), np.cos(ra), 0.0])
     up = -matrix[:, 1]
     return float(ra), float(dec), float(np.arctan2(up @ east, up @ north) % (2 * np.pi))
+
+
+def random_attitude(rng: np.random.Generator) -> np.ndarray:
+    """Return a quaternion (4,), uniformly distributed over all rotations."""
+    q = rng.standard_normal(4)
+    return q / np.linalg.norm(q)

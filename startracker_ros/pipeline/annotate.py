@@ -3,6 +3,8 @@
 import cv2
 import numpy as np
 
+# Two ticks, right of the star and below it, leave the star itself free.
+RETICLE_TICKS_PX = np.array([(6.0, 0.0), (14.0, 0.0), (0.0, 6.0), (0.0, 14.0)])
 _FOUND = (255, 190, 60)
 _IDENTIFIED = (90, 230, 120)
 

@@ -10,7 +10,8 @@ from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.layouts import image_from_message, MessageError
 from startracker_ros.bag.reader import decode, read_messages
 from startracker_ros.pipeline.annotate import stretch
-from startracker_ros.report.recording import Recording, TOPIC_TYPES
+from startracker_ros.report.loading import TOPIC_TYPES
+from startracker_ros.report.recording import Recording
 
 COUNT = 4
 _LARGEST_PX = 768

@@ -17,8 +17,9 @@ import numpy as np
 from startracker_ros.bag.errors import BagError
 from startracker_ros.extras import extra
 from startracker_ros.report.frames import frame_pictures, FramePicture
+from startracker_ros.report.loading import load_recording
 from startracker_ros.report.panels import diagnostics_table, Panel, Panels, utc
-from startracker_ros.report.recording import load_recording, Recording
+from startracker_ros.report.recording import Recording
 from startracker_ros.report.sky_map import sky_map
 from startracker_ros.table import Result
 

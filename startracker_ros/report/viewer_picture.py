@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from startracker_ros.extras import new_figure
 from startracker_ros.maths.rotation import matrix_from_quaternion, rotate
-from startracker_ros.pipeline.annotate import stretch
+from startracker_ros.pipeline.annotate import RETICLE_TICKS_PX, stretch
 from startracker_ros.report.frames import read_frame
-from startracker_ros.report.recording import load_recording, Recording
-from startracker_ros.ros.messages.image_marker import TICKS_PX
+from startracker_ros.report.loading import load_recording
+from startracker_ros.report.recording import Recording
 
 _DARK = '#05070d'
 
@@ -51,7 +51,7 @@ def _draw_image(axes: Any, image: np.ndarray, recording: Recording, stamp_ns: in
     frame = int(np.flatnonzero(recording.centroids.stamp_ns == stamp_ns)[0])
     rows = recording.centroids.of_frame(frame)
     axes.imshow(stretch(image), cmap='gray')
-    ends = np.stack([rows['u'], rows['v']], -1)[:, None] + TICKS_PX
+    ends = np.stack([rows['u'], rows['v']], -1)[:, None] + RETICLE_TICKS_PX
     for pair in ends.reshape(-1, 2, 2):
         axes.plot(*pair.T, color='#ffbe3c', linewidth=1)
     axes.set_title('image_raw and image_markers', fontsize=9, loc='left')

@@ -9,8 +9,8 @@ from startracker_ros.attitude.validation import AttitudeValidator, ValidationOpt
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.maths.rotation import attitude_error, quaternion_from_pointing
-from startracker_ros.sky.star_lists import star_list
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
 ONBOARD = onboard_catalog(load_catalog(), CAMERA, 2026.0, 6.0)

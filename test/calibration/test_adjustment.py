@@ -12,8 +12,9 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
-from startracker_ros.sky.star_lists import random_attitude, star_list
+from startracker_ros.centroid.synthetic_field import star_list
+from startracker_ros.maths.rotation import (
+    multiply, quaternion_from_rotation_vector, random_attitude)
 
 LENS = Camera(1024, 768, 2850.0, 2850.0, 519.0, 377.0, (-0.25, 0.4, 8e-4, -6e-4, 0.0))
 START = Camera(1024, 768, 2862.0, 2862.0, 511.5, 383.5)

@@ -6,8 +6,7 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.sky_grid import count_in_image, count_near, nearest, sky_grid
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.maths.rotation import matrix_from_quaternion
-from startracker_ros.sky.star_lists import random_attitude
+from startracker_ros.maths.rotation import matrix_from_quaternion, random_attitude
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
 

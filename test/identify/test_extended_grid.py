@@ -8,14 +8,14 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.identify.extended_grid import ExtendedGridIdentifier, RecursiveIdentifier
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.identify.prior_verification import PriorVerifier
 from startracker_ros.maths.rotation import (
-    ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector)
+    ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector, random_attitude)
 from startracker_ros.sky.gyro import Gyro, GyroOptions
-from startracker_ros.sky.star_lists import random_attitude, star_list
 
 CAMERA = Camera.from_fov(1024, 1024, 4.0)
 EPOCH_YEAR = 2026.5

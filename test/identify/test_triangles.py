@@ -11,8 +11,7 @@ from startracker_ros.identify.pairs import build_pairs
 from startracker_ros.identify.triangle_order import new_state, next_triangle
 from startracker_ros.identify.triangles import catalogue_triangles, image_triangle
 from startracker_ros.identify.verification import Verifier
-from startracker_ros.maths.rotation import rotate
-from startracker_ros.sky.star_lists import random_attitude
+from startracker_ros.maths.rotation import random_attitude, rotate
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
 SIGMAS = 3.5

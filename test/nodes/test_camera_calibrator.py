@@ -7,12 +7,13 @@ from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.centroid.synthetic_field import star_list
+from startracker_ros.maths.rotation import (
+    multiply, quaternion_from_rotation_vector, random_attitude)
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import stars_to_message
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.sky.star_lists import random_attitude, star_list
 from std_srvs.srv import Trigger
 
 CAMERA = Camera.from_fov(1024, 768, 15.0)

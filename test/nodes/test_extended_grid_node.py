@@ -9,16 +9,16 @@ from startracker_ros.bag.layouts import MessageError, ns_from_stamp, read_cloud,
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.maths.rotation import ARCSEC, attitude_error, random_attitude
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import quaternion_from_message
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import centroids_from_message, centroids_to_message
 from startracker_ros.ros.messages.gyro import gyro_to_imu, rate_from_imu
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.sky.star_lists import random_attitude, star_list
 
 CAMERA = Camera.from_fov(1024, 1024, 4.0)
 FRAME = 'star_tracker_optical_frame'

@@ -12,15 +12,16 @@ from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.maths.rotation import (
-    attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
+    attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector,
+    random_attitude)
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import centroids_to_message, tracks_to_message
 from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.sky.star_lists import random_attitude, star_list
 from startracker_ros.track.tracks import Tracks
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)

@@ -21,7 +21,7 @@ from startracker_ros.cli import main
 from startracker_ros.export.aem import aem_text, AemError, AemLabels
 from startracker_ros.export.files import export_bag
 from startracker_ros.export.segments import lock_segments
-from startracker_ros.report.recording import load_recording
+from startracker_ros.report.loading import load_recording
 from startracker_ros.ros.messages.attitude import attitude_to_imu, quaternion_to_message
 from startracker_ros.ros.messages.header import make_header
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from run_bag import write_run
 from startracker_ros.cli import main
+from startracker_ros.report.loading import load_recording
 from startracker_ros.report.page import json_block, write_report
 from startracker_ros.report.panels import Panels
-from startracker_ros.report.recording import load_recording
 
 SECTIONS = ('state', 'attitude', 'error', 'histogram', 'sky-map', 'star-count', 'residual',
             'delay', 'frame', 'diagnostic', 'topic')

@@ -9,8 +9,9 @@ from run_bag import (
     CAMERA, error_arcsec, FRAMES, RATE_RAD_S, SIGMA_ARCSEC, START_NS, STEP_NS, truth, UNSOLVED,
     write_run)
 from startracker_ros.bag.errors import BagError
+from startracker_ros.report.loading import load_recording
 from startracker_ros.report.panels import Panels, thinned, utc
-from startracker_ros.report.recording import load_recording, Recording
+from startracker_ros.report.recording import Recording
 from startracker_ros.report.summary import summarise
 from std_msgs.msg import String
 

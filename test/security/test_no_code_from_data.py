@@ -20,7 +20,7 @@ UNSAFE_CALLS = {
 SAFE_LOADERS = {'yaml.SafeLoader', 'yaml.CSafeLoader'}
 # Modules named by a table in the code or, in message_types.py, by data that is checked below.
 MAY_IMPORT_BY_NAME = {
-    'ros/message_types.py', 'ros/node.py', 'doctor/install.py', 'bench/centroid.py',
+    'ros/messages/message_types.py', 'ros/node.py', 'doctor/install.py', 'bench/centroid.py',
     'bench/jpda.py'}
 
 

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 from startracker_ros.camera.model import Camera
-from startracker_ros.maths.rotation import conjugate, quaternion_from_rotation_vector, rotate
-from startracker_ros.sky.star_lists import random_attitude
+from startracker_ros.maths.rotation import (
+    conjugate, quaternion_from_rotation_vector, random_attitude, rotate)
 from startracker_ros.track.neighbourhood import GATE_SIGMA, propagated, star_neighbourhood
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)

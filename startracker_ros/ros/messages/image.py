@@ -8,7 +8,7 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
 from startracker_ros.bag.layouts import MessageError
-from startracker_ros.ros.rclpy_internals import set_image_data
+from startracker_ros.ros.messages.rclpy_internals import set_image_data
 from std_msgs.msg import Header
 
 _CDR_LITTLE_ENDIAN = b'\x00\x01'
