@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.centroid.smoothing import filter_across, filter_down, Kernel
 from startracker_ros.compiled import compiled
+from startracker_ros.maths.sorting import insert_sorted
 
 TILE_PX = 64
 SAMPLE_ROWS = 8  # rows sampled in a tile; each has to be filtered,
@@ -180,11 +181,7 @@ def _median_of_nine(mesh: np.ndarray, i: int, j: int) -> float:
     for k in range(9):
         value = mesh[min(max(i + k // 3 - 1, 0), mesh.shape[0] - 1),
                      min(max(j + k % 3 - 1, 0), mesh.shape[1] - 1)]
-        slot = k
-        while slot > 0 and around[slot - 1] > value:
-            around[slot] = around[slot - 1]
-            slot -= 1
-        around[slot] = value
+        insert_sorted(around, k, value)
     return around[4]
 
 

@@ -24,6 +24,19 @@ def ascending_order(values: np.ndarray) -> np.ndarray:
 
 
 @compiled
+def insert_sorted(ordered: np.ndarray, count: int, value: float) -> None:
+    """Insert a value into the first count values (N,), which ascend; N > count."""
+    slot = count
+    while slot > 0 and ordered[slot - 1] > value:
+        ordered[slot] = ordered[slot - 1]
+        slot -= 1
+    ordered[slot] = value
+
+
+@compiled
 def upper_median(values: np.ndarray) -> float:
     """Return the median of a few values (N,), N > 0; of an even number the greater middle one."""
-    return values[ascending_order(values)[len(values) // 2]]
+    ordered = np.empty_like(values)
+    for k, value in enumerate(values):
+        insert_sorted(ordered, k, value)
+    return ordered[len(values) // 2]

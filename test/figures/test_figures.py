@@ -3,6 +3,7 @@
 from dataclasses import fields, replace
 import gc
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -83,8 +84,9 @@ def test_calls_are_timed_without_the_garbage_collector():
 
 
 def test_steal_time_is_that_since_the_start(monkeypatch):
-    ticks = iter([(1000, 50), (1090, 60)])
-    monkeypatch.setattr(machine, '_processor_ticks', lambda: next(ticks))
+    times_s = iter([SimpleNamespace(user=8.0, system=2.0, steal=0.5),
+                    SimpleNamespace(user=8.8, system=2.1, steal=0.6)])
+    monkeypatch.setattr(machine.psutil, 'cpu_times', lambda: next(times_s))
     assert str(machine.StealTime()) == '10.0% steal time'
 
 
