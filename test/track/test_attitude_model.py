@@ -190,6 +190,7 @@ def test_the_covariance_is_consistent(gyro):
     assert rate_total < high
 
 
+@pytest.mark.long
 def test_better_than_a_filter_for_each_star():
     rng = np.random.default_rng(5)
     rates = random_turns(rng, 20.0, 0.005)
