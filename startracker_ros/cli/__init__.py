@@ -9,7 +9,7 @@ from startracker_ros.cli.benches import bench
 from startracker_ros.cli.campaigns import campaign
 from startracker_ros.cli.nodes import demo, doctor, run
 from startracker_ros.cli.photographs import calibrate, solve
-from startracker_ros.cli.shared import told
+from startracker_ros.cli.shared import exit_1_on
 from startracker_ros.extras import MissingLibraryError
 
 
@@ -17,7 +17,7 @@ class _Main(click.Group):
     """Ends every command with status 1 and one line where the library of an extra is missing."""
 
     def invoke(self, context: click.Context) -> Any:
-        with told(MissingLibraryError):
+        with exit_1_on(MissingLibraryError):
             return super().invoke(context)
 
 

@@ -4,7 +4,8 @@ from pathlib import Path
 import sys
 
 import click
-from startracker_ros.cli.shared import become_node, json_option, namespace_option, refused, told
+from startracker_ros.cli.shared import (
+    become_node, exit_1_on, json_option, namespace_option, usage_error_on)
 
 
 @click.command()
@@ -80,7 +81,7 @@ def info(bag: Path, output: Path | None, as_json: bool) -> None:
     from startracker_ros.bag.info import describe
     from startracker_ros.bag.recovery import recover
     from startracker_ros.table import show
-    with told(BagError):
+    with exit_1_on(BagError):
         if output is not None:
             recover(bag, output, report=lambda problem: click.echo(problem, err=True))
             bag = output
@@ -103,7 +104,7 @@ def report(bag: Path, output: Path, namespace: str | None, as_json: bool) -> Non
     from startracker_ros.bag.errors import BagError
     from startracker_ros.report.page import write_report
     from startracker_ros.table import show
-    with told(BagError, output=output):
+    with exit_1_on(BagError, output=output):
         result = write_report(bag, output, namespace)
     show(result, as_json)
 
@@ -127,8 +128,8 @@ def export(bag: Path, output: Path, formats: tuple[str, ...], originator: str, o
     from startracker_ros.export.aem import AemError, AemLabels
     from startracker_ros.export.files import export_bag
     from startracker_ros.table import show
-    with refused(AemError):
+    with usage_error_on(AemError):
         labels = AemLabels(originator, object_name, object_id)
-    with told(BagError, AemError, output=output):
+    with exit_1_on(BagError, AemError, output=output):
         result = export_bag(bag, output, formats, labels, namespace)
     show(result, as_json)

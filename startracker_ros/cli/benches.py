@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import click
 from startracker_ros.cli.shared import (
-    check_names, finish, json_option, scheduler_option, seed_option, told, trials_option)
+    check_names, exit_1_on, finish, json_option, scheduler_option, seed_option, trials_option)
 
 
 @click.group()
@@ -25,7 +25,7 @@ def bench_pipeline(trials: int, seed: int, only: tuple[str, ...], as_json: bool)
     from startracker_ros.bench.pipeline import CASES, run_pipeline_bench
     from startracker_ros.harness.processes import HarnessError
     check_names('case', only, CASES)
-    with told(HarnessError):
+    with exit_1_on(HarnessError):
         result = run_pipeline_bench(trials=trials, seed=seed, only=only or tuple(CASES))
     finish(result, as_json)
 
@@ -49,7 +49,7 @@ def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python:
     if cedar_python and scheduler:
         raise click.UsageError('cedar-solve runs on this machine, without --scheduler')
     chosen = only or (DATABASE, *(ALL_CELLS if all_cells else CELLS))
-    with told(PeerError):
+    with exit_1_on(PeerError):
         result = run_lost_in_space_bench(
             trials=trials, seed=seed, only=chosen, cameras=cameras or tuple(VIEWS),
             cedar_python=cedar_python or '', scheduler=scheduler)

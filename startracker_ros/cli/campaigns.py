@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 from startracker_ros.cli.shared import (
-    check_names, finish, json_option, picture_option, scheduler_option, seed_option, told,
+    check_names, exit_1_on, finish, json_option, picture_option, scheduler_option, seed_option,
     trials_option)
 
 
@@ -98,7 +98,7 @@ def campaign_faults(only: tuple[str, ...], seed: int, as_json: bool) -> None:
     from startracker_ros.campaign.faults import NAMES, run_faults_campaign
     from startracker_ros.harness.processes import HarnessError
     check_names('fault', only, NAMES)
-    with told(HarnessError):
+    with exit_1_on(HarnessError):
         result = run_faults_campaign(seed=seed, only=only)
     finish(result, as_json)
 
@@ -112,7 +112,7 @@ def campaign_soak(frames: int, seed: int, as_json: bool) -> None:
     """Many frames through the nodes: memory, handles, processor time and latency stay flat."""
     from startracker_ros.campaign.soak import run_soak_campaign
     from startracker_ros.harness.processes import HarnessError
-    with told(HarnessError):
+    with exit_1_on(HarnessError):
         result = run_soak_campaign(frames=frames, seed=seed)
     finish(result, as_json)
 
@@ -125,6 +125,6 @@ def campaign_soak(frames: int, seed: int, as_json: bool) -> None:
 def campaign_centroid(folder: Path | None, as_json: bool) -> None:
     """Weighted means at right and wrong thresholds on real photographs."""
     from startracker_ros.campaign.centroid import DataError, run_centroid_campaign
-    with told(DataError):
+    with exit_1_on(DataError):
         result = run_centroid_campaign(folder)
     finish(result, as_json)

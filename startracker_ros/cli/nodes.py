@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import click
-from startracker_ros.cli.shared import become_node, finish, json_option, seed_option, told
+from startracker_ros.cli.shared import become_node, exit_1_on, finish, json_option, seed_option
 
 
 @click.command(context_settings={'ignore_unknown_options': True, 'help_option_names': []})
@@ -31,7 +31,7 @@ def demo(context: click.Context, output: Path, seconds: float, seed: int, as_jso
         return
     from startracker_ros.harness.demo import run_demo
     from startracker_ros.harness.processes import HarnessError
-    with told(HarnessError):
+    with exit_1_on(HarnessError):
         result = run_demo(output, seconds=seconds, seed=seed)
     finish(result, as_json)
 
@@ -48,7 +48,7 @@ def demo_two_satellite(output: Path, seconds: float, seed: int, as_json: bool) -
     """Two satellites, each with a star tracker of its own, locate a third."""
     from startracker_ros.harness.processes import HarnessError
     from startracker_ros.harness.two_satellite_demo import run_two_satellite_demo
-    with told(HarnessError):
+    with exit_1_on(HarnessError):
         result = run_two_satellite_demo(output, seconds=seconds, seed=seed)
     finish(result, as_json)
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import sys
 
 import click
-from startracker_ros.cli.shared import json_option, refused, told
+from startracker_ros.cli.shared import exit_1_on, json_option, usage_error_on
 
 _epoch_option = click.option(
     '--epoch', 'epoch_year', type=float,
@@ -36,7 +36,7 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     from startracker_ros.pipeline.solve import solve_files
     from startracker_ros.table import show
     _check_one_camera(fov_deg, camera_file)
-    with refused(CameraError):
+    with usage_error_on(CameraError):
         result = solve_files(images, fov_deg=fov_deg, camera_file=camera_file,
                              epoch_year=epoch_year, annotate_folder=annotate_folder,
                              options=IdentificationOptions(fov_error_percent=fov_error_percent))
@@ -66,7 +66,7 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
     from startracker_ros.camera.model import CameraError
     from startracker_ros.table import show
     _check_one_camera(fov_deg, camera_file)
-    with refused(CameraError), told(CalibrationError, output=output):
+    with usage_error_on(CameraError), exit_1_on(CalibrationError, output=output):
         result = calibrate_files(images, output, fov_deg=fov_deg, camera_file=camera_file,
                                  epoch_year=epoch_year, terms=terms)
     show(result, as_json)

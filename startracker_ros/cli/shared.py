@@ -1,4 +1,4 @@
-"""What the commands share: options, and how they end."""
+"""What the commands share: options, and exit status."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -24,7 +24,7 @@ seed_option = click.option('--seed', type=click.IntRange(0), default=1, show_def
 
 
 def trials_option(default: int, what: str, *, least: int = 1) -> Callable[[_Command], _Command]:
-    """Return the option --trials; what says in words what it counts."""
+    """Return the option --trials; what is the help text."""
     return click.option('--trials', type=click.IntRange(least), default=default,
                         show_default=True, help=what)
 
@@ -65,8 +65,8 @@ def _fail(message: str) -> None:
 
 
 @contextmanager
-def refused(*errors: type[Exception]) -> Iterator[None]:
-    """End with status 2 on these errors: what was asked for cannot be."""
+def usage_error_on(*errors: type[Exception]) -> Iterator[None]:
+    """End with status 2, wrong use, on these errors."""
     try:
         yield
     except errors as error:
@@ -74,8 +74,8 @@ def refused(*errors: type[Exception]) -> Iterator[None]:
 
 
 @contextmanager
-def told(*errors: type[Exception], output: Path | None = None) -> Iterator[None]:
-    """End with status 1 on these errors, and on those of the system where output is written."""
+def exit_1_on(*errors: type[Exception], output: Path | None = None) -> Iterator[None]:
+    """End with status 1 on these errors, and on errors of the system while writing output."""
     try:
         yield
     except errors as error:
@@ -87,7 +87,7 @@ def told(*errors: type[Exception], output: Path | None = None) -> Iterator[None]
 
 
 def check_names(kind: str, named: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse names that are not known."""
+    """Reject names that are not known; UsageError lists those that are."""
     unknown = set(named) - set(known)
     if unknown:
         raise click.UsageError(f'no {kind} {", ".join(sorted(unknown))}; there are '

@@ -1,4 +1,4 @@
-"""A camera file, or a camera that publishes: would it do for a star tracker."""
+"""A camera file, or a camera that publishes: whether a star tracker can use it."""
 
 from collections.abc import Iterator, Mapping
 import json
@@ -50,7 +50,7 @@ def check_camera(camera_file: Path | None, listen_s: float, namespace: str = ''
         yield from check_images(heard['image_raw'], heard['camera_info'], live)
     if of_file is not None and live is not None and of_file != live:
         yield Check('camera file and camera_info', 'differ', False,
-                    'give the driver this file: the nodes believe camera_info only')
+                    'give the driver this file: the nodes use camera_info only')
 
 
 def _camera(heard: Mapping) -> Camera | None:

@@ -10,7 +10,7 @@ import sys
 from startracker_ros.doctor.check import Check
 from startracker_ros.executables import EXECUTABLES
 
-# Module and the distribution that tells its version; Debian packages may tell none.
+# Modules with the distributions that have their versions; Debian packages may have none.
 PACKAGES = (
     ('numpy', 'numpy'), ('scipy', 'scipy'), ('numba', 'numba'),
     ('cv2', 'opencv-python-headless'), ('mcap', 'mcap'), ('mcap_ros2', 'mcap-ros2-support'),

@@ -14,7 +14,7 @@ from startracker_ros.maths.rotation import matrix_from_quaternion
 from startracker_ros.report.recording import (
     Clouds, DiagnosticRecord, full_name, Recording, TopicTimes)
 
-# Topics that are understood, relative to the namespace of a star tracker.
+# Topics that are read, relative to the namespace of a star tracker.
 TOPIC_TYPES = {
     'camera_info': 'sensor_msgs/msg/CameraInfo', 'image_raw': 'sensor_msgs/msg/Image',
     'centroids': 'sensor_msgs/msg/PointCloud2', 'stars': 'sensor_msgs/msg/PointCloud2',
@@ -24,8 +24,8 @@ TOPIC_TYPES = {
     'truth/attitude': 'geometry_msgs/msg/QuaternionStamped',
     'tracker_state': 'diagnostic_msgs/msg/DiagnosticStatus'}
 _DIAGNOSTICS, _DIAGNOSTICS_TYPE = '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray'
-# What tells that a namespace is one of a star tracker; other cameras have image_raw as well.
-_TELLING = ('centroids', 'stars', 'tracks', 'attitude', 'attitude_cov', 'attitude_imu',
+# Topics that identify the namespace of a star tracker; other cameras have image_raw as well.
+_STAR_TRACKER_TOPICS = ('centroids', 'stars', 'tracks', 'attitude', 'attitude_cov', 'attitude_imu',
             'tracker_state')
 _NEWEST_NS = 2 ** 63 - 1
 _LARGEST_VARIANCE_RAD2 = (2 * np.pi) ** 2
@@ -67,7 +67,7 @@ def _load(bag: Path, namespace: str | None, *, tolerant: bool,
     reader = _Reader(namespace)
     messages = read_messages(bag, topics=tuple(reader.handlers), tolerant=tolerant)
     for message in messages if tolerant else _to_the_end(messages):
-        reader.take(message)
+        reader.read(message)
     return reader.recording(topics, problems, complete=not tolerant)
 
 
@@ -80,7 +80,7 @@ def _to_the_end(messages: Iterator[BagMessage]) -> Iterator[BagMessage]:
 
 def _find_namespace(topics: Mapping[str, BagTopic]) -> str:
     found = sorted({name.removesuffix(f'/{topic}').strip('/')
-                    for name in topics for topic in _TELLING
+                    for name in topics for topic in _STAR_TRACKER_TOPICS
                     if name.endswith(f'/{topic}') and not name.endswith('/truth/attitude')
                     and not name.endswith('/truth/stars')})
     if len(found) > 1:
@@ -95,16 +95,16 @@ class _Reader:
     def __init__(self, namespace: str) -> None:
         self._namespace = namespace
         handlers: dict[str, Callable[[Any, BagMessage], None]] = {
-            'camera_info': self._take_camera, 'centroids': self._take_cloud,
-            'stars': self._take_cloud, 'tracks': self._take_cloud,
-            'attitude': self._take_attitude, 'attitude_cov': self._take_pose,
-            'attitude_imu': self._take_imu, 'truth/attitude': self._take_truth,
-            'tracker_state': self._take_state}
+            'camera_info': self._on_camera, 'centroids': self._on_cloud,
+            'stars': self._on_cloud, 'tracks': self._on_cloud,
+            'attitude': self._on_attitude, 'attitude_cov': self._on_pose,
+            'attitude_imu': self._on_imu, 'truth/attitude': self._on_truth,
+            'tracker_state': self._on_state}
         # Images are only looked at for their stamps.
         self.handlers = {full_name(namespace, topic): (topic, type_name, handlers.get(topic))
                          for topic, type_name in TOPIC_TYPES.items()}
         self.handlers[_DIAGNOSTICS] = (
-            _DIAGNOSTICS, _DIAGNOSTICS_TYPE, self._take_diagnostics)
+            _DIAGNOSTICS, _DIAGNOSTICS_TYPE, self._on_diagnostics)
         self._problems: dict[str, tuple[int, str]] = {}
         self._times: dict[str, list[tuple[int, int, int]]] = {topic: [] for topic in TOPIC_TYPES}
         self._clouds: dict[str, dict[int, np.ndarray]] = {
@@ -119,7 +119,7 @@ class _Reader:
         self._state: list[tuple[int, str]] = []
         self._diagnostics: list[DiagnosticRecord] = []
 
-    def take(self, message: BagMessage) -> None:
+    def read(self, message: BagMessage) -> None:
         """Take one message of the topics in handlers."""
         topic, type_name, handler = self.handlers[message.topic]
         try:
@@ -147,27 +147,27 @@ class _Reader:
         sent_ns = min(message.publish_time_ns or received_ns, _NEWEST_NS)
         self._times[topic].append((stamp_ns, sent_ns, received_ns))
 
-    def _take_camera(self, decoded: Any, message: BagMessage) -> None:
+    def _on_camera(self, decoded: Any, message: BagMessage) -> None:
         self._camera = camera_from_message(decoded)
 
-    def _take_cloud(self, decoded: Any, message: BagMessage) -> None:
+    def _on_cloud(self, decoded: Any, message: BagMessage) -> None:
         topic = self.handlers[message.topic][0]
         dtype = {'centroids': CENTROID_DTYPE, 'stars': STAR_DTYPE, 'tracks': TRACK_DTYPE}[topic]
         rows = read_cloud(decoded, dtype)
         self._clouds[topic][self._stamp_ns(decoded, message)] = rows
 
-    def _take_attitude(self, decoded: Any, message: BagMessage) -> None:
+    def _on_attitude(self, decoded: Any, message: BagMessage) -> None:
         quaternion = _unit(decoded.quaternion)
         self._note_attitude(self._stamp_ns(decoded, message), quaternion, message)
 
-    def _take_pose(self, decoded: Any, message: BagMessage) -> None:
+    def _on_pose(self, decoded: Any, message: BagMessage) -> None:
         quaternion = _unit(decoded.pose.pose.orientation)
         stamp_ns = self._stamp_ns(decoded, message)
         self._note_attitude(stamp_ns, quaternion, message)
         block = np.reshape(decoded.pose.covariance, (6, 6))[3:, 3:]
         self._covariance[stamp_ns] = _about_sensor_axes(block, quaternion)
 
-    def _take_imu(self, decoded: Any, message: BagMessage) -> None:
+    def _on_imu(self, decoded: Any, message: BagMessage) -> None:
         if decoded.orientation_covariance[0] == -1:
             self._without.add(self._stamp_ns(decoded, message))
             return
@@ -189,14 +189,14 @@ class _Reader:
             self._quaternion[stamp_ns] = quaternion
             self._received[stamp_ns] = min(message.log_time_ns, _NEWEST_NS)
 
-    def _take_truth(self, decoded: Any, message: BagMessage) -> None:
+    def _on_truth(self, decoded: Any, message: BagMessage) -> None:
         quaternion = _unit(decoded.quaternion)
         self._truth[self._stamp_ns(decoded, message)] = quaternion
 
-    def _take_state(self, decoded: Any, message: BagMessage) -> None:
+    def _on_state(self, decoded: Any, message: BagMessage) -> None:
         self._state.append((min(message.log_time_ns, _NEWEST_NS), decoded.message))
 
-    def _take_diagnostics(self, decoded: Any, message: BagMessage) -> None:
+    def _on_diagnostics(self, decoded: Any, message: BagMessage) -> None:
         stamp = decoded.header.stamp
         self._diagnostics.extend(DiagnosticRecord(
             stamp.sec * 10 ** 9 + stamp.nanosec, min(message.log_time_ns, _NEWEST_NS),
@@ -263,9 +263,10 @@ def _unit(q: Any) -> np.ndarray:
 def _about_sensor_axes(covariance_icrf: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
     matrix = matrix_from_quaternion(quaternion)
     covariance = matrix.T @ covariance_icrf @ matrix
-    # Beyond a turn nothing is told, whatever the number is.
-    told = np.all(np.abs(covariance) < _LARGEST_VARIANCE_RAD2) and np.all(np.diag(covariance) >= 0)
-    return covariance if told else np.full((3, 3), np.nan)
+    # Beyond a full turn a variance carries no information.
+    known = (np.all(np.abs(covariance) < _LARGEST_VARIANCE_RAD2)
+             and np.all(np.diag(covariance) >= 0))
+    return covariance if known else np.full((3, 3), np.nan)
 
 
 def _level(level: bytes | int) -> int:

@@ -142,11 +142,11 @@ class Panels:
             spread = max(float(np.percentile(np.abs(values), 99)), 1e-9) * 1.25
             edges = np.linspace(-spread, spread, 32)
             counts, _ = np.histogram(values, edges)
-            told = sigma[:, axis][np.isfinite(sigma[:, axis]) & (sigma[:, axis] > 0)]
-            told = told[thinned([told])] if len(told) else told
+            known = sigma[:, axis][np.isfinite(sigma[:, axis]) & (sigma[:, axis] > 0)]
+            known = known[thinned([known])] if len(known) else known
             expected = None
-            if len(told):
-                below = ndtr(edges[:, None] / told).mean(axis=1)
+            if len(known):
+                below = ndtr(edges[:, None] / known).mean(axis=1)
                 expected = numbers(np.diff(below) * len(values), 2)
             found.append({
                 'title': name, 'edges': numbers(edges, 5), 'counts': counts.tolist(),
@@ -246,8 +246,8 @@ def diagnostics_table(recording: Recording) -> list[Mapping[str, Any]]:
 
 def _error_range(error: np.ndarray, sigma: np.ndarray, axis: int) -> list[float] | None:
     """Return low and high: the wide bounds of the first frames may leave it, no error may."""
-    told = sigma[:, axis][np.isfinite(sigma[:, axis])]
-    limit = max(4.5 * float(np.median(told)) if len(told) else 0.0,
+    known = sigma[:, axis][np.isfinite(sigma[:, axis])]
+    limit = max(4.5 * float(np.median(known)) if len(known) else 0.0,
                 1.1 * float(np.abs(error[:, axis]).max()) if len(error) else 0.0)
     return [-limit, limit] if limit else None
 

@@ -62,7 +62,7 @@ class Recording:
 
     times: TopicTimes by relative topic, of all that carry a stamp;
     quaternion (N, 4) at attitude_ns (N,), covariance_sensor (N, 3, 3) in rad^2 about sensor
-    axes and rate_rad_s (N, 3), both NaN where they were not told;
+    axes and rate_rad_s (N, 3), both NaN where they were not published;
     without_attitude_ns: frames of which the estimator said that they have none;
     truth_ns (T,), truth_quaternion (T, 4); state_ns and state: the tracker's states, by the
     time they were received; problems: what of the bag could not be used; complete: whether it
@@ -116,7 +116,7 @@ class Recording:
         return stamps, error / ARCSEC, self.sigma_arcsec()[ours]
 
     def sigma_arcsec(self) -> np.ndarray:
-        """Return 1 sigma (N, 3) of each attitude about sensor axes; NaN where not told."""
+        """Return 1 sigma (N, 3) of each attitude about sensor axes; NaN where not published."""
         variance = np.diagonal(self.covariance_sensor, axis1=1, axis2=2)
         return np.sqrt(np.where(variance >= 0, variance, np.nan)) / ARCSEC
 

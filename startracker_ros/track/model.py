@@ -43,7 +43,7 @@ class StarModel(ABC):
     Predicts the tracked stars, and updates them by frames of centroids.
 
     bank holds the tracks; from the start on rate_rad_s (3,) and rate_covariance (3, 3) are the
-    body rate. uses_gyro tells whether gyro rates are used, gyro_trouble why they are not.
+    body rate. uses_gyro is whether gyro rates are used, gyro_trouble why they are not.
     """
 
     gyro_trouble = ''
