@@ -61,7 +61,7 @@ class IdentificationStage:
 
     @property
     def prediction(self) -> str:
-        """What the last frame was identified with, in words; empty without prediction."""
+        """Return what the last frame was identified with, in words; empty without prediction."""
         return '' if self._recursive is None else self._recursive.condition
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:

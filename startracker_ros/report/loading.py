@@ -25,8 +25,8 @@ TOPIC_TYPES = {
     'tracker_state': 'diagnostic_msgs/msg/DiagnosticStatus'}
 _DIAGNOSTICS, _DIAGNOSTICS_TYPE = '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray'
 # Topics that identify the namespace of a star tracker; other cameras have image_raw as well.
-_STAR_TRACKER_TOPICS = ('centroids', 'stars', 'tracks', 'attitude', 'attitude_cov', 'attitude_imu',
-            'tracker_state')
+_STAR_TRACKER_TOPICS = (
+    'centroids', 'stars', 'tracks', 'attitude', 'attitude_cov', 'attitude_imu', 'tracker_state')
 _NEWEST_NS = 2 ** 63 - 1
 _LARGEST_VARIANCE_RAD2 = (2 * np.pi) ** 2
 

@@ -96,7 +96,7 @@ class StarTracker:
 
     @property
     def gyro_trouble(self) -> str:
-        """The reason why the rates of a gyro are not used, empty without one."""
+        """Return why the rates of a gyro are not used, empty where they are or without a gyro."""
         return self._model.gyro_trouble
 
     @property
