@@ -1,9 +1,8 @@
 """
 The plumb_bob lens distortion of Brown (1966), as in OpenCV and sensor_msgs/CameraInfo.
 
-The functions accept arrays; camera.lens compiles them for single points.
-
-lens.py compiles these functions by startracker_ros.compiled.
+The functions accept arrays; camera.lens compiles them by startracker_ros.compiled for single
+points.
 """
 
 from typing import Any
