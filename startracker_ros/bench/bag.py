@@ -13,6 +13,7 @@ from startracker_ros.bench.bag_fuzz import fuzz_in_processes
 from startracker_ros.bench.bag_read import read_figures
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.figures.rows import Row
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.table import Result
@@ -23,8 +24,6 @@ _RATE_HZ = 100
 _SECONDS = 20
 _IMAGES = 50
 
-Row = dict[str, object]
-
 
 def run_bag_bench(*, inputs: int, seed: int, only: Sequence[str] = CASES) -> Result:
     """Return the rows of the chosen cases."""
@@ -32,7 +31,7 @@ def run_bag_bench(*, inputs: int, seed: int, only: Sequence[str] = CASES) -> Res
     if 'damage' in only:
         rows += _damage_rows(inputs, seed)
     if 'read' in only:
-        rows += [_row(*figure) for figure in read_figures(_images(), seed)]
+        rows += [Row(*figure) for figure in read_figures(_images(), seed)]
     if 'pace' in only:
         rows += _pace_rows()
     if 'record' in only:
@@ -49,20 +48,16 @@ def run_bag_bench(*, inputs: int, seed: int, only: Sequence[str] = CASES) -> Res
         'seed': seed})
 
 
-def _row(case: str, ours: float, unit: str, bound: str = '', holds: bool = True) -> Row:
-    return {'case': case, 'ours': ours, 'unit': unit, 'bound': bound, 'holds': holds}
-
-
 def _damage_rows(inputs: int, seed: int) -> list[Row]:
     result = fuzz_in_processes(seed, inputs)
     for text in result.wrong[:20]:
         print(text)
     return [
-        _row('damaged bags read', result.inputs, 'files'),
-        _row('rejected, clear error', result.rejected, 'files'),
-        _row('anything else went wrong', len(result.wrong), 'files', '= 0', not result.wrong),
-        _row('slowest file', 1e3 * result.slowest_s, 'ms', '<= 1000', result.slowest_s <= 1.0),
-        _row('growth of memory', result.memory_mb, 'MB', '<= 300', result.memory_mb <= 300)]
+        Row('damaged bags read', result.inputs, 'files'),
+        Row('rejected, clear error', result.rejected, 'files'),
+        Row('anything else went wrong', len(result.wrong), 'files', '= 0', not result.wrong),
+        Row('slowest file', 1e3 * result.slowest_s, 'ms', '<= 1000', result.slowest_s <= 1.0),
+        Row('growth of memory', result.memory_mb, 'MB', '<= 300', result.memory_mb <= 300)]
 
 
 def _pace_rows() -> list[Row]:
@@ -71,10 +66,10 @@ def _pace_rows() -> list[Row]:
     p50, p95 = np.percentile(lateness_ms, (50, 95))
     count = _RATE_HZ * _SECONDS
     return [
-        _row('played messages received', len(lateness_ms), 'messages', f'= {count}',
-             len(lateness_ms) == count),
-        _row('pacing error, p50', p50, 'ms'),
-        _row('pacing error, p95', p95, 'ms', '<= 2', p95 <= 2.0)]
+        Row('played messages received', len(lateness_ms), 'messages', f'= {count}',
+            len(lateness_ms) == count),
+        Row('pacing error, p50', p50, 'ms'),
+        Row('pacing error, p95', p95, 'ms', '<= 2', p95 <= 2.0)]
 
 
 def _images() -> list[bytes]:
@@ -95,6 +90,6 @@ def _record_rows() -> list[Row]:
                     writer.write('/image_raw', images[number % len(images)], number * 10 ** 8, 0)
                 spent_s = time.process_time() - begin_s
             size = sum(path.stat().st_size for path in bag.glob('*.mcap'))
-        rows += [_row(f'{compression}: an image written', 1e3 * spent_s / _IMAGES, 'ms'),
-                 _row(f'{compression}: size of an image', size / _IMAGES / 1e6, 'MB')]
+        rows += [Row(f'{compression}: an image written', 1e3 * spent_s / _IMAGES, 'ms'),
+                 Row(f'{compression}: size of an image', size / _IMAGES / 1e6, 'MB')]
     return rows

@@ -6,7 +6,7 @@ import time
 from builtin_interfaces.msg import Time
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Imu
-from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.astro.epoch import epoch_year_from_stamp, RESTART_NS
 from startracker_ros.bag.layouts import camera_from_message, MessageError, ns_from_stamp
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.machine_code import cached_functions, machine_code_folder
@@ -27,7 +27,6 @@ class CameraNode(PipelineNode):
     message for each frame: its gaps and silence are reported.
     """
 
-    RESTART_NS = 1_000_000_000
     # No star of the catalogue moves by more than 0.2 arcsec in this time, in years.
     EPOCH_TOLERANCE = 0.05
 
@@ -86,7 +85,7 @@ class CameraNode(PipelineNode):
         """Return whether a stamp is newer than the last of its topic; counts it if not."""
         stamp_ns = ns_from_stamp(stamp)
         newest_ns = self._newest_ns.get(topic, stamp_ns - 1)
-        if newest_ns - stamp_ns > self.RESTART_NS:
+        if newest_ns - stamp_ns > RESTART_NS:
             self.diagnostics.report_event(
                 f'{topic}: time went back by {(newest_ns - stamp_ns) / 1e9:.1f} s, '
                 'state forgotten')
