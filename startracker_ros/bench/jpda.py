@@ -17,7 +17,7 @@ from startracker_ros.figures.rows import Check, combined
 from startracker_ros.figures.timing import cpu_timed, garbage_collector_off
 from startracker_ros.table import Result
 from startracker_ros.track.association import (
-    event_weights, gate_size, gated_density, joint_probabilities)
+    event_weights, gate_size, gated_density, joint_probabilities, round_errors)
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.motion_models import constant_velocity
 
@@ -69,7 +69,8 @@ class Ours(Filter):
         uv, variance = measurements
         transition, noise = constant_velocity(scene.DT_S, _ACCELERATION)
         state, covariance = predict(self._state, self._covariance, transition, noise)
-        density = gated_density(state[:, ::2], covariance[:, ::2, ::2], uv, variance, self._gate)
+        density = gated_density(state[:, ::2], covariance[:, ::2, ::2], uv,
+                                round_errors(variance), self._gate)
         probability = joint_probabilities(event_weights(
             density, scene.DETECTION_PROBABILITY, GATE_PROBABILITY, self._clutter_px2))
         self._state, self._covariance = update(state, covariance, uv, variance, probability)

@@ -77,7 +77,7 @@ def noise_free(trials: int, seed: int) -> Iterator[PercentileRow]:
             dec_deg=np.degrees(np.arcsin(rng.uniform(-1, 1))))
         frame = SkySimulator(FULL_CAMERA, motion_from_options(options), catalog, EPOCH_YEAR,
                              detector_options=detector).frame(0.0)
-        centroids = pipeline.extractor.extract(frame.image).centroids
+        centroids = pipeline.extraction.extractor.extract(frame.image).centroids
         identified = pipeline.identification.identify(0, centroids)
         solved = pipeline.attitude.from_stars(centroids, identified.hip).attitude
         errors.append(np.full(3, np.nan) if solved is None else attitude_error(
@@ -182,7 +182,7 @@ def core_work(trials: int, seed: int) -> Iterator[PercentileRow]:
         stamp_ns = index * 100_000_000
         image = simulator.frame(index / 10).image
         marks = [time.process_time()]
-        centroids = pipeline.extractor.extract(image).centroids
+        centroids = pipeline.extraction.extractor.extract(image).centroids
         marks.append(time.process_time())
         tracks = pipeline.tracker.update(stamp_ns, centroids)
         marks.append(time.process_time())

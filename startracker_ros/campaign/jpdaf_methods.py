@@ -11,7 +11,7 @@ from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.track.association import (
-    event_weights, gate_size, gated_density, joint_probabilities)
+    event_weights, gate_size, gated_density, joint_probabilities, round_errors)
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.motion_models import (
     constant_velocity, coordinated_turn, image_jacobian, POSITION, VELOCITY)
@@ -98,7 +98,8 @@ def track_stars(state: np.ndarray, covariance: np.ndarray, frames: Sequence[np.n
     for uv in frames:
         state, covariance = predict(state, covariance, transition, noise(state[:, POSITION]))
         variance = np.full(len(uv), sigma_px ** 2)
-        density = gated_density(state[:, POSITION], covariance[:, ::2, ::2], uv, variance, gate)
+        density = gated_density(state[:, POSITION], covariance[:, ::2, ::2], uv,
+                                round_errors(variance), gate)
         probability = joint_probabilities(event_weights(
             density, DETECTION_PROBABILITY, GATE_PROBABILITY, CLUTTER_PX2))
         state, covariance = update(state, covariance, uv, variance, probability)

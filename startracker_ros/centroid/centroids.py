@@ -11,13 +11,26 @@ class Centroids:
     Star images of one frame, brightest first; all arrays float64.
 
     uv (N, 2) px, (0, 0) the centre of the top-left pixel; flux (N,) total light in DN;
-    snr (N,) flux over its 1-sigma error; sigma_px (N,) 1-sigma error per axis.
+    snr (N,) flux over its 1-sigma error; sigma_px (N,) 1-sigma error per axis, the root mean
+    square of both; covariance (N, 2, 2) px^2 of uv, round where not given; delay_s (N,) from
+    the time of the frame to the middle of the exposure of the star's own row, zero where not
+    given.
     """
 
     uv: np.ndarray
     flux: np.ndarray
     snr: np.ndarray
     sigma_px: np.ndarray
+    covariance: np.ndarray = None  # type: ignore[assignment]  # never after __post_init__
+    delay_s: np.ndarray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.covariance is None:
+            covariance = np.zeros((len(self.flux), 2, 2))
+            covariance[:, 0, 0] = covariance[:, 1, 1] = self.sigma_px ** 2
+            object.__setattr__(self, 'covariance', covariance)
+        if self.delay_s is None:
+            object.__setattr__(self, 'delay_s', np.zeros(len(self.flux)))
 
     def __len__(self) -> int:
         return len(self.flux)
@@ -30,4 +43,4 @@ class Centroids:
     def select(self, chosen: np.ndarray | slice) -> 'Centroids':
         """Return the centroids of a mask (N,), of indices or of a slice."""
         return Centroids(self.uv[chosen], self.flux[chosen], self.snr[chosen],
-                         self.sigma_px[chosen])
+                         self.sigma_px[chosen], self.covariance[chosen], self.delay_s[chosen])

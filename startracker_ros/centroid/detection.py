@@ -11,8 +11,9 @@ PX_PER_PEAK = 400  # more peaks than one in so many pixels are noise, not stars
 FEW_PEAKS = 100  # never too many
 ROUNDING = 1e-6  # relative, of a mean in float32
 PLATEAU_DN = 64  # a flat top lower than this may be rounding, not saturation
-RING_SIGMAS = 4.0  # radius of a ring around a peak,
-RING_LIGHT = 0.5  # half of which is darker than this share of the peak
+RING_SIGMAS = 4.0  # radius of a ring around a peak
+RING_LIGHT = 0.5  # share of the height of a peak from which on the ring is bright
+STAR, DISC, LINE = range(3)  # what a peak belongs to
 _ANGLES = np.arange(8) * np.pi / 4
 _DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], 1)
 
@@ -53,13 +54,15 @@ class Search(NamedTuple):
     """
     Result of a search: peaks; found, the number of all peaks, listed or not.
 
-    discs counts the peaks left out because they belong to something large, such as the Moon.
-    row_max (H,) are the brightest pixels of the rows.
+    discs (D, 2) and lines (L, 2) are pixels u, v of peaks left out: they belong to something
+    large, such as the Moon, or to a line, such as a trail or a saturated column. row_max (H,)
+    are the brightest pixels of the rows.
     """
 
     peaks: Peaks
     found: int
-    discs: int
+    discs: np.ndarray
+    lines: np.ndarray
     row_max: np.ndarray
 
     @property
@@ -102,27 +105,34 @@ def find_peaks(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Thresho
     Return the local maxima of image (H, W) after smoothing that exceed the threshold.
 
     No more are listed than an image of stars can have. Peaks within or on the rim of something
-    bright and large, such as the Moon, are left out: its noise would otherwise make more peaks
-    than the sky has stars.
+    bright and large, such as the Moon, and peaks along a line are left out: their noise would
+    otherwise make more peaks than the sky has stars.
     """
     ring = np.rint(RING_SIGMAS * kernel.sigma_px * _DIRECTIONS).astype(np.int64)
     max_peaks = max(FEW_PEAKS, image.size // PX_PER_PEAK)
-    peaks, found, discs, row_max = _search(image, kernel, mesh, threshold, ring, max_peaks)
-    order = np.argsort(-peaks.height[:found], kind='stable')
-    return Search(peaks.select(order), found, discs, row_max)
+    peaks, no_stars, counts, row_max = _search(image, kernel, mesh, threshold, ring, max_peaks)
+    order = np.argsort(-peaks.height[:counts[STAR]], kind='stable')
+    return Search(peaks.select(order), int(counts[STAR]), no_stars[0, :counts[DISC]],
+                  no_stars[1, :counts[LINE]], row_max)
 
 
 @compiled
 def _search(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Threshold,
-            ring: np.ndarray, max_peaks: int) -> tuple[Peaks, int, int, np.ndarray]:
-    """Return the fields of Search, with the peaks in the order of the image."""
+            ring: np.ndarray, max_peaks: int
+            ) -> tuple[Peaks, np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return the peaks in the order of the image, the pixels of discs and lines, and row_max.
+
+    The pixels (2, max_peaks, 2) of discs and of lines are filled up to the counts (3,) of STAR,
+    DISC and LINE; that of STAR goes on beyond max_peaks.
+    """
     height, width = image.shape
     weights, radius = kernel.weights, len(kernel.weights) - 1
     rows, limits = _empty_rows(width, radius), _limits(mesh, threshold, width)
     peaks, row_max = _empty_peaks(max_peaks), np.empty(height, image.dtype)
+    no_stars, counts = np.empty((2, max_peaks, 2), np.int64), np.zeros(3, np.int64)
     segments, maxima = np.empty(len(limits.begin) - 1, np.int64), np.empty(width, np.int64)
     upper, middle, lower = rows.smooth[0], rows.smooth[1], rows.smooth[2]
-    found = discs = 0
     for below in range(-radius, height):
         if below + radius < height:
             row_max[below + radius] = _load_row(image, below + radius, rows.image)
@@ -141,26 +151,29 @@ def _search(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Threshold,
             filter_across(above, weights, first - 1, end + 1, upper)
             filter_across(under, weights, first - 1, end + 1, lower)
             for m in range(_find_maxima(rows.smooth, limits, segments[k], mesh.scale[1], maxima)):
-                large = _measure_peak(image, kernel, mesh, rows.smooth, ring, maxima[m], v, found,
-                                      peaks)
-                found, discs = found + (not large), discs + large
-    return peaks, found, discs, row_max
+                kind = _measure_peak(image, kernel, mesh, rows.smooth, ring, maxima[m], v,
+                                     counts[STAR], peaks)
+                if kind != STAR and counts[kind] < max_peaks:
+                    no_stars[kind - 1, counts[kind], 0] = maxima[m]
+                    no_stars[kind - 1, counts[kind], 1] = v
+                    counts[kind] += 1
+                counts[STAR] += kind == STAR
+    return peaks, no_stars, counts, row_max
 
 
 @compiled
 def _measure_peak(image: np.ndarray, kernel: Kernel, mesh: Mesh, smooth: np.ndarray,
-                  ring: np.ndarray, u: int, v: int, slot: int, peaks: Peaks) -> bool:
-    """Return whether the peak at pixel u, v is of something large; if not, put it into a slot."""
+                  ring: np.ndarray, u: int, v: int, slot: int, peaks: Peaks) -> int:
+    """Return what the peak at pixel u, v belongs to; if to a star, put it into a slot."""
     level, noise = background_at(mesh, u, v)
     height = smooth[1, u] - level
-    if not _dark_around(image, kernel, u, v, height, level, ring):
-        return True
-    if slot < len(peaks.height):
+    kind = _kind(image, kernel, u, v, level + RING_LIGHT * height, ring)
+    if kind == STAR and slot < len(peaks.height):
         peaks.uv[slot, 0], peaks.uv[slot, 1] = u, v
-        peaks.top[slot, 0] = _parabola(smooth[1, u - 1], smooth[1, u], smooth[1, u + 1])
-        peaks.top[slot, 1] = _parabola(smooth[0, u], smooth[1, u], smooth[2, u])
+        peaks.top[slot, 0] = parabola_top(smooth[1, u - 1], smooth[1, u], smooth[1, u + 1])
+        peaks.top[slot, 1] = parabola_top(smooth[0, u], smooth[1, u], smooth[2, u])
         peaks.height[slot], peaks.level[slot], peaks.noise[slot] = height, level, noise
-    return False
+    return kind
 
 
 @compiled
@@ -291,27 +304,36 @@ def _is_maximum(smooth: np.ndarray, u: int) -> bool:
 
 
 @compiled
-def _parabola(before: float, here: float, after: float) -> float:
+def parabola_top(before: float, here: float, after: float) -> float:
     """Return the top, between -0.5 and 0.5, of a parabola through values at -1, 0 and 1."""
     bend = max(2 * here - before - after, 1e-6)
     return min(max((after - before) / (2 * bend), -0.5), 0.5)
 
 
 @compiled
-def _dark_around(image: np.ndarray, kernel: Kernel, u: int, v: int, peak_dn: float, level: float,
-                 ring: np.ndarray) -> bool:
-    """Return whether the median of a ring around a peak is below RING_LIGHT of its height."""
-    around, dark, half = np.empty(len(ring)), 0, len(ring) // 2
-    limit = level + RING_LIGHT * peak_dn
-    for k in range(len(ring)):
-        around[k] = filtered_at(image, kernel.weights,
-                                min(max(u + ring[k, 0], 0), image.shape[1] - 1),
-                                min(max(v + ring[k, 1], 0), image.shape[0] - 1))
-        dark += around[k] < limit
-        # The other directions cannot move the median across the limit any more.
-        if dark > half or k - dark >= half:
-            return dark > half
-    return bool(np.median(around) < limit)
+def _kind(image: np.ndarray, kernel: Kernel, u: int, v: int, limit: float, ring: np.ndarray
+          ) -> int:
+    """
+    Return what a peak belongs to, by a ring of the filtered image around it.
+
+    A DISC has half of the ring or more above the limit, a LINE two opposite directions.
+    """
+    bright, opposite, half = 0, False, len(ring) // 2
+    for k in range(half):
+        here = _exceeds(image, kernel, u + ring[k, 0], v + ring[k, 1], limit)
+        across = _exceeds(image, kernel, u - ring[k, 0], v - ring[k, 1], limit)
+        opposite |= here and across
+        bright += here + across
+    if bright >= half:
+        return DISC
+    return LINE if opposite else STAR
+
+
+@compiled
+def _exceeds(image: np.ndarray, kernel: Kernel, u: int, v: int, limit: float) -> bool:
+    """Return whether the filtered image exceeds the limit at the pixel in it next to u, v."""
+    return filtered_at(image, kernel.weights, min(max(u, 0), image.shape[1] - 1),
+                       min(max(v, 0), image.shape[0] - 1)) > limit
 
 
 def full_scale(image: np.ndarray, row_max: np.ndarray, background_dn: float) -> float:

@@ -1,11 +1,15 @@
 """
 Star image to centroids, with a reason for every spot left out.
 
-1. Background and peaks of the image (frame.py), after a matched filter.
+1. Background and peaks of the image (frame.py), after a matched filter. Discs, lines and storms
+   of hits are taken out here, before the brightest peaks of each cell of the image are chosen.
 2. Width of the stars (width.py); if the filter does not match, step 1 once more.
-3. Rough fit of the brightest peaks: shapes that are no stars are rejected, the rest give the
-   noise model.
-4. Final fit: centroids with covariance, or weighted means instead of the fitted positions.
+3. Points (point_stars.py): rough fit, which rejects what is no star and measures the noise, then
+   the final fit.
+4. Streaks (streak_stars.py) instead, if the stars moved during the exposure: by a known streak,
+   or by the one on which the spots agree (streak_search.py).
+
+Once an image was searched, extract_near() measures stars at known positions only.
 """
 
 from dataclasses import dataclass, field, replace
@@ -13,17 +17,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.detection import Peaks, Threshold
+from startracker_ros.centroid.directed import peaks_near
 from startracker_ros.centroid.frame import Frame, prepare
-from startracker_ros.centroid.gaussian_fit import Fit, fit_stars
-from startracker_ros.centroid.moments import Segmentation, weighted_means, WEIGHTS
-from startracker_ros.centroid.noise import initial_noise_model, NoiseModel
-from startracker_ros.centroid.noise_fit import refine_noise_model
-from startracker_ros.centroid.position import drifted, duplicates
-from startracker_ros.centroid.psf import FLUX, U, V
+from startracker_ros.centroid.hits import is_hit, is_storm, without_hits
+from startracker_ros.centroid.moments import Segmentation, WEIGHTS
+from startracker_ros.centroid.point_stars import measure_points
 from startracker_ros.centroid.rejection import Rejections
-from startracker_ros.centroid.shape import classify_shapes, lone_pixels
+from startracker_ros.centroid.streak import SHORTEST_PX, Streak
+from startracker_ros.centroid.streak_search import estimate_streak, level_image, search_streaks
+from startracker_ros.centroid.streak_stars import measure_streaks
 from startracker_ros.centroid.width import measure_width
-from startracker_ros.centroid.windows import Windows
 from startracker_ros.options import option, Options
 
 MIN_SIDE_PX = 8
@@ -31,11 +34,10 @@ FILTER_SIGMA_PX = 1.0  # while the width of the stars is unknown
 FILTER_RATIO = 2.0  # a filter wrong by more than this factor is replaced
 FILTER_RANGE_PX = (0.5, 5.0)
 SPARE_PEAKS = 2  # peaks fitted per star wanted, as some will be rejected
-ROUGH_ITERATIONS = 2
-EDGE_SIGMAS = 1.5  # closest distance of a star to the edge of the image, in widths
-MAX_SATURATED_PX = 9  # saturated pixels of a star that can still be fitted by its flanks
-FAINT = 0.85  # of the threshold: the fit frees position and level too, so its SNR is lower
-MISFIT = 3.0  # standard deviations of chi-square beyond which errors are inflated
+CELLS = 8  # along each side of the image,
+CELL_SHARE = 4  # each of which gets so many times its share of the peaks
+LEAST_ELONGATED = 4  # spots that may be streaks of stars,
+ELONGATED_SHARE = 0.15  # if there are so many for each star
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,12 @@ class ExtractionOptions(Options):
         unit='px', low=0.0, high=5.0)
     max_stars: int = option(
         40, 'maximum number of stars, the brightest ones', low=1, high=5000)
+    line_time_us: float = option(
+        0.0, 'rolling shutter: delay from one row to the next; 0: global shutter', unit='us',
+        low=0.0, high=10000.0)
+    readout_direction: str = option(
+        'down', 'rolling shutter: whether the rows further down (+v) or up are exposed later',
+        choices=('down', 'up'))
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,8 @@ class Extraction:
     status is 'ok', 'no_stars', 'blank', 'saturated', 'too_small' or 'too_many'; reason explains
     it, empty when ok. background_dn and noise_dn (1 sigma of a pixel) are medians over the
     image, psf_sigma_px the width fitted with; NaN where not measured. rejected counts the
-    spots left out, by reason.
+    spots left out, by reason; rejected_uv (R, 2) px are where they are. streak is the motion
+    fitted with, None for points.
     """
 
     centroids: Centroids
@@ -82,10 +91,17 @@ class Extraction:
     noise_dn: float = float('nan')
     psf_sigma_px: float = float('nan')
     rejected: dict[str, int] = field(default_factory=dict)
+    rejected_uv: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
+    streak: Streak | None = None
 
 
 class CentroidExtractor:
-    """Finds the stars of mono8 and mono16 images; a pure function of image and options."""
+    """
+    Finds the stars of mono8 and mono16 images.
+
+    extract() is a pure function of image and options; extract_near() measures with the
+    background and the width of the last image that was searched.
+    """
 
     def __init__(self, options: ExtractionOptions = ExtractionOptions(),
                  factor: float = 1.0) -> None:
@@ -94,90 +110,197 @@ class CentroidExtractor:
         fixed_dn = options.threshold_dn if options.threshold == 'fixed' else 0.0
         self._threshold = Threshold(0.0 if fixed_dn else options.threshold_sigma, fixed_dn)
         self._segmentation = Segmentation(fixed_dn, options.threshold == 'iterative', factor)
+        up = options.readout_direction == 'up'
+        self._line_time_s = options.line_time_us * (-1e-6 if up else 1e-6)
+        self._reference: tuple[Frame, float] | None = None
 
-    def extract(self, image: np.ndarray) -> Extraction:
-        """Return the stars of image (H, W) uint8 or uint16; ValueError for anything else."""
+    def extract(self, image: np.ndarray, streak: Streak | None = None) -> Extraction:
+        """
+        Return the stars of image (H, W) uint8 or uint16; ValueError for anything else.
+
+        streak is the motion of the exposure where it is known.
+        """
         _check(image)
         height, width = image.shape
         if min(height, width) < MIN_SIDE_PX:
             return _none('too_small', f'image of {width} x {height} px, '
                          f'at least {MIN_SIDE_PX} px a side are needed')
-        # Compiled for one layout, read-only, as in images out of DDS: padded rows are copied.
-        image = np.require(image, requirements=['C', 'A']).view()
-        image.flags.writeable = False
+        image = _readable(image)
         frame = prepare(image, self._options.psf_sigma_px or FILTER_SIGMA_PX, self._threshold)
         if frame.blank:
             return _none('blank', f'all pixels are {image[0, 0]} DN')
         if frame.saturated:
             return _none('saturated', f'most pixels are at full scale, {frame.full_scale_dn:g} DN',
                          frame)
+        rejections = Rejections()
+        frame = self._without_storm(frame, rejections)
         frame, sigma_px = self._match_filter(frame)
-        search, rejections = frame.search, Rejections()
-        if search.too_many:
-            return _none('too_many', f'{search.found} peaks: noise, not stars', frame)
-        rejections.add('disc', search.discs)
-        if not search.found:
-            return _none('no_stars', f'no star image above {self._threshold.text}', frame,
-                         rejections.counts)
-        centroids = self._measure(frame, sigma_px, rejections)
-        return Extraction(
-            centroids, *(('ok', '') if len(centroids) else ('no_stars', 'every spot is rejected')),
-            frame.background_dn, frame.noise_dn, sigma_px, rejections.counts)
+        rejections.add('disc', frame.search.discs)
+        rejections.add('line', frame.search.lines)
+        if streak is None or streak.longest_px() < SHORTEST_PX:
+            centroids, streak = self._search(frame, sigma_px, rejections), None
+            if _smeared(len(centroids), rejections):
+                centroids, sigma_px, rejections, streak = self._as_streaks(
+                    frame, centroids, sigma_px, rejections)
+        else:
+            sigma_px = sigma_px if self._reference is None else self._reference[1]
+            centroids = self._search_streaks(frame, streak, sigma_px, rejections)
+        if not len(centroids) and frame.search.too_many:
+            return _none('too_many', f'{frame.search.found} peaks: noise, not stars', frame)
+        self._reference = frame, sigma_px
+        return self._result(centroids, frame, sigma_px, rejections, streak)
+
+    def extract_near(self, image: np.ndarray, uv: np.ndarray, radius_px: np.ndarray,
+                     streak: Streak | None = None) -> Extraction | None:
+        """
+        Return the stars of image (H, W) within radius_px (K,) of predicted positions uv (K, 2).
+
+        None if no image of this size and type has been searched yet.
+        """
+        _check(image)
+        if (self._reference is None or self._reference[0].image.shape != image.shape
+                or self._reference[0].image.dtype != image.dtype):
+            return None
+        before, sigma_px = self._reference
+        frame, rejections = replace(before, image=_readable(image)), Rejections()
+        if streak is None or streak.longest_px() < SHORTEST_PX:
+            peaks = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
+                               radius_px)
+            rejections.add('faint', uv[:len(uv) - len(peaks.uv)])
+            return self._result(self._measure(frame, peaks, sigma_px, rejections), frame,
+                                sigma_px, rejections, None)
+        centroids = measure_streaks(frame, uv, streak, sigma_px, self._threshold.sigmas,
+                                    rejections)
+        return self._result(centroids, frame, sigma_px, rejections, streak)
 
     def warm_up(self) -> None:
         """Compile or load all compiled functions, so that the first image is not delayed."""
         rng = np.random.default_rng(1)
         image = rng.normal(50, 3, (64, 64))
-        for u, v in ((15, 20), (50, 15), (30, 45)):
+        stars = np.array([(15, 20), (50, 15), (30, 45)])
+        for u, v in stars:
             image[v - 1:v + 2, u - 1:u + 2] += np.outer((40, 80, 40), (1, 2, 1))
+        streak = Streak(4.0, 2.0, 0.0, 31.5, 31.5)
         for kind in (np.uint8, np.uint16):
-            self.extract(image.clip(0, 255).astype(kind))
+            frame = image.clip(0, 255).astype(kind)
+            self.extract(frame, streak)
+            self.extract(frame)
+            self.extract_near(frame, stars.astype(float), np.full(3, 3.0))
+            without_hits(_readable(frame), self._reference[0].mesh, 3.0)
+        self._reference = None
+
+    def _result(self, centroids: Centroids, frame: Frame, sigma_px: float,
+                rejections: Rejections, streak: Streak | None) -> Extraction:
+        """Return the brightest centroids, with the delays of their rows."""
+        order = np.argsort(-centroids.flux, kind='stable')[:self._options.max_stars]
+        centroids = centroids.select(order)
+        if self._line_time_s:
+            middle = (frame.image.shape[0] - 1) / 2
+            centroids = replace(
+                centroids, delay_s=(centroids.uv[:, 1] - middle) * self._line_time_s)
+        uv = np.concatenate(rejections.uv) if rejections.uv else np.empty((0, 2))
+        if len(centroids):
+            status, reason = 'ok', ''
+        elif frame.search.found:
+            status, reason = 'no_stars', 'every spot is rejected'
+        else:
+            status, reason = 'no_stars', f'no star image above {self._threshold.text}'
+        return Extraction(centroids, status, reason, frame.background_dn, frame.noise_dn,
+                          sigma_px, rejections.counts, uv, streak)
+
+    def _without_storm(self, frame: Frame, rejections: Rejections) -> Frame:
+        """Return the frame, searched anew without hits if most of its peaks are hits."""
+        peaks = frame.search.peaks
+        if not is_storm(frame.image, peaks.uv, peaks.level):
+            return frame
+        clean, hit = without_hits(frame.image, frame.mesh, frame.noise_dn)
+        rejections.add('hot_pixel', np.argwhere(hit)[:, ::-1])
+        return prepare(_readable(clean), frame.kernel.sigma_px, self._threshold)
 
     def _match_filter(self, frame: Frame) -> tuple[Frame, float]:
         """Return the width (px) of the stars and the frame, filtered anew if it does not match."""
         sigma_px = self._options.psf_sigma_px
         if sigma_px or not frame.search.found or frame.search.too_many:
-            return frame, sigma_px
+            return frame, sigma_px or FILTER_SIGMA_PX
         sigma_px = measure_width(frame)
         if 1 / FILTER_RATIO < sigma_px / FILTER_SIGMA_PX < FILTER_RATIO:
             return frame, sigma_px
         frame = prepare(frame.image, float(np.clip(sigma_px, *FILTER_RANGE_PX)), self._threshold)
         return frame, measure_width(frame)
 
-    def _measure(self, frame: Frame, sigma_px: float, rejections: Rejections) -> Centroids:
-        """Fit stars of this width to the brightest peaks; return the good ones."""
-        peaks = frame.search.peaks.select(slice(SPARE_PEAKS * self._options.max_stars))
-        windows, start = frame.windows(peaks, sigma_px)
-        keep = rejections.reject(
-            edge=_border_px(frame, peaks) < np.ceil(EDGE_SIGMAS * sigma_px),
-            saturated=windows.saturated_cores() > MAX_SATURATED_PX)
-        windows, start, noise = _fit_roughly(
-            frame, windows.select(keep), start[keep], rejections)
-        fit = fit_stars(windows, start, noise)
-        centroids = _centroids(fit)
-        keep = rejections.reject(
-            not_fitted=drifted(fit, windows) | duplicates(fit, windows),
-            faint=_significance(fit) < FAINT * self._threshold.sigmas)
-        if self._options.method != 'gaussian':
-            uv, error_px = weighted_means(
-                self._options.method, windows, fit, noise, self._segmentation)
-            centroids = replace(centroids, uv=uv, sigma_px=error_px)
-            keep &= rejections.reject(faint=keep & ~np.isfinite(uv[:, 0]))
-        order = np.argsort(-centroids.flux, kind='stable')
-        return centroids.select(order[keep[order]][:self._options.max_stars])
+    def _search(self, frame: Frame, sigma_px: float, rejections: Rejections) -> Centroids:
+        """Return the stars among the peaks of the frame."""
+        peaks = frame.search.peaks
+        if not len(peaks.uv) or frame.search.too_many:
+            return Centroids.empty()
+        hit = is_hit(frame.image, peaks.uv, peaks.level, peaks.noise / frame.kernel.noise_gain,
+                     sigma_px)
+        peaks = peaks.select(rejections.reject(peaks.uv, cosmic_ray=hit))
+        return self._measure(frame, self._brightest(peaks, frame.image.shape), sigma_px,
+                             rejections)
+
+    def _measure(self, frame: Frame, peaks: Peaks, sigma_px: float, rejections: Rejections
+                 ) -> Centroids:
+        return measure_points(frame, peaks, sigma_px, self._threshold.sigmas,
+                              self._options.method, self._segmentation, rejections)
+
+    def _as_streaks(self, frame: Frame, points: Centroids, sigma_px: float,
+                    rejections: Rejections
+                    ) -> tuple[Centroids, float, Rejections, Streak | None]:
+        """Return the stars as streaks, their width and motion, unless points explain more."""
+        found = estimate_streak(frame.image, frame.mesh, frame.noise_dn, frame.full_scale_dn,
+                                FILTER_SIGMA_PX)
+        if found is not None:
+            others = Rejections()
+            streaks = self._search_streaks(frame, *found, others)
+            if len(streaks) > max(LEAST_ELONGATED, len(points) / 2):
+                return streaks, found[1], others, found[0]
+        return points, sigma_px, rejections, None
+
+    def _search_streaks(self, frame: Frame, streak: Streak, sigma_px: float,
+                        rejections: Rejections) -> Centroids:
+        """Return the stars of a smeared frame."""
+        found = search_streaks(frame.image, level_image(frame.mesh, frame.image.shape), streak,
+                               sigma_px, self._threshold.sigmas)
+        chosen = _chosen(found, frame.image.shape, SPARE_PEAKS * self._options.max_stars)
+        return measure_streaks(frame, found[chosen], streak, sigma_px, self._threshold.sigmas,
+                               rejections)
+
+    def _brightest(self, peaks: Peaks, shape: tuple[int, ...]) -> Peaks:
+        """Return the peaks that are fitted, brightest first."""
+        return peaks.select(_chosen(peaks.uv, shape, SPARE_PEAKS * self._options.max_stars))
 
 
-def _fit_roughly(frame: Frame, windows: Windows, start: np.ndarray, rejections: Rejections
-                 ) -> tuple[Windows, np.ndarray, NoiseModel]:
-    """Reject what is no star; return windows, parameters (K, 5) and noise model of the rest."""
-    noise = initial_noise_model(frame.background_dn, frame.noise_dn ** 2)
-    fit = fit_stars(windows, start, noise, iterations=ROUGH_ITERATIONS)
-    shape = classify_shapes(fit, windows)
-    keep = rejections.reject(
-        hot_pixel=shape.narrow & lone_pixels(windows.data), cosmic_ray=shape.narrow,
-        elongated=shape.elongated, too_wide=shape.wide, not_fitted=drifted(fit, windows))
-    noise = refine_noise_model(noise, fit, windows, keep & (windows.saturated_cores() == 0))
-    return windows.select(keep), fit.parameters[keep], noise
+def _smeared(stars: int, rejections: Rejections) -> bool:
+    """Return whether so many spots are longer than stars that these may be streaks."""
+    counts = rejections.counts
+    elongated = counts.get('elongated', 0) + counts.get('line', 0)
+    return elongated >= max(LEAST_ELONGATED, ELONGATED_SHARE * stars)
+
+
+def _chosen(uv: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:
+    """
+    Return the indices of the first `most` positions uv (K, 2), with a quota for each cell.
+
+    No cell of the image gets more than CELL_SHARE times its share while others have any.
+    """
+    if len(uv) <= most:
+        return np.arange(len(uv))
+    cell = (np.floor(uv / [shape[1], shape[0]] * CELLS) @ [1, CELLS]).astype(int)
+    order = np.argsort(cell, kind='stable')
+    first = np.searchsorted(cell[order], cell[order])
+    rank = np.empty(len(uv), int)
+    rank[order] = np.arange(len(uv)) - first
+    beyond = rank >= np.ceil(CELL_SHARE * most / CELLS ** 2)
+    return np.sort(np.argsort(beyond, kind='stable')[:most])
+
+
+def _readable(image: np.ndarray) -> np.ndarray:
+    """Return the image as compiled functions know it: in one block and read-only."""
+    # Read-only, as in images out of DDS: padded rows are copied.
+    image = np.require(image, requirements=['C', 'A']).view()
+    image.flags.writeable = False
+    return image
 
 
 def _check(image: np.ndarray) -> None:
@@ -190,29 +313,7 @@ def _check(image: np.ndarray) -> None:
         raise ValueError(f'image of {image.shape[1]} x {image.shape[0]} px is empty')
 
 
-def _none(status: str, reason: str, frame: Frame | None = None,
-          rejected: dict[str, int] | None = None) -> Extraction:
+def _none(status: str, reason: str, frame: Frame | None = None) -> Extraction:
     if frame is None:
-        return Extraction(Centroids.empty(), status, reason, rejected=rejected or {})
-    return Extraction(Centroids.empty(), status, reason, frame.background_dn, frame.noise_dn,
-                      rejected=rejected or {})
-
-
-def _border_px(frame: Frame, peaks: Peaks) -> np.ndarray:
-    """Return the distance (K,) of the peaks to the edge of the image."""
-    (height, width), (u, v) = frame.image.shape, peaks.uv.T
-    return np.minimum(np.minimum(u, width - 1 - u), np.minimum(v, height - 1 - v))
-
-
-def _significance(fit: Fit) -> np.ndarray:
-    """Return flux (K,) over its 1-sigma error by the noise model alone."""
-    return fit.parameters[:, FLUX] / np.sqrt(fit.covariance[:, FLUX, FLUX])
-
-
-def _centroids(fit: Fit) -> Centroids:
-    """Return all fitted stars; a misfit beyond chance inflates errors by sqrt(chi2 / dof)."""
-    ratio = fit.chi2 / fit.dof
-    inflation = np.where(ratio > 1 + MISFIT * np.sqrt(2 / fit.dof), np.sqrt(ratio), 1.0)
-    variance = (fit.covariance[:, U, U] + fit.covariance[:, V, V]) / 2
-    return Centroids(fit.parameters[:, :V + 1], fit.parameters[:, FLUX],
-                     _significance(fit) / inflation, inflation * np.sqrt(variance))
+        return Extraction(Centroids.empty(), status, reason)
+    return Extraction(Centroids.empty(), status, reason, frame.background_dn, frame.noise_dn)

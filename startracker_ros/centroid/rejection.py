@@ -1,23 +1,25 @@
-"""Counts of the spots left out, by reason."""
+"""Spots left out, by reason."""
 
 import numpy as np
 
 
 class Rejections:
-    """Counts each rejected spot once, under the first reason that holds."""
+    """Counts each rejected spot once, under the first reason that holds, with its position."""
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
+        self.uv: list[np.ndarray] = []
 
-    def add(self, reason: str, count: int) -> None:
-        """Add to the count of a reason; a count of zero leaves no entry."""
-        if count:
-            self.counts[reason] = self.counts.get(reason, 0) + count
+    def add(self, reason: str, uv: np.ndarray) -> None:
+        """Add the spots at uv (K, 2) px for a reason; none leave no entry."""
+        if len(uv):
+            self.counts[reason] = self.counts.get(reason, 0) + len(uv)
+            self.uv.append(np.asarray(uv, float))
 
-    def reject(self, **reasons: np.ndarray) -> np.ndarray:
-        """Count the spots by reasons, each (K,) bool; return True (K,) for those without any."""
-        bad = np.zeros(len(next(iter(reasons.values()))), bool)
+    def reject(self, uv: np.ndarray, **reasons: np.ndarray) -> np.ndarray:
+        """Add spots at uv (K, 2) by reasons, each (K,) bool; return True (K,) for the others."""
+        bad = np.zeros(len(uv), bool)
         for reason, spots in reasons.items():
-            self.add(reason, int(np.count_nonzero(spots & ~bad)))
+            self.add(reason, uv[spots & ~bad])
             bad |= spots
         return ~bad

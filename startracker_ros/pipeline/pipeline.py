@@ -14,9 +14,10 @@ from startracker_ros.attitude.validation import (
     TrustedAttitude, ValidationOptions)
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
+from startracker_ros.centroid.extraction import ExtractionOptions
 from startracker_ros.identify.identification import Identification, IdentificationOptions
 from startracker_ros.pipeline.attitude import AttitudeStage
+from startracker_ros.pipeline.extraction import ExtractionStage, SearchOptions
 from startracker_ros.pipeline.identification import CheckOptions, IdentificationStage
 from startracker_ros.pipeline.tracking import make_star_tracker
 from startracker_ros.track.options import TrackerOptions
@@ -29,6 +30,7 @@ class PipelineOptions:
     """The options of all stages, those of the nodes by default."""
 
     extraction: ExtractionOptions = ExtractionOptions()
+    search: SearchOptions = SearchOptions()
     identification: IdentificationOptions = IdentificationOptions()
     check: CheckOptions = CheckOptions()
     tracker: TrackerOptions = TrackerOptions()
@@ -57,7 +59,7 @@ class Pipeline:
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: PipelineOptions = PipelineOptions()) -> None:
-        self.extractor = CentroidExtractor(options.extraction)
+        self.extraction = ExtractionStage(options.extraction, options.search)
         self.identification = IdentificationStage(
             camera, epoch_year, options.identification, options.check, gyro=options.gyro)
         self.tracker = make_star_tracker(camera, epoch_year, options.tracker, options.gyro)
@@ -65,6 +67,7 @@ class Pipeline:
 
     def reset(self) -> None:
         """Forget all state: lost, as after the start."""
+        self.extraction.reset()
         self.identification.reset()
         self.tracker.reset()
         self.attitude.reset()
@@ -76,12 +79,18 @@ class Pipeline:
 
     def update_image(self, stamp_ns: int, image: np.ndarray) -> PipelineFrame:
         """Process an image (H, W) uint8 or uint16, newer than the one before."""
-        return self.update(stamp_ns, self.extractor.extract(image).centroids)
+        extraction = self.extraction.extract(stamp_ns, image, self.tracker.predicted)
+        return self.update(stamp_ns, extraction.centroids, self.extraction.directed)
 
-    def update(self, stamp_ns: int, centroids: Centroids) -> PipelineFrame:
-        """Process the centroids of a frame, newer than the one before."""
+    def update(self, stamp_ns: int, centroids: Centroids, directed: bool = False
+               ) -> PipelineFrame:
+        """
+        Process the centroids of a frame, newer than the one before.
+
+        Where directed, only stars that the tracker predicted were measured: no check of it.
+        """
         # As for the nodes, the state before the frame counts: both work on it at the same time.
-        rests = self.identifier_rests(stamp_ns)
+        rests = self.identifier_rests(stamp_ns, directed)
         tracks = self.tracker.update(stamp_ns, centroids) or Tracks.empty()
         tracked = self.tracker.attitude
         trusted = self.attitude.from_tracks(tracks, tracked)
@@ -89,9 +98,10 @@ class Pipeline:
         return PipelineFrame(identification, tracks, tracked, self.tracker.state,
                              self.tracker.reason, trusted)
 
-    def identifier_rests(self, stamp_ns: int) -> bool:
+    def identifier_rests(self, stamp_ns: int, directed: bool = False) -> bool:
         """Return whether the next frame needs no identification."""
-        return self.identification.rests(stamp_ns, self.tracker.state is TrackerState.TRACKING)
+        return self.identification.rests(
+            stamp_ns, self.tracker.state is TrackerState.TRACKING, directed)
 
     def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
         """Identify a frame for the tracker."""

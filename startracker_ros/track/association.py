@@ -36,7 +36,7 @@ class DetectionModel(NamedTuple):
 
 
 @compiled
-def associate(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray, variance: np.ndarray,
+def associate(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray, error: np.ndarray,
               detection: DetectionModel) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the probabilities (N, M + 1), and the mask (M,) of the centroids in no gate.
@@ -44,7 +44,7 @@ def associate(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray, var
     Arguments are those of gated_density(); the density of false centroids is
     that of the centroids in no gate.
     """
-    density = _gated_density(predicted, covariance, uv, variance, detection.gate)
+    density = _gated_density(predicted, covariance, uv, error, detection.gate)
     unassociated = np.ones(len(uv), np.bool_)
     # One more than counted: the density must be positive.
     clutter = 1
@@ -56,6 +56,13 @@ def associate(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray, var
     weight = event_weights(density, detection.detection_probability, detection.gate_probability,
                            clutter / detection.image_px2)
     return marginals(weight, MAX_STEPS), unassociated
+
+
+def round_errors(variance: np.ndarray) -> np.ndarray:
+    """Return the covariances (M, 2, 2) of a variance (M,) that is the same on both axes."""
+    error = np.zeros((len(variance), 2, 2))
+    error[:, 0, 0] = error[:, 1, 1] = variance
+    return error
 
 
 @compiled
@@ -75,34 +82,34 @@ def gate_size(probability: float) -> float:
 
 
 def gated_density(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray,
-                  variance: np.ndarray, gate: float) -> np.ndarray:
+                  error: np.ndarray, gate: float) -> np.ndarray:
     """
     Return the density (N, M) per px^2 of centroids about predictions, 0 outside the gate.
 
-    predicted (N, 2) px with covariance (N, 2, 2); centroids uv (M, 2) with variance (M,)
-    per axis; gate is a squared Mahalanobis distance. All finite, variances positive,
-    covariances positive semidefinite; the caller ensures it.
+    predicted (N, 2) px with covariance (N, 2, 2); centroids uv (M, 2) with covariance error
+    (M, 2, 2); gate is a squared Mahalanobis distance. All finite, error positive definite,
+    covariance positive semidefinite; the caller ensures it.
     """
     return _gated_density(np.ascontiguousarray(predicted), np.ascontiguousarray(covariance),
-                          np.ascontiguousarray(uv), np.ascontiguousarray(variance), gate)
+                          np.ascontiguousarray(uv), np.ascontiguousarray(error), gate)
 
 
 @compiled
 def _gated_density(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray,
-                   variance: np.ndarray, gate: float) -> np.ndarray:
+                   error: np.ndarray, gate: float) -> np.ndarray:
     density = np.zeros((len(predicted), len(uv)))
     for track in range(len(predicted)):
-        cross = covariance[track, 0, 1]
         for centroid in range(len(uv)):
             du = uv[centroid, 0] - predicted[track, 0]
-            uu = covariance[track, 0, 0] + variance[centroid]
+            uu = covariance[track, 0, 0] + error[centroid, 0, 0]
             # Outside on one axis is outside: true of most pairs.
             if du * du > gate * uu:
                 continue
             dv = uv[centroid, 1] - predicted[track, 1]
-            vv = covariance[track, 1, 1] + variance[centroid]
+            vv = covariance[track, 1, 1] + error[centroid, 1, 1]
             if dv * dv > gate * vv:
                 continue
+            cross = covariance[track, 0, 1] + error[centroid, 0, 1]
             determinant = uu * vv - cross * cross
             distance2 = (vv * du * du - 2 * cross * du * dv + uu * dv * dv) / determinant
             if distance2 <= gate:

@@ -87,10 +87,11 @@ class AttitudeModel(StarModel):
         icrf = self._onboard.direction[self.bank.star_index]
         uv = np.ascontiguousarray(frame.uv)
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
+        error = self._scale.value ** 2 * self.error_px2(frame)
         for hypothesis in self._hypotheses(stamp_ns, dark):
             correction = correct(
                 self._camera.lens, icrf, self.bank.confirmed, self._options.min_stars,
-                hypothesis.state, uv, variance, self._detection)
+                hypothesis.state, uv, error, self._detection)
             fit = self._consistent_fit(correction)
             mean = self._mean_innovation + MEMORY * (
                 correction.innovation - self._mean_innovation)

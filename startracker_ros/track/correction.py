@@ -41,13 +41,13 @@ class Correction(NamedTuple):
 
 @compiled
 def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
-            predicted: AttitudeState, uv: np.ndarray, variance: np.ndarray,
+            predicted: AttitudeState, uv: np.ndarray, error: np.ndarray,
             detection: DetectionModel) -> Correction:
     """
     Associate centroids with predicted stars and correct the attitude by the inliers.
 
     icrf (N, 3) are the directions of the stars, usable (N,) those that may correct it;
-    centroids uv (M, 2) px of variance (M,) per axis. One outlier is removed at a time, the
+    centroids uv (M, 2) px of covariance error (M, 2, 2). One outlier is removed at a time, the
     worst: it biases the attitude and with it the residuals of all others.
     """
     sensor = sensor_directions(matrix_from_quaternion(predicted.quaternion), icrf)
@@ -55,8 +55,8 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
     icrf, sensor = icrf[inside], sensor[inside]
     predicted_uv, H = project(lens, sensor), image_flows(lens, sensor)
     P = np.ascontiguousarray(predicted.covariance[:3, :3])
-    beta, unassociated = associate(predicted_uv, _pixel_covariance(H, P), uv, variance, detection)
-    z, R = combined_innovation(predicted_uv, uv, variance, beta)
+    beta, unassociated = associate(predicted_uv, _pixel_covariance(H, P), uv, error, detection)
+    z, R = combined_innovation(predicted_uv, uv, error, beta)
     weight = (1 - beta[:, 0]) * usable[inside]
     detected, best = beta[:, 0] <= 0.5, most_probable(beta)
     distance, normalised = np.full(len(icrf), np.inf), np.full(len(icrf), np.inf)
@@ -71,7 +71,7 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
             return Correction(False, inside, predicted_uv, beta, unassociated, state, inlier,
                               distance, normalised, np.zeros(3))
         corrected = project(lens, sensor_directions(matrix_from_quaternion(quaternion), icrf))
-        _fill_residuals(corrected, uv, variance, detected, best, distance, normalised)
+        _fill_residuals(corrected, uv, error, detected, best, distance, normalised)
         worst = np.argmax(np.where(inlier, normalised, 0.0))
         if normalised[worst] <= OUTLIER_SIGMA:
             break
@@ -81,10 +81,10 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
 
 
 @compiled
-def _fill_residuals(corrected: np.ndarray, uv: np.ndarray, variance: np.ndarray,
+def _fill_residuals(corrected: np.ndarray, uv: np.ndarray, error: np.ndarray,
                     detected: np.ndarray, best: np.ndarray, distance: np.ndarray,
                     normalised: np.ndarray) -> None:
-    """Fill distance (K,) px and normalised (K,) of the detected stars' best centroids (K,)."""
+    """Fill distance (K,) px and normalised (K,), in sigma, of the detected stars' centroids."""
     for star in range(len(corrected)):
         if not detected[star]:
             continue
@@ -93,8 +93,11 @@ def _fill_residuals(corrected: np.ndarray, uv: np.ndarray, variance: np.ndarray,
         distance[star] = np.sqrt(du * du + dv * dv)
         if np.isnan(distance[star]):
             # The corrected direction is behind the camera.
-            distance[star] = np.inf
-        normalised[star] = distance[star] / np.sqrt(variance[best[star]])
+            distance[star] = normalised[star] = np.inf
+            continue
+        R = error[best[star]]
+        normalised[star] = np.sqrt((R[1, 1] * du * du - 2 * R[0, 1] * du * dv + R[0, 0] * dv * dv)
+                                   / (R[0, 0] * R[1, 1] - R[0, 1] * R[0, 1]))
 
 
 @compiled

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.track.association import associate
+from startracker_ros.track.association import associate, round_errors
 from startracker_ros.track.identified import IdentifiedFrame
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.model import FrameUpdate, rate_between, StarModel
@@ -66,7 +66,7 @@ class IndependentStarsModel(StarModel):
         bank, variance = self.bank, self.sigma_px(frame) ** 2
         probability, unassociated = associate(
             np.ascontiguousarray(bank.uv), np.ascontiguousarray(bank.uv_covariance),
-            np.ascontiguousarray(frame.uv), variance, self._detection)
+            np.ascontiguousarray(frame.uv), round_errors(variance), self._detection)
         state, covariance = update(bank.state, bank.covariance, frame.uv, variance, probability)
         self.bank = bank.associated(
             bank.uv, probability, frame, variance).with_state(state, covariance)

@@ -5,14 +5,15 @@ from startracker_ros.compiled import compiled
 
 
 @compiled
-def combined_innovation(predicted: np.ndarray, uv: np.ndarray, variance: np.ndarray,
+def combined_innovation(predicted: np.ndarray, uv: np.ndarray, error: np.ndarray,
                         probability: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the mean (N, 2) and covariance (N, 2, 2) of each star's innovation, if detected.
 
-    The moments of the mixture of the centroids uv (M, 2) of variance (M,) about the predictions
-    (N, 2) px, with beta_j = probability (N, M + 1) over 1 - beta_0: z = sum beta_j z_j,
-    R = sum beta_j (r_j I + z_j z_j^T) - z z^T. Zeros for a star that was surely missed.
+    The moments of the mixture of the centroids uv (M, 2) of covariance error (M, 2, 2) about the
+    predictions (N, 2) px, with beta_j = probability (N, M + 1) over 1 - beta_0:
+    z = sum beta_j z_j, R = sum beta_j (R_j + z_j z_j^T) - z z^T. Zeros for a star that was surely
+    missed.
     """
     z, R = np.zeros((len(predicted), 2)), np.zeros((len(predicted), 2, 2))
     for i in range(len(predicted)):
@@ -24,9 +25,9 @@ def combined_innovation(predicted: np.ndarray, uv: np.ndarray, variance: np.ndar
                 u, v = uv[j, 0] - predicted[i, 0], uv[j, 1] - predicted[i, 1]
                 z[i, 0] += beta * u
                 z[i, 1] += beta * v
-                R[i, 0, 0] += beta * (variance[j] + u * u)
-                R[i, 0, 1] += beta * u * v
-                R[i, 1, 1] += beta * (variance[j] + v * v)
+                R[i, 0, 0] += beta * (error[j, 0, 0] + u * u)
+                R[i, 0, 1] += beta * (error[j, 0, 1] + u * v)
+                R[i, 1, 1] += beta * (error[j, 1, 1] + v * v)
         R[i, 0, 0] -= z[i, 0] * z[i, 0]
         R[i, 0, 1] -= z[i, 0] * z[i, 1]
         R[i, 1, 1] -= z[i, 1] * z[i, 1]

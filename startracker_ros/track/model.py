@@ -81,6 +81,13 @@ class StarModel(ABC):
         """Return the 1-sigma errors (M,) of centroids per axis, at least sigma_floor_px."""
         return np.maximum(centroids.sigma_px, self._options.sigma_floor_px)
 
+    def error_px2(self, centroids: Centroids) -> np.ndarray:
+        """Return the covariances (M, 2, 2) of centroids, no axis below sigma_floor_px."""
+        error, floor = centroids.covariance.copy(), self._options.sigma_floor_px ** 2
+        missing = np.maximum(floor - error[:, [0, 1], [0, 1]], 0.0)
+        error[:, [0, 1], [0, 1]] += missing
+        return error
+
     def is_dark(self, frame: Centroids) -> bool:
         """Return whether a frame holds too few centroids for an attitude."""
         return len(frame) < self._options.min_stars

@@ -51,7 +51,7 @@ class TrackerOptions(Options):
         5, 'frames in a row with stars other than those followed, after which the tracker is lost',
         unit='frames', low=1, high=1000)
     max_rate_deg_s: float = option(
-        3.0, 'fastest turn accepted between two identifications', unit='deg/s', low=0.001,
+        10.0, 'fastest turn accepted between two identifications', unit='deg/s', low=0.001,
         high=100.0)
     max_gap_s: float = option(
         5.0, 'longest time without stars that is bridged, and longest between the two '

@@ -11,6 +11,7 @@ from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.track.attitude_model import AttitudeModel
@@ -20,6 +21,7 @@ from startracker_ros.track.independent_stars import IndependentStarsModel, Neigh
 from startracker_ros.track.model import rate_between, StarModel
 from startracker_ros.track.new_stars import match_new_stars
 from startracker_ros.track.options import TrackerOptions
+from startracker_ros.track.prediction import predict_stars
 from startracker_ros.track.rotation_fit import median, OUTLIER_SIGMA, RotationFit
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
@@ -93,6 +95,18 @@ class StarTracker:
             return None
         return TrackedAttitude(self._history[-1][1], self._model.rate_rad_s,
                                self._model.rate_covariance)
+
+    @property
+    def predicted(self) -> PredictedStars | None:
+        """
+        Return where the brightest stars in view are at the newest frame, and how they move.
+
+        They include those that are not tracked yet. None without an attitude.
+        """
+        tracked = self.attitude
+        if tracked is None or self._stamp_ns is None:
+            return None
+        return predict_stars(self._stars, self._stamp_ns, tracked, self._options)
 
     @property
     def gyro_trouble(self) -> str:

@@ -140,9 +140,10 @@ def test_density_and_gate():
     predicted, variance = rng.uniform(0, 3, (2, 2)), np.array([0.01, 0.04, 0.3])
     uv, gate = predicted[0] + rng.normal(0, 0.7, (3, 2)), gate_size(0.9)
     assert gate == pytest.approx(chi2.ppf(0.9, 2))
-    density = gated_density(predicted, covariance, uv, variance, gate)
+    error = np.array([[[v, 0.4 * v], [0.4 * v, 2 * v]] for v in variance])
+    density = gated_density(predicted, covariance, uv, error, gate)
     for track, centroid in product(range(2), range(3)):
-        innovation_covariance = covariance[track] + variance[centroid] * np.eye(2)
+        innovation_covariance = covariance[track] + error[centroid]
         offset = uv[centroid] - predicted[track]
         inside = offset @ np.linalg.solve(innovation_covariance, offset) <= gate
         expected = multivariate_normal(predicted[track], innovation_covariance).pdf(uv[centroid])

@@ -6,7 +6,7 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.maths.rotation import (
     attitude_error, conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector,
     rotate)
-from startracker_ros.track.association import DetectionModel, gate_size
+from startracker_ros.track.association import DetectionModel, gate_size, round_errors
 from startracker_ros.track.correction import correct, on_image
 
 CAMERA = Camera(1024, 1024, 4870.0, 4880.0, 505.0, 520.0, (-0.1, 0.05, 1e-3, -1e-3, 0.0))
@@ -37,7 +37,7 @@ def pixels(icrf, turn):
 
 def corrected(icrf, uv, usable=None):
     return correct(CAMERA.lens, icrf, np.ones(len(icrf), bool) if usable is None else usable, 4,
-                   state(), uv, np.full(len(uv), SIGMA_PX ** 2), DETECTION)
+                   state(), uv, round_errors(np.full(len(uv), SIGMA_PX ** 2)), DETECTION)
 
 
 def test_the_turn_of_the_stars_is_found():

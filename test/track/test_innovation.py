@@ -2,6 +2,7 @@
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
+from startracker_ros.track.association import round_errors
 from startracker_ros.track.innovation import combined_innovation, normal_equations
 
 
@@ -12,7 +13,7 @@ def test_moments_of_the_mixture(seed, stars, centroids):
     uv, frame_uv = rng.normal(0, 3, (stars, 2)), rng.normal(0, 3, (centroids, 2))
     variance = rng.uniform(0.01, 1, centroids)
     probability = rng.dirichlet(np.ones(centroids + 1), stars)
-    mean, covariance = combined_innovation(uv, frame_uv, variance, probability)
+    mean, covariance = combined_innovation(uv, frame_uv, round_errors(variance), probability)
     for i in range(stars):
         share = probability[i, 1:] / probability[i, 1:].sum()
         offset = frame_uv - uv[i]
@@ -38,7 +39,7 @@ def test_weighted_least_squares():
 
 def test_a_missed_star_has_weight_zero():
     mean, covariance = combined_innovation(
-        np.zeros((1, 2)), np.ones((2, 2)), np.ones(2), np.array([[1.0, 0.0, 0.0]]))
+        np.zeros((1, 2)), np.ones((2, 2)), round_errors(np.ones(2)), np.array([[1.0, 0.0, 0.0]]))
     assert not mean.any() and not covariance.any()
     information, vector = normal_equations(np.ones((1, 2, 3)), mean, covariance, np.zeros(1))
     assert not information.any() and not vector.any()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 from startracker_ros.track.association import (
-    event_weights, gate_size, gated_density, joint_probabilities)
+    event_weights, gate_size, gated_density, joint_probabilities, round_errors)
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.motion_models import constant_velocity, coordinated_turn
 
@@ -83,7 +83,7 @@ def test_covariance_is_consistent(transition, noise):
                              rng.uniform(0, side_px, (false_points, 2))])
         state, covariance = predict(state, covariance, transition, noise)
         density = gated_density(state[:, ::2], covariance[:, ::2, ::2], uv,
-                                np.full(len(uv), variance), gate)
+                                round_errors(np.full(len(uv), variance)), gate)
         probability = joint_probabilities(event_weights(
             density, seen, gate_probability, false_points / side_px ** 2))
         state, covariance = update(state, covariance, uv, np.full(len(uv), variance), probability)

@@ -1,0 +1,57 @@
+"""Peaks near predicted positions: no search of the whole image."""
+
+import numpy as np
+from startracker_ros.centroid.background import background_at, Mesh
+from startracker_ros.centroid.detection import parabola_top, Peaks, Threshold
+from startracker_ros.centroid.smoothing import filtered_at, Kernel
+from startracker_ros.compiled import compiled
+
+
+def peaks_near(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Threshold,
+               uv: np.ndarray, radius_px: np.ndarray) -> Peaks:
+    """
+    Return the highest peak within radius_px (K,) of each position uv (K, 2), if it is a peak.
+
+    It must exceed the threshold and the pixels around it, and no two positions share one.
+    """
+    found = _peaks_near(image, kernel, mesh, threshold, uv, radius_px)
+    return found[0].select(found[1])
+
+
+@compiled
+def _peaks_near(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Threshold,
+                uv: np.ndarray, radius_px: np.ndarray) -> tuple[Peaks, np.ndarray]:
+    height, width = image.shape
+    count = len(uv)
+    peaks = Peaks(np.empty((count, 2), np.int64), np.zeros((count, 2)), np.empty(count),
+                  np.empty(count), np.empty(count))
+    good = np.zeros(count, np.bool_)
+    around = np.empty((3, 3))
+    for i in range(count):
+        left, right = int(np.ceil(uv[i, 0] - radius_px[i])), int(uv[i, 0] + radius_px[i])
+        top, bottom = int(np.ceil(uv[i, 1] - radius_px[i])), int(uv[i, 1] + radius_px[i])
+        best, best_u, best_v = -np.inf, -1, -1
+        for v in range(max(top, 1), min(bottom, height - 2) + 1):
+            for u in range(max(left, 1), min(right, width - 2) + 1):
+                value = filtered_at(image, kernel.weights, u, v)
+                if value > best:
+                    best, best_u, best_v = value, u, v
+        if best_u < 0:
+            continue
+        level, noise = background_at(mesh, best_u, best_v)
+        if best - level < max(threshold.sigmas * noise, threshold.dn):
+            continue
+        highest = -np.inf
+        for y in range(3):
+            for x in range(3):
+                around[y, x] = filtered_at(image, kernel.weights, best_u + x - 1, best_v + y - 1)
+                highest = max(highest, around[y, x])
+        good[i] = highest <= best
+        for j in range(i):
+            if good[j] and peaks.uv[j, 0] == best_u and peaks.uv[j, 1] == best_v:
+                good[i] = False
+        peaks.uv[i, 0], peaks.uv[i, 1] = best_u, best_v
+        peaks.top[i, 0] = parabola_top(around[1, 0], best, around[1, 2])
+        peaks.top[i, 1] = parabola_top(around[0, 1], best, around[2, 1])
+        peaks.height[i], peaks.level[i], peaks.noise[i] = best - level, level, noise
+    return peaks, good

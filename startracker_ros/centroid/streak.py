@@ -1,0 +1,59 @@
+"""
+Streak of a star that moves during the exposure: its length and direction over the image.
+
+A turn of the camera moves all stars together. To first order the streak (du, dv) of a star at
+(u, v) is that of the middle of the image plus what the roll adds,
+
+    du = u_px - roll (v - v0),  dv = v_px + roll (u - u0).
+
+A streak and its opposite are the same: an image does not show the direction of time.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+SHORTEST_PX = 1.0  # a shorter streak is fitted as a point
+
+
+class Streak(NamedTuple):
+    """Streak (u_px, v_px) at the pixel (u0, v0), and the roll in rad during the exposure."""
+
+    u_px: float
+    v_px: float
+    roll: float
+    u0: float
+    v0: float
+
+    def at(self, uv: np.ndarray) -> np.ndarray:
+        """Return the streaks (N, 2) in px of stars at uv (N, 2)."""
+        across, down = uv[:, 0] - self.u0, uv[:, 1] - self.v0
+        return np.stack([self.u_px - self.roll * down, self.v_px + self.roll * across], -1)
+
+    @property
+    def length_px(self) -> float:
+        """Length in the middle of the image."""
+        return float(np.hypot(self.u_px, self.v_px))
+
+    def longest_px(self) -> float:
+        """Return the length in the farthest corner of an image whose middle is (u0, v0)."""
+        return self.length_px + abs(self.roll) * float(np.hypot(self.u0, self.v0))
+
+
+def fit_streak(uv: np.ndarray, streak_px: np.ndarray, weight: np.ndarray,
+               shape: tuple[int, int]) -> Streak:
+    """
+    Return the common streak of stars at uv (N, 2) with streaks (N, 2), by least squares.
+
+    The streaks point into the same half plane, weight (N,) is 1 / variance, shape (H, W) that of
+    the image. The roll is estimated from four stars on; it is zero for fewer.
+    """
+    v0, u0 = (shape[0] - 1) / 2, (shape[1] - 1) / 2
+    root = np.sqrt(weight)
+    one, zero = np.ones(len(uv)), np.zeros(len(uv))
+    columns = [np.concatenate([one * root, zero]), np.concatenate([zero, one * root])]
+    if len(uv) >= 4:
+        columns.append(np.concatenate([-(uv[:, 1] - v0) * root, (uv[:, 0] - u0) * root]))
+    measured = np.concatenate([streak_px[:, 0] * root, streak_px[:, 1] * root])
+    solution = np.linalg.lstsq(np.stack(columns, -1), measured, rcond=None)[0]
+    return Streak(*map(float, solution[:2]), float(solution[2]) if len(uv) >= 4 else 0.0, u0, v0)
