@@ -138,8 +138,8 @@ class CentroidExtractor:
         rejections.add('disc', frame.search.discs)
         rejections.add('line', frame.search.lines)
         if streak is None or streak.longest_px() < SHORTEST_PX:
-            centroids, streak = self._search(frame, sigma_px, rejections), None
-            if _smeared(len(centroids), rejections):
+            (centroids, smeared), streak = self._search(frame, sigma_px, rejections), None
+            if smeared or _many_elongated(len(centroids), rejections):
                 centroids, sigma_px, rejections, streak = self._as_streaks(
                     frame, centroids, sigma_px, rejections)
         else:
@@ -167,7 +167,7 @@ class CentroidExtractor:
             peaks = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
                                radius_px)
             rejections.add('faint', uv[:len(uv) - len(peaks.uv)])
-            return self._result(self._measure(frame, peaks, sigma_px, rejections), frame,
+            return self._result(self._measure(frame, peaks, sigma_px, rejections)[0], frame,
                                 sigma_px, rejections, None)
         centroids = measure_streaks(frame, uv, streak, sigma_px, self._threshold.sigmas,
                                     rejections)
@@ -228,19 +228,26 @@ class CentroidExtractor:
         frame = prepare(frame.image, float(np.clip(sigma_px, *FILTER_RANGE_PX)), self._threshold)
         return frame, measure_width(frame)
 
-    def _search(self, frame: Frame, sigma_px: float, rejections: Rejections) -> Centroids:
-        """Return the stars among the peaks of the frame."""
+    def _search(self, frame: Frame, sigma_px: float, rejections: Rejections
+                ) -> tuple[Centroids, bool]:
+        """Return the stars among the peaks of the frame, and whether all are smeared."""
         peaks = frame.search.peaks
         if not len(peaks.uv) or frame.search.too_many:
-            return Centroids.empty()
+            return Centroids.empty(), False
         hit = is_hit(frame.image, peaks.uv, peaks.level, peaks.noise / frame.kernel.noise_gain,
                      sigma_px)
         peaks = peaks.select(rejections.reject(peaks.uv, cosmic_ray=hit))
-        return self._measure(frame, self._brightest(peaks, frame.image.shape), sigma_px,
-                             rejections)
+        chosen, others = self._brightest(peaks, frame.image.shape), Rejections()
+        centroids, smeared = self._measure(frame, chosen, sigma_px, others)
+        if len(centroids) < self._options.max_stars / 2 and len(chosen.uv) < len(peaks.uv):
+            # What is no star fills the list of the brightest: all peaks are fitted.
+            others = Rejections()
+            centroids, smeared = self._measure(frame, peaks, sigma_px, others)
+        rejections.include(others)
+        return centroids, smeared
 
     def _measure(self, frame: Frame, peaks: Peaks, sigma_px: float, rejections: Rejections
-                 ) -> Centroids:
+                 ) -> tuple[Centroids, bool]:
         return measure_points(frame, peaks, sigma_px, self._threshold.sigmas,
                               self._options.method, self._segmentation, rejections)
 
@@ -271,7 +278,7 @@ class CentroidExtractor:
         return peaks.select(_chosen(peaks.uv, shape, SPARE_PEAKS * self._options.max_stars))
 
 
-def _smeared(stars: int, rejections: Rejections) -> bool:
+def _many_elongated(stars: int, rejections: Rejections) -> bool:
     """Return whether so many spots are longer than stars that these may be streaks."""
     counts = rejections.counts
     elongated = counts.get('elongated', 0) + counts.get('line', 0)

@@ -24,13 +24,15 @@ MISFIT = 3.0  # standard deviations of chi-square beyond which errors are inflat
 
 
 def measure_points(frame: Frame, peaks: Peaks, sigma_px: float, threshold_sigmas: float,
-                   method: str, segmentation: Segmentation, rejections: Rejections) -> Centroids:
-    """Fit stars of this width to the peaks; return the good ones."""
+                   method: str, segmentation: Segmentation, rejections: Rejections
+                   ) -> tuple[Centroids, bool]:
+    """Fit stars of this width to the peaks; return the good ones, and whether all are smeared."""
     windows, start = frame.windows(peaks, sigma_px)
     keep = rejections.reject(
         peaks.uv, edge=_border_px(frame, peaks) < np.ceil(EDGE_SIGMAS * sigma_px),
         saturated=windows.saturated_cores() > MAX_SATURATED_PX)
-    windows, start, noise = _fit_roughly(frame, windows.select(keep), start[keep], rejections)
+    windows, start, noise, smeared = _fit_roughly(
+        frame, windows.select(keep), start[keep], rejections)
     fit = fit_stars(windows, start, noise)
     centroids = _centroids(fit)
     keep = rejections.reject(
@@ -40,7 +42,7 @@ def measure_points(frame: Frame, peaks: Peaks, sigma_px: float, threshold_sigmas
         uv, error_px = weighted_means(method, windows, fit, noise, segmentation)
         centroids = replace(centroids, uv=uv, sigma_px=error_px, covariance=None)
         keep &= rejections.reject(uv, faint=keep & ~np.isfinite(uv[:, 0]))
-    return centroids.select(keep)
+    return centroids.select(keep), smeared
 
 
 def inflation(chi2: np.ndarray, dof: np.ndarray) -> np.ndarray:
@@ -50,8 +52,12 @@ def inflation(chi2: np.ndarray, dof: np.ndarray) -> np.ndarray:
 
 
 def _fit_roughly(frame: Frame, windows: Windows, start: np.ndarray, rejections: Rejections
-                 ) -> tuple[Windows, np.ndarray, NoiseModel]:
-    """Reject what is no star; return windows, parameters (K, 5) and noise model of the rest."""
+                 ) -> tuple[Windows, np.ndarray, NoiseModel, bool]:
+    """
+    Reject what is no star; return windows, parameters (K, 5) and noise model of the rest.
+
+    The last result is whether all spots are smeared.
+    """
     noise = initial_noise_model(frame.background_dn, frame.noise_dn ** 2)
     fit = fit_stars(windows, start, noise, iterations=ROUGH_ITERATIONS)
     shape = classify_shapes(fit, windows)
@@ -60,7 +66,7 @@ def _fit_roughly(frame: Frame, windows: Windows, start: np.ndarray, rejections: 
         hot_pixel=shape.narrow & lone_pixels(windows.data), cosmic_ray=shape.narrow,
         elongated=shape.elongated, too_wide=shape.wide, not_fitted=drifted(fit, windows))
     noise = refine_noise_model(noise, fit, windows, keep & (windows.saturated_cores() == 0))
-    return windows.select(keep), fit.parameters[keep], noise
+    return windows.select(keep), fit.parameters[keep], noise, shape.smeared
 
 
 def _border_px(frame: Frame, peaks: Peaks) -> np.ndarray:

@@ -16,6 +16,12 @@ class Rejections:
             self.counts[reason] = self.counts.get(reason, 0) + len(uv)
             self.uv.append(np.asarray(uv, float))
 
+    def include(self, other: 'Rejections') -> None:
+        """Add all spots of another list."""
+        for reason, count in other.counts.items():
+            self.counts[reason] = self.counts.get(reason, 0) + count
+        self.uv += other.uv
+
     def reject(self, uv: np.ndarray, **reasons: np.ndarray) -> np.ndarray:
         """Add spots at uv (K, 2) by reasons, each (K,) bool; return True (K,) for the others."""
         bad = np.zeros(len(uv), bool)

@@ -13,6 +13,8 @@ from startracker_ros.compiled import compiled, reordered
 WIDTH_RATIO = 2.0  # of the alternative hypotheses: half as wide, twice as wide
 MARGIN = 9.0  # of chi-square, by which another width must be better
 MAX_ELONGATION = 0.4
+COMMON_ELONGATION = 0.08  # of all spots together,
+COMMON_SIGMAS = 4.0  # if it is so significant
 LONE_PIXEL = 0.3  # less light than this share of a pixel in the eight around it
 # Where the sums over y begin, flat with constant steps as in normal_equations.py.
 (M_0, M_Y, M_YY, SIZE_0, SIZE_YY, VAR_0, VAR_YY, VAR_YYYY,
@@ -23,12 +25,14 @@ class Shape(NamedTuple):
     """
     Which of K spots are no stars, all (K,) bool.
 
-    narrow: hot pixels and cosmic-ray hits; wide: blurred spots; elongated: streaks.
+    narrow: hot pixels and cosmic-ray hits; wide: blurred spots; elongated: streaks. smeared is
+    whether the spots together are longer in one direction, though each alone may pass as round.
     """
 
     narrow: np.ndarray
     wide: np.ndarray
     elongated: np.ndarray
+    smeared: bool
 
 
 @compiled
@@ -57,17 +61,59 @@ def classify_shapes(fit: Fit, windows: Windows) -> Shape:
 @compiled
 def streaks(fit: Fit, windows: Windows) -> np.ndarray:
     """Return True (K,) for spots that are elongated themselves."""
-    streak, filled = np.empty(len(fit.parameters), np.bool_), windows.data.shape[2]
+    return _elongated(_moments(fit, windows))
+
+
+@compiled
+def _moments(fit: Fit, windows: Windows) -> np.ndarray:
+    """Return the moments (K, 4) of all spots: M_xx - M_yy, 2 M_xy, size and variance."""
+    moments, filled = np.empty((len(fit.parameters), 4)), windows.data.shape[2]
     sums, across = np.empty(_END, np.float32), np.empty((2, filled), np.float32)
-    for i in range(len(streak)):
-        streak[i] = _elongated(fit, windows, i, across, sums)
+    for i in range(len(moments)):
+        moments[i, 0], moments[i, 1], moments[i, 2], moments[i, 3] = _moments_of(
+            fit, windows, i, across, sums)
+    return moments
+
+
+@compiled
+def _elongated(moments: np.ndarray) -> np.ndarray:
+    """
+    Return which spots (K,) are streaks, by their moments (K, 4).
+
+    The elongation must exceed MAX_ELONGATION by three standard deviations of the numerator.
+    """
+    streak = np.empty(len(moments), np.bool_)
+    for i in range(len(moments)):
+        streak[i] = (math.hypot(moments[i, 0], moments[i, 1])
+                     > MAX_ELONGATION * moments[i, 2] + 3 * math.sqrt(moments[i, 3]))
     return streak
+
+
+@compiled
+def _smeared(moments: np.ndarray, chosen: np.ndarray) -> bool:
+    """
+    Return whether the chosen spots (K,) are elongated together, by their moments (K, 4).
+
+    Round spots have numerators of mean zero: a weighted sum of all exceeds COMMON_SIGMAS
+    standard deviations, and COMMON_ELONGATION of the summed sizes, only if they are streaks.
+    """
+    straight = oblique = size = variance = 0.0
+    for i in range(len(moments)):
+        if chosen[i] and moments[i, 2] > 0:
+            weight = 1 / (moments[i, 2] + math.sqrt(moments[i, 3]))
+            straight += weight * moments[i, 0]
+            oblique += weight * moments[i, 1]
+            size += weight * moments[i, 2]
+            variance += weight * weight * moments[i, 3]
+    length = math.hypot(straight, oblique)
+    return length > COMMON_SIGMAS * math.sqrt(variance) and length > COMMON_ELONGATION * size
 
 
 @compiled
 def _classify(fit: Fit, windows: Windows) -> Shape:
     narrow, wide = _test_widths(fit, windows)
-    return Shape(narrow, wide, _grow(streaks(fit, windows), windows))
+    moments = _moments(fit, windows)
+    return Shape(narrow, wide, _grow(_elongated(moments), windows), _smeared(moments, ~narrow))
 
 
 @compiled
@@ -132,9 +178,10 @@ def _chi2_of_width(fit: Fit, windows: Windows, i: int, ratio: float, columns: np
 
 
 @reordered
-def _elongated(fit: Fit, windows: Windows, i: int, across: np.ndarray, sums: np.ndarray) -> bool:
+def _moments_of(fit: Fit, windows: Windows, i: int, across: np.ndarray, sums: np.ndarray
+                ) -> tuple[float, float, float, float]:
     """
-    Return whether spot i is a streak, by its second moments.
+    Return the second moments of spot i, their size and the variance of the first two.
 
     With weights g(x) g(y), a Gaussian twice as wide as a star, light D and coordinates from the
     position of the star, the elongation (a - b) / (a + b) of the moments a, b along the axes
@@ -142,8 +189,8 @@ def _elongated(fit: Fit, windows: Windows, i: int, across: np.ndarray, sums: np.
 
         sqrt((M_xx - M_yy)^2 + (2 M_xy)^2) / (M_xx + M_yy),  M_xy = sum g(x) g(y) D x y
 
-    It must exceed MAX_ELONGATION by three standard deviations of the numerator. M_xx + M_yy
-    counts a pixel with no less than the model's light. across (2, m) and sums are work arrays.
+    M_xx + M_yy counts a pixel with no less than the model's light. across (2, m) and sums are
+    work arrays.
     """
     star, per_width = fit.parameters[i], 1 / (8 * fit.parameters[i, SIGMA] ** 2)
     for m in range(across.shape[1]):
@@ -159,8 +206,7 @@ def _elongated(fit: Fit, windows: Windows, i: int, across: np.ndarray, sums: np.
         size += g * (xx * sums[SIZE_0 + m] + sums[SIZE_YY + m])
         variance += g * g * (xx * (xx * sums[VAR_0 + m] + sums[VAR_YY + m]
                                    + sums[VAR_YY + m]) + sums[VAR_YYYY + m])
-    return bool(math.hypot(straight, np.float32(2) * oblique)
-                > MAX_ELONGATION * size + 3 * math.sqrt(variance / 2))
+    return float(straight), float(2 * oblique), float(size), float(variance / 2)
 
 
 @reordered
