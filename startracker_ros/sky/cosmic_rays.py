@@ -1,6 +1,9 @@
 """Tracks of charged particles through the sensor."""
 
+import math
+
 import numpy as np
+from startracker_ros.compiled import compiled
 
 # Depth of the silicon from which pixels collect charge; typical of CMOS sensors.
 DEPTH_UM = 10.0
@@ -28,14 +31,23 @@ def add_cosmic_rays(light: np.ndarray, hits_mean: float, pitch_um: float,
     length_px = np.minimum(DEPTH_UM / pitch_um * np.sqrt(sine2 / (1 - sine2)), _MAX_LENGTH_PX)
     e_per_um = _E_PER_UM - _WIDTH_E_PER_UM * np.log(rng.standard_normal(hits) ** 2)
     electrons = np.maximum(e_per_um, 0.0) * np.hypot(DEPTH_UM, length_px * pitch_um)
-    steps = np.ceil(length_px * _STEPS_PER_PX).astype(int) + 1
-    # One entry per step of every track: the number of its track, and its distance from the start.
-    track = np.repeat(np.arange(hits), steps)
-    step = np.arange(len(track)) - (np.cumsum(steps) - steps)[track]
-    along = step * (length_px / np.maximum(steps - 1, 1))[track]
-    column = np.rint((rng.random(hits) * width - 0.5)[track] + along * np.cos(azimuth)[track])
-    row = np.rint((rng.random(hits) * height - 0.5)[track] + along * np.sin(azimuth)[track])
-    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-    pixel = (row[inside] * width + column[inside]).astype(int)
-    np.add.at(light.reshape(-1), pixel, (electrons / steps)[track[inside]].astype(light.dtype))
+    column = rng.random(hits) * width - 0.5
+    row = rng.random(hits) * height - 0.5
+    _add_tracks(light, column, row, azimuth, length_px, electrons)
     return hits
+
+
+@compiled
+def _add_tracks(light: np.ndarray, column: np.ndarray, row: np.ndarray, azimuth: np.ndarray,
+                length_px: np.ndarray, electrons: np.ndarray) -> None:
+    """Add electrons (N,), spread evenly over tracks that start at column, row (N,), to light."""
+    height, width = light.shape
+    for n in range(len(column)):
+        steps = int(math.ceil(length_px[n] * _STEPS_PER_PX)) + 1
+        along = length_px[n] / max(steps - 1, 1)
+        across, down = along * math.cos(azimuth[n]), along * math.sin(azimuth[n])
+        for step in range(steps):
+            i = int(np.rint(row[n] + step * down))
+            j = int(np.rint(column[n] + step * across))
+            if 0 <= i < height and 0 <= j < width:
+                light[i, j] += electrons[n] / steps

@@ -10,8 +10,8 @@ class SceneStars:
     """
     The light sources in an image, catalogue stars first, brightest first.
 
-    hip (N,) int32, 0 for planets, satellites and false stars; uv (N, 2) in px; magnitude (N,) V. Close
-    pairs are separate entries whose images blend on the detector.
+    hip (N,) int32, 0 for planets, satellites and false stars; uv (N, 2) in px; magnitude (N,)
+    V. Close pairs are separate entries whose images blend on the detector.
     """
 
     hip: np.ndarray
