@@ -17,6 +17,8 @@ from startracker_ros.sky.starlight import add_starlight, reach_px
 from startracker_ros.sky.stray_light import stray_light
 from startracker_ros.sky.trails import add_trails
 
+# Fainter ghosts are lost in the noise and would take half of the time.
+_FAINTEST_GHOST_E = 1.0
 # Stream of random numbers of the defects, beside those of the fixed pattern.
 _DEFECTS = 100
 
@@ -42,7 +44,7 @@ class DetectorOptions(Options):
     astigmatism_corner_px: float = option(
         0.0, 'sigma in the farthest corner that adds in quadrature to that of the PSF along the '
         'radius, or across it if negative; it grows with the square of the distance from the '
-        'optical axis', unit='px', low=-3.0, high=3.0)
+        'optical axis', unit='px', low=-2.0, high=2.0)
     vignetting_percent: float = option(
         0.0, 'loss of light in the farthest corner; it grows with the square of the distance from '
         'the optical axis', unit='%', low=0.0, high=100.0)
@@ -217,9 +219,11 @@ class Detector:
         visible[visible] = self._clear[row, column] > 0.5
         return visible
 
-    def ghosts_px(self, uv: np.ndarray) -> np.ndarray:
-        """Return the pixels (N, 2) of the ghosts of stars at uv (N, 2) px."""
-        return 2 * self._axis_px - uv
+    def ghosts(self, uv: np.ndarray, electrons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return pixels (M, 2) and electrons (M,) of the ghosts of stars at uv (N, 2) px."""
+        electrons = self._artefacts.ghost_ratio * electrons
+        bright = electrons > _FAINTEST_GHOST_E
+        return 2 * self._axis_px - uv[bright], electrons[bright]
 
     def expose(self, uv: np.ndarray, magnitude: np.ndarray, rng: np.random.Generator,
                weight: np.ndarray | float = 1.0, trails: np.ndarray = NO_TRAILS) -> int:
@@ -286,14 +290,14 @@ class Detector:
 
     def _copies(self, uv: np.ndarray, electrons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return uv (M, 2) px and electrons (M,) of stars with second images and ghosts."""
-        artefacts = self._artefacts
-        share, ratio = artefacts.double_exposure_share, artefacts.ghost_ratio
+        share = self._artefacts.double_exposure_share
         if share:
-            uv = np.concatenate([uv, uv + artefacts.double_exposure_shift_px])
+            uv = np.concatenate([uv, uv + self._artefacts.double_exposure_shift_px])
             electrons = np.concatenate([(1 - share) * electrons, share * electrons])
-        if ratio:
-            uv = np.concatenate([uv, self.ghosts_px(uv)])
-            electrons = np.concatenate([electrons, ratio * electrons])
+        if self._artefacts.ghost_ratio:
+            ghost_uv, ghost_electrons = self.ghosts(uv, electrons)
+            uv = np.concatenate([uv, ghost_uv])
+            electrons = np.concatenate([electrons, ghost_electrons])
         return uv, electrons
 
     def _gaussians(self, uv: np.ndarray, electrons: np.ndarray) -> psf.PointSources:

@@ -142,12 +142,13 @@ class SkySimulator:
 
     def _copies(self, scene: SceneStars) -> dict[str, int]:
         """Return how many ghosts and second images of the sources are in the image."""
-        options = self._artefact_options
-        copies = {'ghosts': (options.ghost_ratio, self._detector.ghosts_px(scene.uv)),
-                  'second_images': (options.double_exposure_share,
-                                    scene.uv + options.double_exposure_shift_px)}
-        return {name: int(np.count_nonzero(self._camera.contains(uv))) if share else 0
-                for name, (share, uv) in copies.items()}
+        options, detector = self._artefact_options, self._detector
+        ghosts, _ = detector.ghosts(scene.uv, detector.flux_e(scene.magnitude))
+        second = scene.uv + options.double_exposure_shift_px
+        if not options.double_exposure_share:
+            second = second[:0]
+        return {name: int(np.count_nonzero(self._camera.contains(uv)))
+                for name, uv in (('ghosts', ghosts), ('second_images', second))}
 
     def gyro(self, time_s: float) -> np.ndarray:
         """
