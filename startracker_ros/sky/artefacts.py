@@ -122,9 +122,9 @@ def draw_trails(camera: Camera, options: ArtefactOptions, rng: np.random.Generat
 def draw_spots(camera: Camera, options: ArtefactOptions, rng: np.random.Generator
                ) -> SceneStars:
     """Return the false stars of one image."""
-    return false_stars(
-        _uniform_pixels(camera, options.star_like_spots, rng),
-        rng.uniform(*sorted(options.star_like_spot_magnitudes), options.star_like_spots))
+    brightest, faintest = sorted(options.star_like_spot_magnitudes)
+    return false_stars(_uniform_pixels(camera, options.star_like_spots, rng),
+                       rng.uniform(brightest, faintest, options.star_like_spots))
 
 
 def _uniform_pixels(camera: Camera, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -106,9 +106,10 @@ class SkySimulator:
         rng = self._rng(_FRAMES, time_ns)
         hits = detector.expose(uv, magnitude, rng, weight, trails)
         stars = scene.select(detector.visible(scene.uv))
-        artefacts = Artefacts(trails=trails, spots=spots, **self._copies(scene),
-                              cosmic_ray_hits=hits, defects=detector.defects,
-                              stamp_offset_s=offset_s)
+        ghosts, second_images = self._copies(scene)
+        artefacts = Artefacts(trails=trails, spots=spots, ghosts=ghosts,
+                              second_images=second_images, cosmic_ray_hits=hits,
+                              defects=detector.defects, stamp_offset_s=offset_s)
         return Frame(detector.read(rng), self._motion.at(time_s), stars,
                      detector.flux_dn(stars.magnitude), artefacts)
 
@@ -137,18 +138,18 @@ class SkySimulator:
             parts.append((paths.reshape(-1, 2), np.tile(sources.magnitude, len(paths)),
                           np.repeat(weight, len(sources.hip))))
             middle.append((sources.hip, paths[len(paths) // 2], sources.magnitude))
-        return (SceneStars(*map(np.concatenate, zip(*middle))),
-                *map(np.concatenate, zip(*parts)))
+        uv, magnitude, weight = map(np.concatenate, zip(*parts))
+        return SceneStars(*map(np.concatenate, zip(*middle))), uv, magnitude, weight
 
-    def _copies(self, scene: SceneStars) -> dict[str, int]:
+    def _copies(self, scene: SceneStars) -> tuple[int, int]:
         """Return how many ghosts and second images of the sources are in the image."""
         options, detector = self._artefact_options, self._detector
         ghosts, _ = detector.ghosts(scene.uv, detector.flux_e(scene.magnitude))
         second = scene.uv + options.double_exposure_shift_px
         if not options.double_exposure_share:
             second = second[:0]
-        return {name: int(np.count_nonzero(self._camera.contains(uv)))
-                for name, uv in (('ghosts', ghosts), ('second_images', second))}
+        return (int(np.count_nonzero(self._camera.contains(ghosts))),
+                int(np.count_nonzero(self._camera.contains(second))))
 
     def gyro(self, time_s: float) -> np.ndarray:
         """
