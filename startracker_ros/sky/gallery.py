@@ -38,10 +38,9 @@ class Picture:
     One effect: options shared by both halves, and the options of the effect.
 
     Options are those of MotionOptions, SkyOptions, DetectorOptions and ArtefactOptions. corner
-    (u, v) and size_px select the part of the image; white_e is the white level in electrons above the
-    background;
-    overlay replaces side by side; frames > 1 shows the maximum of each pixel over that number
-    of frames at 10 Hz, from time_s on.
+    (u, v) and size_px select the part of the image; white_e is the white level in electrons above
+    the background; overlay replaces side by side; frames > 1 shows the maximum of each pixel over
+    that number of frames at 10 Hz, from time_s on.
     """
 
     effect: Options
