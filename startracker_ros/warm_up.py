@@ -18,7 +18,7 @@ from startracker_ros.identify.methods import make_identifier
 from startracker_ros.locate.line_of_sight import line_of_sight
 from startracker_ros.locate.location import locate
 from startracker_ros.maths.rotation import quaternion_from_pointing
-from startracker_ros.sky.detector import Detector
+from startracker_ros.sky.detector import Detector, DetectorOptions
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.new_stars import match_new_stars
 from startracker_ros.track.options import MODELS, TrackerOptions
@@ -71,6 +71,9 @@ def rendering() -> None:
     detector, rng = Detector(CAMERA), np.random.default_rng(1)
     detector.render(centroids.uv, np.full(len(centroids.uv), 5.0), rng)
     detector.render(np.zeros((0, 2)), np.zeros(0), rng)
+    artefacts = DetectorOptions(blooming=True, cosmic_ray_hits_cm2_s=1.0)
+    Detector(CAMERA, artefacts).expose(
+        centroids.uv, np.full(len(centroids.uv), 5.0), rng, trails=np.array([[0., 0., 1., 0.]]))
 
 
 def location() -> None:

@@ -1,5 +1,6 @@
 """What the simulator publishes beside its images: truth, gyro, navigation."""
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import QuaternionStamped
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -8,6 +9,7 @@ from startracker_ros.astro.state import State
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.ros import qos
+from startracker_ros.ros.diagnostics import OK, status_message
 from startracker_ros.ros.messages.attitude import quaternion_to_message
 from startracker_ros.ros.messages.clouds import stars_to_message
 from startracker_ros.ros.messages.gyro import gyro_to_imu
@@ -21,9 +23,11 @@ from std_msgs.msg import Header
 
 
 class TruthOutput:
-    """Publishes the true attitude, stars and motion of each frame."""
+    """Publishes the true attitude, stars, motion and artefacts of each frame."""
 
     def __init__(self, node: PipelineNode) -> None:
+        self._hardware_id = node.hardware_id
+        self._artefacts = node.advertise(DiagnosticArray, 'truth/artefacts', qos.LIST)
         self._attitude = node.advertise(QuaternionStamped, 'truth/attitude', qos.LIST)
         self._stars = node.advertise(PointCloud2, 'truth/stars', qos.LIST)
         self._odometry = node.advertise(Odometry, 'truth/odometry', qos.LIST)
@@ -37,6 +41,11 @@ class TruthOutput:
         self._odometry.publish(motion_to_odometry(
             state.position_m, state.velocity_m_s, state.q_icrf_from_sensor, state.rate_rad_s,
             inertial, sensor.frame_id))
+        counts = frame.artefacts.counts()
+        if any(counts.values()):
+            self._artefacts.publish(DiagnosticArray(header=sensor, status=[status_message(
+                'sky_simulator: artefacts', self._hardware_id, OK, 'artefacts in the image',
+                dict(counts))]))
 
     def publish_target(self, position_m: np.ndarray, velocity_m_s: np.ndarray, header: Header
                        ) -> None:

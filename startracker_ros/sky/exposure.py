@@ -31,13 +31,14 @@ def image_paths(camera: Camera, motion: Motion, sources: LightSources, time_s: f
     Return pixels (K, N, 2) at K instants of the exposure, and the weight (K,) of each.
 
     K is odd and instant K // 2 is the middle of the exposure. time_s is the time of the image:
-    with a rolling shutter, of its middle row. Instants and weights are those of Gauss-Legendre
+    with a rolling shutter, of its middle row; line_time_s is negative if rows are exposed
+    upwards. Instants and weights are those of Gauss-Legendre
     quadrature; with step_px equal to the sigma of the PSF the streak is exact to 0.1 %.
     """
     speed_px_s = _speed_px_s(camera, motion, sources, time_s)
     instants_s, weight = _instants(exposure_s, speed_px_s * exposure_s / step_px)
     # Includes stars that enter the field before the last row is exposed.
-    margin_px = margin_px + speed_px_s * line_time_s * camera.height / 2
+    margin_px = margin_px + speed_px_s * abs(line_time_s) * camera.height / 2
     paths = np.empty((len(instants_s), len(sources.hip), 2))
     for path, instant_s in zip(paths, instants_s):
         state = motion.at(time_s + instant_s)

@@ -15,9 +15,11 @@ import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import radec_from_unit
+from startracker_ros.sky.artefacts import ArtefactOptions
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.planets import PLANETS, planets_from_earth
+from startracker_ros.sky.presets import PRESETS
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.sky.sources import SkyOptions
 
@@ -35,10 +37,10 @@ class Picture:
     """
     One effect: options shared by both halves, and the options of the effect.
 
-    Options are those of MotionOptions, SkyOptions and DetectorOptions. corner (u, v) and size_px
-    select the part of the image; white_e is the white level in electrons above the background;
-    overlay replaces side by side; frames > 1 shows the maximum of each pixel over that number
-    of frames at 10 Hz.
+    Options are those of MotionOptions, SkyOptions, DetectorOptions and ArtefactOptions. corner
+    (u, v) and size_px select the part of the image; white_e is the white level in electrons above
+    the background; overlay replaces side by side; frames > 1 shows the maximum of each pixel over
+    that number of frames at 10 Hz, from time_s on.
     """
 
     effect: Options
@@ -50,6 +52,13 @@ class Picture:
     white_e: float = 200.0
     overlay: bool = False
     frames: int = 1
+    time_s: float = 0.0
+
+
+# For effects on positions: noise would only make the files large.
+_QUIET = {'noise': False}
+# An even grey.
+_EVEN = {'stray_light_e': 200.0, 'stray_light_falloff_deg': 1000.0, **_QUIET}
 
 
 def _planet(name: str) -> Options:
@@ -58,8 +67,17 @@ def _planet(name: str) -> Options:
     return {'ra_deg': float(ra_deg), 'dec_deg': float(dec_deg)}
 
 
-# For effects on positions: noise would only make the files large.
-_QUIET = {'noise': False}
+def _lens(name: str, value: float) -> Picture:
+    """Return the picture of an effect that grows towards the corners."""
+    return Picture({name: value}, {'zero_flux_e_s': 2e7, **_QUIET}, corner=(60, 0), size_px=170,
+                   white_e=2000.0)
+
+
+def _whole(effect: Options, white_e: float = 200.0) -> Picture:
+    """Return the picture of an effect on the whole image."""
+    return Picture(effect, _QUIET, corner=(0, 0), size_px=1024, white_e=white_e)
+
+
 _ROTATING = {'motion': 'constant_rate', 'rate_deg_s': (0.3, 0.4, 3.0)}
 _WIDE = Camera.from_fov(1024, 1024, 24.0)
 _NARROW = Camera.from_fov(1024, 1024, 1.5)
@@ -94,6 +112,36 @@ PICTURES = {
                           effect_camera=Camera(1024, 1024, _WIDE.fx, _WIDE.fy, 511.5, 511.5,
                                                (-0.4, 0.0, 0.0, 0.0, 0.0)),
                           corner=(0, 0), size_px=1024, overlay=True),
+    'coma': _lens('coma_corner_px', 10.0),
+    'astigmatism': _lens('astigmatism_corner_px', 2.0),
+    'vignetting': Picture({'vignetting_percent': 60.0}, _EVEN, corner=(0, 0), size_px=1024,
+                          white_e=600.0),
+    'ghosts': Picture({'ghost_ratio': 0.02}, {'zero_flux_e_s': 2e7, **_QUIET},
+                      corner=(342, 342), size_px=340, white_e=500.0),
+    'double_exposure': Picture({'double_exposure_share': 0.3}, {'zero_flux_e_s': 2e7},
+                               white_e=1000.0),
+    'readout_direction': Picture(
+        {'readout_direction': 'up'},
+        {'motion': 'constant_rate', 'rate_deg_s': (0.0, 5.0, 0.0), 'line_time_us': 100.0,
+         'psf_sigma_px': 2.5, 'zero_flux_e_s': 1e7, **_QUIET},
+        corner=(0, 0), size_px=1024, overlay=True),
+    'trails': _whole({'trails': 3}),
+    'star_like_spots': Picture({'star_like_spots': 100}, corner=(342, 342), size_px=340),
+    'moon': _whole({'moon_e': 40000.0, 'moon_distance_deg': 2.0, 'blooming': True}),
+    'earth_limb': _whole({'earth_e': 3000.0, 'earth_angle_deg': 70.0}, 3000.0),
+    'proton_storm': Picture({'cosmic_ray_hits_cm2_s': 3e5}),
+    'blooming': Picture({'blooming': True}, {'full_well_e': 1500.0, 'psf_sigma_px': 1.2},
+                        corner=(470, 580), size_px=68, white_e=2000.0),
+    'saturated_lines': _whole({'saturated_columns': 2, 'saturated_rows': 1}),
+    'defective_lines': Picture({'warm_columns': 5, 'dead_columns': 3, 'dead_rows': 2}, _EVEN,
+                               corner=(0, 0), size_px=1024, white_e=1000.0),
+    'row_noise': Picture({'row_noise_dn': 3.0}, size_px=113),
+    'column_pattern': Picture({'column_pattern_dn': 3.0}, size_px=113),
+    'torn_frame': Picture({'torn_frame_probability': 0.5},
+                          {'motion': 'constant_rate', 'rate_deg_s': (0.0, 2.0, 0.0),
+                           'psf_sigma_px': 2.5, 'zero_flux_e_s': 1e7, **_QUIET},
+                          corner=(0, 0), size_px=1024, overlay=True, time_s=0.8),
+    'harsh': Picture(PRESETS['harsh'], corner=(0, 0), size_px=1024, white_e=1500.0),
 }
 
 
@@ -105,8 +153,10 @@ def _render(picture: Picture, values: Options, camera: Camera) -> np.ndarray:
     simulator = SkySimulator(
         camera, motion_from_options(_options_of(MotionOptions, values), seed=1), load_catalog(),
         _EPOCH_YEAR, sky_options=_options_of(SkyOptions, values),
-        detector_options=_options_of(DetectorOptions, values), seed=1)
-    image = np.max([simulator.frame(k / 10).image for k in range(picture.frames)], 0)
+        detector_options=_options_of(DetectorOptions, values),
+        artefact_options=_options_of(ArtefactOptions, values), seed=1)
+    image = np.max([simulator.frame(picture.time_s + k / 10).image
+                    for k in range(picture.frames)], 0)
     u, v = picture.corner
     part = image[v:v + picture.size_px, u:u + picture.size_px].astype(np.float32)
     options = _options_of(DetectorOptions, values)

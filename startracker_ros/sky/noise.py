@@ -114,11 +114,12 @@ def _alias_tables(probability: np.ndarray) -> np.ndarray:
 
 @compiled
 def read_out(mean: np.ndarray, key: np.uint64, readout: Readout, tables: NoiseTables,
-             image: np.ndarray) -> None:
+             offset_e: np.ndarray, image: np.ndarray) -> None:
     """
     Fill image (N,) uint16 with digital numbers for expected electrons mean (N,) float32.
 
-    Poisson noise, saturation at the full well, normal read noise, conversion.
+    Poisson noise, saturation at the full well, normal read noise, conversion. offset_e (N,)
+    float32, or (0,) for none, is added before the conversion.
     """
     counts, normals = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
     draw = _Draw(np.empty(_BLOCK, np.uint32), np.empty(_BLOCK, np.uint32),
@@ -141,6 +142,8 @@ def read_out(mean: np.ndarray, key: np.uint64, readout: Readout, tables: NoiseTa
             unsaturated = electrons[i] < readout.full_well_e
             electrons[i] = ((electrons[i] if unsaturated else readout.full_well_e)
                             + readout.read_noise_e * noise[i])
+        if len(offset_e):
+            electrons += offset_e[start:start + _BLOCK]
         digitise(electrons, readout, image[start:start + _BLOCK])
 
 

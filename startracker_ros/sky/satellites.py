@@ -34,7 +34,7 @@ class SatelliteTraffic:
         number, phase = divmod(time_s / duration_s + index / self.count, 1)
         since_s = (phase - 0.5) * duration_s
         rng = np.random.default_rng(np.random.SeedSequence(
-            self.seed, spawn_key=(index, int(number))))
+            self.seed, spawn_key=(index, int(number) % 2 ** 32)))
         course, miss = rng.uniform(0, 2 * np.pi), rng.uniform(-0.5, 0.5) * self.field_rad
         q = self.motion.at(time_s - since_s).q_icrf_from_sensor
         heading, aside, ahead = rotate(q, np.array([

@@ -1,10 +1,12 @@
 """The simulated instrument: images, gyro rates and navigation along a motion."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import StarCatalog
+from startracker_ros.sky.artefacts import (
+    ArtefactOptions, Artefacts, draw_spots, draw_trails, NO_TRAILS)
 from startracker_ros.sky.detector import Detector, DetectorOptions
 from startracker_ros.sky.exposure import image_paths
 from startracker_ros.sky.gyro import Gyro, GyroOptions
@@ -14,60 +16,116 @@ from startracker_ros.sky.scene import SceneStars
 from startracker_ros.sky.sources import Sky, SkyOptions
 from startracker_ros.sky.target import Target, TargetOptions
 
-_FRAMES, _GYRO, _NAVIGATION = 0, 1, 2
+# Streams of random numbers.
+_FRAMES, _GYRO, _NAVIGATION, _ARTEFACTS, _TRANSFER = range(5)
 
 
 @dataclass(frozen=True)
 class Frame:
     """
-    One image (H, W) and the true state at the middle of the exposure.
+    One image (H, W) and the true state at its stamp, by default the middle of the exposure.
 
     stars are the sources centred in the image at the middle of the exposure of their row,
-    planets and satellites included; flux_dn (N,) is the flux of each in DN.
+    planets, satellites and star-like spots included; flux_dn (N,) is the flux of each in DN.
+    artefacts are those of the image.
     """
 
     image: np.ndarray
     state: MotionState
     stars: SceneStars
     flux_dn: np.ndarray
+    artefacts: Artefacts
 
 
 class SkySimulator:
     """
     Simulates images, gyro rates and navigation; target is None when the options have none.
 
-    A frame depends on seed and time alone, not on earlier frames. Stars have their barycentric
+    A frame depends on seed and time alone, not on the calls before. Stars have their barycentric
     ICRS directions of epoch_year, without parallax; aberration is an option.
     """
 
     def __init__(self, camera: Camera, motion: Motion, catalog: StarCatalog, epoch_year: float,
                  *, sky_options: SkyOptions = SkyOptions(),
                  detector_options: DetectorOptions = DetectorOptions(),
+                 artefact_options: ArtefactOptions = ArtefactOptions(),
                  gyro_options: GyroOptions = GyroOptions(),
                  target_options: TargetOptions = TargetOptions(),
                  navigation_options: NavigationOptions = NavigationOptions(),
-                 seed: int = 0) -> None:
-        """Render the stars of the catalogue, all of them; it sets the magnitude limit."""
+                 frame_rate_hz: float = 10.0, seed: int = 0) -> None:
+        """
+        Render the stars of the catalogue, all of them; it sets the magnitude limit.
+
+        Torn and repeated frames need frame_rate_hz: frames are at its multiples.
+        """
         self._camera = camera
         self._motion = motion
         self.target = Target(target_options, epoch_year) if target_options.target else None
         self._sky = Sky(catalog, epoch_year, motion, camera.corner_angle_rad, sky_options,
                         target=self.target, seed=seed)
-        self._detector = Detector(camera, detector_options, seed=seed)
+        self._detector = Detector(camera, detector_options, artefact_options, seed=seed)
+        self._artefact_options = artefact_options
         self._gyro_options = gyro_options
         self._navigation_options = navigation_options
+        self._frame_rate_hz = frame_rate_hz
         self._seed = seed
         self._gyro_time_s = np.inf
 
     def frame(self, time_s: float) -> Frame:
-        """Return the frame whose exposure is centred time_s >= 0 after the start."""
+        """Return the frame stamped time_s >= 0 after the start."""
+        frame = self._taken(time_s)
+        options, index = self._artefact_options, round(time_s * self._frame_rate_hz)
+        torn, repeated = options.torn_frame_probability, options.repeated_frame_probability
+        if not (torn or repeated) or index == 0:
+            return frame
+        rng = self._rng(_TRANSFER, round(time_s * 1e9))
+        # To the nanosecond, as frames are stamped.
+        before_s = round((index - 1) / self._frame_rate_hz * 1e9) / 1e9
+        if rng.random() < torn:
+            return _torn(frame, self.frame(before_s), int(rng.integers(1, self._camera.height)))
+        if rng.random() < repeated:
+            before = self.frame(before_s)
+            return replace(before, state=frame.state,
+                           artefacts=replace(before.artefacts, repeated=True))
+        return frame
+
+    def _taken(self, time_s: float) -> Frame:
+        """Return the frame as the sensor takes it, before the transfer."""
+        time_ns = round(time_s * 1e9)
+        detector, options = self._detector, self._artefact_options
+        offset_s = options.stamp_offset_s(detector.options.exposure_s)
+        scene, uv, magnitude, weight = self._sources(time_s - offset_s)
+        trails, spots = NO_TRAILS, 0
+        if options.trails or options.star_like_spots:
+            rng = self._rng(_ARTEFACTS, time_ns)
+            trails = draw_trails(self._camera, options, rng)
+            false = draw_spots(self._camera, options, rng)
+            spots, scene = len(false), scene.joined(false)
+            uv, magnitude = np.vstack([uv, false.uv]), np.append(magnitude, false.magnitude)
+            weight = np.append(weight, np.ones(spots))
+        rng = self._rng(_FRAMES, time_ns)
+        hits = detector.expose(uv, magnitude, rng, weight, trails)
+        stars = scene.select(detector.visible(scene.uv))
+        ghosts, second_images = self._copies(scene)
+        artefacts = Artefacts(trails=trails, spots=spots, ghosts=ghosts,
+                              second_images=second_images, cosmic_ray_hits=hits,
+                              defects=detector.defects, stamp_offset_s=offset_s)
+        return Frame(detector.read(rng), self._motion.at(time_s), stars,
+                     detector.flux_dn(stars.magnitude), artefacts)
+
+    def _sources(self, time_s: float) -> tuple[SceneStars, np.ndarray, np.ndarray, np.ndarray]:
+        """
+        Return the sources of an exposure centred at time_s, and the points that they shed on.
+
+        Points are uv (N, 2) px, V (N,) and share of the exposure (N,).
+        """
         state = self._motion.at(time_s)
         options, margin_px = self._detector.options, self._detector.margin_px
         exposure_s = options.exposure_s if options.motion_smear else 0.0
-        line_time_s = options.line_time_us * 1e-6
+        line_time_s = self._detector.line_time_s
         # Includes stars that enter the field before the last row is read, and distortion.
         turned_rad = float(np.linalg.norm(state.rate_rad_s)) * (
-            exposure_s + self._camera.height * line_time_s) / 2
+            exposure_s + self._camera.height * abs(line_time_s)) / 2
         radius_rad = min(np.pi, self._camera.corner_angle_rad + turned_rad
                          + 2 * margin_px * self._camera.pixel_rad)
         groups = self._sky.around(state, time_s, radius_rad)
@@ -81,11 +139,17 @@ class SkySimulator:
                           np.repeat(weight, len(sources.hip))))
             middle.append((sources.hip, paths[len(paths) // 2], sources.magnitude))
         uv, magnitude, weight = map(np.concatenate, zip(*parts))
-        image = self._detector.render(
-            uv, magnitude, self._rng(_FRAMES, round(time_s * 1e9)), weight)
-        scene = SceneStars(*map(np.concatenate, zip(*middle)))
-        stars = scene.select(self._camera.contains(scene.uv))
-        return Frame(image, state, stars, self._detector.flux_dn(stars.magnitude))
+        return SceneStars(*map(np.concatenate, zip(*middle))), uv, magnitude, weight
+
+    def _copies(self, scene: SceneStars) -> tuple[int, int]:
+        """Return how many ghosts and second images of the sources are in the image."""
+        options, detector = self._artefact_options, self._detector
+        ghosts, _ = detector.ghosts(scene.uv, detector.flux_e(scene.magnitude))
+        second = scene.uv + options.double_exposure_shift_px
+        if not options.double_exposure_share:
+            second = second[:0]
+        return (int(np.count_nonzero(self._camera.contains(ghosts))),
+                int(np.count_nonzero(self._camera.contains(second))))
 
     def gyro(self, time_s: float) -> np.ndarray:
         """
@@ -109,3 +173,13 @@ class SkySimulator:
 
     def _rng(self, *key: int) -> np.random.Generator:
         return np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=key))
+
+
+def _torn(frame: Frame, before: Frame, row: int) -> Frame:
+    """Return a frame whose rows from row on are those of the frame before."""
+    image = np.vstack([frame.image[:row], before.image[row:]])
+    above, below = frame.stars.uv[:, 1] < row - 0.5, before.stars.uv[:, 1] >= row - 0.5
+    stars = frame.stars.select(above).joined(before.stars.select(below))
+    return replace(frame, image=image, stars=stars,
+                   flux_dn=np.append(frame.flux_dn[above], before.flux_dn[below]),
+                   artefacts=replace(frame.artefacts, torn_row=row))

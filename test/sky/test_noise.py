@@ -11,7 +11,8 @@ TABLES = noise_tables()
 def drawn(mean, key, *, read_noise_e=0.0, dn_per_e=1.0, bias_dn=0.0, full_well_e=6e4):
     image = np.empty(np.size(mean), np.uint16)
     readout = Readout(*map(np.float32, (full_well_e, read_noise_e, dn_per_e, bias_dn, 65535)))
-    read_out(np.asarray(mean, np.float32), np.uint64(key), readout, TABLES, image)
+    read_out(np.asarray(mean, np.float32), np.uint64(key), readout, TABLES,
+             np.empty(0, np.float32), image)
     return image
 
 

@@ -12,10 +12,12 @@ from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.simulator_output import GyroOutput, NavigationOutput, TruthOutput
 from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
+from startracker_ros.sky.artefacts import ArtefactOptions
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.gyro import GyroOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.navigation import NavigationOptions
+from startracker_ros.sky.presets import PRESETS, with_preset
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.sky.sources import SkyOptions
 from startracker_ros.sky.target import TargetOptions
@@ -33,13 +35,17 @@ class SceneOptions(Options):
                                 low=0.0, high=9.0)
     seed: int = option(1, 'seed of all noise: the same seed gives the same images',
                        low=0, high=2 ** 31 - 1)
+    preset: str = option(
+        'none', 'harsh: a bad day of a worn sensor; its values replace those of the parameters '
+        'that are at their defaults', choices=tuple(PRESETS))
 
 
 class SkySimulatorNode(SourceNode):
     """Publishes images of the catalogue sky along a motion, with the truth beside them."""
 
     option_classes = (SourceOptions, CameraOptions, MotionOptions, SkyOptions, TargetOptions,
-                      DetectorOptions, GyroOptions, NavigationOptions, SceneOptions, FrameOptions)
+                      DetectorOptions, ArtefactOptions, GyroOptions, NavigationOptions,
+                      SceneOptions, FrameOptions)
     task = 'simulation'
 
     def __init__(self) -> None:
@@ -55,9 +61,12 @@ class SkySimulatorNode(SourceNode):
             self._camera, motion_from_options(self.options(MotionOptions), seed=scene.seed),
             load_catalog().brighter_than(scene.faint_limit),
             epoch_year_from_stamp(self.start_ns()),
-            sky_options=self.options(SkyOptions), detector_options=self.options(DetectorOptions),
+            sky_options=self.options(SkyOptions),
+            detector_options=with_preset(self.options(DetectorOptions), scene.preset),
+            artefact_options=with_preset(self.options(ArtefactOptions), scene.preset),
             gyro_options=self.options(GyroOptions), target_options=self.options(TargetOptions),
-            navigation_options=self.options(NavigationOptions), seed=scene.seed)
+            navigation_options=self.options(NavigationOptions),
+            frame_rate_hz=self.options(SourceOptions).frame_rate_hz, seed=scene.seed)
         self.start(self._camera, self._publish_frame)
 
     def _publish_frame(self, index: int, stamp_ns: int, time_s: float) -> None:
