@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 import os
 from pathlib import Path
-import platform
 import tempfile
 import time
 
@@ -13,6 +12,7 @@ from startracker_ros.bench.bag_fuzz import fuzz_in_processes
 from startracker_ros.bench.bag_read import read_figures
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.figures.machine import machine
 from startracker_ros.figures.rows import Row
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
@@ -37,8 +37,7 @@ def run_bag_bench(*, inputs: int, seed: int, only: Sequence[str] = CASES) -> Res
     if 'record' in only:
         rows += _record_rows()
     return Result('bench bag', rows, {
-        'machine': f'{platform.machine()}, {os.cpu_count()} cores, load '
-                   f'{os.getloadavg()[0]:.1f}, Python {platform.python_version()}',
+        'machine': machine(f'load {os.getloadavg()[0]:.1f}'),
         'damage': 'strict and tolerant reading of each; times are process CPU time',
         'read': '100 images of 2.1 MB among 1000 rates, 50,000 messages of 20 bytes, zstd in '
                 'chunks of 1 MiB; process CPU time, traced memory at its peak',

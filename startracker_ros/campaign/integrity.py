@@ -91,6 +91,21 @@ CONDITIONS = {
 
 
 @dataclass(frozen=True)
+class IntegrityRow:
+    """The tally of one condition; mean_nees is None without a published attitude."""
+
+    condition: str
+    frames: int
+    published_percent: float
+    bound: str
+    wrong: int
+    worst_over_bound: float
+    mean_nees: float | None
+    losses: int
+    holds: bool
+
+
+@dataclass(frozen=True)
 class Tally:
     """Counts of one run or of many; worst is the largest error over its bound."""
 
@@ -219,16 +234,25 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
         tally += Tally(frames=1, losses=int(lost))
         attitude = frame.trusted.attitude
         if attitude is not None:
-            tally += judged(attitude.quaternion, attitude.covariance_sensor, truth)
+            tally += tally_of(attitude.quaternion, attitude.covariance_sensor, truth)
     return tally
 
 
-def judged(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
+def tally_of(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
     """Return the tally of one published attitude (4,), covariance (3, 3) about sensor axes."""
     error = attitude_error(quaternion, truth)
     worst = error_over_bound(quaternion, covariance, truth)
     return Tally(published=1, wrong=int(worst > 1), worst=worst,
                  nees=float(error @ np.linalg.solve(covariance, error)))
+
+
+def _row(name: str, tally: Tally) -> IntegrityRow:
+    share = 100 * tally.published / tally.frames
+    needed = CONDITIONS[name].needed_percent
+    return IntegrityRow(
+        name, tally.frames, share, '0 wrong' + (f', >= {needed:g} % published' if needed else ''),
+        tally.wrong, tally.worst, tally.nees / tally.published if tally.published else None,
+        tally.losses, tally.wrong == 0 and share >= needed)
 
 
 def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
@@ -238,14 +262,7 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
     for number, name in enumerate(only or CONDITIONS):
         parts = [(name, *part) for part in split_trials(trials, _PIECE, seed + 7919 * number)]
         tally = sum(parallel_map(integrity_runs, parts, title=name, scheduler=scheduler), Tally())
-        share = 100 * tally.published / tally.frames
-        needed = CONDITIONS[name].needed_percent
-        rows.append({
-            'condition': name, 'frames': tally.frames, 'published_percent': share,
-            'bound': '0 wrong' + (f', >= {needed:g} % published' if needed else ''),
-            'wrong': tally.wrong, 'worst_over_bound': tally.worst,
-            'mean_nees': tally.nees / tally.published if tally.published else None,
-            'losses': tally.losses, 'holds': tally.wrong == 0 and share >= needed})
+        rows.append(_row(name, tally))
     return Result('campaign integrity', rows, {
         'camera': '1024 x 1024 px, 12 deg, 10 Hz, centroids of 0.1 px, stars to V 6.5',
         'chain': 'lost-in-space identification, tracker (model attitude), trust; each run of '

@@ -16,7 +16,8 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.locate.line_of_sight import LineOfSight
 from startracker_ros.locate.location import locate, LocationOptions
 from startracker_ros.locate.triangulation import LOCATED, triangulate_all
-from startracker_ros.maths.rotation import ARCSEC
+from startracker_ros.maths.rotation import (
+    ARCSEC, matrix_from_quaternion, quaternion_from_rotation_vector)
 
 # Not printed in the paper; with these its figures come out, see docs/target.md.
 ALTITUDE_KM, INCLINATION_DEG, NODE_DEG, MIDDLE_DEG = 700.0, 30.0, 40.0, 60.0
@@ -74,7 +75,8 @@ class Observer:
         position_m = self.position_m + error[:, :3]
         frame = orbit_frame(position_m, self.velocity_m_s + error[:, 3:6])
         body = CAMERA.unproject(self.uv + error[:, 9:]) @ self.body_from_camera.T
-        return position_m, np.einsum('nij,nj->ni', frame, _turned(body, error[:, 6:9]))
+        turn = matrix_from_quaternion(quaternion_from_rotation_vector(error[:, 6:9]))
+        return position_m, (frame @ turn @ body[..., None])[..., 0]
 
     def line_of_sight(self, errors: Errors) -> LineOfSight:
         """Return the true line of sight with the covariance that follows from the errors."""
@@ -84,14 +86,6 @@ class Observer:
         jacobian = ((ahead - behind) / (2 * step[:, None])).T * errors.sigma
         position_m, direction = self.measure(np.zeros((1, 11)))
         return LineOfSight(position_m[0], direction[0], jacobian @ jacobian.T)
-
-
-def _turned(vectors: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Return vectors (N, 3) turned by rotation vectors (N, 3): Rodrigues' formula."""
-    angle = np.linalg.norm(rotation, axis=1, keepdims=True)
-    across = np.cross(rotation, vectors)
-    return (vectors + np.sinc(angle / np.pi) * across
-            + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * np.cross(rotation, across))
 
 
 @dataclass(frozen=True)

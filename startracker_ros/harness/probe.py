@@ -100,6 +100,12 @@ class Probe(Node):
         now_s = time.monotonic()
         self.diagnostics += [Diagnostic(now_s, status) for status in message.status]
 
+    def forget(self) -> None:
+        """Delete what was received, to observe the same nodes anew."""
+        for messages in self.received.values():
+            messages.clear()
+        self.diagnostics.clear()
+
     def advertise(self, message_type: type, topic: str, profile: Any = 10, *,
                   subscribers: int = 1) -> Publisher:
         """Return a publisher once that many subscribers match."""

@@ -22,7 +22,8 @@ class CameraNode(PipelineNode):
     A node whose core depends on the camera and the epoch, both from camera_info.
 
     A message is in order when its stamp is newer than the last one of its topic. A jump
-    back of more than RESTART_NS is a restarted simulation or a looped bag: state is lost.
+    back of more than RESTART_NS is a restarted simulation or a looped bag: state is lost, once
+    for all topics. Messages from before the restart may still be in the queues of other topics.
     Subclasses set sensor_frame_id, the frame of the centroids, and frame_topic, which has one
     message for each frame: its gaps and silence are reported.
     """
@@ -39,6 +40,7 @@ class CameraNode(PipelineNode):
         self._warm = False
         self._cadence = Cadence()
         self._newest_ns: dict[str, int] = {}
+        self._restarted = False
         self.diagnostics.checks.append(self._check_silence)
         self.subscribe(CameraInfo, 'camera_info', self._on_camera_info, qos.LIST)
         self.diagnostics.report(WARN, 'waiting for camera_info')
@@ -84,12 +86,17 @@ class CameraNode(PipelineNode):
     def in_order(self, topic: str, stamp: Time) -> bool:
         """Return whether a stamp is newer than the last of its topic; counts it if not."""
         stamp_ns = ns_from_stamp(stamp)
-        newest_ns = self._newest_ns.get(topic, stamp_ns - 1)
-        if newest_ns - stamp_ns > RESTART_NS:
+        newest_ns = self._newest_ns.get(topic)
+        if newest_ns is None:
+            if self._restarted and stamp_ns - max(self._newest_ns.values()) > RESTART_NS:
+                self.diagnostics.counts[f'{topic} from before the restart'] += 1
+                return False
+        elif newest_ns - stamp_ns > RESTART_NS:
             self.diagnostics.report_event(
                 f'{topic}: time went back by {(newest_ns - stamp_ns) / 1e9:.1f} s, '
                 'state forgotten')
             self._newest_ns.clear()
+            self._restarted = True
             self._cadence = Cadence()
             self.rebuild()
         elif stamp_ns <= newest_ns:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from startracker_ros.campaign.integrity import CONDITIONS, integrity_runs, judged, Tally
+from startracker_ros.campaign.integrity import CONDITIONS, integrity_runs, Tally, tally_of
 from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 
 MISLEADING = ['slews, gyro in deg/s', 'turned away at once', 'planet passing',
@@ -25,6 +25,6 @@ def test_a_wrong_attitude_would_be_counted():
     truth = np.array([0.0, 0.0, 0.0, 1.0])
     covariance = np.eye(3) * 1e-12
     off = multiply(truth, quaternion_from_rotation_vector([0.0, 3.2e-4, 0.0]))
-    assert judged(truth, covariance, truth) == Tally(published=1)
-    assert judged(off, covariance, truth).wrong == 1
-    assert judged(off, covariance * 1e4, truth).wrong == 0
+    assert tally_of(truth, covariance, truth) == Tally(published=1)
+    assert tally_of(off, covariance, truth).wrong == 1
+    assert tally_of(off, covariance * 1e4, truth).wrong == 0

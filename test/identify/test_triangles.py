@@ -32,7 +32,7 @@ def patch(rng, count):
 
 
 def angle(a, b):
-    return 2 * np.arcsin(np.linalg.norm(a - b) / 2)
+    return 2 * np.arcsin(np.linalg.norm(a - b, axis=-1) / 2)
 
 
 def count_fitting(direction, image, sigma, scale_error):
@@ -42,15 +42,12 @@ def count_fitting(direction, image, sigma, scale_error):
         for i, j in ((0, 1), (0, 2), (1, 2))]).T
     volume = np.linalg.det(image)
     flat = abs(volume) < 4 * gate.max() / SIGMAS * theta.max()
-    count = 0
-    for stars in permutations(range(len(direction)), 3):
-        a, b, c = direction[list(stars)]
-        d = np.array([angle(a, b), angle(a, c), angle(b, c)])
-        s = np.sum(theta * d / gate ** 2) / np.sum(theta ** 2 / gate ** 2)
-        count += bool((abs(d - s * theta) <= gate).all()
-                      and (abs(d - theta) <= gate + scale_error * theta).all()
-                      and (flat or np.linalg.det([a, b, c]) * volume > 0))
-    return count
+    triples = direction[list(permutations(range(len(direction)), 3))]
+    a, b, c = np.moveaxis(triples, 1, 0)
+    d = np.stack([angle(a, b), angle(a, c), angle(b, c)], -1)
+    s = np.sum(theta * d / gate ** 2, -1, keepdims=True) / np.sum(theta ** 2 / gate ** 2)
+    fits = (abs(d - s * theta) <= gate) & (abs(d - theta) <= gate + scale_error * theta)
+    return np.sum(fits.all(1) & (flat | (np.linalg.det(triples) * volume > 0)))
 
 
 @pytest.mark.parametrize('scale_error', [0.0, 0.005])

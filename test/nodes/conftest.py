@@ -1,6 +1,7 @@
 """Nodes in processes, and a probe that communicates with them over DDS."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -16,11 +17,29 @@ HANGS_S = 120.0
 """After this time a node hangs: on a busy machine everything takes ten times as long."""
 
 
+@contextmanager
+def observed_rig(folder: Path) -> Iterator[Rig]:
+    """Return a rig with its logs in a folder; its processes have to end cleanly."""
+    with Rig(folder, name='probe', timeout_s=HANGS_S) as rig:
+        rig.probe.collect_diagnostics()
+        yield rig
+        codes = rig.processes.stop(HANGS_S)
+        logs = {path.name: path.read_text() for path in folder.glob('*.log')}
+        assert all(code == 0 for code in codes.values()), (codes, logs)
+        assert not any('Traceback' in text for text in logs.values()), logs
+
+
 @pytest.fixture
 def rig(tmp_path: Path) -> Iterator[Rig]:
     """Return a rig with its logs in tmp_path."""
-    with Rig(tmp_path, name='probe', timeout_s=HANGS_S) as rig:
-        rig.probe.collect_diagnostics()
+    with observed_rig(tmp_path) as rig:
+        yield rig
+
+
+@pytest.fixture(scope='module')
+def shared_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    """Return a rig for all tests of a file; none of them may have one of its own."""
+    with observed_rig(tmp_path_factory.mktemp('rig')) as rig:
         yield rig
 
 
@@ -31,10 +50,6 @@ def probe(rig: Rig) -> Probe:
 
 
 @pytest.fixture
-def nodes(rig: Rig) -> Iterator[NodeProcesses]:
-    """Return the processes of the rig; each has to end cleanly after the test."""
-    yield rig.processes
-    codes = rig.processes.stop(HANGS_S)
-    logs = {path.name: path.read_text() for path in rig.log_folder.glob('*.log')}
-    assert all(code == 0 for code in codes.values()), (codes, logs)
-    assert not any('Traceback' in text for text in logs.values()), logs
+def nodes(rig: Rig) -> NodeProcesses:
+    """Return the processes of the rig."""
+    return rig.processes

@@ -106,9 +106,8 @@ def beyond(row):
     return type(row.default)(value)
 
 
-def test_every_parameter_takes_effect_or_is_refused_with_a_reason(nodes, probe, tmp_path,
-                                                                  sky_data):
-    places = start_all(nodes, probe, tmp_path, sky_data)
+def check_parameters(probe, places, folder):
+    """Check that every parameter takes effect, or is rejected with a reason."""
     for node, place in places.items():
         rows = tables.node_rows(node)
         settable = [row for row in rows if not row.read_only]
@@ -121,7 +120,7 @@ def test_every_parameter_takes_effect_or_is_refused_with_a_reason(nodes, probe, 
         wishes += [changed(row.name, row.default) for row in rows if row.read_only]
         results = ask_once(probe, SetParameters, f'{place}/set_parameters',
                            SetParameters.Request(parameters=wishes)).results
-        told = log(tmp_path, place.strip('/').replace('/', '.'))
+        told = log(folder, place.strip('/').replace('/', '.'))
         for k, row in enumerate(settable):
             if row.name == 'camera_file':
                 assert not results[2 * k].successful
@@ -144,8 +143,6 @@ def test_every_parameter_takes_effect_or_is_refused_with_a_reason(nodes, probe, 
         now = probe.call(GetParameters, f'{place}/get_parameters', GetParameters.Request(
             names=[row.name for row in settable])).values
         assert now == kept
-    assert nodes.ended() == []
-    end_all(nodes, tmp_path, signal.SIGTERM)
 
 
 def test_several_changes_are_made_together_or_not_at_all(nodes, probe):
@@ -171,10 +168,10 @@ def test_several_changes_are_made_together_or_not_at_all(nodes, probe):
     assert not integer.successful and 'write 2.0' in integer.reason
 
 
-def end_all(nodes, folder, number):
-    """End every node by a signal: with status 0, and a bag that needs no mending."""
+def end_all(nodes, folder):
+    """End every node by SIGINT: with status 0, and a bag that needs no mending."""
     for process in nodes.processes.values():
-        process.send_signal(number)
+        process.send_signal(signal.SIGINT)
     assert {name: process.wait(120) for name, process in nodes.processes.items()} == (
         dict.fromkeys(nodes.processes, 0))
     assert len(list(read_messages(folder / 'bag', topics=('/image_raw',)))) > 5
@@ -188,9 +185,8 @@ def documented(column):
             for cells in rows if cells[0].strip(' `') in NODES}
 
 
-def test_every_node_talks_on_the_topics_of_the_readme_is_reset_and_ends(nodes, probe, tmp_path,
-                                                                        sky_data):
-    places = start_all(nodes, probe, tmp_path, sky_data)
+def check_topics_and_reset(probe, places, folder):
+    """Check that every node has the topics of the README, and forgets its state on request."""
     publishes, subscribes = documented(2), documented(1)
     assert publishes.keys() == subscribes.keys() == set(NODES)
     for node, place in places.items():
@@ -217,11 +213,18 @@ def test_every_node_talks_on_the_topics_of_the_readme_is_reset_and_ends(nodes, p
             answer = probe.call(Trigger, reset, Trigger.Request())
             assert answer.success and answer.message == 'state forgotten'
             probe.wait(lambda node=node, reset=reset: len(re.findall(
-                'reset: state forgotten', log(tmp_path, node))) == probe.requests[reset],
+                'reset: state forgotten', log(folder, node))) == probe.requests[reset],
                 'a line for each reset')
         services = {name for name, _ in probe.get_service_names_and_types_by_node(node, where)}
         assert (reset in services) == (node in RESETTABLE), node
-    end_all(nodes, tmp_path, signal.SIGINT)
+
+
+def test_every_node_has_its_topics_and_parameters_and_ends(nodes, probe, tmp_path, sky_data):
+    places = start_all(nodes, probe, tmp_path, sky_data)
+    check_topics_and_reset(probe, places, tmp_path)
+    check_parameters(probe, places, tmp_path)
+    assert nodes.ended() == []
+    end_all(nodes, tmp_path)
 
 
 def transitions(folder, node):

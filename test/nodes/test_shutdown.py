@@ -57,7 +57,7 @@ def test_a_long_callback_is_interrupted(number):
 @pytest.mark.parametrize('number', NUMBERS, ids=lambda number: number.name)
 def test_a_node_that_has_just_started_ends_cleanly(nodes, tmp_path, number):
     for index, delay_s in enumerate(DELAYS_S):
-        process = nodes.run(f'{index}', node_command('camera_calibrator'))
+        process = nodes.run(f'{index}', node_command('attitude_estimator'))
         log = tmp_path / f'{index}.log'
         while 'ready' not in log.read_text() and process.poll() is None:
             time.sleep(0.001)

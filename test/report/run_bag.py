@@ -1,12 +1,13 @@
 """A short run with known figures, written by rosbags as a foreign recorder would."""
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from startracker_ros.attitude.estimate import AttitudeEstimate
@@ -67,19 +68,26 @@ def write_run(folder: Path, *, leave_out: tuple[str, ...] = (), namespace: str =
     """
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections: dict[tuple[str, str], Any] = {}
-        for time_ns, topic, message in sorted(_messages(), key=lambda row: row[0]):
+        for time_ns, topic, kind, data in _serialized():
             if topic in leave_out:
                 continue
-            message = change(topic, message) if change else message
+            if change:
+                message = change(topic, deserialize_message(data, kind))
+                kind, data = type(message), serialize_message(message)
             name = topic if topic.startswith('/') else f'{namespace}/{topic}'
-            type_name = '/'.join((type(message).__module__.split('.')[0], 'msg',
-                                  type(message).__name__))
+            type_name = '/'.join((kind.__module__.split('.')[0], 'msg', kind.__name__))
             if (name, type_name) not in connections:
                 connections[name, type_name] = writer.add_connection(
                     name, type_name, typestore=_STORE)
-            writer.write(connections[name, type_name], time_ns,
-                         damage(serialize_message(message)))
+            writer.write(connections[name, type_name], time_ns, damage(data))
     return folder
+
+
+@cache
+def _serialized() -> list[tuple[int, str, type, bytes]]:
+    """Return log time, topic, type and bytes of all messages, sorted by log time."""
+    return [(time_ns, topic, type(message), serialize_message(message))
+            for time_ns, topic, message in sorted(_messages(), key=lambda row: row[0])]
 
 
 def _messages() -> Iterator[tuple[int, str, Any]]:

@@ -1,0 +1,135 @@
+"""Images and cameras that cannot be right are named by the extractor, which lives on."""
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import image_to_message
+from startracker_ros.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sky.simulator import SkySimulator
+
+CAMERA = Camera.from_fov(512, 512, 12.0)
+START_NS = 1_790_000_000_000_000_000
+
+
+def header(index):
+    return make_header(START_NS + index * 100_000_000, 'star_tracker_optical_frame')
+
+
+@pytest.fixture(scope='module')
+def sky():
+    """One good image of the sky."""
+    simulator = SkySimulator(CAMERA, motion_from_options(MotionOptions()),
+                             load_catalog().brighter_than(7.0), 2026.7)
+    return simulator.frame(0.0).image
+
+
+class Extractor:
+    """A running centroid_extractor with publishers to it."""
+
+    def __init__(self, rig):
+        rig.processes.start('centroid_extractor')
+        self.probe = probe = rig.probe
+        self.index = 0
+        probe.collect(PointCloud2, 'centroids')
+        self.camera_info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
+        self.camera_info.publish(camera_to_message(CAMERA, header(0)))
+        self.image = probe.advertise(Image, 'image_raw', qos.IMAGE)
+        probe.wait(lambda: probe.count_publishers('centroids'), 'centroids offered')
+
+    def send(self, image, camera_info=None, **changes):
+        """Send an image, changed or not, with its camera_info."""
+        self.index += 1
+        if camera_info is None:
+            camera_info = camera_to_message(CAMERA, header(self.index))
+        if camera_info is not False:
+            self.camera_info.publish(camera_info)
+            self.probe.spin_for(0.1)
+        message = image_to_message(image, header(self.index))
+        for name, value in changes.items():
+            setattr(message, name, value)
+        self.image.publish(message)
+        return ns_from_stamp(message.header.stamp)
+
+    def still_works(self, sky):
+        """Send a good image after the bad one: it is answered with stars."""
+        self.index += 1
+        stamp_ns = self.send(sky)
+        cloud = self.probe.wait(lambda: next(
+            (c for c in self.probe.received['centroids']
+             if ns_from_stamp(c.header.stamp) == stamp_ns), None), 'centroids')
+        assert cloud.width > 5
+
+
+@pytest.fixture(scope='module')
+def running(shared_rig):
+    return Extractor(shared_rig)
+
+
+@pytest.fixture
+def extractor(running):
+    """Return the extractor of all tests; what the probe received before the test is deleted."""
+    running.probe.forget()
+    return running
+
+
+@pytest.fixture
+def probe(extractor):
+    return extractor.probe
+
+
+@pytest.mark.parametrize('changes, words', [
+    ({'encoding': 'rgb8'}, "image encoding 'rgb8' is not mono8 or mono16"),
+    ({'encoding': '32FC1'}, "image encoding '32FC1'"),
+    ({'width': 0, 'height': 0}, 'image size 0 x 0 is empty'),
+    ({'height': 4000}, 'is too short for 512 x 4000'),
+    ({'width': 500}, 'does not fit camera_info'),
+])
+def test_image_that_is_none(extractor, probe, sky, changes, words):
+    extractor.send(sky, **changes)
+    probe.wait_diagnostic(words)
+    assert not probe.received['centroids']
+    extractor.still_works(sky)
+
+
+@pytest.mark.parametrize('field, value, words', [
+    ('k', [float('nan')] * 9, 'NaN or infinity'),
+    ('k', [0.0] * 9, 'focal length (0.0, 0.0) px must be positive'),
+    ('distortion_model', 'fisheye', "'fisheye' is not plumb_bob"),
+    ('width', 0, 'image size 0 x 512'),
+])
+def test_camera_info_that_is_none(extractor, probe, sky, field, value, words):
+    info = camera_to_message(CAMERA, header(1))
+    setattr(info, field, value)
+    extractor.send(sky, camera_info=info)
+    probe.wait_diagnostic(words)
+    probe.wait_diagnostic('no valid camera_info received')
+    assert not probe.received['centroids']
+    extractor.still_works(sky)
+
+
+@pytest.mark.parametrize('value', [0, 65535])
+def test_black_and_white_images_hold_no_star(extractor, probe, sky, value):
+    extractor.send(np.full_like(sky, value))
+    cloud = probe.wait(lambda: probe.received['centroids'], 'an empty cloud')[0]
+    assert cloud.width == 0
+    probe.wait(lambda: any(s.level == b'\x01' and s.message and 'received' not in s.message
+                           for s in probe.statuses()), 'a warning')
+    extractor.still_works(sky)
+
+
+def test_image_out_of_order_is_counted_and_dropped(extractor, probe, sky):
+    extractor.still_works(sky)
+    extractor.index -= 2
+    late_ns = extractor.send(sky)
+    probe.wait(lambda: any(v.key == 'image_raw out of order' and v.value == '1'
+                           for s in probe.statuses() for v in s.values), 'the count')
+    assert all(ns_from_stamp(c.header.stamp) != late_ns
+               for c in probe.received['centroids'])
+    extractor.index += 3
+    extractor.still_works(sky)
