@@ -19,7 +19,7 @@ from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.detection import Peaks, Threshold
 from startracker_ros.centroid.directed import peaks_near
 from startracker_ros.centroid.frame import Frame, prepare
-from startracker_ros.centroid.hits import is_hit, is_storm, without_hits
+from startracker_ros.centroid.hits import is_hit, is_single, is_storm, without_hits
 from startracker_ros.centroid.moments import Segmentation, WEIGHTS
 from startracker_ros.centroid.point_stars import measure_points
 from startracker_ros.centroid.rejection import Rejections
@@ -236,7 +236,9 @@ class CentroidExtractor:
             return Centroids.empty(), False
         hit = is_hit(frame.image, peaks.uv, peaks.level, peaks.noise / frame.kernel.noise_gain,
                      sigma_px)
-        peaks = peaks.select(rejections.reject(peaks.uv, cosmic_ray=hit))
+        single = is_single(frame.image, peaks.uv, peaks.level)
+        peaks = peaks.select(rejections.reject(
+            peaks.uv, hot_pixel=hit & single, cosmic_ray=hit))
         chosen, others = self._brightest(peaks, frame.image.shape), Rejections()
         centroids, smeared = self._measure(frame, chosen, sigma_px, others)
         if len(centroids) < self._options.max_stars / 2 and len(chosen.uv) < len(peaks.uv):

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from startracker_ros.centroid.background import background_at, Mesh
 from startracker_ros.centroid.psf import profile, SHARE
+from startracker_ros.centroid.shape import LONE_PIXEL
 from startracker_ros.compiled import compiled
 from startracker_ros.maths.sorting import insert_sorted
 
@@ -19,7 +20,7 @@ NARROWEST = 0.7  # star, in widths of the median one
 MARGIN_SIGMAS = 2.0
 STORM_PEAKS = 30  # single pixels among the peaks, from which on hits are removed from the image
 BRIGHT_PEAKS = 100
-DARK_SHARE = 0.05  # of the brightest pixel: light in the eight around it, in a storm
+DARK_SHARE = 0.1  # of the brightest pixel: light in the eight around it, in a storm
 HIT_SIGMAS = 8.0
 _PHASES = np.linspace(-0.5, 0.5, 11)
 
@@ -79,6 +80,27 @@ def _brightest_of_nine(image: np.ndarray, u: int, v: int) -> tuple[int, int]:
 
 
 @compiled
+def _share_around(image: np.ndarray, u: int, v: int, level: float) -> float:
+    """Return the light in the pixels around the brightest one at u, v over that of this one."""
+    u, v = _brightest_of_nine(image, u, v)
+    around = count = 0.0
+    for y in range(max(v - 1, 0), min(v + 2, image.shape[0])):
+        for x in range(max(u - 1, 0), min(u + 2, image.shape[1])):
+            if x != u or y != v:
+                around, count = around + image[y, x], count + 1
+    return (around - count * level) / max(image[v, u] - level, 1.0)
+
+
+@compiled
+def is_single(image: np.ndarray, uv: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Return which peaks (K,) at uv (K, 2) are one pixel, with hardly any light around it."""
+    single = np.empty(len(uv), np.bool_)
+    for i in range(len(uv)):
+        single[i] = abs(_share_around(image, uv[i, 0], uv[i, 1], level[i])) <= LONE_PIXEL
+    return single
+
+
+@compiled
 def is_storm(image: np.ndarray, uv: np.ndarray, level: np.ndarray) -> bool:
     """
     Return whether the peaks uv (K, 2), brightest first, are hits for the most part.
@@ -88,15 +110,9 @@ def is_storm(image: np.ndarray, uv: np.ndarray, level: np.ndarray) -> bool:
     shares = np.empty(min(len(uv), BRIGHT_PEAKS))
     single = 0
     for i in range(len(shares)):
-        u, v = _brightest_of_nine(image, uv[i, 0], uv[i, 1])
-        around = count = 0.0
-        for y in range(max(v - 1, 0), min(v + 2, image.shape[0])):
-            for x in range(max(u - 1, 0), min(u + 2, image.shape[1])):
-                if x != u or y != v:
-                    around, count = around + image[y, x], count + 1
-        shares[i] = (around - count * level[i]) / max(image[v, u] - level[i], 1.0)
-        single += abs(shares[i]) < 6 * DARK_SHARE
-    return single >= STORM_PEAKS and np.median(shares) < 2 * DARK_SHARE
+        shares[i] = _share_around(image, uv[i, 0], uv[i, 1], level[i])
+        single += abs(shares[i]) <= LONE_PIXEL
+    return single >= STORM_PEAKS and np.median(shares) < DARK_SHARE
 
 
 @compiled

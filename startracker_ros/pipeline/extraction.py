@@ -10,7 +10,7 @@ from startracker_ros.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.options import option, Options
 
 LEAST_PREDICTED = 4
-LEAST_SHARE = 0.5  # of the predicted stars that were seen in the image searched last
+LEAST_SHARE = 0.75  # of the predicted stars that were seen in the image searched last
 MAX_AGE_S = 1.0  # of a prediction
 GATE_SIGMAS = 4.0
 GATE_PX = 2.0  # for accelerations that a prediction does not know

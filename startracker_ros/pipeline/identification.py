@@ -1,6 +1,6 @@
 """When a frame is identified, and by which method: the identifier with its schedule."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from startracker_ros.attitude.gyro import GyroErrorOptions
@@ -11,6 +11,11 @@ from startracker_ros.identify.extended_grid import (
 from startracker_ros.identify.identification import Identification, IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.options import option, Options
+from startracker_ros.track.rolling_shutter import at_frame_time, fit_rate
+
+
+SHEAR_PX = (0.5, 2.0)
+"""Errors of position by a rolling shutter that are tried while the rate is unknown."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +86,32 @@ class IdentificationStage:
         return (self._identified_ns is not None
                 and abs(stamp_ns - self._identified_ns) < self._check_period_ns)
 
-    def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
-        """Identify the frame of a time."""
+    def identify(self, stamp_ns: int, centroids: Centroids) -> tuple[Identification, Centroids]:
+        """
+        Identify the frame of a time; return the centroids at that time as well.
+
+        The stars of a rolling shutter are first identified with a wide tolerance; the rate that
+        explains their residuals then moves them to the time of the frame.
+        """
         self._identified_ns = stamp_ns
+        if centroids.delay_s.any():
+            centroids = self._at_frame_time(centroids)
         if self._recursive is not None:
-            return self._recursive.identify(stamp_ns, centroids)
-        return self.identifier.identify(centroids)
+            return self._recursive.identify(stamp_ns, centroids), centroids
+        return self.identifier.identify(centroids), centroids
+
+    def _at_frame_time(self, centroids: Centroids) -> Centroids:
+        """Return the centroids at the time of the frame, where their rate can be found."""
+        camera, onboard = self.identifier.camera, self.identifier.onboard
+        for floor_px in SHEAR_PX:
+            blurred = replace(centroids, sigma_px=np.hypot(centroids.sigma_px, floor_px))
+            found = self.identifier.identify(blurred)
+            if found.attitude is None:
+                continue
+            star_index = onboard.index_of(found.hip)
+            known = star_index >= 0
+            rate_rad_s = fit_rate(camera, onboard.direction[star_index[known]],
+                                  centroids.select(known), found.attitude.quaternion)
+            if rate_rad_s is not None:
+                return at_frame_time(camera, centroids, rate_rad_s)
+        return centroids

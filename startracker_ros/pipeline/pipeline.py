@@ -105,6 +105,6 @@ class Pipeline:
 
     def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
         """Identify a frame for the tracker."""
-        identification = self.identification.identify(stamp_ns, centroids)
+        identification, centroids = self.identification.identify(stamp_ns, centroids)
         self.tracker.identified(stamp_ns, centroids, identification.hip)
         return identification

@@ -11,9 +11,12 @@ from startracker_ros.attitude.gyro import Gyro
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.maths.rotation import conjugate, rotate
+from startracker_ros.track.consistency import Residuals
 from startracker_ros.track.correction import correct, Correction, on_image
 from startracker_ros.track.identified import IdentifiedFrame
 from startracker_ros.track.model import FrameUpdate, rate_between, StarModel
+from startracker_ros.track.motion_models import image_jacobian
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import median, RAYLEIGH_MEDIAN, RotationFit
 
@@ -112,7 +115,8 @@ class AttitudeModel(StarModel):
             self._scale.add(fit)
             if not self.uses_gyro:
                 self._compare_gyro(before_ns, hypothesis.level)
-            return FrameUpdate(True, fit, correction.unassociated)
+            return FrameUpdate(True, fit, correction.unassociated,
+                               self._residuals(correction, frame))
         assert nominal is not None, 'there is always a hypothesis'
         # Propagate without an update: every star counts as missed.
         hypothesis, correction = nominal
@@ -158,6 +162,18 @@ class AttitudeModel(StarModel):
         stars = int(np.count_nonzero(self.bank.confirmed & correction.inside))
         good = fit.is_good(stars, self._options.min_stars, self._options.max_residual_px)
         return fit if good else None
+
+    def _residuals(self, correction: Correction, frame: Centroids) -> Residuals:
+        """Return the residuals of the detected stars, by the corrected state."""
+        bank = self.bank
+        seen = np.isfinite(correction.distance) & bank.confirmed
+        centroid = correction.best[seen]
+        direction = rotate(conjugate(self._state.quaternion),
+                           self._onboard.direction[bank.star_index[seen]])
+        flow = image_jacobian(self._camera, direction)
+        uv = frame.uv[centroid]
+        return Residuals(uv, uv - bank.uv[seen], self.error_px2(frame.select(centroid)), flow,
+                         flow @ self._state.rate)
 
     def _set_tracks(self, correction: Correction, probability: np.ndarray, frame: Centroids,
                     variance: np.ndarray) -> None:

@@ -22,7 +22,7 @@ class Correction(NamedTuple):
     predicted (K, 2) px; probability (K, M + 1) as of associate(); inlier (K,), whether it was
     detected and corrects the attitude; distance (K,) px of its most probable centroid from
     its position by the corrected state, and normalised (K,), the same in sigma, both infinity
-    where it was missed. unassociated (M,) masks the centroids in no gate. agreed is False
+    where it was missed; best (K,) is that centroid. unassociated (M,) masks the centroids in no gate. agreed is False
     when there are too few inliers. innovation (3,) is the measured turn, whitened by its
     covariance: its square is the normalised innovation squared, of 3 degrees of freedom.
     """
@@ -36,6 +36,7 @@ class Correction(NamedTuple):
     inlier: np.ndarray
     distance: np.ndarray
     normalised: np.ndarray
+    best: np.ndarray
     innovation: np.ndarray
 
 
@@ -69,7 +70,7 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
         inlier = (weight > 0) & detected
         if np.sum(inlier) < min_stars:
             return Correction(False, inside, predicted_uv, beta, unassociated, state, inlier,
-                              distance, normalised, np.zeros(3))
+                              distance, normalised, best, np.zeros(3))
         corrected = project(lens, sensor_directions(matrix_from_quaternion(quaternion), icrf))
         _fill_residuals(corrected, uv, error, detected, best, distance, normalised)
         worst = np.argmax(np.where(inlier, normalised, 0.0))
@@ -77,7 +78,7 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
             break
         weight[worst] = 0.0
     return Correction(True, inside, predicted_uv, beta, unassociated, state, inlier, distance,
-                      normalised, _whitened(P, information, vector))
+                      normalised, best, _whitened(P, information, vector))
 
 
 @compiled

@@ -11,6 +11,7 @@ from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.track.association import DetectionModel, gate_size
 from startracker_ros.track.bank import TrackBank
+from startracker_ros.track.consistency import Residuals
 from startracker_ros.track.identified import IdentifiedFrame
 from startracker_ros.track.motion_models import image_jacobian
 from startracker_ros.track.options import TrackerOptions
@@ -30,12 +31,14 @@ class FrameUpdate:
     The result of a frame: good when enough stars agree on an attitude within the limits.
 
     fit has a row for each track of the bank, None where no stars agree on an attitude;
-    unassociated (M,) masks the centroids in no gate.
+    unassociated (M,) masks the centroids in no gate; residuals are those of the detected stars of
+    a model that has them.
     """
 
     good: bool
     fit: RotationFit | None
     unassociated: np.ndarray
+    residuals: Residuals | None = None
 
 
 class StarModel(ABC):

@@ -1,13 +1,26 @@
 """Where the stars in view will be."""
 
 import numpy as np
+from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.motion_models import image_flows
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.tracks import TrackedAttitude
 
+BORDER_PX = 5.0  # from the edge of the image, where stars are seen in full
 SPARE_STARS = 1.5  # per star that is followed: some are blended or too faint
+
+
+def visible_stars(stars: StarsInView, attitude: AttitudeEstimate, rate_rad_s: np.ndarray,
+                  faintest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return pixels (N, 2) and velocities (N, 2) px/s of single stars up to a magnitude."""
+    index, sensor, uv = stars.of(attitude)
+    bright = np.searchsorted(stars.onboard.magnitude[index], faintest, side='right')
+    index, sensor, uv = index[:bright], sensor[:bright], uv[:bright]
+    chosen = stars.camera.contains(uv, BORDER_PX) & ~stars.onboard.crowded[index]
+    flow = image_flows(stars.camera.lens, sensor[chosen])
+    return uv[chosen], flow @ rate_rad_s
 
 
 def predict_stars(stars: StarsInView, stamp_ns: int, tracked: TrackedAttitude,

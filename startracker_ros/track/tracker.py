@@ -15,13 +15,16 @@ from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.track.attitude_model import AttitudeModel
+from startracker_ros.track.consistency import (
+    expected_stars, PRESENT_PX, PRESENT_SIGMAS, RowPattern)
 from startracker_ros.track.identified import fit_identified, IdentifiedFrame
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.independent_stars import IndependentStarsModel, NeighbourhoodModel
-from startracker_ros.track.model import rate_between, StarModel
+from startracker_ros.track.model import FrameUpdate, rate_between, StarModel
 from startracker_ros.track.new_stars import match_new_stars
 from startracker_ros.track.options import TrackerOptions
-from startracker_ros.track.prediction import predict_stars
+from startracker_ros.track.prediction import predict_stars, visible_stars
+from startracker_ros.track.rolling_shutter import at_frame_time
 from startracker_ros.track.rotation_fit import median, OUTLIER_SIGMA, RotationFit
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
@@ -58,7 +61,8 @@ class StarTracker:
     interleaving: an identification may come some frames late or before its own update().
     add_rate() adds the rates of a gyro. acquire_new_stars() may follow update().
 
-    state and reason describe the last transition; frames_since_fix counts the frames since the
+    state and reason describe the last transition; contradiction is why the stars of the newest
+    frame are no attitude although some agree, empty if they are; frames_since_fix counts the frames since the
     last good one, stars_matched its inliers, residual_px is their rms residual (NaN without
     any); late_frames counts frames rejected as older than the last one, rejected_centroids
     those without a finite position or a positive sigma, checks_passed the identifications that
@@ -155,7 +159,8 @@ class StarTracker:
         if self.state is not TrackerState.TRACKING or stamp_ns != self._bank_stamp_ns:
             return Tracks.empty()
         return self._model.bank.to_tracks(
-            self._onboard, self._good_stamp_ns == self._bank_stamp_ns)
+            self._onboard,
+            self._good_stamp_ns == self._bank_stamp_ns and not self.contradiction)
 
     def identified(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray) -> None:
         """
@@ -213,6 +218,8 @@ class StarTracker:
         self._first: IdentifiedFrame | None = None
         self._model = make_model(self._camera, self._onboard, self._options, self._gyro)
         self._unassociated = None
+        self._pattern = RowPattern(self._camera)
+        self.contradiction = ''
         self._bank_stamp_ns = 0
         self._good_stamp_ns = 0
         self._bad_frames = 0
@@ -266,7 +273,9 @@ class StarTracker:
             return
         self.acquire_new_stars()
         self._bank_stamp_ns = stamp_ns
+        frame = at_frame_time(self._camera, frame, self._model.rate_rad_s)
         result = self._model.update(stamp_ns, frame)
+        self.contradiction = self._contradiction(result, frame) if result.good else ''
         if result.fit is None:
             self.stars_matched, self.residual_px = 0, math.nan
         else:
@@ -282,13 +291,26 @@ class StarTracker:
         """Record the attitude, drop missed stars and outliers, confirm new stars."""
         self._bad_frames = 0
         self._good_stamp_ns = stamp_ns
-        self.frames_since_fix = 0
-        self._history.append((stamp_ns, fit.attitude))
+        if not self.contradiction:
+            self.frames_since_fix = 0
+            self._history.append((stamp_ns, fit.attitude))
         bank = self._model.bank
         outlier = (fit.normalised > OUTLIER_SIGMA) & (bank.missed == 0)
         bank = bank.select(~(self._missed_too_often(frame) | outlier))
         self._model.bank = replace(
             bank, confirmed=bank.confirmed | (bank.age >= self._options.confirm_frames))
+
+    def _contradiction(self, result: FrameUpdate, frame: Centroids) -> str:
+        """Return why not all of a frame shows the attitude that was found, empty if it does."""
+        bank, fit = self._model.bank, result.fit
+        assert fit is not None, 'a good frame has a fit'
+        present_px = max(PRESENT_PX, PRESENT_SIGMAS * fit.scale * median(
+            self._model.sigma_px(frame)))
+        faintest = self._onboard.magnitude[bank.star_index[bank.detected]].max()
+        expected, velocity = visible_stars(
+            self._stars, fit.attitude, self._model.rate_rad_s, faintest)
+        return expected_stars(expected, velocity, frame.uv, present_px) or (
+            self._pattern.find(result.residuals) if result.residuals else '')
 
     def _end_bad_frame(self, frame: Centroids) -> None:
         """Drop missed stars, and enter LOST after max_bad_frames."""

@@ -71,7 +71,7 @@ class StarIdentifierNode(CameraNode):
             self.diagnostics.report(OK, _RESTING)
             return
         centroids = centroids_from_message(message)
-        result = stage.identify(stamp_ns, centroids)
+        result, centroids = stage.identify(stamp_ns, centroids)
         self._stars.publish(identification_to_message(
             centroids, result, camera, message.header))
         self._report(result, stage)

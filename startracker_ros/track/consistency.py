@@ -1,0 +1,170 @@
+"""
+Whether all of an image shows one attitude.
+
+A torn frame holds rows of the frame before, a rolling shutter whose line time is wrong shows each
+row at another time: part of the stars support one attitude, part another. Both leave a pattern:
+residuals along the motion of the stars that are a step, or grow, from row to row. Where the parts
+are further apart than the gates, stars are missed whose images lie all by the same shift, or by
+the same time, from where they should be.
+
+The residuals r of the stars, whitened, are fitted with columns that are no fault of the rows: a
+rotation, the focal length and a radial distortion. A column c = f g(v), f the velocity of a star
+and g(v) a step or a line, improves chi-square by (c' r)^2 / (c' c), both after those columns.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.camera.model import Camera
+from startracker_ros.compiled import compiled
+
+LEAST_STARS = 8
+STEPS = 12  # rows at which a frame may be torn
+SIGNIFICANT = 36.0  # improvement of chi-square: 6 sigma
+EXPLAINED = 0.5  # of chi-square, that the pattern explains,
+LEAST_STEP_PX = 0.1  # if it is so large over the image
+SLOPE_SIGNIFICANT, SLOPE_EXPLAINED = 20.0, 0.2  # of all frames together
+LEAST_SLOPE_PX = 0.05
+MEMORY = 0.98  # of the slopes of the frames before
+REACH_PX = 80.0  # of an image of a missed star
+TOLERANCE_SHARE = 0.03  # of the shift
+LEAST_SHIFTED, SHIFTED_SHARE = 4, 0.2  # of the stars, which are another image
+MOST_MISSED = 0.4  # of the stars that should be seen,
+PLACED_SHARE = 0.7  # if so many centroids for each are no star
+PRESENT_PX, PRESENT_SIGMAS = 0.5, 5.0  # distance of a centroid that is that of a star
+
+
+class Residuals(NamedTuple):
+    """
+    The detected stars of a frame: uv (K, 2), residual (K, 2) px, error (K, 2, 2) px^2.
+
+    flow (K, 2, 3) is the image jacobian, velocity (K, 2) that in px/s.
+    """
+
+    uv: np.ndarray
+    residual: np.ndarray
+    error: np.ndarray
+    flow: np.ndarray
+    velocity: np.ndarray
+
+
+class RowPattern:
+    """Looks for patterns along the rows; remembers slopes, which are the same in every frame."""
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self._slope = np.zeros(3)
+
+    def find(self, stars: Residuals) -> str:
+        """Return which pattern the residuals have, in words; empty for none."""
+        if len(stars.uv) < LEAST_STARS:
+            return ''
+        height = self._camera.height
+        rows = (stars.uv[:, 1] - (height - 1) / 2) / height
+        edges = np.sort(rows)[3:-3]
+        edges = edges[np.linspace(0, len(edges) - 1, STEPS).astype(int)]
+        patterns = np.concatenate([rows[None], (rows > edges[:, None]) - 0.5])
+        whiten = np.linalg.inv(np.linalg.cholesky(stars.error))
+        def column(vectors: np.ndarray) -> np.ndarray:
+            return np.einsum('kij,kj...->ki...', whiten, vectors).reshape(2 * len(vectors), -1)
+        centred = (stars.uv - [self._camera.cx, self._camera.cy]) / height
+        radial = centred * np.sum(centred ** 2, axis=1, keepdims=True)
+        basis = np.linalg.qr(column(np.concatenate(
+            [stars.flow, centred[..., None], radial[..., None]], axis=-1)))[0]
+        r = column(stars.residual)[:, 0]
+        c = column(stars.velocity[..., None] * patterns.T[:, None])
+        r, c = r - basis @ (basis.T @ r), c - basis @ (basis.T @ c)
+        product, energy, chi2 = c.T @ r, np.maximum((c * c).sum(axis=0), 1e-12), r @ r
+        dof = max(len(r) - basis.shape[1] - 1, 1)
+        gain = product ** 2 / energy
+        speed_px_s = float(np.sqrt(np.mean(stars.velocity ** 2) * 2))
+        scatter = max(1.0, (chi2 - gain[0]) / dof)
+        slope = self._slope = MEMORY * self._slope + np.array(
+            [product[0], energy[0], chi2 - dof]) / scatter
+        best = int(np.argmax(gain))
+        scale = max(1.0, (chi2 - gain[best]) / dof)
+        shift_s = product[best] / energy[best]
+        if (gain[best] > SIGNIFICANT * scale and gain[best] > EXPLAINED * chi2
+                and abs(shift_s) * speed_px_s > LEAST_STEP_PX and best):
+            row = (edges[best - 1] + 0.5) * height
+            return (f'the rows beyond {row:.0f} are {shift_s:.3g} s later than those before: '
+                    'a torn frame')
+        line_s = slope[0] / slope[1] / height
+        if (slope[0] ** 2 / slope[1] > SLOPE_SIGNIFICANT
+                and abs(line_s) * height * speed_px_s > LEAST_SLOPE_PX
+                and slope[0] ** 2 / slope[1] > SLOPE_EXPLAINED * slope[2]):
+            return (f'the residuals grow along the rows: line_time_us is off by '
+                    f'{1e6 * line_s:.3g} us')
+        return ''
+
+
+def expected_stars(expected: np.ndarray, velocity: np.ndarray, uv: np.ndarray,
+                   present_px: float) -> str:
+    """
+    Return what speaks against an attitude among the stars that should be seen; empty if nothing.
+
+    expected (N, 2) px are these stars by the attitude, velocity (N, 2) px/s, uv (M, 2) px all
+    centroids. A star is seen by a centroid within present_px. Stars that are hidden are no
+    contradiction; stars that are elsewhere are.
+    """
+    seen = _near_any(expected, uv, present_px)
+    free = uv[~_near_any(uv, expected, present_px)]
+    missed = int(np.count_nonzero(~seen))
+    if missed < LEAST_SHIFTED or len(free) < LEAST_SHIFTED:
+        return ''
+    count, shift = _largest_group(expected[~seen], velocity[~seen], free, present_px)
+    if count >= max(LEAST_SHIFTED, SHIFTED_SHARE * len(expected)):
+        return (f'{count} of {len(expected)} stars are seen {shift:.1f} px from where the others '
+                'have them: a torn frame or a second image')
+    if missed > MOST_MISSED * len(expected) and len(free) > PLACED_SHARE * missed:
+        return (f'only {len(expected) - missed} of {len(expected)} stars that should be seen are, '
+                f'and {len(free)} centroids are no star')
+    return ''
+
+
+@compiled
+def _near_any(points: np.ndarray, others: np.ndarray, distance: float) -> np.ndarray:
+    """Return which points (N, 2) have one of the others (M, 2) so near."""
+    near = np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        near[i] = _has_near(others, points[i, 0], points[i, 1], distance)
+    return near
+
+
+@compiled
+def _largest_group(expected: np.ndarray, velocity: np.ndarray, free: np.ndarray,
+                   present_px: float) -> tuple[int, float]:
+    """Return the most stars with a centroid at one shift or one time away, and the shift."""
+    best, best_px = 0, 0.0
+    for i in range(len(expected)):
+        speed2 = velocity[i, 0] ** 2 + velocity[i, 1] ** 2
+        for j in range(len(free)):
+            du, dv = free[j, 0] - expected[i, 0], free[j, 1] - expected[i, 1]
+            length = np.hypot(du, dv)
+            if length > REACH_PX:
+                continue
+            tolerance = 0.6 * present_px + TOLERANCE_SHARE * length
+            for by_time in (False, True):
+                time_s = (du * velocity[i, 0] + dv * velocity[i, 1]) / max(speed2, 1e-12)
+                if by_time and np.hypot(du - time_s * velocity[i, 0],
+                                        dv - time_s * velocity[i, 1]) > tolerance:
+                    continue
+                count = 0
+                for k in range(len(expected)):
+                    u, v = expected[k, 0] + du, expected[k, 1] + dv
+                    if by_time:
+                        u = expected[k, 0] + time_s * velocity[k, 0]
+                        v = expected[k, 1] + time_s * velocity[k, 1]
+                    count += _has_near(free, u, v, tolerance)
+                if count > best:
+                    best, best_px = count, length
+    return best, best_px
+
+
+@compiled
+def _has_near(points: np.ndarray, u: float, v: float, distance: float) -> bool:
+    """Return whether one of points (M, 2) is so near to u, v."""
+    for j in range(len(points)):
+        if (points[j, 0] - u) ** 2 + (points[j, 1] - v) ** 2 < distance * distance:
+            return True
+    return False
