@@ -13,15 +13,22 @@ from startracker_ros.camera.model import Camera, CameraError
 
 _CENTROID_FIELDS = [(name, 'f4') for name in ('x', 'y', 'z', 'u', 'v', 'flux', 'snr', 'sigma_px')]
 _STAR_FIELDS = [*_CENTROID_FIELDS, ('hip', 'u4'), ('magnitude', 'f4'), ('residual_px', 'f4')]
+# Zero in clouds that do not have them, such as those of older recordings.
+_MEASUREMENT_FIELDS = [('cov_uu', 'f4'), ('cov_uv', 'f4'), ('cov_vv', 'f4'),
+                       ('stamp_offset', 'f4'), ('directed', 'u1')]
 _TRACK_FIELDS = [
     *_STAR_FIELDS, ('track_id', 'u4'), ('age', 'u2'), ('missed', 'u1'),
     ('association_probability', 'f4'), ('u_rate', 'f4'), ('v_rate', 'f4'),
     ('cov_uu', 'f4'), ('cov_uv', 'f4'), ('cov_vv', 'f4')]
 
 # Aligned as a C struct, so that viewers, and _never_nan(), find each float, of 4 bytes, in place.
-CENTROID_DTYPE = np.dtype(_CENTROID_FIELDS, align=True)
-STAR_DTYPE = np.dtype(_STAR_FIELDS, align=True)
+CENTROID_DTYPE = np.dtype(_CENTROID_FIELDS + _MEASUREMENT_FIELDS, align=True)
+STAR_DTYPE = np.dtype(_STAR_FIELDS + _MEASUREMENT_FIELDS, align=True)
 TRACK_DTYPE = np.dtype(_TRACK_FIELDS, align=True)
+PREDICTION_DTYPE = np.dtype([
+    ('u', 'f4'), ('v', 'f4'), ('sigma', 'f4'), ('hip', 'u4'), ('u_rate', 'f4'),
+    ('v_rate', 'f4')], align=True)
+_OPTIONAL = {CENTROID_DTYPE: _MEASUREMENT_FIELDS, STAR_DTYPE: _MEASUREMENT_FIELDS}
 
 # By the numbers of sensor_msgs/PointField.
 _NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
@@ -80,8 +87,14 @@ def read_cloud(message: Any, wanted: np.dtype) -> np.ndarray:
                            f'{count} points of {message.point_step} bytes')
     layout = _layout(tuple((f.name, f.offset, f.datatype) for f in message.fields),
                      message.point_step, wanted)
-    # From structure to structure NumPy copies by position, and that is the order of the names.
-    rows = np.frombuffer(message.data, layout, count).astype(wanted)
+    read = np.frombuffer(message.data, layout, count)
+    if layout.names == wanted.names:
+        # From structure to structure NumPy copies by position, the order of the names.
+        rows = read.astype(wanted)
+    else:
+        rows = np.zeros(count, wanted)
+        for name in layout.names or ():
+            rows[name] = read[name]
     names, columns = _never_nan(wanted)
     finite = np.isfinite(rows.view('f4').reshape(count, wanted.itemsize // 4)[:, columns])
     if not finite.all():
@@ -95,7 +108,8 @@ def _layout(fields: tuple[tuple[str, int, int], ...], point_step: int, wanted: n
             ) -> np.dtype:
     """Return where the wanted fields stand among those offered, (name, offset, datatype)."""
     offered = {name: (offset, datatype) for name, offset, datatype in fields}
-    names = wanted.names or ()
+    optional = {name for name, _ in _OPTIONAL.get(wanted, ())}
+    names = [name for name in wanted.names or () if name in offered or name not in optional]
     for name in names:
         if name not in offered:
             raise MessageError(f'cloud has no field {name!r}; it has {sorted(offered)}')

@@ -78,7 +78,7 @@ def noise_free(trials: int, seed: int) -> Iterator[PercentileRow]:
         frame = SkySimulator(FULL_CAMERA, motion_from_options(options), catalog, EPOCH_YEAR,
                              detector_options=detector).frame(0.0)
         centroids = pipeline.extraction.extractor.extract(frame.image).centroids
-        identified = pipeline.identification.identify(0, centroids)
+        identified = pipeline.identification.identify(0, centroids)[0]
         solved = pipeline.attitude.from_stars(centroids, identified.hip).attitude
         errors.append(np.full(3, np.nan) if solved is None else attitude_error(
             solved.quaternion, frame.state.q_icrf_from_sensor))

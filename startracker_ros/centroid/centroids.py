@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+ROUND = np.empty((0, 2, 2))
+NO_DELAY = np.empty(0)
+
 
 @dataclass(frozen=True)
 class Centroids:
@@ -12,24 +15,23 @@ class Centroids:
 
     uv (N, 2) px, (0, 0) the centre of the top-left pixel; flux (N,) total light in DN;
     snr (N,) flux over its 1-sigma error; sigma_px (N,) 1-sigma error per axis, the root mean
-    square of both; covariance (N, 2, 2) px^2 of uv, round where not given; delay_s (N,) from
-    the time of the frame to the middle of the exposure of the star's own row, zero where not
-    given.
+    square of both; covariance (N, 2, 2) px^2 of uv, round if left empty; delay_s (N,) from the
+    time of the frame to the middle of the exposure of the star's own row, zero if left empty.
     """
 
     uv: np.ndarray
     flux: np.ndarray
     snr: np.ndarray
     sigma_px: np.ndarray
-    covariance: np.ndarray = None  # type: ignore[assignment]  # never after __post_init__
-    delay_s: np.ndarray = None  # type: ignore[assignment]
+    covariance: np.ndarray = ROUND
+    delay_s: np.ndarray = NO_DELAY
 
     def __post_init__(self) -> None:
-        if self.covariance is None:
+        if not len(self.covariance):
             covariance = np.zeros((len(self.flux), 2, 2))
             covariance[:, 0, 0] = covariance[:, 1, 1] = self.sigma_px ** 2
             object.__setattr__(self, 'covariance', covariance)
-        if self.delay_s is None:
+        if not len(self.delay_s):
             object.__setattr__(self, 'delay_s', np.zeros(len(self.flux)))
 
     def __len__(self) -> int:

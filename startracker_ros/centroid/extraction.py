@@ -94,6 +94,11 @@ class Extraction:
     rejected_uv: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     streak: Streak | None = None
 
+    @property
+    def streak_px(self) -> float:
+        """Length of the streaks in the middle of the image, zero for points."""
+        return 0.0 if self.streak is None else self.streak.length_px
+
 
 class CentroidExtractor:
     """
@@ -186,7 +191,8 @@ class CentroidExtractor:
             self.extract(frame, streak)
             self.extract(frame)
             self.extract_near(frame, stars.astype(float), np.full(3, 3.0))
-            without_hits(_readable(frame), self._reference[0].mesh, 3.0)
+            stormy = prepare(_readable(frame), FILTER_SIGMA_PX, self._threshold)
+            without_hits(stormy.image, stormy.mesh, 3.0)
         self._reference = None
 
     def _result(self, centroids: Centroids, frame: Frame, sigma_px: float,

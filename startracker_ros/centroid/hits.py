@@ -112,7 +112,7 @@ def is_storm(image: np.ndarray, uv: np.ndarray, level: np.ndarray) -> bool:
     for i in range(len(shares)):
         shares[i] = _share_around(image, uv[i, 0], uv[i, 1], level[i])
         single += abs(shares[i]) <= LONE_PIXEL
-    return single >= STORM_PEAKS and np.median(shares) < DARK_SHARE
+    return bool(single >= STORM_PEAKS and np.median(shares) < DARK_SHARE)
 
 
 @compiled

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.centroids import Centroids, ROUND
 from startracker_ros.centroid.detection import Peaks
 from startracker_ros.centroid.frame import Frame
 from startracker_ros.centroid.gaussian_fit import Fit, fit_stars
@@ -40,7 +40,7 @@ def measure_points(frame: Frame, peaks: Peaks, sigma_px: float, threshold_sigmas
         faint=_significance(fit) < FAINT * threshold_sigmas)
     if method != 'gaussian':
         uv, error_px = weighted_means(method, windows, fit, noise, segmentation)
-        centroids = replace(centroids, uv=uv, sigma_px=error_px, covariance=None)
+        centroids = replace(centroids, uv=uv, sigma_px=error_px, covariance=ROUND)
         keep &= rejections.reject(uv, faint=keep & ~np.isfinite(uv[:, 0]))
     return centroids.select(keep), smeared
 

@@ -56,4 +56,5 @@ def fit_streak(uv: np.ndarray, streak_px: np.ndarray, weight: np.ndarray,
         columns.append(np.concatenate([-(uv[:, 1] - v0) * root, (uv[:, 0] - u0) * root]))
     measured = np.concatenate([streak_px[:, 0] * root, streak_px[:, 1] * root])
     solution = np.linalg.lstsq(np.stack(columns, -1), measured, rcond=None)[0]
-    return Streak(*map(float, solution[:2]), float(solution[2]) if len(uv) >= 4 else 0.0, u0, v0)
+    u_px, v_px = map(float, solution[:2])
+    return Streak(u_px, v_px, float(solution[2]) if len(uv) >= 4 else 0.0, u0, v0)

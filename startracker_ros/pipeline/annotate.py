@@ -7,6 +7,7 @@ import numpy as np
 RETICLE_TICKS_PX = np.array([(6.0, 0.0), (14.0, 0.0), (0.0, 6.0), (0.0, 14.0)])
 _FOUND = (255, 190, 60)
 _IDENTIFIED = (90, 230, 120)
+_REJECTED = (230, 90, 90)
 
 
 def stretch(image: np.ndarray) -> np.ndarray:
@@ -19,15 +20,20 @@ def stretch(image: np.ndarray) -> np.ndarray:
     return np.minimum(255, np.arcsinh(3 * scaled) * 60).astype(np.uint8)
 
 
-def annotate(image: np.ndarray, uv: np.ndarray, hip: np.ndarray | None = None) -> np.ndarray:
+def annotate(image: np.ndarray, uv: np.ndarray, hip: np.ndarray | None = None,
+             rejected: np.ndarray | None = None) -> np.ndarray:
     """
     Return (H, W, 3) uint8 RGB of an image with a circle on each pixel uv (N, 2).
 
-    Stars with a Hipparcos number in hip (N,) are drawn in green with it, others in orange.
+    Stars with a Hipparcos number in hip (N,) are drawn in green with it, others in orange; small
+    crosses in red are on spots rejected (M, 2).
     """
     picture = cv2.cvtColor(stretch(image), cv2.COLOR_GRAY2RGB)
     hip = np.zeros(len(uv), int) if hip is None else hip
     size = max(1.0, max(image.shape) / 1024)
+    for u, v in np.empty((0, 2)) if rejected is None else rejected:
+        cv2.drawMarker(picture, (round(float(u)), round(float(v))), _REJECTED,
+                       cv2.MARKER_TILTED_CROSS, round(5 * size))
     for (u, v), number in zip(uv, hip):
         centre = (round(float(u)), round(float(v)))
         colour = _IDENTIFIED if number else _FOUND

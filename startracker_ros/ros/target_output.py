@@ -19,10 +19,15 @@ class TargetOutput:
         self._diagnostics = node.diagnostics
         self._publisher = node.advertise(PointCloud2, 'target_centroid', qos.LIST)
 
+    @property
+    def wanted(self) -> bool:
+        """Whether anybody subscribes to the target."""
+        return bool(self._publisher.get_subscription_count())
+
     def update(self, tracker: TargetTracker, attitude: AttitudeEstimate, centroids: Centroids,
                camera: Camera, header: Header) -> None:
         """Publish the target of a frame, an empty cloud if there is none."""
-        if not self._publisher.get_subscription_count():
+        if not self.wanted:
             return
         target = tracker.update(ns_from_stamp(header.stamp), attitude, centroids)
         self._publisher.publish(centroids_to_message(

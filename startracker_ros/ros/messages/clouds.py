@@ -5,9 +5,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from sensor_msgs.msg import PointCloud2, PointField
 from startracker_ros.bag.layouts import (
-    CENTROID_DTYPE, POINT_FIELD_TYPES, read_cloud, STAR_DTYPE, TRACK_DTYPE)
+    CENTROID_DTYPE, MessageError, ns_from_stamp, POINT_FIELD_TYPES, PREDICTION_DTYPE, read_cloud,
+    STAR_DTYPE, TRACK_DTYPE)
 from startracker_ros.camera.model import Camera
-from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.centroids import Centroids, ROUND
+from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.track.tracks import Tracks
 from std_msgs.msg import Header
 
@@ -39,18 +41,33 @@ def _centroid_rows(dtype: np.dtype, uv: np.ndarray, flux: np.ndarray, snr: np.nd
     return rows
 
 
-def centroids_to_message(centroids: Centroids, camera: Camera, header: Header) -> PointCloud2:
-    """Return the `centroids` cloud."""
-    return cloud_to_message(
-        _centroid_rows(CENTROID_DTYPE, centroids.uv, centroids.flux, centroids.snr,
-                       centroids.sigma_px, camera), header)
+def _measured_rows(dtype: np.dtype, centroids: Centroids, camera: Camera) -> np.ndarray:
+    """Return rows of centroids with their covariance and the time of their row."""
+    rows = _centroid_rows(dtype, centroids.uv, centroids.flux, centroids.snr,
+                          centroids.sigma_px, camera)
+    covariance = centroids.covariance
+    rows['cov_uu'], rows['cov_vv'] = covariance[:, 0, 0], covariance[:, 1, 1]
+    rows['cov_uv'], rows['stamp_offset'] = covariance[:, 0, 1], centroids.delay_s
+    return rows
+
+
+def centroids_to_message(centroids: Centroids, camera: Camera, header: Header,
+                         directed: bool = False) -> PointCloud2:
+    """Return the `centroids` cloud; directed if only predicted stars were measured."""
+    rows = _measured_rows(CENTROID_DTYPE, centroids, camera)
+    rows['directed'] = directed
+    return cloud_to_message(rows, header)
 
 
 def centroids_from_rows(rows: np.ndarray) -> Centroids:
     """Return the centroids of `centroids` or `stars` rows."""
+    known = rows['cov_uu'] > 0
+    covariance = np.stack([rows['cov_uu'], rows['cov_uv'], rows['cov_uv'], rows['cov_vv']], -1)
     return Centroids(
         uv=np.stack([rows['u'], rows['v']], -1).astype(float), flux=rows['flux'].astype(float),
-        snr=rows['snr'].astype(float), sigma_px=rows['sigma_px'].astype(float))
+        snr=rows['snr'].astype(float), sigma_px=rows['sigma_px'].astype(float),
+        covariance=covariance.reshape(-1, 2, 2).astype(float) if known.all() else ROUND,
+        delay_s=rows['stamp_offset'].astype(float))
 
 
 def centroids_from_message(message: PointCloud2) -> Centroids:
@@ -58,11 +75,43 @@ def centroids_from_message(message: PointCloud2) -> Centroids:
     return centroids_from_rows(read_cloud(message, CENTROID_DTYPE))
 
 
+def is_directed(message: PointCloud2) -> bool:
+    """Return whether only predicted stars were measured for a `centroids` cloud."""
+    return bool(read_cloud(message, CENTROID_DTYPE)['directed'].any())
+
+
+def predictions_to_message(predicted: PredictedStars | None, header: Header) -> PointCloud2:
+    """Return the `predicted_centroids` cloud, empty for None."""
+    rows = np.zeros(0 if predicted is None else len(predicted), PREDICTION_DTYPE)
+    if predicted is not None:
+        rows['u'], rows['v'] = predicted.uv.T
+        rows['u_rate'], rows['v_rate'] = predicted.velocity.T
+        rows['sigma'], rows['hip'] = predicted.sigma_px, predicted.hip
+    return cloud_to_message(rows, header)
+
+
+def predictions_from_message(message: PointCloud2, camera: Camera) -> PredictedStars:
+    """Return the stars of a `predicted_centroids` cloud; MessageError if of another camera."""
+    rows = read_cloud(message, PREDICTION_DTYPE)
+    uv = np.stack([rows['u'], rows['v']], -1).astype(float)
+    inside = camera.contains(uv)
+    if not inside.all():
+        u, v = uv[~inside][0]
+        raise MessageError(f'predicted star at u = {u:.1f}, v = {v:.1f} px is outside of the '
+                           f'{camera.width} x {camera.height} px of camera_info: of another '
+                           'camera?')
+    if (rows['sigma'] < 0).any():
+        raise MessageError('cloud field \'sigma\' is negative')
+    return PredictedStars(
+        ns_from_stamp(message.header.stamp), uv,
+        np.stack([rows['u_rate'], rows['v_rate']], -1).astype(float),
+        rows['sigma'].astype(float), rows['hip'].astype(np.int32))
+
+
 def stars_to_message(centroids: Centroids, hip: np.ndarray, magnitude: np.ndarray,
                      residual_px: np.ndarray, camera: Camera, header: Header) -> PointCloud2:
     """Return the `stars` cloud of centroids with a catalogue number each, 0 for none."""
-    rows = _centroid_rows(STAR_DTYPE, centroids.uv, centroids.flux, centroids.snr,
-                          centroids.sigma_px, camera)
+    rows = _measured_rows(STAR_DTYPE, centroids, camera)
     rows['hip'], rows['magnitude'], rows['residual_px'] = hip, magnitude, residual_px
     return cloud_to_message(rows, header)
 

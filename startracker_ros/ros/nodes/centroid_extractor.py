@@ -1,17 +1,19 @@
-"""centroid_extractor: image_raw, camera_info -> centroids, image_annotated, image_markers."""
+"""centroid_extractor: image_raw, camera_info, predicted_centroids -> centroids, annotated."""
 
 from functools import partial
 
 import cv2
 import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
-from startracker_ros.bag.layouts import image_from_message, MessageError
-from startracker_ros.centroid.extraction import CentroidExtractor, Extraction, ExtractionOptions
+from startracker_ros.bag.layouts import image_from_message, MessageError, ns_from_stamp
+from startracker_ros.centroid.extraction import Extraction, ExtractionOptions
+from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.pipeline.annotate import annotate
+from startracker_ros.pipeline.extraction import ExtractionStage, SearchOptions
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.messages.clouds import centroids_to_message
+from startracker_ros.ros.messages.clouds import centroids_to_message, predictions_from_message
 from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
 from startracker_ros.ros.messages.image_marker import centroids_to_image_marker
 from startracker_ros.ros.node import main_of
@@ -22,7 +24,7 @@ from visualization_msgs.msg import ImageMarker
 class CentroidExtractorNode(CameraNode):
     """Extracts the centroids of each image; an empty list means that there are none."""
 
-    option_classes = (ExtractionOptions,)
+    option_classes = (ExtractionOptions, SearchOptions)
     task = 'centroids'
 
     def __init__(self) -> None:
@@ -30,19 +32,29 @@ class CentroidExtractorNode(CameraNode):
         # The nodes of a pipeline share the cores: more threads of OpenCV would only compete.
         cv2.setNumThreads(1)
         self.frame_topic = 'image_raw'
+        self._predicted: PredictedStars | None = None
         self._centroids = self.advertise(PointCloud2, 'centroids', qos.LIST)
         self._annotated = self.advertise(Image, 'image_annotated', qos.IMAGE)
         self._markers = self.advertise(ImageMarker, 'image_markers', qos.LIST)
+        self.subscribe(PointCloud2, 'predicted_centroids', self._on_predicted, qos.LIST)
 
     def rebuild(self) -> None:
-        self._extractor = CentroidExtractor(self.options(ExtractionOptions))
+        self._predicted = None
+        self._stage = ExtractionStage(self.options(ExtractionOptions),
+                                      self.options(SearchOptions))
 
     def warm_up(self) -> None:
         self.report_compiling()
-        self._extractor.warm_up()
+        self._stage.extractor.warm_up()
         # Only now, so that a source that waits for subscribers loses no image.
         self.subscribe(Image, 'image_raw', self._on_image, qos.IMAGE,
                        decode=image_message_from_cdr)
+
+    def _on_predicted(self, message: PointCloud2) -> None:
+        camera = self.camera_or_drop()
+        if camera is not None:
+            self._predicted = None
+            self._predicted = predictions_from_message(message, camera)
 
     def _on_image(self, message: Image) -> None:
         image = image_from_message(message)
@@ -53,16 +65,18 @@ class CentroidExtractorNode(CameraNode):
             raise MessageError(
                 f'image of {message.width} x {message.height} px does not fit camera_info of '
                 f'{camera.width} x {camera.height} px')
-        extraction = self._extractor.extract(image)
+        extraction = self._stage.extract(ns_from_stamp(message.header.stamp), image,
+                                         self._predicted)
         self._centroids.publish(centroids_to_message(
-            extraction.centroids, camera, message.header))
+            extraction.centroids, camera, message.header, self._stage.directed))
         self.defer(partial(self._report, message.header, image, extraction))
 
     def _report(self, header: Header, image: np.ndarray, extraction: Extraction) -> None:
         """Publish the centroids for viewers, and the status."""
         if self._annotated.get_subscription_count():
             self._annotated.publish(image_to_message(
-                annotate(image, extraction.centroids.uv), header))
+                annotate(image, extraction.centroids.uv, rejected=extraction.rejected_uv),
+                header))
         if self._markers.get_subscription_count():
             self._markers.publish(centroids_to_image_marker(
                 extraction.centroids.uv, header))
@@ -71,7 +85,9 @@ class CentroidExtractorNode(CameraNode):
             'centroids': found,
             'background_dn': f'{extraction.background_dn:.1f}',
             'noise_dn': f'{extraction.noise_dn:.2f}',
-            'psf_sigma_px': f'{extraction.psf_sigma_px:.2f}'})
+            'psf_sigma_px': f'{extraction.psf_sigma_px:.2f}',
+            'streak_px': f'{extraction.streak_px:.1f}',
+            'searched': 'near predictions' if self._stage.directed else 'whole image'})
         for reason, count in extraction.rejected.items():
             self.diagnostics.counts[f'rejected {reason}'] += count
         good = extraction.status == 'ok'

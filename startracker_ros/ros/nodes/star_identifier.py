@@ -11,7 +11,8 @@ from startracker_ros.pipeline.identification import CheckOptions, Identification
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.messages.clouds import centroids_from_message, identification_to_message
+from startracker_ros.ros.messages.clouds import (
+    centroids_from_message, identification_to_message, is_directed)
 from startracker_ros.ros.node import main_of
 from startracker_ros.track.tracker import TrackerState
 
@@ -69,6 +70,9 @@ class StarIdentifierNode(CameraNode):
         if (stage.rests(stamp_ns, self._tracking) and self.count_publishers('tracker_state')):
             # Before the centroids are read: the tracker works on them at the same time.
             self.diagnostics.report(OK, _RESTING)
+            return
+        if self._tracking and is_directed(message):
+            # Stars that the tracker predicted are no check of its tracks.
             return
         centroids = centroids_from_message(message)
         result, centroids = stage.identify(stamp_ns, centroids)

@@ -1,4 +1,4 @@
-"""star_tracker: centroids, stars, imu, camera_info -> tracks, attitude, state, target_centroid."""
+"""star_tracker: centroids, stars, imu, camera_info -> tracks, attitude, state, predictions."""
 
 from functools import partial
 
@@ -15,7 +15,7 @@ from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
 from startracker_ros.ros.messages.attitude import tracked_attitude_to_imu
 from startracker_ros.ros.messages.clouds import (
-    centroids_from_message, centroids_from_rows, tracks_to_message)
+    centroids_from_message, centroids_from_rows, predictions_to_message, tracks_to_message)
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.target_output import TargetOutput
 from startracker_ros.track.options import TrackerOptions
@@ -35,6 +35,7 @@ class StarTrackerNode(CameraNode):
         self.frame_topic = 'centroids'
         self._tracks = self.advertise(PointCloud2, 'tracks', qos.LIST)
         self._attitude = self.advertise(Imu, 'tracked_attitude', qos.LIST)
+        self._predicted = self.advertise(PointCloud2, 'predicted_centroids', qos.LIST)
         self._target = TargetOutput(self)
         self._state = self.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
         self.subscribe(PointCloud2, 'centroids', self._on_centroids, qos.LIST)
@@ -72,6 +73,9 @@ class StarTrackerNode(CameraNode):
 
     def _finish(self, header: Header, camera: Camera, centroids: Centroids) -> None:
         """Do with a frame what its attitude does not depend on."""
+        # A target is found in whole images only: while it is searched nothing is predicted.
+        self._predicted.publish(predictions_to_message(
+            None if self._target.wanted else self._tracker.predicted, header))
         self._publish_state()
         if self._tracker.attitude is not None:
             self._target.update(self._target_tracker, self._tracker.attitude.attitude, centroids,
@@ -96,11 +100,14 @@ class StarTrackerNode(CameraNode):
                   'late_frames': tracker.late_frames,
                   'rejected_centroids': tracker.rejected_centroids,
                   'gyro': tracker.gyro_condition,
-                  'reason': tracker.reason}
+                  'reason': tracker.contradiction or tracker.reason}
         self._state.publish(status_message(
             'star_tracker: state', self.hardware_id, level, tracker.state.value, values))
         self.diagnostics.values.update(values)
-        if tracker.gyro_trouble:
+        if tracker.contradiction:
+            self.diagnostics.counts['contradictory frames'] += 1
+            self.diagnostics.report(WARN, f'{tracker.state.value}: {tracker.contradiction}')
+        elif tracker.gyro_trouble:
             self.diagnostics.report(WARN, f'{tracker.state.value}: {tracker.gyro_trouble}')
         else:
             self.diagnostics.report(level, f'{tracker.state.value}: {tracker.reason}')
