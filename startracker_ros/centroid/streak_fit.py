@@ -39,9 +39,11 @@ _DENSITY = 1 / math.sqrt(2 * math.pi)
 
 class StreakFit(NamedTuple):
     """
-    K fitted streaks: parameters (K, 7) u, v px, flux DN, level DN above the background, sigma px,
-    length px, angle rad from +u towards +v; covariance (K, p, p) of the first p = 4, or of all;
-    chi2 (K,) and dof (K,), 0 where no pixel can be used.
+    K fitted streaks.
+
+    parameters (K, 7): u, v px, flux DN, level DN above the background, sigma px, length px, angle
+    rad from +u towards +v; covariance (K, p, p) of the first p = 4, or of all; chi2 and dof (K,),
+    0 where no pixel can be used.
     """
 
     parameters: np.ndarray

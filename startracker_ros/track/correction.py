@@ -24,7 +24,8 @@ class Correction(NamedTuple):
     its position by the corrected state, and normalised (K,), the same in sigma, both infinity
     where it was missed; best (K,) is that centroid. unassociated (M,) masks the centroids in no
     gate. agreed is False when there are too few inliers. innovation (3,) is the measured turn,
-    whitened by its covariance: its square is the normalised innovation squared, of 3 degrees of freedom.
+    whitened by its covariance: its square is the normalised innovation squared, of 3 degrees of
+    freedom.
     """
 
     agreed: bool

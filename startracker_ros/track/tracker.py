@@ -64,9 +64,9 @@ class StarTracker:
     state and reason describe the last transition; contradiction is why the stars of the newest
     frame are no attitude although some agree, empty if they are; frames_since_fix counts the
     frames since the last good one, stars_matched its inliers, residual_px is their rms residual
-    (NaN without any); late_frames counts frames rejected as older than the last one, rejected_centroids
-    those without a finite position or a positive sigma, checks_passed the identifications that
-    agreed with the tracks.
+    (NaN without any); late_frames counts frames rejected as older than the last one,
+    rejected_centroids those without a finite position or a positive sigma, checks_passed the
+    identifications that agreed with the tracks.
     """
 
     def __init__(self, camera: Camera, onboard: OnboardCatalog,

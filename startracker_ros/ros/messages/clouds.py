@@ -101,7 +101,7 @@ def predictions_from_message(message: PointCloud2, camera: Camera) -> PredictedS
                            f'{camera.width} x {camera.height} px of camera_info: of another '
                            'camera?')
     if (rows['sigma'] < 0).any():
-        raise MessageError('cloud field \'sigma\' is negative')
+        raise MessageError('sigma of a predicted star is negative')
     return PredictedStars(
         ns_from_stamp(message.header.stamp), uv,
         np.stack([rows['u_rate'], rows['v_rate']], -1).astype(float),
