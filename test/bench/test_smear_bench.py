@@ -21,8 +21,8 @@ def test_the_light_is_a_streak_of_that_length():
     share = scene.shares(np.zeros(2))
     assert share.sum(axis=(1, 2)) == pytest.approx(1, abs=2e-3)
     pixel = np.stack(np.meshgrid(*[np.arange(share.shape[1]) - share.shape[1] // 2] * 2), -1)
-    place = pixel + np.rint(scene.uv)[:, None, None] - scene.uv[:, None, None]
-    along, across = np.moveaxis(place @ scene.axes.T, -1, 0)
+    offset = pixel + np.rint(scene.uv)[:, None, None] - scene.uv[:, None, None]
+    along, across = np.moveaxis(offset @ scene.axes.T, -1, 0)
     # A uniform streak, the Gaussian, and the square pixels.
     assert (share * along).sum(axis=(1, 2)) == pytest.approx(0, abs=0.03)
     assert (share * along ** 2).sum(axis=(1, 2)) == pytest.approx(144 / 12 + 0.8 ** 2 + 1 / 12,
