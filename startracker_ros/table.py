@@ -30,8 +30,8 @@ class Result:
 
     @property
     def holds(self) -> bool:
-        """Return whether all rows hold, as one without a bound does."""
-        return all(record.get('holds', True) for record in self.records)
+        """Return whether all rows hold, as one without a bound, holds missing or None, does."""
+        return all(record.get('holds') in (None, True) for record in self.records)
 
 
 def _plain_values(record: Mapping[str, object]) -> dict[str, object]:

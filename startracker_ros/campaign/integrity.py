@@ -1,36 +1,38 @@
-"""Is a published attitude ever wrong? Long runs of the stages in conditions that mislead them."""
+"""
+Is a published attitude ever wrong? Long runs of the stages in conditions that mislead them.
+
+The conditions here are those of star lists, those of images are in integrity_images.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from startracker_ros.camera.model import Camera
+from startracker_ros.campaign.integrity_images import (
+    FRAMES as IMAGE_FRAMES, IMAGE_CONDITIONS, image_runs, ImageCondition, START_FRAMES)
+from startracker_ros.campaign.integrity_tally import (
+    CAMERA, EPOCH_YEAR, START_NS, STEP_NS, Tally, tally_of_frame)
 from startracker_ros.campaign.parallel import parallel_map, split_trials
 from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import star_list
-from startracker_ros.figures.correctness import error_over_bound, WRONG_TEXT
+from startracker_ros.figures.correctness import WRONG_TEXT
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.maths.compiled_rotation import turned
-from startracker_ros.maths.rotation import (
-    ARCSEC, attitude_error, conjugate, random_attitude, rotate)
+from startracker_ros.maths.rotation import ARCSEC, conjugate, random_attitude, rotate
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
 from startracker_ros.table import Result
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.tracker import TrackerState
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
-EPOCH_YEAR = 2026.5
 MAGNITUDE_LIMIT = 6.5
 SIGMA_PX = 0.1
 FRAMES = 400
-STEP_NS = 100_000_000
 # The gyro, and the motion between two frames, run at 100 Hz.
 _SUBSTEPS = 10
 _SUBSTEP_S = STEP_NS * 1e-9 / _SUBSTEPS
-_START_NS = 1_790_000_000_000_000_000
 _PIECE = 4
 
 
@@ -89,10 +91,12 @@ CONDITIONS = {
 }
 """With the last three there is nothing to publish, or nothing that can be right."""
 
+ALL_CONDITIONS: dict[str, Condition | ImageCondition] = {**CONDITIONS, **IMAGE_CONDITIONS}
+
 
 @dataclass(frozen=True)
 class IntegrityRow:
-    """The tally of one condition; mean_nees is None without a published attitude."""
+    """The tally of one condition; figures of attitudes are None where none is published."""
 
     condition: str
     frames: int
@@ -100,26 +104,12 @@ class IntegrityRow:
     bound: str
     wrong: int
     worst_over_bound: float
+    beyond_5_sigma: int
+    worst_sigma: float
     mean_nees: float | None
+    boresight_rms_arcsec: float | None
     losses: int
-    holds: bool
-
-
-@dataclass(frozen=True)
-class Tally:
-    """Counts of one run or of many; worst is the largest error over its bound."""
-
-    frames: int = 0
-    published: int = 0
-    wrong: int = 0
-    worst: float = 0.0
-    nees: float = 0.0
-    losses: int = 0
-
-    def __add__(self, other: 'Tally') -> 'Tally':
-        return Tally(self.frames + other.frames, self.published + other.published,
-                     self.wrong + other.wrong, max(self.worst, other.worst),
-                     self.nees + other.nees, self.losses + other.losses)
+    holds: bool | None
 
 
 @cache
@@ -136,6 +126,8 @@ def _sky() -> OnboardCatalog:
 
 def integrity_runs(name: str, runs: int, seed: int) -> Tally:
     """Return the tally of so many runs of one condition."""
+    if name in IMAGE_CONDITIONS:
+        return image_runs(name, runs, seed)
     rng = np.random.default_rng(seed)
     return sum((_run(CONDITIONS[name], rng) for _ in range(runs)), Tally())
 
@@ -227,48 +219,50 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
     for index, (truth, centroids) in enumerate(_frames(condition, rates, rng)):
         if measured is not None and index:
             for k in range((index - 1) * _SUBSTEPS, index * _SUBSTEPS):
-                pipeline.add_rate(_START_NS + (k + 1) * STEP_NS // _SUBSTEPS, measured[k])
-        frame = pipeline.update(_START_NS + index * STEP_NS, centroids)
-        lost = before is TrackerState.TRACKING and frame.state is not before
+                pipeline.add_rate(START_NS + (k + 1) * STEP_NS // _SUBSTEPS, measured[k])
+        frame = pipeline.update(START_NS + index * STEP_NS, centroids)
+        tally += tally_of_frame(frame, before, truth)
         before = frame.state
-        tally += Tally(frames=1, losses=int(lost))
-        attitude = frame.trusted.attitude
-        if attitude is not None:
-            tally += tally_of(attitude.quaternion, attitude.covariance_sensor, truth)
     return tally
 
 
-def tally_of(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
-    """Return the tally of one published attitude (4,), covariance (3, 3) about sensor axes."""
-    error = attitude_error(quaternion, truth)
-    worst = error_over_bound(quaternion, covariance, truth)
-    return Tally(published=1, wrong=int(worst > 1), worst=worst,
-                 nees=float(error @ np.linalg.solve(covariance, error)))
-
-
-def _row(name: str, tally: Tally) -> IntegrityRow:
-    share = 100 * tally.published / tally.frames
-    needed = CONDITIONS[name].needed_percent
+def _row(name: str, condition: Condition | ImageCondition, tally: Tally) -> IntegrityRow:
+    share = 100 * tally.available / tally.due
+    needed = condition.needed_percent
+    bound = '0 wrong' + (f', >= {needed:g} % published' if needed else '')
+    holds: bool | None = tally.wrong == 0 and share >= needed
+    if isinstance(condition, ImageCondition) and not condition.detectable:
+        bound, holds = 'not detectable', None
+    published = tally.published or np.nan
     return IntegrityRow(
-        name, tally.frames, share, '0 wrong' + (f', >= {needed:g} % published' if needed else ''),
-        tally.wrong, tally.worst, tally.nees / tally.published if tally.published else None,
-        tally.losses, tally.wrong == 0 and share >= needed)
+        name, tally.frames, share, bound, tally.wrong, tally.worst, tally.beyond_5_sigma,
+        tally.worst_sigma, tally.nees / published,
+        float(np.sqrt(tally.square_arcsec2 / published)), tally.losses, holds)
 
 
 def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
                            scheduler: str = '') -> Result:
-    """Follow trials runs of FRAMES frames in each condition."""
-    rows = []
-    for number, name in enumerate(only or CONDITIONS):
-        parts = [(name, *part) for part in split_trials(trials, _PIECE, seed + 7919 * number)]
-        tally = sum(parallel_map(integrity_runs, parts, title=name, scheduler=scheduler), Tally())
-        rows.append(_row(name, tally))
+    """Follow trials runs in each condition."""
+    tallies = {name: Tally() for name in only or ALL_CONDITIONS}
+    parts = [(name, *part) for name in tallies for part in split_trials(
+        trials, _PIECE, seed + 7919 * list(ALL_CONDITIONS).index(name))]
+    for (name, *_), tally in zip(parts, parallel_map(integrity_runs, parts, title='integrity',
+                                                     scheduler=scheduler)):
+        tallies[name] += tally
+    rows = [_row(name, ALL_CONDITIONS[name], tally) for name, tally in tallies.items()]
     return Result('campaign integrity', rows, {
-        'camera': '1024 x 1024 px, 12 deg, 10 Hz, centroids of 0.1 px, stars to V 6.5',
-        'chain': 'lost-in-space identification, tracker (model attitude), trust; each run of '
-                 f'{FRAMES} frames, or 20 where nothing can be right, begins lost at a random '
-                 'attitude',
+        'camera': '1024 x 1024 px, 12 deg, 10 Hz; each run begins lost at a random attitude',
+        'chain': 'centroids, lost-in-space identification, tracker (model attitude), trust',
+        'star lists': f'centroids of {SIGMA_PX:g} px, stars to V {MAGNITUDE_LIMIT:g}; runs of '
+                      f'{FRAMES} frames, or 20 where nothing can be right',
+        'images': f'exposed 0.1 s where not stated; runs of {IMAGE_FRAMES} frames; hits and '
+                  'spots come after 10 clean frames',
+        'published_percent': 'star lists: of all frames; images: of the frames after the two '
+                             'that a start identifies, or after the clean ones; start with '
+                             f'spots: of the runs, within {START_FRAMES} frames',
         'wrong': WRONG_TEXT,
+        'beyond_5_sigma': 'off by more than 5 sigma of its own covariance on any axis; '
+                          'worst_sigma is the largest error in sigma',
         'mean_nees': 'normalised squared error, 3 when the covariance is true',
         'losses': 'times that the tracker went from TRACKING to another state',
         'trials': trials, 'seed': seed})

@@ -81,6 +81,16 @@ def bench_centroid(trials: int, snrs: tuple[float, ...], seed: int, as_json: boo
     finish(run_centroid_bench(trials=trials, seed=seed, snrs=snrs or SNRS), as_json)
 
 
+@bench.command('smear')
+@trials_option(20, 'Images of each length and signal to noise ratio.')
+@seed_option
+@json_option
+def bench_smear(trials: int, seed: int, as_json: bool) -> None:
+    """Error of the centroids of smeared stars over the Cramer-Rao bound."""
+    from startracker_ros.bench.smear import run_smear_bench
+    finish(run_smear_bench(trials=trials, seed=seed), as_json)
+
+
 @bench.command('jpda')
 @trials_option(5, 'Runs of each scene.')
 @click.option('--scene', 'scenes', multiple=True,

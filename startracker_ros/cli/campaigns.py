@@ -75,16 +75,16 @@ def campaign_two_satellite(trials: int, output: Path | None, seed: int, as_json:
 
 
 @campaign.command('integrity')
-@trials_option(15, 'Runs of 400 frames in each condition: 15 make 100,000 frames in all.')
+@trials_option(15, 'Runs in each condition, of 400 frames of centroids or 60 images.')
 @click.option('--only', multiple=True, help='Conditions to run, by name.')
 @scheduler_option
 @seed_option
 @json_option
 def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed: int,
                        as_json: bool) -> None:
-    """Wrong attitudes counted in slews, darkness, false stars, lying gyros, wrong cameras."""
-    from startracker_ros.campaign.integrity import CONDITIONS, run_integrity_campaign
-    check_names('condition', only, CONDITIONS)
+    """Wrong attitudes counted in slews, darkness, false stars, wrong gyros, spoilt images."""
+    from startracker_ros.campaign.integrity import ALL_CONDITIONS, run_integrity_campaign
+    check_names('condition', only, ALL_CONDITIONS)
     finish(run_integrity_campaign(trials=trials, seed=seed, only=only, scheduler=scheduler),
            as_json)
 

@@ -40,6 +40,7 @@ def test_rows_are_printed_as_json_values(capsys):
         {'case': 'a', 'ours': 1.5, 'unit': 'ms', 'peer': '', 'ratio': None, 'bound': '',
          'holds': True}, {'case': 'b', 'holds': False}]
     assert not result.holds and replace(result, rows=[row]).holds
+    assert replace(result, rows=[row, {'case': 'c', 'holds': None}]).holds
 
 
 def test_percentiles_have_bounds_where_these_are_finite():
