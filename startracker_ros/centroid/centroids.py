@@ -1,11 +1,10 @@
 """The list of star images found in one frame."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 ROUND = np.empty((0, 2, 2))
-NO_DELAY = np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -23,8 +22,8 @@ class Centroids:
     flux: np.ndarray
     snr: np.ndarray
     sigma_px: np.ndarray
-    covariance: np.ndarray = ROUND
-    delay_s: np.ndarray = NO_DELAY
+    covariance: np.ndarray = field(default_factory=lambda: ROUND)
+    delay_s: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         if not len(self.covariance):
@@ -41,6 +40,11 @@ class Centroids:
     def empty(cls) -> 'Centroids':
         """Return a list without stars."""
         return cls(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0))
+
+    def joined(self, other: 'Centroids') -> 'Centroids':
+        """Return these centroids followed by the others."""
+        return Centroids(*(np.concatenate([getattr(self, name), getattr(other, name)])
+                           for name in self.__dataclass_fields__))
 
     def select(self, chosen: np.ndarray | slice) -> 'Centroids':
         """Return the centroids of a mask (N,), of indices or of a slice."""

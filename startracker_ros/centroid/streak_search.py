@@ -19,14 +19,14 @@ from startracker_ros.centroid.streak import fit_streak, Streak
 from startracker_ros.centroid.streak_fit import ANGLE, fit_streaks, LENGTH, light_at, Pixels
 from startracker_ros.compiled import compiled
 
-SMOOTHING_PX = 1.0  # before the threshold
+SMOOTHING_PX = 1.5  # before the threshold
 SPOT_SIGMAS = 4.0
 LEAST_SPOT_PX = 8
 MOST_SPOTS = 60  # the brightest
 SHORTEST_STREAK_PX = 1.5
 LENGTH_SHARE, LENGTH_PX = 0.3, 2.0  # by which two streaks may differ
 LEAST_AGREEING = 4
-AGREEING_SHARE = 0.3  # of the spots
+AGREEING_SHARE = 0.3  # of the light of all spots
 FITTED = 12  # spots, the brightest that agree
 FIT_ITERATIONS = 12
 MAX_MISFIT = 0.2  # share of the light that the model does not explain
@@ -183,7 +183,7 @@ def _spots(image: np.ndarray, level: np.ndarray, pixel_noise_dn: float) -> _Spot
 
 
 def _agreeing(spots: _Spots) -> np.ndarray | None:
-    """Return the spots (K,) bool of the largest group of equal streaks, None if it is small."""
+    """Return the spots (K,) bool of the brightest group of equal streaks, None if it is small."""
     if len(spots.uv) < LEAST_AGREEING:
         return None
     length = np.hypot(*spots.streak_px.T)
@@ -192,8 +192,11 @@ def _agreeing(spots: _Spots) -> np.ndarray | None:
                           np.linalg.norm(streak + spots.streak_px, axis=-1))
     agrees = (distance < np.maximum(LENGTH_PX, LENGTH_SHARE * length)[:, None]) & (
         length > SHORTEST_STREAK_PX)[:, None]
-    best = agrees[agrees.sum(axis=1).argmax()]
-    if np.count_nonzero(best) < max(LEAST_AGREEING, AGREEING_SHARE * len(length)):
+    # By their light: a long faint streak falls into short pieces, which may be more.
+    counted = agrees.sum(axis=1) >= LEAST_AGREEING
+    best = agrees[np.where(counted, agrees @ spots.light, -1.0).argmax()]
+    if np.count_nonzero(best) < LEAST_AGREEING or (
+            spots.light[best].sum() < AGREEING_SHARE * spots.light.sum()):
         return None
     return best
 

@@ -1,8 +1,9 @@
 """Which images are searched as a whole, and in which only the predicted stars are measured."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import (
     CentroidExtractor, Extraction, ExtractionOptions)
 from startracker_ros.centroid.prediction import PredictedStars
@@ -15,6 +16,9 @@ MAX_AGE_S = 1.0  # of a prediction
 GATE_SIGMAS = 4.0
 GATE_PX = 2.0  # for accelerations that a prediction does not know
 MAX_GATE_PX = 8.0
+SAME_PX = 3.0  # two centroids closer than this are of one star
+SAMPLED_ROWS = 61  # one row of so many is compared with the image before
+REPEATED_PX = 0.5  # motion from which on an equal image is that of the frame before
 FASTER = 2.0  # times the speed at which stars were points: they may be streaks
 
 
@@ -49,34 +53,59 @@ class ExtractionStage:
         self._seen_share = 1.0
         self._exposure_s = 0.0
         self._point_speed_px_s = 0.0
+        self._sample: np.ndarray | None = None
 
     def extract(self, stamp_ns: int, image: np.ndarray, predicted: PredictedStars | None = None
                 ) -> Extraction:
         """Return the stars of image (H, W) uint8 or uint16 of a time."""
-        usable = (predicted is not None and len(predicted) >= LEAST_PREDICTED
-                  and 0 < stamp_ns - predicted.stamp_ns <= MAX_AGE_S * 1e9)
+        repeated = self._is_repeated(image)
         self.directed = False
-        if not usable or predicted is None:
+        if (predicted is None or len(predicted) < LEAST_PREDICTED
+                or not 0 < stamp_ns - predicted.stamp_ns <= MAX_AGE_S * 1e9):
             self._searched_ns = None
             return self.extractor.extract(image)
         uv, speed_px_s = predicted.at(stamp_ns), float(np.hypot(*predicted.velocity.T).max())
+        moved_px = speed_px_s * (stamp_ns - predicted.stamp_ns) * 1e-9
+        if repeated and moved_px > REPEATED_PX:
+            return Extraction(Centroids.empty(), 'repeated', 'the image is that of the frame '
+                              f'before, though the stars have moved {moved_px:.1f} px')
         streak = predicted.streak(self._exposure_s, image.shape)
-        interval_s = (stamp_ns - predicted.stamp_ns) * 1e-9
-        unknown = (self._exposure_s == 0 and speed_px_s * interval_s > SHORTEST_PX
+        unknown = (self._exposure_s == 0 and moved_px > SHORTEST_PX
                    and speed_px_s > FASTER * self._point_speed_px_s)
-        if not self._is_due(stamp_ns) and not unknown:
+        near = None
+        if not unknown:
             radius_px = np.minimum(GATE_SIGMAS * predicted.sigma_px + GATE_PX, MAX_GATE_PX)
-            extraction = self.extractor.extract_near(image, uv, radius_px, streak)
-            if extraction is not None and len(extraction.centroids) >= max(
-                    LEAST_PREDICTED, LEAST_SHARE * self._seen_share * len(uv)):
-                self.directed = True
-                return extraction
+            near = self.extractor.extract_near(image, uv, radius_px, streak)
+        if near is not None and not self._is_due(stamp_ns) and len(near.centroids) >= max(
+                LEAST_PREDICTED, LEAST_SHARE * self._seen_share * len(uv)):
+            self.directed = True
+            return near
+        return self._search(stamp_ns, image, predicted, uv, None if unknown else streak,
+                            speed_px_s, near)
+
+    def _search(self, stamp_ns: int, image: np.ndarray, predicted: PredictedStars,
+                uv: np.ndarray, streak: Streak | None, speed_px_s: float,
+                near: Extraction | None) -> Extraction:
+        """Search the whole image; what was measured near the predictions stays."""
         self._searched_ns = stamp_ns
-        extraction = self.extractor.extract(image, None if unknown else streak)
-        if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
-            extraction = self.extractor.extract(image)
-        self._learn(extraction, predicted, uv, streak, speed_px_s)
-        return extraction
+        extraction = self.extractor.extract(image, streak)
+        if near is None or len(near.centroids) < LEAST_PREDICTED:
+            if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
+                extraction = self.extractor.extract(image)
+            self._learn(extraction, predicted, uv, streak, speed_px_s)
+            return extraction
+        self._learn(near, predicted, uv, near.streak, speed_px_s)
+        stars, others = near.centroids, extraction.centroids
+        if len(others):
+            distance = np.linalg.norm(others.uv[:, None] - stars.uv, axis=-1).min(axis=1)
+            stars = stars.joined(others.select(distance > SAME_PX))
+        return replace(extraction, centroids=stars, status='ok', reason='', streak=near.streak)
+
+    def _is_repeated(self, image: np.ndarray) -> bool:
+        """Return whether rows of an image equal those of the one before, noise and all."""
+        sample, before = image[::SAMPLED_ROWS].copy(), self._sample
+        self._sample = sample
+        return before is not None and np.array_equal(sample, before)
 
     def _is_due(self, stamp_ns: int) -> bool:
         """Return whether it is time to search a whole image."""
@@ -84,15 +113,15 @@ class ExtractionStage:
                 or not 0 <= stamp_ns - self._searched_ns < self._search_period_ns)
 
     def _learn(self, extraction: Extraction, predicted: PredictedStars, uv: np.ndarray,
-               streak: Streak, speed_px_s: float) -> None:
+               streak: Streak | None, speed_px_s: float) -> None:
         """Learn the exposure time, and the share of the predicted stars that are seen."""
         if len(extraction.centroids) < LEAST_PREDICTED:
             return
         distance = np.linalg.norm(uv[:, None] - extraction.centroids.uv, axis=-1).min(axis=1)
         self._seen_share = float(np.mean(distance < MAX_GATE_PX))
         if extraction.streak is None:
-            self._exposure_s, self._point_speed_px_s = 0.0, speed_px_s
-        elif extraction.streak is not streak:
+            self._point_speed_px_s = max(self._point_speed_px_s, speed_px_s)
+        elif streak is None:
             # The length in the middle, or with a roll alone that of the corner.
             once = predicted.streak(1.0, (1, 1))._replace(
                 u0=extraction.streak.u0, v0=extraction.streak.v0)

@@ -191,6 +191,11 @@ class AttitudeModel(StarModel):
         self._state, self.uses_gyro = state, uses_gyro
 
     @property
+    def predicted_attitude(self) -> AttitudeEstimate:
+        return AttitudeEstimate(self._state.quaternion, self._state.covariance[:3, :3], 0,
+                                np.empty(0), 0.0)
+
+    @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state
         return self._state.rate
 

@@ -67,6 +67,11 @@ class StarModel(ABC):
     def start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
         """Begin at the second frame with the mean rate since the first, without tracks."""
 
+    @property
+    def predicted_attitude(self) -> AttitudeEstimate | None:
+        """Return the attitude at the last frame, good or not, of a model that has one."""
+        return None
+
     @abstractmethod
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         """Predict the tracks to the time of a newer frame and update them by it."""

@@ -105,12 +105,18 @@ class StarTracker:
         """
         Return where the brightest stars in view are at the newest frame, and how they move.
 
-        They include those that are not tracked yet. None without an attitude.
+        They include those that are not tracked yet. None unless TRACKING, or without an
+        attitude.
         """
-        tracked = self.attitude
-        if tracked is None or self._stamp_ns is None:
+        if self.state is not TrackerState.TRACKING or self._bank_stamp_ns != self._stamp_ns:
             return None
-        return predict_stars(self._stars, self._stamp_ns, tracked, self._options)
+        attitude = self._model.predicted_attitude
+        if attitude is None:
+            if self.attitude is None:
+                return None
+            attitude = self.attitude.attitude
+        return predict_stars(self._stars, self._stamp_ns, attitude, self._model.rate_rad_s,
+                             self._options)
 
     @property
     def gyro_trouble(self) -> str:
