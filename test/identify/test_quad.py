@@ -53,7 +53,7 @@ def sky(direction):
     """Return an on-board catalogue with stars at directions (N, 3)."""
     count = len(direction)
     return OnboardCatalog(np.arange(1, count + 1, dtype=np.int32), direction, np.full(count, 5.0),
-                          np.zeros(count, bool))
+                          *np.zeros((2, count), bool))
 
 
 @pytest.mark.long
