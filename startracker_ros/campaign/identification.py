@@ -41,13 +41,15 @@ class Case:
     How stars are imaged.
 
     Of stars within join_px of a brighter one, the light is joined at the photocentre, or lost if
-    drop is set. false is the number of false spots; their fluxes are those of random stars of
-    the field.
+    drop is set. false is the number of false spots. Their fluxes are those of random stars of the
+    field, or, if bright is set, uniform from its faintest to its brightest star, so that nearly
+    all spots are brighter than nearly all stars.
     """
 
     join_px: float = 0.0
     drop: bool = False
     false: int = 0
+    bright: bool = False
 
 
 CASES = {
@@ -55,7 +57,9 @@ CASES = {
     **{f'joined within {px:g} px': Case(px) for px in (1.0, 2.0, 2.5, 4.0)},
     **{f'fainter dropped within {px:g} px': Case(px, drop=True) for px in (2.0, 4.0)},
     '100 false spots': Case(2.0, false=100),
+    '100 bright false spots': Case(2.0, false=100, bright=True),
     '300 false spots': Case(2.0, false=300),
+    '300 bright false spots': Case(2.0, false=300, bright=True),
 }
 
 
@@ -125,8 +129,10 @@ def frame(view: View, case: Case, rng: np.random.Generator) -> tuple[Centroids, 
         if least <= len(seen) <= most:
             break
     spots = rng.uniform(-0.5, [view.width - 0.5, view.width - 0.5], (case.false, 2))
+    flux = (rng.uniform(seen.flux.min(), seen.flux.max(), case.false) if case.bright
+            else rng.choice(seen.flux, case.false))
     count = len(seen) + case.false
     mixed = Centroids(np.concatenate([seen.uv, spots]),
-                      np.concatenate([seen.flux, rng.choice(seen.flux, case.false)]),
+                      np.concatenate([seen.flux, flux]),
                       np.full(count, seen.snr[0]), np.full(count, sigma_px))
     return mixed.select(rng.permutation(count)), q

@@ -38,8 +38,8 @@ from startracker_ros.identify.verification import (
 
 # The relative noise of shorter sides is too large to be of use.
 _MIN_SEPARATION_PX = 20.0
-# Triangles are made of so many of the brightest image stars.
-_IMAGE_STARS = 40
+# More than a search within its time limit can test.
+_MANY_TRIANGLES = 10 ** 8
 # The first triangles, of the very brightest, are looked up among the brightest catalogue stars:
 # few pairs, all of them in the processor's cache.
 _BRIGHT_STARS_PER_FIELD = 5.0
@@ -98,7 +98,7 @@ class PyramidIdentifier(Identifier):
         direction = self.onboard.direction
         levels = (pair_level(pairs.among(bright), direction, _BRIGHT_IMAGE_STARS,
                              _BRIGHT_TRIANGLES),
-                  pair_level(pairs, direction, _IMAGE_STARS, _IMAGE_STARS ** 3))
+                  pair_level(pairs, direction, options.max_image_stars, _MANY_TRIANGLES))
         self._database = _database(levels, self.verifier.data, camera.lens)
         # Compiles at the first use on a machine, before the first frame.
         self.identify(Centroids.empty())
