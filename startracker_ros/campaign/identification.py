@@ -5,7 +5,7 @@ The star lists are made from all stars of the catalogue, not from the on-board c
 of two close stars a detector resolves, joins or misses is known to the model of a case only.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -18,7 +18,7 @@ from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.figures.correctness import CORRECT_TEXT, is_correct
-from startracker_ros.figures.rows import combined
+from startracker_ros.figures.rows import Row
 from startracker_ros.figures.timing import cpu_timed
 from startracker_ros.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.identify.methods import make_identifier
@@ -30,8 +30,10 @@ VIEWS = {view.name: view for view in (
 # Standard deviations of the centroids, one for each frame.
 _SIGMA_PX = (0.05, 0.2)
 _MIN_STARS = 6
-# Fields of 35 stars on average, for the false spots.
+# Fields of 35 stars on average, for the false spots, and one frame of them for ten of the others.
 _SPOT_STARS = (30, 40)
+_SPOT_VIEW = 'D12'
+_SPOT_SHARE = 10
 _PART_TRIALS = 500
 
 
@@ -136,3 +138,44 @@ def frame(view: View, case: Case, rng: np.random.Generator) -> tuple[Centroids, 
                       np.concatenate([seen.flux, flux]),
                       np.full(count, seen.snr[0]), np.full(count, sigma_px))
     return mixed.select(rng.permutation(count)), q
+
+
+def run_identification_campaign(*, trials: int, seed: int, only: Sequence[str] = (),
+                                scheduler: str = '') -> Result:
+    """Identify trials frames of each camera and case, a tenth of them with false spots."""
+    rows: list[Row] = []
+    for name in only or CASES:
+        case = CASES[name]
+        views = [VIEWS[_SPOT_VIEW]] if case.false else list(VIEWS.values())
+        count = max(trials // _SPOT_SHARE, 1) if case.false else trials
+        done = parallel_trials(solve_frames, [(view, case) for view in views], count,
+                               _PART_TRIALS, seed, title=name, scheduler=scheduler)
+        for view, parts in zip(views, done):
+            rows += _rows(f'{view.name}, {name}', case, concatenated(parts))
+    return Result('campaign identification', rows, {
+        'cameras': '; '.join(f'{view.name}: {view.fov_deg:g} deg, {view.width} px, V '
+                             f'{view.magnitude_limit:g}' for view in VIEWS.values()),
+        'frames': f'random attitudes with {_MIN_STARS} stars or more, or {_SPOT_STARS[0]} to '
+                  f'{_SPOT_STARS[1]} with false spots; a noise of {_SIGMA_PX[0]:g} to '
+                  f'{_SIGMA_PX[1]:g} px; default options, magnitude limit of the camera',
+        'stars': 'all of the catalogue, blended by the case alone; with false spots joined within '
+                 '2 px',
+        'false spots': 'uniform over the image, fluxes of random stars of the field; bright: '
+                       'uniform from its faintest to its brightest star',
+        'wrong': f'not {CORRECT_TEXT}',
+        'times': 'process CPU time of a frame',
+        'trials': trials, 'seed': seed})
+
+
+def _rows(name: str, case: Case, outcome: Outcome) -> Iterator[Row]:
+    """Yield the figures of a camera and a case."""
+    unsolved = int(np.count_nonzero(~outcome.solved))
+    wrong = int(np.count_nonzero(outcome.solved & ~outcome.correct))
+    if case.false:
+        solved = 100 * float(np.mean(outcome.solved))
+        yield Row(f'{name}: solved', solved, '%', '>= 95', solved >= 95)
+        median_ms = 1e3 * float(np.median(outcome.cpu_s))
+        yield Row(f'{name}: time, median', median_ms, 'ms', '<= 1000', median_ms <= 1000)
+    else:
+        yield Row(f'{name}: unsolved', unsolved, 'frames', '= 0', not unsolved)
+    yield Row(f'{name}: wrong', wrong, 'frames', '= 0', not wrong)

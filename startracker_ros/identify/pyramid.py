@@ -45,8 +45,10 @@ _MANY_TRIANGLES = 10 ** 8
 _BRIGHT_STARS_PER_FIELD = 5.0
 _BRIGHT_IMAGE_STARS = 4
 _BRIGHT_TRIANGLES = 3
-# Expected time between two looks at the clock in ns, as the costs of triangle_order.py.
+# Expected time between two looks at the clock in ns, as the costs of triangle_order.py; time for
+# each image star to predict it from a triangle, and to verify a candidate.
 _CLOCK_PERIOD = 1e7
+_PREDICTION_COST, _VERIFICATION_COST = 60.0, 500.0
 _MIN_STARS = 4
 _IDENTIFIED, _TOO_FEW, _AMBIGUOUS, _EXHAUSTED, _TIME_LIMIT = range(5)
 
@@ -180,7 +182,8 @@ def _search(levels: tuple[PairLevel, PairLevel], verifier: VerifierData, image: 
                                          tested[0], false_alarm_max, best)
             if accepted:
                 return _AMBIGUOUS if accepted > 1 else _IDENTIFIED, tested[0], best
-            unclocked += cost + count * TRIANGLE_COST
+            unclocked += (cost + _PREDICTION_COST * len(image)
+                          + count * (TRIANGLE_COST + _VERIFICATION_COST * len(image)))
             if unclocked > _CLOCK_PERIOD:
                 unclocked = 0.0
                 if _now_s() > deadline_s:
