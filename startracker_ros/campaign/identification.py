@@ -144,14 +144,15 @@ def run_identification_campaign(*, trials: int, seed: int, only: Sequence[str] =
                                 scheduler: str = '') -> Result:
     """Identify trials frames of each camera and case, a tenth of them with false spots."""
     rows: list[Row] = []
-    for name in only or CASES:
-        case = CASES[name]
-        views = [VIEWS[_SPOT_VIEW]] if case.false else list(VIEWS.values())
-        count = max(trials // _SPOT_SHARE, 1) if case.false else trials
-        done = parallel_trials(solve_frames, [(view, case) for view in views], count,
-                               _PART_TRIALS, seed, title=name, scheduler=scheduler)
-        for view, parts in zip(views, done):
-            rows += _rows(f'{view.name}, {name}', case, concatenated(parts))
+    names = list(only or CASES)
+    pairs = [(name, view) for name in names if not CASES[name].false for view in VIEWS.values()]
+    spots = [(name, VIEWS[_SPOT_VIEW]) for name in names if CASES[name].false]
+    for cells, count, title in ((pairs, trials, 'close pairs'),
+                                (spots, max(trials // _SPOT_SHARE, 1), 'false spots')):
+        done = parallel_trials(solve_frames, [(view, CASES[name]) for name, view in cells], count,
+                               _PART_TRIALS, seed, title=title, scheduler=scheduler)
+        for (name, view), parts in zip(cells, done):
+            rows += _rows(f'{view.name}, {name}', CASES[name], concatenated(parts))
     return Result('campaign identification', rows, {
         'cameras': '; '.join(f'{view.name}: {view.fov_deg:g} deg, {view.width} px, V '
                              f'{view.magnitude_limit:g}' for view in VIEWS.values()),
@@ -173,7 +174,8 @@ def _rows(name: str, case: Case, outcome: Outcome) -> Iterator[Row]:
     wrong = int(np.count_nonzero(outcome.solved & ~outcome.correct))
     if case.false:
         solved = 100 * float(np.mean(outcome.solved))
-        yield Row(f'{name}: solved', solved, '%', '>= 95', solved >= 95)
+        least = 95 if case.false <= 100 else 90
+        yield Row(f'{name}: solved', solved, '%', f'>= {least}', solved >= least)
         median_ms = 1e3 * float(np.median(outcome.cpu_s))
         yield Row(f'{name}: time, median', median_ms, 'ms', '<= 1000', median_ms <= 1000)
     else:
