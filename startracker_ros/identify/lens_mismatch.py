@@ -32,9 +32,9 @@ from startracker_ros.identify.false_alarm import binomial_tail
 _NEAR_MISS_RADII = 8.0
 # So improbable a number of near misses is not due to chance.
 _NEAR_MISS_PROBABILITY = 1e-3
-# e: 6 % of the stars to V 6.5 have a blended neighbour at 42 arcsec a pixel, some unmarked.
+# e: blends without a mark, at most as many as have one: 4 % at 42 arcsec a pixel and V 6.5.
 _BLENDED_SHARE = 0.05
-# w: between that of a focal length 1 % off, 0.7, and that of a cluster that matches.
+# w: less than that of a focal length 1 % off, 0.7, for a cluster that matches as a whole.
 _MISSED_SHARE = 0.5
 
 
