@@ -89,21 +89,6 @@ def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed:
            as_json)
 
 
-@campaign.command('identification')
-@trials_option(10_000, 'Frames of each camera and model of close pairs.')
-@click.option('--only', multiple=True, help='Cases to run, by name.')
-@scheduler_option
-@seed_option
-@json_option
-def campaign_identification(trials: int, only: tuple[str, ...], scheduler: str, seed: int,
-                            as_json: bool) -> None:
-    """Frames left unidentified: close pairs resolved, joined or missed, many false spots."""
-    from startracker_ros.campaign.identification import CASES, run_identification_campaign
-    check_names('case', only, CASES)
-    finish(run_identification_campaign(trials=trials, seed=seed, only=only, scheduler=scheduler),
-           as_json)
-
-
 @campaign.command('faults')
 @click.option('--only', multiple=True, help='Faults to do, by name.')
 @seed_option

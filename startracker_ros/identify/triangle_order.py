@@ -3,8 +3,8 @@ The order in which triangles of image stars are looked up.
 
 Mortari et al. (2004, figure 5) permute the three indices so that no star stays in many
 triangles in a row: a false star then spoils few of them. Here each star i has a trust w_i,
-0.9^i for the i-th brightest of 40 or fewer, halved by each triangle that it was in. The next triangle has the
-greatest
+0.9^i for the i-th brightest of 40 or fewer, halved by each triangle that it was in. The next
+triangle has the greatest
 
     w_i w_j w_k / C,    C = c_0 + c_1 (n_1 + n_2) + c_2 4 n_1 n_2 / (N B),
 

@@ -70,10 +70,10 @@ class VerifierData(NamedTuple):
     """
     Catalogue, camera and tolerances for the compiled functions.
 
-    sky, hip (S,), magnitude (S,) and blended (S,) are the catalogue; field holds the borders of the image
-    in x / z, y / z (low, high, low, high) and the chord from its axis to the farthest corner;
-    area is in rad^2; counts (F,) are the ascending numbers of stars in fields about random
-    directions. Where bases_by_brightness, the stars of a candidate were chosen by their
+    sky, hip (S,), magnitude (S,) and blended (S,) are the catalogue; field holds the borders of
+    the image in x / z, y / z (low, high, low, high) and the chord from its axis to the farthest
+    corner; area is in rad^2; counts (F,) are the ascending numbers of stars in fields about
+    random directions. Where bases_by_brightness, the stars of a candidate were chosen by their
     brightness, which is then no evidence for them.
     """
 

@@ -1,12 +1,12 @@
-"""Fields of close pairs and of false spots that once stayed unidentified, and the frames' making."""
+"""Fields of close pairs and of false spots that stayed unidentified, and how they are made."""
 
 import json
 
 from click.testing import CliRunner
 import numpy as np
 import pytest
-from startracker_ros.campaign.identification import (
-    Case, CASES, EPOCH_YEAR, frame, imaged_sky, Outcome, run_identification_campaign,
+from startracker_ros.bench.identification import (
+    Case, CASES, EPOCH_YEAR, frame, imaged_sky, Outcome, run_identification_bench,
     solve_frames, VIEWS)
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.synthetic_field import star_list
@@ -55,7 +55,7 @@ def test_frames_have_their_false_spots_in_the_range_of_the_stars():
     bright, alike = (frame(VIEWS['D12'], CASES[name], rng)[0].flux
                      for name in ('100 bright false spots', '100 false spots'))
     assert 130 <= len(bright) <= 140 and 130 <= len(alike) <= 140
-    # Half of the spots that are uniform in flux, and few stars, are in the upper half of the range.
+    # The upper half of the range holds half of the spots that are uniform in flux, and few stars.
     for flux, least, most in ((bright, 35, 70), (alike, 1, 20)):
         assert least <= np.count_nonzero(flux > (flux.min() + flux.max()) / 2) <= most
 
@@ -67,13 +67,14 @@ def test_a_hundred_bright_false_spots_are_no_obstacle():
 
 def test_the_command_prints_rows_that_hold():
     done = CliRunner().invoke(main, [
-        'campaign', 'identification', '--trials', '100', '--json', '--only', 'resolved',
+        'bench', 'identification', '--trials', '100', '--json', '--only', 'resolved',
         '--only', '100 bright false spots'])
     assert done.exit_code == 0, done.output
     document = json.loads(done.stdout)
     assert [row['case'] for row in document['rows']] == [
         f'{camera}, resolved: {figure}' for camera in VIEWS for figure in ('unsolved', 'wrong')
-    ] + [f'D12, 100 bright false spots: {figure}' for figure in ('solved', 'time, median', 'wrong')]
+    ] + [f'D12, 100 bright false spots: {figure}'
+         for figure in ('solved', 'time, median', 'wrong')]
     assert document['conditions']['trials'] == 100
 
 
@@ -84,9 +85,9 @@ def test_the_command_prints_rows_that_hold():
 ])
 def test_bounds_can_fail(monkeypatch, case, solved, correct, failing):
     outcome = Outcome(np.array(solved), np.array(correct), np.full(2, 1e-3))
-    monkeypatch.setattr('startracker_ros.campaign.identification.parallel_trials',
+    monkeypatch.setattr('startracker_ros.bench.identification.parallel_trials',
                         lambda work, cases, *_, **__: [
                             [outcome if view.name == 'A12' else Outcome(*np.ones((3, 2), bool))]
                             for view, _ in cases])
-    result = run_identification_campaign(trials=2, seed=1, only=(case,))
+    result = run_identification_bench(trials=2, seed=1, only=(case,))
     assert [row.case for row in result.rows if not row.holds] == failing
