@@ -141,16 +141,18 @@ def frame(view: View, case: Case, rng: np.random.Generator) -> tuple[Centroids, 
 
 
 def run_identification_bench(*, trials: int, seed: int, only: Sequence[str] = (),
-                                scheduler: str = '') -> Result:
+                             scheduler: str = '') -> Result:
     """Identify trials frames of each camera and case, a tenth of them with false spots."""
     rows: list[Row] = []
     names = list(only or CASES)
     pairs = [(name, view) for name in names if not CASES[name].false for view in VIEWS.values()]
     spots = [(name, VIEWS[_SPOT_VIEW]) for name in names if CASES[name].false]
+    spot_trials = max(trials // _SPOT_SHARE, 1)
     for cells, count, title in ((pairs, trials, 'close pairs'),
-                                (spots, max(trials // _SPOT_SHARE, 1), 'false spots')):
-        done = parallel_trials(solve_frames, [(view, CASES[name]) for name, view in cells], count,
-                               _PART_TRIALS, seed, title=title, scheduler=scheduler)
+                                (spots, spot_trials, 'false spots')):
+        cases = [(view, CASES[name]) for name, view in cells]
+        done = parallel_trials(solve_frames, cases, count, _PART_TRIALS, seed, title=title,
+                               scheduler=scheduler)
         for (name, view), parts in zip(cells, done):
             rows += _rows(f'{view.name}, {name}', CASES[name], concatenated(parts))
     return Result('bench identification', rows, {
