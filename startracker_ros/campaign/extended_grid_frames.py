@@ -99,7 +99,7 @@ def _identifier(perfect: bool) -> ExtendedGridIdentifier:
         identifier.onboard = OnboardCatalog(
             onboard.hip[order],
             (direction / np.linalg.norm(direction, axis=1, keepdims=True))[order],
-            magnitude[order], onboard.crowded[order])
+            magnitude[order], onboard.crowded[order], onboard.blended[order])
     return identifier
 
 

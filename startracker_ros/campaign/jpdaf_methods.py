@@ -171,7 +171,8 @@ def _coupled(run: Run) -> tuple[np.ndarray, np.ndarray]:
     numbers = np.arange(1, STARS + 1, dtype=np.int32)
     across, roll = np.degrees(body_changes(run.cell)) / DT_S
     tracker = StarTracker(
-        CAMERA, OnboardCatalog(numbers, run.icrf, np.full(STARS, 4.0), np.zeros(STARS, bool)),
+        CAMERA, OnboardCatalog(numbers, run.icrf, np.full(STARS, 4.0),
+                               *np.zeros((2, STARS), bool)),
         TrackerOptions(model='attitude', max_stars=STARS, min_stars=STARS - 1,
                        acceleration_deg_s2=max(across, LEAST_DEG_S2),
                        roll_acceleration_deg_s2=max(roll, LEAST_DEG_S2),

@@ -27,13 +27,15 @@ class OnboardCatalog:
 
     hip (N,) int32 is the number of the brightest component of an entry; direction (N, 3) are
     unit vectors in ICRS; magnitude (N,) is that of all components together; crowded (N,) is
-    True for stars blended with a neighbour.
+    True for entries blended with a neighbour. blended (N,) is True for these and for entries of
+    several components, none much brighter than the others: the image may be off the direction.
     """
 
     hip: np.ndarray
     direction: np.ndarray
     magnitude: np.ndarray
     crowded: np.ndarray
+    blended: np.ndarray
 
     def __len__(self) -> int:
         return len(self.hip)
@@ -76,13 +78,15 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     # Stars are in order of magnitude: the first one of an entry is its brightest component.
     brightest = np.unique(entry, return_index=True)[1]
-    crowded = _crowded(entry[pairs[separation <= _chord(crowd_rad)]], magnitude)
+    near = pairs[separation <= _chord(crowd_rad)]
+    crowded = _crowded(entry[near], magnitude)
+    blended = crowded | _crowded(near, catalog.magnitude)[brightest]
 
     order = np.argsort(magnitude, kind='stable')
     # In float32 like the catalogue, so that a star exactly at the limit is included.
     order = order[magnitude[order].astype(np.float32) <= np.float32(magnitude_limit)]
     return OnboardCatalog(catalog.hip[brightest[order]], direction[order], magnitude[order],
-                          crowded[order])
+                          crowded[order], blended[order])
 
 
 def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,
@@ -134,7 +138,7 @@ def _connected_components(pairs: np.ndarray, size: int) -> tuple[int, np.ndarray
 
 
 def _crowded(pairs: np.ndarray, magnitude: np.ndarray) -> np.ndarray:
-    """Return whether each entry (N,) is blended with a neighbour among pairs (P, 2) of entries."""
+    """Return whether each image (N,) is blended with a neighbour among pairs (P, 2) of them."""
     crowded = np.zeros(len(magnitude), bool)
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     for entry, neighbour in (pairs.T, pairs.T[::-1]):

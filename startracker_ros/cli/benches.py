@@ -56,6 +56,21 @@ def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python:
     finish(result, as_json)
 
 
+@bench.command('identification')
+@trials_option(10_000, 'Frames of each camera and model of close pairs.')
+@click.option('--only', multiple=True, help='Cases to run, by name.')
+@scheduler_option
+@seed_option
+@json_option
+def bench_identification(trials: int, only: tuple[str, ...], scheduler: str, seed: int,
+                         as_json: bool) -> None:
+    """Frames left unidentified: close pairs resolved, joined or missed, many false spots."""
+    from startracker_ros.bench.identification import CASES, run_identification_bench
+    check_names('case', only, CASES)
+    finish(run_identification_bench(trials=trials, seed=seed, only=only, scheduler=scheduler),
+           as_json)
+
+
 @bench.command('bag')
 @click.option('--inputs', type=click.IntRange(1), default=100_000, show_default=True,
               help='Damaged bags to read.')

@@ -24,7 +24,7 @@ m such numbers have a sum below x is at most P_4 = x^m / m!.
 
 The product P of these is combined as Fisher (1925) does it, and T candidates were tested:
 
-    P_FA = min(1, T P (1 + L + L^2 / 2)),    L = -ln P.
+    P_FA = min(1, T P (1 + L + L^2 / 2 + L^3 / 6)),    L = -ln P.
 """
 
 import numpy as np
@@ -133,6 +133,6 @@ def residual_probability(residual: np.ndarray, radius: float, base: int) -> floa
 
 @compiled
 def fisher_combined(product: float) -> float:
-    """Return P (1 + L + L^2 / 2), the probability that three uniform numbers have product <= P."""
+    """Return the probability that four uniform numbers have a product of P or less."""
     log = -np.log(product) if product > 0 else 0.0
-    return product * (1 + log + log * log / 2)
+    return product * (1 + log + log * log / 2 + log * log * log / 6)

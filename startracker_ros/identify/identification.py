@@ -33,7 +33,7 @@ class IdentificationOptions(Options):
         0.0, 'faintest stars of the pattern database, V; 0 chooses it so that a field holds '
         'twenty on average', unit='mag', low=0.0, high=9.0)
     max_image_stars: int = option(
-        40, 'brightest centroids that are used', low=4, high=200)
+        400, 'brightest centroids that are used', low=4, high=500)
     tolerance_sigmas: float = option(
         3.5, 'gate of the residuals, in standard deviations of the centroids', low=1.0,
         high=10.0)

@@ -38,15 +38,17 @@ from startracker_ros.identify.verification import (
 
 # The relative noise of shorter sides is too large to be of use.
 _MIN_SEPARATION_PX = 20.0
-# Triangles are made of so many of the brightest image stars.
-_IMAGE_STARS = 40
+# More than a search within its time limit can test.
+_MANY_TRIANGLES = 10 ** 8
 # The first triangles, of the very brightest, are looked up among the brightest catalogue stars:
 # few pairs, all of them in the processor's cache.
 _BRIGHT_STARS_PER_FIELD = 5.0
 _BRIGHT_IMAGE_STARS = 4
 _BRIGHT_TRIANGLES = 3
-# Expected time between two looks at the clock in ns, as the costs of triangle_order.py.
+# Expected time between two looks at the clock in ns, as the costs of triangle_order.py; time for
+# each image star to predict it from a triangle, and to verify a candidate.
 _CLOCK_PERIOD = 1e7
+_PREDICTION_COST, _VERIFICATION_COST = 60.0, 500.0
 _MIN_STARS = 4
 _IDENTIFIED, _TOO_FEW, _AMBIGUOUS, _EXHAUSTED, _TIME_LIMIT = range(5)
 
@@ -98,7 +100,7 @@ class PyramidIdentifier(Identifier):
         direction = self.onboard.direction
         levels = (pair_level(pairs.among(bright), direction, _BRIGHT_IMAGE_STARS,
                              _BRIGHT_TRIANGLES),
-                  pair_level(pairs, direction, _IMAGE_STARS, _IMAGE_STARS ** 3))
+                  pair_level(pairs, direction, options.max_image_stars, _MANY_TRIANGLES))
         self._database = _database(levels, self.verifier.data, camera.lens)
         # Compiles at the first use on a machine, before the first frame.
         self.identify(Centroids.empty())
@@ -180,7 +182,8 @@ def _search(levels: tuple[PairLevel, PairLevel], verifier: VerifierData, image: 
                                          tested[0], false_alarm_max, best)
             if accepted:
                 return _AMBIGUOUS if accepted > 1 else _IDENTIFIED, tested[0], best
-            unclocked += cost + count * TRIANGLE_COST
+            unclocked += (cost + _PREDICTION_COST * len(image)
+                          + count * (TRIANGLE_COST + _VERIFICATION_COST * len(image)))
             if unclocked > _CLOCK_PERIOD:
                 unclocked = 0.0
                 if _now_s() > deadline_s:

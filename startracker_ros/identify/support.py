@@ -29,32 +29,35 @@ def support_weights(image: np.ndarray, sigma: np.ndarray, base: np.ndarray, tole
     """
     a, b, c = base[0], base[1], base[2]
     whole = triple_product(image, a, b, c)
-    count = len(image)
-    weights = np.zeros((count, 3))
-    reach = np.full(count, np.inf)
-    for i in range(count):
+    # Rows b x c, c x a, a x b over a . (b x c): their products with star i are its weights.
+    dual = np.empty((3, 3))
+    for k in range(3):
+        p, q = base[(k + 1) % 3], base[(k + 2) % 3]
+        dual[k, 0] = (image[p, 1] * image[q, 2] - image[p, 2] * image[q, 1]) / whole
+        dual[k, 1] = (image[p, 2] * image[q, 0] - image[p, 0] * image[q, 2]) / whole
+        dual[k, 2] = (image[p, 0] * image[q, 1] - image[p, 1] * image[q, 0]) / whole
+    variance_a, variance_b, variance_c = sigma[a] ** 2, sigma[b] ** 2, sigma[c] ** 2
+    weights, reach = np.empty((SUPPORTERS, 3)), np.empty(SUPPORTERS)
+    chosen = 0
+    for i in range(len(image)):
         if i in (a, b, c):
             continue
-        weights[i, 0] = triple_product(image, i, b, c) / whole
-        weights[i, 1] = triple_product(image, a, i, c) / whole
-        weights[i, 2] = triple_product(image, a, b, i) / whole
-        sigma2 = sigma[i] ** 2
-        for k in range(3):
-            sigma2 += (weights[i, k] * sigma[base[k]]) ** 2
-        if sigma2 < np.inf:
-            reach[i] = tolerance_sigmas * np.sqrt(sigma2)
-    chosen = 0
-    for _ in range(min(SUPPORTERS, count)):
-        least = chosen
-        for i in range(chosen, count):
-            if reach[i] < reach[least]:
-                least = i
-        if not reach[least] < np.inf:
-            break
-        reach[chosen], reach[least] = reach[least], reach[chosen]
-        for k in range(3):
-            weights[chosen, k], weights[least, k] = weights[least, k], weights[chosen, k]
-        chosen += 1
+        x, y, z = image[i, 0], image[i, 1], image[i, 2]
+        w_a = x * dual[0, 0] + y * dual[0, 1] + z * dual[0, 2]
+        w_b = x * dual[1, 0] + y * dual[1, 1] + z * dual[1, 2]
+        w_c = x * dual[2, 0] + y * dual[2, 1] + z * dual[2, 2]
+        radius = tolerance_sigmas * np.sqrt(sigma[i] ** 2 + w_a * w_a * variance_a
+                                            + w_b * w_b * variance_b + w_c * w_c * variance_c)
+        if not radius < (np.inf if chosen < SUPPORTERS else reach[-1]):
+            continue
+        row = min(chosen, SUPPORTERS - 1)
+        while row > 0 and reach[row - 1] > radius:
+            reach[row] = reach[row - 1]
+            for k in range(3):
+                weights[row, k] = weights[row - 1, k]
+            row -= 1
+        reach[row], weights[row, 0], weights[row, 1], weights[row, 2] = radius, w_a, w_b, w_c
+        chosen = min(chosen + 1, SUPPORTERS)
     return weights[:chosen], reach[:chosen]
 
 

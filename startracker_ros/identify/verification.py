@@ -70,16 +70,17 @@ class VerifierData(NamedTuple):
     """
     Catalogue, camera and tolerances for the compiled functions.
 
-    sky, hip (S,) and magnitude (S,) are the catalogue; field holds the borders of the image
-    in x / z, y / z (low, high, low, high) and the chord from its axis to the farthest corner;
-    area is in rad^2; counts (F,) are the ascending numbers of stars in fields about random
-    directions. Where bases_by_brightness, the stars of a candidate were chosen by their
+    sky, hip (S,), magnitude (S,) and blended (S,) are the catalogue; field holds the borders of
+    the image in x / z, y / z (low, high, low, high) and the chord from its axis to the farthest
+    corner; area is in rad^2; counts (F,) are the ascending numbers of stars in fields about
+    random directions. Where bases_by_brightness, the stars of a candidate were chosen by their
     brightness, which is then no evidence for them.
     """
 
     sky: SkyGrid
     hip: np.ndarray
     magnitude: np.ndarray
+    blended: np.ndarray
     tolerance_sigmas: float
     scale_error: float
     field: tuple[float, float, float, float, float]
@@ -97,8 +98,8 @@ class Verifier:
         area = camera.width * camera.height * camera.pixel_rad ** 2
         sky = sky_grid(onboard.direction)
         self.data = VerifierData(
-            sky, onboard.hip, onboard.magnitude, float(tolerance_sigmas),
-            float(scale_error),
+            sky, onboard.hip, onboard.magnitude, onboard.blended,
+            float(tolerance_sigmas), float(scale_error),
             ((-0.5 - camera.cx) / camera.fx, (camera.width - 0.5 - camera.cx) / camera.fx,
              (-0.5 - camera.cy) / camera.fy, (camera.height - 0.5 - camera.cy) / camera.fy,
              # A field of view wider than nominal contains stars from a little beyond.
@@ -207,6 +208,8 @@ def verify(verifier: VerifierData, seen: np.ndarray, sigma: np.ndarray, base: np
                * order_probability(matched, brightest)
                * residual_probability(residual, r, len(base)))
     false_alarm = min(1.0, max(tested, 1) * fisher_combined(product))
-    if false_alarm < 1 and lens_mismatch(sky, matrix, seen, ratio, r, matched, p):
+    if false_alarm < 1 and lens_mismatch(
+            sky, verifier.blended, matrix, seen, ratio, r, r / verifier.tolerance_sigmas,
+            matched, residual, m, p):
         false_alarm = 1.0
     return Verification(false_alarm, ratio, matched, residual, matrix)

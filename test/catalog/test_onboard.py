@@ -85,7 +85,16 @@ def test_double_of_faint_stars_belongs_to_the_sky():
     assert onboard.magnitude == pytest.approx(6.5 - 2.5 * np.log10(2))
     np.testing.assert_allclose(
         onboard.direction[0], unit_from_radec(1.0, 0.5 + 10 * ARCSEC), atol=1e-12)
-    assert not onboard.crowded[0]
+    assert not onboard.crowded[0] and onboard.blended[0]
+
+
+@pytest.mark.parametrize('separation, fainter_by, expected', [
+    (20, 0.5, True), (20, 3.0, False), (150, 0.5, True), (150, 3.0, False), (400, 0.5, False)])
+def test_an_image_may_be_off_an_entry_of_near_stars_alike(separation, fainter_by, expected):
+    catalog = catalog_of([1.0, 1.0], [0.5, 0.5 + separation * ARCSEC], [5.0, 5.0 + fainter_by])
+    onboard = build_onboard_catalog(catalog, EPOCH_YEAR, magnitude_limit=5.2, merge_rad=MERGE_RAD,
+                                    crowd_rad=CROWD_RAD)
+    assert onboard.blended.tolist() == [expected]
 
 
 def test_chain_becomes_one_image():

@@ -71,7 +71,7 @@ def test_separations_are_numbers_even_where_stars_coincide():
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     direction = np.concatenate([direction, direction[:50], -direction[:50]])
     onboard = OnboardCatalog(np.arange(1, 301, dtype=np.int32), direction, np.full(300, 5.0),
-                             np.zeros(300, bool))
+                             *np.zeros((2, 300), bool))
     separation = build_pairs(onboard, 0.0, 3.0).separation
     assert np.isfinite(separation).all()
     assert np.count_nonzero(separation == 0) == 50

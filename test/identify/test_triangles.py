@@ -21,7 +21,7 @@ def make(direction, scale_error):
     """Return level and verifier of a sky of stars (N, 3)."""
     count = len(direction)
     sky = OnboardCatalog(np.arange(1, count + 1, dtype=np.int32), direction, np.full(count, 5.0),
-                         np.zeros(count, bool))
+                         *np.zeros((2, count), bool))
     level = pair_level(build_pairs(sky, 1e-3, 0.3), direction, 40, 1000)
     return level, Verifier(CAMERA, sky, SIGMAS, scale_error).data
 

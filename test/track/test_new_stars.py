@@ -16,7 +16,7 @@ MAGNITUDE = np.array([3.0, 4.0, 4.2, 5.0, 8.0])
 
 def match(uv, magnitude, sigma_rad=1e-7, crowded=(False,) * 5, roll_sigma_rad=1e-7):
     onboard = OnboardCatalog(np.arange(1, 6, dtype=np.int32), rotate(Q, CAMERA.unproject(UV)),
-                             MAGNITUDE, np.array(crowded))
+                             MAGNITUDE, *np.array([crowded, crowded]))
     attitude = AttitudeEstimate(
         Q, np.diag([sigma_rad, sigma_rad, roll_sigma_rad]) ** 2, 9, np.zeros(9), 9.0)
     uv = np.reshape(uv, (-1, 2))
