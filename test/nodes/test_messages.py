@@ -1,6 +1,6 @@
 """Every message layout survives the way there and back."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
@@ -15,12 +15,13 @@ from startracker_ros.bag.layouts import (
     read_cloud)
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.maths.rotation import quaternion_from_pointing, rotate, unit_from_radec
 from startracker_ros.ros.messages.attitude import attitude_to_imu, attitude_to_pose
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import (
-    centroids_from_message, centroids_to_message, cloud_to_message, tracks_from_message,
-    tracks_to_message)
+    centroids_from_message, centroids_to_message, cloud_to_message, is_directed,
+    predictions_from_message, predictions_to_message, tracks_from_message, tracks_to_message)
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
 from startracker_ros.track.tracks import Tracks
@@ -146,3 +147,31 @@ def test_invalid_attitude_is_flagged_and_is_no_rotation():
     q = imu.orientation
     assert imu.orientation_covariance[0] == -1
     assert (q.x, q.y, q.z, q.w) == (0, 0, 0, 0)
+
+
+def test_centroids_keep_covariance_row_time_and_how_they_were_found():
+    covariance = np.array([[[0.01, 0.004], [0.004, 0.09]], [[0.02, 0.0], [0.0, 0.02]]])
+    centroids = Centroids(np.array([[10.0, 20.0], [30.0, 40.0]]), np.ones(2), np.ones(2),
+                          np.sqrt([0.05, 0.02]), covariance, np.array([-1e-3, 2e-3]))
+    for directed in (True, False):
+        cloud = centroids_to_message(centroids, CAMERA, HEADER, directed)
+        again = centroids_from_message(cloud)
+        np.testing.assert_allclose(again.covariance, covariance, rtol=1e-6)
+        np.testing.assert_allclose(again.delay_s, centroids.delay_s, rtol=1e-6)
+        assert is_directed(cloud) is directed
+
+
+def test_predictions_of_another_camera_or_nan_are_rejected():
+    predicted = PredictedStars(
+        5_000_000_007, np.array([[10.5, 20.25], [300.0, 100.0]]), np.array([[1.0, -2.0], [0, 3]]),
+        np.array([0.1, 0.2]), np.array([71683, 24436]))
+    header = make_header(predicted.stamp_ns, 'star_tracker_optical_frame')
+    again = predictions_from_message(predictions_to_message(predicted, header), CAMERA)
+    for field in fields(PredictedStars):
+        np.testing.assert_allclose(getattr(again, field.name), getattr(predicted, field.name),
+                                   rtol=1e-6)
+    assert not len(predictions_from_message(predictions_to_message(None, HEADER), CAMERA))
+    for uv, text in (([1e5, 3.0], 'another camera'), ([np.nan, 3.0], 'not finite')):
+        wrong = replace(predicted, uv=np.array([[10.0, 20.0], uv]))
+        with pytest.raises(MessageError, match=text):
+            predictions_from_message(predictions_to_message(wrong, header), CAMERA)

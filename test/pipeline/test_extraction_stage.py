@@ -1,0 +1,93 @@
+"""Which images are searched as a whole, on simulated images of a turning camera."""
+
+import numpy as np
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.figures.correctness import error_over_bound
+from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
+from startracker_ros.sky.artefacts import ArtefactOptions
+from startracker_ros.sky.detector import DetectorOptions
+from startracker_ros.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sky.simulator import SkySimulator
+
+CAMERA = Camera.from_fov(512, 512, 12.0)
+START_NS, STEP_NS = 1_790_000_000_000_000_000, 100_000_000
+
+
+def run(frames, rate_deg_s, detector=DetectorOptions(), artefacts=ArtefactOptions(),
+        change=lambda index, image: image):
+    """Yield pipeline, frame of the pipeline and frame of the simulator."""
+    motion = motion_from_options(MotionOptions(
+        motion='constant_rate', ra_deg=200.0, dec_deg=25.0, rate_deg_s=rate_deg_s))
+    sky = SkySimulator(CAMERA, motion, load_catalog(), 2026.5, detector_options=detector,
+                       artefact_options=artefacts, frame_rate_hz=10.0)
+    pipeline = Pipeline(CAMERA, 2026.5, PipelineOptions())
+    for index in range(frames):
+        frame = sky.frame(1 + index / 10)
+        image = change(index, frame.image)
+        yield pipeline, pipeline.update_image(START_NS + index * STEP_NS, image), frame
+
+
+def over_bound(result, frame):
+    attitude = result.trusted.attitude
+    return error_over_bound(attitude.quaternion, attitude.covariance_sensor,
+                            frame.state.q_icrf_from_sensor)
+
+
+def test_one_image_a_second_is_searched_while_tracking():
+    directed = [pipeline.extraction.directed for pipeline, *_ in run(25, (0.1, 0.0, 0.0))]
+    assert not any(directed[:3]) and 16 <= sum(directed) <= 22
+    assert not all(directed[5:])
+
+
+def test_smeared_stars_are_tracked_at_three_degrees_a_second():
+    detector = DetectorOptions(motion_smear=True)
+    published = 0
+    for pipeline, result, frame in run(20, (2.5, 1.5, 0.3), detector):
+        if result.trusted.attitude is not None:
+            published += 1
+            assert over_bound(result, frame) < 1
+    assert published >= 16 and pipeline.extraction.directed
+
+
+def test_a_repeated_image_is_no_attitude_while_the_stars_move():
+    last = {}
+
+    def repeat(index, image):
+        last['image'] = last['image'] if index in (10, 11) else image
+        return last['image']
+
+    results = [(result, frame) for _, result, frame in run(16, (0.5, 0.0, 0.0), change=repeat)]
+    assert all(results[k][0].trusted.attitude is None for k in (10, 11))
+    assert results[9][0].trusted.attitude is not None
+    assert over_bound(*results[15]) < 1
+
+
+def test_torn_frames_are_not_published():
+    before = {}
+
+    def tear(index, image):
+        torn = image.copy()
+        torn[256:] = before.get('image', image)[256:]
+        before['image'] = image
+        return torn
+
+    for _, result, frame in run(20, (0.6, 0.8, 0.0), change=tear):
+        if result.trusted.attitude is not None:
+            assert over_bound(result, frame) < 1
+
+
+def test_three_hundred_false_spots_do_not_end_tracking():
+    rng = np.random.default_rng(4)
+
+    def spot(index, image):
+        light = image.astype(float)
+        if index >= 8:
+            for u, v in rng.integers(4, 507, (80, 2)):
+                light[v - 1:v + 2, u - 1:u + 2] += np.outer([0.5, 1, 0.5], [0.5, 1, 0.5]) * (
+                    rng.uniform(30, 800))
+        return np.minimum(light, 4095).astype(np.uint16)
+
+    results = [(result, frame) for _, result, frame in run(25, (0.1, 0.1, 0.0), change=spot)]
+    published = [pair for pair in results[8:] if pair[0].trusted.attitude is not None]
+    assert len(published) >= 16 and max(over_bound(*pair) for pair in published) < 1
