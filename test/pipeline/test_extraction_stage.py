@@ -42,12 +42,13 @@ def test_one_image_a_second_is_searched_while_tracking():
 
 def test_smeared_stars_are_tracked_at_three_degrees_a_second():
     detector = DetectorOptions(motion_smear=True)
-    published = 0
+    published, directed = 0, 0
     for pipeline, result, frame in run(20, (2.5, 1.5, 0.3), detector):
+        directed += pipeline.extraction.directed
         if result.trusted.attitude is not None:
             published += 1
             assert over_bound(result, frame) < 1
-    assert published >= 16 and pipeline.extraction.directed
+    assert published >= 16 and directed >= 10
 
 
 def test_a_repeated_image_is_no_attitude_while_the_stars_move():

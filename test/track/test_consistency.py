@@ -49,7 +49,7 @@ def test_noise_and_a_wrong_focal_length_are_no_pattern(extra):
 
 
 def test_stars_of_a_second_image_contradict():
-    rng, uv, flow = field()
+    _, uv, flow = field()
     velocity = flow @ RATE
     torn = np.where(uv[:, 1:] > 511, uv - 0.1 * velocity, uv)
     assert 'second image' in expected_stars(uv, velocity, torn, 0.5)
