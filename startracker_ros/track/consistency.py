@@ -65,14 +65,12 @@ class RowPattern:
         edges = edges[np.linspace(0, len(edges) - 1, STEPS).astype(int)]
         patterns = np.concatenate([rows[None], (rows > edges[:, None]) - 0.5])
         whiten = np.linalg.inv(np.linalg.cholesky(stars.error))
-        def column(vectors: np.ndarray) -> np.ndarray:
-            return np.einsum('kij,kj...->ki...', whiten, vectors).reshape(2 * len(vectors), -1)
         centred = (stars.uv - [self._camera.cx, self._camera.cy]) / height
         radial = centred * np.sum(centred ** 2, axis=1, keepdims=True)
-        basis = np.linalg.qr(column(np.concatenate(
+        basis = np.linalg.qr(_columns(whiten, np.concatenate(
             [stars.flow, centred[..., None], radial[..., None]], axis=-1)))[0]
-        r = column(stars.residual)[:, 0]
-        c = column(stars.velocity[..., None] * patterns.T[:, None])
+        r = _columns(whiten, stars.residual)[:, 0]
+        c = _columns(whiten, stars.velocity[..., None] * patterns.T[:, None])
         r, c = r - basis @ (basis.T @ r), c - basis @ (basis.T @ c)
         product, energy, chi2 = c.T @ r, np.maximum((c * c).sum(axis=0), 1e-12), r @ r
         dof = max(len(r) - basis.shape[1] - 1, 1)
@@ -96,6 +94,11 @@ class RowPattern:
             return (f'the residuals grow along the rows: line_time_us is off by '
                     f'{1e6 * line_s:.3g} us')
         return ''
+
+
+def _columns(whiten: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return vectors (K, 2, C) or (K, 2), whitened by (K, 2, 2), as columns (2 K, C)."""
+    return np.einsum('kij,kj...->ki...', whiten, vectors).reshape(2 * len(vectors), -1)
 
 
 def expected_stars(expected: np.ndarray, velocity: np.ndarray, uv: np.ndarray,
