@@ -45,7 +45,8 @@ def _measured_rows(dtype: np.dtype, centroids: Centroids, camera: Camera) -> np.
     """Return rows of centroids with their covariance and the time of their row."""
     rows = _centroid_rows(dtype, centroids.uv, centroids.flux, centroids.snr,
                           centroids.sigma_px, camera)
-    covariance = centroids.covariance
+    # Zero is unknown: a sigma that is NaN is to be named by who needs it.
+    covariance = np.nan_to_num(centroids.covariance, posinf=0.0)
     rows['cov_uu'], rows['cov_vv'] = covariance[:, 0, 0], covariance[:, 1, 1]
     rows['cov_uv'], rows['stamp_offset'] = covariance[:, 0, 1], centroids.delay_s
     return rows
