@@ -12,12 +12,13 @@ import numpy as np
 from rich.progress import track as progress
 from startracker_ros.bench import moving_targets as scene
 from startracker_ros.bench.moving_targets import moving_targets, Targets
+from startracker_ros.centroid.centroids import round_errors
 from startracker_ros.figures.machine import installed_version, machine, PACKAGE, peer_versions
 from startracker_ros.figures.rows import Check, combined
 from startracker_ros.figures.timing import cpu_timed, garbage_collector_off
 from startracker_ros.table import Result
 from startracker_ros.track.association import (
-    event_weights, gate_size, gated_density, joint_probabilities, round_errors)
+    event_weights, gate_size, gated_density, joint_probabilities)
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.motion_models import constant_velocity
 

@@ -8,10 +8,10 @@ from startracker_ros.campaign.jpdaf_runs import (
     BLOCK_S, CAMERA, Cell, DETECTION_PROBABILITY, DT_S, FALSE_POINTS, FRAMES, ORBIT_RATE_RAD_S,
     RATE_SIGMA_RAD_S, Run, STARS)
 from startracker_ros.catalog.onboard import OnboardCatalog
-from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.centroids import Centroids, round_errors
 from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.track.association import (
-    event_weights, gate_size, gated_density, joint_probabilities, round_errors)
+    event_weights, gate_size, gated_density, joint_probabilities)
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.motion_models import (
     constant_velocity, coordinated_turn, image_jacobian, POSITION, VELOCITY)

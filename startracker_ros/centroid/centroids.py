@@ -1,10 +1,17 @@
 """The list of star images found in one frame."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 ROUND = np.empty((0, 2, 2))
+
+
+def round_errors(variance: np.ndarray) -> np.ndarray:
+    """Return the covariances (N, 2, 2) of a variance (N,) that is the same on both axes."""
+    covariance = np.zeros((len(variance), 2, 2))
+    covariance[:, 0, 0] = covariance[:, 1, 1] = variance
+    return covariance
 
 
 @dataclass(frozen=True)
@@ -27,9 +34,7 @@ class Centroids:
 
     def __post_init__(self) -> None:
         if not len(self.covariance):
-            covariance = np.zeros((len(self.flux), 2, 2))
-            covariance[:, 0, 0] = covariance[:, 1, 1] = self.sigma_px ** 2
-            object.__setattr__(self, 'covariance', covariance)
+            object.__setattr__(self, 'covariance', round_errors(self.sigma_px ** 2))
         if not len(self.delay_s):
             object.__setattr__(self, 'delay_s', np.zeros(len(self.flux)))
 
@@ -43,8 +48,9 @@ class Centroids:
 
     def joined(self, other: 'Centroids') -> 'Centroids':
         """Return these centroids followed by the others."""
+        names = [column.name for column in fields(self)]
         return Centroids(*(np.concatenate([getattr(self, name), getattr(other, name)])
-                           for name in self.__dataclass_fields__))
+                           for name in names))
 
     def select(self, chosen: np.ndarray | slice) -> 'Centroids':
         """Return the centroids of a mask (N,), of indices or of a slice."""

@@ -129,7 +129,7 @@ def _search(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Threshold,
     height, width = image.shape
     weights, radius = kernel.weights, len(kernel.weights) - 1
     rows, limits = _empty_rows(width, radius), _limits(mesh, threshold, width)
-    peaks, row_max = _empty_peaks(max_peaks), np.empty(height, image.dtype)
+    peaks, row_max = empty_peaks(max_peaks), np.empty(height, image.dtype)
     no_stars, counts = np.empty((2, max_peaks, 2), np.int64), np.zeros(3, np.int64)
     segments, maxima = np.empty(len(limits.begin) - 1, np.int64), np.empty(width, np.int64)
     upper, middle, lower = rows.smooth[0], rows.smooth[1], rows.smooth[2]
@@ -177,7 +177,8 @@ def _measure_peak(image: np.ndarray, kernel: Kernel, mesh: Mesh, smooth: np.ndar
 
 
 @compiled
-def _empty_peaks(count: int) -> Peaks:
+def empty_peaks(count: int) -> Peaks:
+    """Return a list of so many peaks, to be filled."""
     return Peaks(np.empty((count, 2), np.int64), np.empty((count, 2)), np.empty(count),
                  np.empty(count), np.empty(count))
 

@@ -2,20 +2,22 @@
 
 import numpy as np
 from startracker_ros.centroid.background import background_at, Mesh
-from startracker_ros.centroid.detection import parabola_top, Peaks, Threshold
+from startracker_ros.centroid.detection import (
+    empty_peaks, parabola_top, Peaks, Threshold)
 from startracker_ros.centroid.smoothing import filtered_at, Kernel
 from startracker_ros.compiled import compiled
 
 
 def peaks_near(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Threshold,
-               uv: np.ndarray, radius_px: np.ndarray) -> Peaks:
+               uv: np.ndarray, radius_px: np.ndarray) -> tuple[Peaks, np.ndarray]:
     """
-    Return the highest peak within radius_px (K,) of each position uv (K, 2), if it is a peak.
+    Return peaks within radius_px (K,) of positions uv (K, 2), and which positions (K,) have one.
 
-    It must exceed the threshold and the pixels around it, and no two positions share one.
+    The highest value must exceed the threshold and the pixels around it, and no two positions
+    share one.
     """
-    found = _peaks_near(image, kernel, mesh, threshold, uv, radius_px)
-    return found[0].select(found[1])
+    peaks, found = _peaks_near(image, kernel, mesh, threshold, uv, radius_px)
+    return peaks.select(found), found
 
 
 @compiled
@@ -23,9 +25,7 @@ def _peaks_near(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Thresh
                 uv: np.ndarray, radius_px: np.ndarray) -> tuple[Peaks, np.ndarray]:
     height, width = image.shape
     count = len(uv)
-    peaks = Peaks(np.empty((count, 2), np.int64), np.zeros((count, 2)), np.empty(count),
-                  np.empty(count), np.empty(count))
-    good = np.zeros(count, np.bool_)
+    peaks, good = empty_peaks(count), np.zeros(count, np.bool_)
     around = np.empty((3, 3))
     for i in range(count):
         left, right = int(np.ceil(uv[i, 0] - radius_px[i])), int(uv[i, 0] + radius_px[i])

@@ -169,9 +169,9 @@ class CentroidExtractor:
         before, sigma_px = self._reference
         frame, rejections = replace(before, image=_readable(image)), Rejections()
         if streak is None or streak.longest_px() < SHORTEST_PX:
-            peaks = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
-                               radius_px)
-            rejections.add('faint', uv[:len(uv) - len(peaks.uv)])
+            peaks, found = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
+                                      radius_px)
+            rejections.add('faint', uv[~found])
             return self._result(self._measure(frame, peaks, sigma_px, rejections)[0], frame,
                                 sigma_px, rejections, None)
         centroids = measure_streaks(frame, uv, streak, sigma_px, self._threshold.sigmas,

@@ -27,6 +27,6 @@ class PredictedStars:
         """Return the positions (N, 2) in px at another time."""
         return self.uv + self.velocity * ((stamp_ns - self.stamp_ns) * 1e-9)
 
-    def streak(self, exposure_s: float, shape: tuple[int, int]) -> Streak:
-        """Return the motion during an exposure of an image of this shape (H, W)."""
-        return fit_streak(self.uv, self.velocity * exposure_s, np.ones(len(self)), shape)
+    def motion(self, shape: tuple[int, int]) -> Streak:
+        """Return the motion in a second over an image of this shape (H, W)."""
+        return fit_streak(self.uv, self.velocity, np.ones(len(self)), shape)

@@ -35,6 +35,11 @@ class Streak(NamedTuple):
         """Length in the middle of the image."""
         return float(np.hypot(self.u_px, self.v_px))
 
+    def scaled(self, factor: float) -> 'Streak':
+        """Return the streak of an exposure that is longer by a factor."""
+        return self._replace(u_px=factor * self.u_px, v_px=factor * self.v_px,
+                             roll=factor * self.roll)
+
     def longest_px(self) -> float:
         """Return the length in the farthest corner of an image whose middle is (u0, v0)."""
         return self.length_px + abs(self.roll) * float(np.hypot(self.u0, self.v0))

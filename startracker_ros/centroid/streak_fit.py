@@ -87,19 +87,36 @@ def fit_streaks(pixels: Pixels, start: np.ndarray, noise: NoiseModel, free: int,
     return StreakFit(star, covariance, chi2, dof)
 
 
+def streaks_at(uv: np.ndarray, streak_px: np.ndarray, sigma_px: float) -> np.ndarray:
+    """Return parameters (K, 7) of streaks streak_px (K, 2) at uv (K, 2), without flux."""
+    star = np.zeros((len(uv), 7))
+    star[:, [U, V]], star[:, SIGMA] = uv, sigma_px
+    star[:, LENGTH] = np.maximum(np.hypot(*streak_px.T), LEAST_LENGTH_PX)
+    star[:, ANGLE] = np.arctan2(streak_px[:, 1], streak_px[:, 0])
+    return star
+
+
+@compiled
+def _box(star: np.ndarray, reach: float, image: np.ndarray) -> tuple[int, int, int, int]:
+    """Return first row, end, first column and end of the pixels within reach of a streak (7,)."""
+    half = star[LENGTH] / 2
+    across, down = half * abs(math.cos(star[ANGLE])), half * abs(math.sin(star[ANGLE]))
+    return (max(0, math.ceil(star[V] - (down + reach))),
+            min(image.shape[0], math.floor(star[V] + (down + reach)) + 1),
+            max(0, math.ceil(star[U] - (across + reach))),
+            min(image.shape[1], math.floor(star[U] + (across + reach)) + 1))
+
+
 @compiled
 def flux_at(pixels: Pixels, star: np.ndarray) -> np.ndarray:
     """Return the fluxes (K,) of streaks star (K, 7) at their positions, level free."""
     flux = np.empty(len(star))
     for i in range(len(star)):
-        c, s = abs(math.cos(star[i, ANGLE])), abs(math.sin(star[i, ANGLE]))
         reach = REACH_SIGMAS * star[i, SIGMA] + REACH_PX
-        across, down = star[i, LENGTH] / 2 * c + reach, star[i, LENGTH] / 2 * s + reach
+        top, bottom, left, right = _box(star[i], reach, pixels.image)
         n = m = mm = d = md = 0.0
-        for y in range(max(0, math.ceil(star[i, V] - down)),
-                       min(pixels.image.shape[0], math.floor(star[i, V] + down) + 1)):
-            for x in range(max(0, math.ceil(star[i, U] - across)),
-                           min(pixels.image.shape[1], math.floor(star[i, U] + across) + 1)):
+        for y in range(top, bottom):
+            for x in range(left, right):
                 light, value = light_at(star[i], x, y), pixels.image[y, x] - pixels.level[i]
                 n, m, mm, d, md = (n + 1, m + light, mm + light * light, d + value,
                                    md + light * value)
@@ -121,11 +138,9 @@ def photon_gain(pixels: Pixels, fit: StreakFit, noise: NoiseModel) -> float:
         star = fit.parameters[i]
         c, s = math.cos(star[ANGLE]), math.sin(star[ANGLE])
         width = math.sqrt(star[SIGMA] ** 2 + 1 / 12)
-        across, down = star[LENGTH] / 2 * abs(c) + width, star[LENGTH] / 2 * abs(s) + width
-        for y in range(max(0, math.ceil(star[V] - down)),
-                       min(pixels.image.shape[0], math.floor(star[V] + down) + 1)):
-            for x in range(max(0, math.ceil(star[U] - across)),
-                           min(pixels.image.shape[1], math.floor(star[U] + across) + 1)):
+        top, bottom, left, right = _box(star, width, pixels.image)
+        for y in range(top, bottom):
+            for x in range(left, right):
                 dx, dy = x - star[U], y - star[V]
                 light = _fill_row(star, dx * c + dy * s, dy * c - dx * s, c, s, width, row)
                 variance = pixel_variance(noise, pixels.variance[i], light)
@@ -173,18 +188,15 @@ def _normal_equations(pixels: Pixels, stars: np.ndarray, neighbour: np.ndarray, 
                       row: np.ndarray) -> tuple[float, int]:
     """Fill n (p, p) and g (p,) of streak i; return chi-square and degrees of freedom."""
     star, free = stars[i], len(g)
-    height, width_px = pixels.image.shape
     c, s = math.cos(star[ANGLE]), math.sin(star[ANGLE])
     width = math.sqrt(star[SIGMA] ** 2 + 1 / 12)
     reach, half = REACH_SIGMAS * width + REACH_PX, star[LENGTH] / 2
-    across, down = half * abs(c) + reach, half * abs(s) + reach
+    top, bottom, left, right = _box(star, reach, pixels.image)
     peak = star[FLUX] * _DENSITY / width / max(star[LENGTH], 2 * width)
     n[:], g[:] = 0.0, 0.0
     chi2, count = 0.0, 0
-    for y in range(max(0, math.ceil(star[V] - down)),
-                   min(height, math.floor(star[V] + down) + 1)):
-        for x in range(max(0, math.ceil(star[U] - across)),
-                       min(width_px, math.floor(star[U] + across) + 1)):
+    for y in range(top, bottom):
+        for x in range(left, right):
             dx, dy = x - star[U], y - star[V]
             a, b = dx * c + dy * s, dy * c - dx * s
             if abs(b) > reach or abs(a) > half + reach:

@@ -13,10 +13,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from startracker_ros.centroid.background import Mesh
-from startracker_ros.centroid.noise import NoiseModel
-from startracker_ros.centroid.psf import FLUX, SIGMA, U, V
+from startracker_ros.centroid.noise import initial_noise_model
+from startracker_ros.centroid.psf import FLUX, SIGMA, V
 from startracker_ros.centroid.streak import fit_streak, Streak
-from startracker_ros.centroid.streak_fit import ANGLE, fit_streaks, LENGTH, light_at, Pixels
+from startracker_ros.centroid.streak_fit import (
+    ANGLE, fit_streaks, LENGTH, light_at, Pixels, streaks_at)
 from startracker_ros.compiled import compiled
 
 SMOOTHING_PX = 1.5  # before the threshold
@@ -57,14 +58,12 @@ def estimate_streak(image: np.ndarray, mesh: Mesh, pixel_noise_dn: float, full_s
         return None
     uv, streak_px = spots.uv[agreeing][:FITTED], spots.streak_px[agreeing][:FITTED]
     light = spots.light[agreeing][:FITTED]
-    start = np.zeros((len(uv), 7))
-    start[:, [U, V]], start[:, FLUX], start[:, SIGMA] = uv, light, sigma_px
-    start[:, LENGTH] = np.hypot(*streak_px.T)
-    start[:, ANGLE] = np.arctan2(streak_px[:, 1], streak_px[:, 0])
+    start = streaks_at(uv, streak_px, sigma_px)
+    start[:, FLUX] = light
     at = level[uv[:, 1].round().astype(int), uv[:, 0].round().astype(int)].astype(float)
     pixels = Pixels(image, at, np.full(len(uv), pixel_noise_dn ** 2), full_scale_dn)
-    fit = fit_streaks(pixels, start, NoiseModel(pixel_noise_dn ** 2 / max(
-        mesh.median_level, 3 * pixel_noise_dn)), 7, FIT_ITERATIONS)
+    noise = initial_noise_model(mesh.median_level, pixel_noise_dn ** 2)
+    fit = fit_streaks(pixels, start, noise, 7, FIT_ITERATIONS)
     star = fit.parameters
     variance = fit.covariance[:, LENGTH, LENGTH]
     good = ((misfit(fit.chi2, fit.dof, star[:, FLUX], fit.covariance[:, FLUX, FLUX])
@@ -116,8 +115,7 @@ def search_streaks(image: np.ndarray, level: np.ndarray, streak: Streak, sigma_p
 
 def _kernel(streak: Streak, sigma_px: float) -> np.ndarray:
     """Return the light (h, w) float32 of a unit streak in the middle of the image."""
-    star = np.array([0.0, 0.0, 1.0, 0.0, sigma_px, max(streak.length_px, 0.3),
-                     np.arctan2(streak.v_px, streak.u_px)])
+    star = streaks_at(np.zeros((1, 2)), np.array([[streak.u_px, streak.v_px]]), sigma_px)[0]
     reach = 2.5 * sigma_px + 1
     across = int(np.ceil(abs(streak.u_px) / 2 + reach))
     down = int(np.ceil(abs(streak.v_px) / 2 + reach))

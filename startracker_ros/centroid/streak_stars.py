@@ -10,7 +10,7 @@ from startracker_ros.centroid.psf import FLUX, SIGMA, U, V
 from startracker_ros.centroid.rejection import Rejections
 from startracker_ros.centroid.streak import Streak
 from startracker_ros.centroid.streak_fit import (
-    ANGLE, fit_streaks, flux_at, LEAST_LENGTH_PX, LENGTH, photon_gain, Pixels, StreakFit)
+    ANGLE, fit_streaks, flux_at, LENGTH, photon_gain, Pixels, StreakFit, streaks_at)
 from startracker_ros.centroid.streak_search import MAX_MISFIT, misfit
 
 ROUGH_ITERATIONS = 6
@@ -22,7 +22,7 @@ def measure_streaks(frame: Frame, uv: np.ndarray, streak: Streak, sigma_px: floa
                     threshold_sigmas: float, rejections: Rejections) -> Centroids:
     """Fit streaks of this width that are near uv (K, 2) px; return the good ones."""
     keep = rejections.reject(uv, edge=_beyond_edge(frame, uv, streak.at(uv), sigma_px))
-    start = _start(uv[keep], streak, sigma_px)
+    start = streaks_at(uv[keep], streak.at(uv[keep]), sigma_px)
     pixels = _pixels(frame, start[:, [U, V]])
     start[:, FLUX] = flux_at(pixels, start)
     noise = initial_noise_model(frame.background_dn, frame.noise_dn ** 2)
@@ -35,15 +35,6 @@ def measure_streaks(frame: Frame, uv: np.ndarray, streak: Streak, sigma_px: floa
     keep = rejections.reject(
         fit.parameters[:, [U, V]], **_no_stars(fit, start[keep], threshold_sigmas))
     return _centroids(StreakFit(*(column[keep] for column in fit)))
-
-
-def _start(uv: np.ndarray, streak: Streak, sigma_px: float) -> np.ndarray:
-    """Return initial parameters (K, 7), without flux."""
-    start, vector = np.zeros((len(uv), 7)), streak.at(uv)
-    start[:, [U, V]], start[:, SIGMA] = uv, sigma_px
-    start[:, LENGTH] = np.maximum(np.hypot(*vector.T), LEAST_LENGTH_PX)
-    start[:, ANGLE] = np.arctan2(vector[:, 1], vector[:, 0])
-    return start
 
 
 def _pixels(frame: Frame, uv: np.ndarray) -> Pixels:

@@ -69,7 +69,8 @@ class ExtractionStage:
         if repeated and moved_px > REPEATED_PX:
             return Extraction(Centroids.empty(), 'repeated', 'the image is that of the frame '
                               f'before, though the stars have moved {moved_px:.1f} px')
-        streak = predicted.streak(self._exposure_s, image.shape)
+        motion = predicted.motion(image.shape)
+        streak = motion.scaled(self._exposure_s)
         unknown = (self._exposure_s == 0 and moved_px > SHORTEST_PX
                    and speed_px_s > FASTER * self._point_speed_px_s)
         near = None
@@ -80,21 +81,21 @@ class ExtractionStage:
                 LEAST_PREDICTED, LEAST_SHARE * self._seen_share * len(uv)):
             self.directed = True
             return near
-        return self._search(stamp_ns, image, predicted, uv, None if unknown else streak,
+        return self._search(stamp_ns, image, motion, uv, None if unknown else streak,
                             speed_px_s, near)
 
-    def _search(self, stamp_ns: int, image: np.ndarray, predicted: PredictedStars,
-                uv: np.ndarray, streak: Streak | None, speed_px_s: float,
-                near: Extraction | None) -> Extraction:
+    def _search(self, stamp_ns: int, image: np.ndarray, motion: Streak, uv: np.ndarray,
+                streak: Streak | None, speed_px_s: float, near: Extraction | None
+                ) -> Extraction:
         """Search the whole image; what was measured near the predictions stays."""
         self._searched_ns = stamp_ns
         extraction = self.extractor.extract(image, streak)
         if near is None or len(near.centroids) < LEAST_PREDICTED:
             if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
                 extraction = self.extractor.extract(image)
-            self._learn(extraction, predicted, uv, streak, speed_px_s)
+            self._learn(extraction, motion, uv, streak, speed_px_s)
             return extraction
-        self._learn(near, predicted, uv, near.streak, speed_px_s)
+        self._learn(near, motion, uv, near.streak, speed_px_s)
         stars, others = near.centroids, extraction.centroids
         if len(others):
             distance = np.linalg.norm(others.uv[:, None] - stars.uv, axis=-1).min(axis=1)
@@ -112,7 +113,7 @@ class ExtractionStage:
         return (not self._search_period_ns or self._searched_ns is None
                 or not 0 <= stamp_ns - self._searched_ns < self._search_period_ns)
 
-    def _learn(self, extraction: Extraction, predicted: PredictedStars, uv: np.ndarray,
+    def _learn(self, extraction: Extraction, motion: Streak, uv: np.ndarray,
                streak: Streak | None, speed_px_s: float) -> None:
         """Learn the exposure time, and the share of the predicted stars that are seen."""
         if len(extraction.centroids) < LEAST_PREDICTED:
@@ -122,7 +123,4 @@ class ExtractionStage:
         if extraction.streak is None:
             self._point_speed_px_s = max(self._point_speed_px_s, speed_px_s)
         elif streak is None:
-            # The length in the middle, or with a roll alone that of the corner.
-            once = predicted.streak(1.0, (1, 1))._replace(
-                u0=extraction.streak.u0, v0=extraction.streak.v0)
-            self._exposure_s = extraction.streak.longest_px() / max(once.longest_px(), 1e-9)
+            self._exposure_s = extraction.streak.longest_px() / max(motion.longest_px(), 1e-9)

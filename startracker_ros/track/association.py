@@ -58,13 +58,6 @@ def associate(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarray, err
     return marginals(weight, MAX_STEPS), unassociated
 
 
-def round_errors(variance: np.ndarray) -> np.ndarray:
-    """Return the covariances (M, 2, 2) of a variance (M,) that is the same on both axes."""
-    error = np.zeros((len(variance), 2, 2))
-    error[:, 0, 0] = error[:, 1, 1] = variance
-    return error
-
-
 @compiled
 def most_probable(probability: np.ndarray) -> np.ndarray:
     """Return the most probable centroid (N,) of each track, 0 where there is none at all."""

@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
-from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.track.association import associate, round_errors
+from startracker_ros.centroid.centroids import Centroids, round_errors
+from startracker_ros.track.association import associate
 from startracker_ros.track.identified import IdentifiedFrame
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.model import FrameUpdate, rate_between, StarModel

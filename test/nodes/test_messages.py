@@ -20,8 +20,8 @@ from startracker_ros.maths.rotation import quaternion_from_pointing, rotate, uni
 from startracker_ros.ros.messages.attitude import attitude_to_imu, attitude_to_pose
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import (
-    centroids_from_message, centroids_to_message, cloud_to_message, is_directed,
-    predictions_from_message, predictions_to_message, tracks_from_message, tracks_to_message)
+    centroids_from_message, centroids_to_message, cloud_to_message, predictions_from_message,
+    predictions_to_message, tracks_from_message, tracks_to_message)
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
 from startracker_ros.track.tracks import Tracks
@@ -158,7 +158,7 @@ def test_centroids_keep_covariance_row_time_and_how_they_were_found():
         again = centroids_from_message(cloud)
         np.testing.assert_allclose(again.covariance, covariance, rtol=1e-6)
         np.testing.assert_allclose(again.delay_s, centroids.delay_s, rtol=1e-6)
-        assert is_directed(cloud) is directed
+        assert (read_cloud(cloud, CENTROID_DTYPE)['directed'] == directed).all()
 
 
 def test_predictions_of_another_camera_or_nan_are_rejected():

@@ -3,10 +3,11 @@
 import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState
 from startracker_ros.camera.model import Camera
+from startracker_ros.centroid.centroids import round_errors
 from startracker_ros.maths.rotation import (
     attitude_error, conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector,
     rotate)
-from startracker_ros.track.association import DetectionModel, gate_size, round_errors
+from startracker_ros.track.association import DetectionModel, gate_size
 from startracker_ros.track.correction import correct, on_image
 
 CAMERA = Camera(1024, 1024, 4870.0, 4880.0, 505.0, 520.0, (-0.1, 0.05, 1e-3, -1e-3, 0.0))

@@ -2,7 +2,7 @@
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
-from startracker_ros.track.association import round_errors
+from startracker_ros.centroid.centroids import round_errors
 from startracker_ros.track.innovation import combined_innovation, normal_equations
 
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from startracker_ros.centroid.centroids import round_errors
 from startracker_ros.track.association import (
-    event_weights, gate_size, gated_density, joint_probabilities, round_errors)
+    event_weights, gate_size, gated_density, joint_probabilities)
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.motion_models import constant_velocity, coordinated_turn
 

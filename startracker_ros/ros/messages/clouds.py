@@ -76,11 +76,6 @@ def centroids_from_message(message: PointCloud2) -> Centroids:
     return centroids_from_rows(read_cloud(message, CENTROID_DTYPE))
 
 
-def is_directed(message: PointCloud2) -> bool:
-    """Return whether only predicted stars were measured for a `centroids` cloud."""
-    return bool(read_cloud(message, CENTROID_DTYPE)['directed'].any())
-
-
 def predictions_to_message(predicted: PredictedStars | None, header: Header) -> PointCloud2:
     """Return the `predicted_centroids` cloud, empty for None."""
     rows = np.zeros(0 if predicted is None else len(predicted), PREDICTION_DTYPE)

@@ -32,14 +32,13 @@ class CentroidExtractorNode(CameraNode):
         # The nodes of a pipeline share the cores: more threads of OpenCV would only compete.
         cv2.setNumThreads(1)
         self.frame_topic = 'image_raw'
-        self._predicted: PredictedStars | None = None
         self._centroids = self.advertise(PointCloud2, 'centroids', qos.LIST)
         self._annotated = self.advertise(Image, 'image_annotated', qos.IMAGE)
         self._markers = self.advertise(ImageMarker, 'image_markers', qos.LIST)
         self.subscribe(PointCloud2, 'predicted_centroids', self._on_predicted, qos.LIST)
 
     def rebuild(self) -> None:
-        self._predicted = None
+        self._predicted: PredictedStars | None = None
         self._stage = ExtractionStage(self.options(ExtractionOptions),
                                       self.options(SearchOptions))
 
@@ -53,6 +52,7 @@ class CentroidExtractorNode(CameraNode):
     def _on_predicted(self, message: PointCloud2) -> None:
         camera = self.camera_or_drop()
         if camera is not None:
+            # A message that is rejected leaves no older prediction in use.
             self._predicted = None
             self._predicted = predictions_from_message(message, camera)
 

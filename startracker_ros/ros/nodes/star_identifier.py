@@ -4,15 +4,14 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import PointCloud2
 from startracker_ros.attitude.gyro import GyroErrorOptions
-from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud
 from startracker_ros.identify.extended_grid import ExtendedGridOptions
 from startracker_ros.identify.identification import Identification, IdentificationOptions
 from startracker_ros.pipeline.identification import CheckOptions, IdentificationStage
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.messages.clouds import (
-    centroids_from_message, identification_to_message, is_directed)
+from startracker_ros.ros.messages.clouds import centroids_from_rows, identification_to_message
 from startracker_ros.ros.node import main_of
 from startracker_ros.track.tracker import TrackerState
 
@@ -67,14 +66,15 @@ class StarIdentifierNode(CameraNode):
         self.sensor_frame_id = message.header.frame_id
         stamp_ns = ns_from_stamp(message.header.stamp)
         # The state that a killed tracker published last is not valid any more.
-        if (stage.rests(stamp_ns, self._tracking) and self.count_publishers('tracker_state')):
-            # Before the centroids are read: the tracker works on them at the same time.
+        tracking = self._tracking and bool(self.count_publishers('tracker_state'))
+        # Before the centroids are read: the tracker works on them at the same time.
+        if stage.rests(stamp_ns, tracking):
             self.diagnostics.report(OK, _RESTING)
             return
-        if self._tracking and is_directed(message):
-            # Stars that the tracker predicted are no check of its tracks.
+        rows = read_cloud(message, CENTROID_DTYPE)
+        if stage.rests(stamp_ns, tracking, directed=bool(rows['directed'].any())):
             return
-        centroids = centroids_from_message(message)
+        centroids = centroids_from_rows(rows)
         result, centroids = stage.identify(stamp_ns, centroids)
         self._stars.publish(identification_to_message(
             centroids, result, camera, message.header))
