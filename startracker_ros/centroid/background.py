@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from startracker_ros.centroid.smoothing import filter_across, filter_down, Kernel
 from startracker_ros.compiled import compiled
@@ -37,6 +38,10 @@ class Mesh(NamedTuple):
     median_noise: float
     scale: tuple[float, float]
 
+    def scaled(self, factor: float) -> 'Mesh':
+        """Return the mesh with its noise multiplied by factor."""
+        return self._replace(noise=factor * self.noise, median_noise=factor * self.median_noise)
+
 
 def measure_background(image: np.ndarray, kernel: Kernel) -> Mesh:
     """
@@ -51,6 +56,23 @@ def measure_background(image: np.ndarray, kernel: Kernel) -> Mesh:
     rows, columns = max(1, round(height / TILE_PX)), max(1, round(width / TILE_PX))
     return Mesh(*_measure(image, kernel, rows, columns),
                 (rows / height, columns / width))
+
+
+def level_image(mesh: Mesh, shape: tuple[int, int]) -> np.ndarray:
+    """Return the level of the mesh (H, W) float32."""
+    height, width = shape
+    inner = mesh.level[1:-1, 1:-1].astype(np.float32)
+    return cv2.resize(inner, (width, height), interpolation=cv2.INTER_LINEAR)
+
+
+def pixel_noise(image: np.ndarray) -> float:
+    """
+    Return the noise of a pixel of image (H, W), 1 sigma in DN, by the steps along its rows.
+
+    Hits on some pixels leave it as it is, while the filter gives each the size of a star.
+    """
+    steps = np.diff(image[::SAMPLE_ROWS].astype(np.int32), axis=1)
+    return max(SIGMA_PER_MAD * float(np.median(np.abs(steps))) / 2 ** 0.5, QUANTISATION_DN)
 
 
 @compiled

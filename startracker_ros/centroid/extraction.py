@@ -15,16 +15,19 @@ Once an image was searched, extract_near() measures stars at known positions onl
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from startracker_ros.centroid.background import level_image, pixel_noise
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.cleaning import (
+    are_hits, cleaned, find_spoilt, NOT_SPOILT, Spoilt)
 from startracker_ros.centroid.detection import Peaks, Threshold
 from startracker_ros.centroid.directed import peaks_near
 from startracker_ros.centroid.frame import Frame, prepare
-from startracker_ros.centroid.hits import is_hit, is_single, is_storm, without_hits
+from startracker_ros.centroid.hits import is_hit, is_single
 from startracker_ros.centroid.moments import Segmentation, WEIGHTS
 from startracker_ros.centroid.point_stars import measure_points
 from startracker_ros.centroid.rejection import Rejections
 from startracker_ros.centroid.streak import SHORTEST_PX, Streak
-from startracker_ros.centroid.streak_search import estimate_streak, level_image, search_streaks
+from startracker_ros.centroid.streak_search import estimate_streak, search_streaks
 from startracker_ros.centroid.streak_stars import measure_streaks
 from startracker_ros.centroid.width import measure_width
 from startracker_ros.options import option, Options
@@ -105,7 +108,7 @@ class CentroidExtractor:
     Finds the stars of mono8 and mono16 images.
 
     extract() is a pure function of image and options; extract_near() measures with the
-    background and the width of the last image that was searched.
+    background and the width of the last image that was searched, without what spoilt that one.
     """
 
     def __init__(self, options: ExtractionOptions = ExtractionOptions(),
@@ -118,6 +121,7 @@ class CentroidExtractor:
         up = options.readout_direction == 'up'
         self._line_time_s = options.line_time_us * (-1e-6 if up else 1e-6)
         self._reference: tuple[Frame, float] | None = None
+        self.spoilt = NOT_SPOILT
 
     def extract(self, image: np.ndarray, streak: Streak | None = None) -> Extraction:
         """
@@ -137,9 +141,8 @@ class CentroidExtractor:
         if frame.saturated:
             return _none('saturated', f'most pixels are at full scale, {frame.full_scale_dn:g} DN',
                          frame)
-        rejections = Rejections()
-        frame = self._without_storm(frame, rejections)
-        frame, sigma_px = self._match_filter(frame)
+        taken_out, rejections = Rejections(), Rejections()
+        frame, sigma_px = self._match_filter(self._clean(frame, taken_out))
         rejections.add('disc', frame.search.discs)
         rejections.add('line', frame.search.lines)
         if streak is None or streak.longest_px() < SHORTEST_PX:
@@ -151,8 +154,11 @@ class CentroidExtractor:
             sigma_px = sigma_px if self._reference is None else self._reference[1]
             centroids = self._search_streaks(frame, streak, sigma_px, rejections)
         if not len(centroids) and frame.search.too_many:
+            if self._reference is not None:
+                self._reference = frame, self._reference[1]
             return _none('too_many', f'{frame.search.found} peaks: noise, not stars', frame)
         self._reference = frame, sigma_px
+        rejections.include(taken_out)
         return self._result(centroids, frame, sigma_px, rejections, streak)
 
     def extract_near(self, image: np.ndarray, uv: np.ndarray, radius_px: np.ndarray,
@@ -167,10 +173,15 @@ class CentroidExtractor:
                 or self._reference[0].image.dtype != image.dtype):
             return None
         before, sigma_px = self._reference
+        if self.spoilt != NOT_SPOILT:
+            image = cleaned(image, before.mesh, self.spoilt, sigma_px)[0]
         frame, rejections = replace(before, image=_readable(image)), Rejections()
         if streak is None or streak.longest_px() < SHORTEST_PX:
             peaks, found = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
                                       radius_px)
+            if not self.spoilt.hits and are_hits(frame, peaks, sigma_px):
+                self.spoilt = self.spoilt._replace(hits=True)
+                return self.extract_near(image, uv, radius_px, streak)
             rejections.add('faint', uv[~found])
             return self._result(self._measure(frame, peaks, sigma_px, rejections)[0], frame,
                                 sigma_px, rejections, None)
@@ -191,9 +202,9 @@ class CentroidExtractor:
             self.extract(frame, streak)
             self.extract(frame)
             self.extract_near(frame, stars.astype(float), np.full(3, 3.0))
-            stormy = prepare(_readable(frame), FILTER_SIGMA_PX, self._threshold)
-            without_hits(stormy.image, stormy.mesh, 3.0)
-        self._reference = None
+            clear = prepare(_readable(frame), FILTER_SIGMA_PX, self._threshold)
+            cleaned(clear.image, clear.mesh, Spoilt(hits=True), FILTER_SIGMA_PX)
+        self._reference, self.spoilt = None, NOT_SPOILT
 
     def _result(self, centroids: Centroids, frame: Frame, sigma_px: float,
                 rejections: Rejections, streak: Streak | None) -> Extraction:
@@ -214,14 +225,18 @@ class CentroidExtractor:
         return Extraction(centroids, status, reason, frame.background_dn, frame.noise_dn,
                           sigma_px, rejections.counts, uv, streak)
 
-    def _without_storm(self, frame: Frame, rejections: Rejections) -> Frame:
-        """Return the frame, searched anew without hits if most of its peaks are hits."""
-        peaks = frame.search.peaks
-        if not is_storm(frame.image, peaks.uv, peaks.level):
+    def _clean(self, frame: Frame, rejections: Rejections) -> Frame:
+        """Return the frame, searched anew without what spoils the image."""
+        self.spoilt = find_spoilt(frame)
+        if self.spoilt == NOT_SPOILT:
             return frame
-        clean, hit = without_hits(frame.image, frame.mesh, frame.noise_dn)
-        rejections.add('hot_pixel', np.argwhere(hit)[:, ::-1])
-        return prepare(_readable(clean), frame.kernel.sigma_px, self._threshold)
+        rejections.add('disc', frame.search.discs)
+        rejections.add('line', frame.search.lines)
+        sigma_px = FILTER_SIGMA_PX if self._reference is None else self._reference[1]
+        image, hits = cleaned(frame.image, frame.mesh, self.spoilt, sigma_px)
+        rejections.add('hot_pixel', hits)
+        return prepare(_readable(image), frame.kernel.sigma_px, self._threshold,
+                       pixel_noise(image) if self.spoilt.hits else 0.0)
 
     def _match_filter(self, frame: Frame) -> tuple[Frame, float]:
         """Return the width (px) of the stars and the frame, filtered anew if it does not match."""

@@ -57,10 +57,17 @@ class Frame:
                            self.full_scale_dn), start
 
 
-def prepare(image: np.ndarray, filter_sigma_px: float, threshold: Threshold) -> Frame:
-    """Return the frame of image (H, W) uint8 or uint16 with a filter of this width."""
+def prepare(image: np.ndarray, filter_sigma_px: float, threshold: Threshold,
+            noise_dn: float = 0.0) -> Frame:
+    """
+    Return the frame of image (H, W) uint8 or uint16 with a filter of this width.
+
+    noise_dn is the median noise of a pixel where it is known.
+    """
     kernel = gaussian_kernel(filter_sigma_px)
     mesh = measure_background(image, kernel)
+    if noise_dn:
+        mesh = mesh.scaled(noise_dn * kernel.noise_gain / mesh.median_noise)
     search = find_peaks(image, kernel, mesh, threshold)
     return Frame(image, kernel, mesh, search,
                  full_scale(image, search.row_max, mesh.median_level))

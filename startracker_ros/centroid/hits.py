@@ -22,6 +22,8 @@ STORM_PEAKS = 30  # single pixels among the peaks, from which on hits are remove
 BRIGHT_PEAKS = 100
 DARK_SHARE = 0.1  # of the brightest pixel: light in the eight around it, in a storm
 HIT_SIGMAS = 8.0
+TRACK_PX = 5  # removed pixel by pixel from both ends
+_AROUND = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1))
 _PHASES = np.linspace(-0.5, 0.5, 11)
 
 
@@ -115,35 +117,40 @@ def is_storm(image: np.ndarray, uv: np.ndarray, level: np.ndarray) -> bool:
     return bool(single >= STORM_PEAKS and np.median(shares) < DARK_SHARE)
 
 
-@compiled
-def without_hits(image: np.ndarray, mesh: Mesh, noise_dn: float
+def without_hits(image: np.ndarray, mesh: Mesh, noise_dn: float, sigma_px: float
                  ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return a copy of image (H, W) without single bright pixels, and their mask (H, W).
+    Return a copy of image (H, W) without hits, and the mask (H, W) of the pixels changed.
 
-    Such a pixel exceeds the background by HIT_SIGMAS, the second brightest of the eight around
-    it by no more than a tenth of that, and their median by next to nothing. It gets the median.
+    A pixel brighter than its eight neighbours and sharper than a star of this width gets their
+    median; then the next one of the same track is the brightest.
     """
+    return _without_hits(image, mesh, noise_dn, _least_share(round(NARROWEST * sigma_px, 2)))
+
+
+@compiled
+def _without_hits(image: np.ndarray, mesh: Mesh, noise_dn: float, share: float
+                  ) -> tuple[np.ndarray, np.ndarray]:
     clean, hit = image.copy(), np.zeros(image.shape, np.bool_)
-    around = np.empty(8)
-    lowest = HIT_SIGMAS * noise_dn
-    for v in range(1, image.shape[0] - 1):
-        for u in range(1, image.shape[1] - 1):
-            # Most pixels end here: a hit is brighter than what is before or after it.
-            if image[v, u] < image[v, u - 1] + lowest and image[v, u] < image[v, u + 1] + lowest:
-                continue
-            level, _ = background_at(mesh, u, v)
-            height = image[v, u] - level
-            if height < lowest:
-                continue
-            count = 0
-            for y in range(v - 1, v + 2):
-                for x in range(u - 1, u + 2):
-                    if x != u or y != v:
-                        insert_sorted(around, count, float(image[y, x]))
-                        count += 1
-            median = (around[3] + around[4]) / 2
-            if (median - level < 0.03 * height + noise_dn
-                    and around[6] - level < 0.1 * height + 2.5 * noise_dn):
-                clean[v, u], hit[v, u] = max(median, 0.0), True
+    around, lowest = np.empty(8), HIT_SIGMAS * noise_dn
+    for _ in range(TRACK_PX):
+        for v in range(1, image.shape[0] - 1):
+            for u in range(1, image.shape[1] - 1):
+                here = clean[v, u]
+                # Most pixels end here.
+                if here < clean[v, u - 1] or here < clean[v, u + 1] or here < clean[v - 1, u]:
+                    continue
+                level, _ = background_at(mesh, u, v)
+                if here - level < lowest:
+                    continue
+                for k in range(4):
+                    y, x = _AROUND[k]
+                    insert_sorted(around, k, float(clean[v + y, u + x]))
+                if around[1] - level >= share * (here - level) - MARGIN_SIGMAS * noise_dn:
+                    continue
+                for k in range(4, 8):
+                    y, x = _AROUND[k]
+                    insert_sorted(around, k, float(clean[v + y, u + x]))
+                if here >= around[7]:
+                    clean[v, u], hit[v, u] = max((around[3] + around[4]) / 2, 0.0), True
     return clean, hit

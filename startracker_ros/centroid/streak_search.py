@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from startracker_ros.centroid.background import Mesh
+from startracker_ros.centroid.background import level_image, Mesh
 from startracker_ros.centroid.noise import initial_noise_model
 from startracker_ros.centroid.psf import FLUX, SIGMA, V
 from startracker_ros.centroid.streak import fit_streak, Streak
@@ -83,13 +83,6 @@ def misfit(chi2: np.ndarray, dof: np.ndarray, flux: np.ndarray, variance: np.nda
            ) -> np.ndarray:
     """Return the share (K,) of the light, squared over noise, that the model leaves."""
     return np.maximum(chi2 - dof, 0.0) / (flux ** 2 / variance)
-
-
-def level_image(mesh: Mesh, shape: tuple[int, int]) -> np.ndarray:
-    """Return the level of the mesh (H, W) float32."""
-    height, width = shape
-    inner = mesh.level[1:-1, 1:-1].astype(np.float32)
-    return cv2.resize(inner, (width, height), interpolation=cv2.INTER_LINEAR)
 
 
 def search_streaks(image: np.ndarray, level: np.ndarray, streak: Streak, sigma_px: float,

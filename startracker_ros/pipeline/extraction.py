@@ -9,6 +9,7 @@ from startracker_ros.centroid.extraction import (
 from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.options import option, Options
+from startracker_ros.pipeline.stale_rows import StaleRows
 
 LEAST_PREDICTED = 4
 LEAST_SHARE = 0.75  # of the predicted stars that were seen in the image searched last
@@ -17,7 +18,6 @@ GATE_SIGMAS = 4.0
 GATE_PX = 2.0  # for accelerations that a prediction does not know
 MAX_GATE_PX = 8.0
 SAME_PX = 3.0  # two centroids closer than this are of one star
-SAMPLED_ROWS = 61  # one row of so many is compared with the image before
 REPEATED_PX = 0.5  # motion from which on an equal image is that of the frame before
 FASTER = 2.0  # times the speed at which stars were points: they may be streaks
 
@@ -53,13 +53,17 @@ class ExtractionStage:
         self._seen_share = 1.0
         self._exposure_s = 0.0
         self._point_speed_px_s = 0.0
-        self._sample: np.ndarray | None = None
+        self._stale_rows = StaleRows()
 
     def extract(self, stamp_ns: int, image: np.ndarray, predicted: PredictedStars | None = None
                 ) -> Extraction:
         """Return the stars of image (H, W) uint8 or uint16 of a time."""
-        repeated = self._is_repeated(image)
+        first, last = self._stale_rows.find(image)
+        repeated = last - first == len(image) - 1
         self.directed = False
+        if last and not repeated:
+            return Extraction(Centroids.empty(), 'torn', f'the rows {first} to {last} are those '
+                              'of the frame before: a torn frame')
         if (predicted is None or len(predicted) < LEAST_PREDICTED
                 or not 0 < stamp_ns - predicted.stamp_ns <= MAX_AGE_S * 1e9):
             self._searched_ns = None
@@ -73,23 +77,28 @@ class ExtractionStage:
         streak = motion.scaled(self._exposure_s)
         unknown = (self._exposure_s == 0 and moved_px > SHORTEST_PX
                    and speed_px_s > FASTER * self._point_speed_px_s)
-        near = None
-        if not unknown:
-            radius_px = np.minimum(GATE_SIGMAS * predicted.sigma_px + GATE_PX, MAX_GATE_PX)
-            near = self.extractor.extract_near(image, uv, radius_px, streak)
+        near = None if unknown else self._near(image, uv, predicted, streak)
         if near is not None and not self._is_due(stamp_ns) and len(near.centroids) >= max(
                 LEAST_PREDICTED, LEAST_SHARE * self._seen_share * len(uv)):
             self.directed = True
             return near
-        return self._search(stamp_ns, image, motion, uv, None if unknown else streak,
-                            speed_px_s, near)
-
-    def _search(self, stamp_ns: int, image: np.ndarray, motion: Streak, uv: np.ndarray,
-                streak: Streak | None, speed_px_s: float, near: Extraction | None
-                ) -> Extraction:
-        """Search the whole image; what was measured near the predictions stays."""
         self._searched_ns = stamp_ns
-        extraction = self.extractor.extract(image, streak)
+        spoilt, known = self.extractor.spoilt, None if unknown else streak
+        searched = self.extractor.extract(image, known)
+        if near is not None and self.extractor.spoilt != spoilt:
+            near = self._near(image, uv, predicted, streak)
+        return self._joined(image, searched, near, motion, uv, known, speed_px_s)
+
+    def _near(self, image: np.ndarray, uv: np.ndarray, predicted: PredictedStars,
+              streak: Streak) -> Extraction | None:
+        """Measure the stars near where they are predicted now, uv (K, 2)."""
+        radius_px = np.minimum(GATE_SIGMAS * predicted.sigma_px + GATE_PX, MAX_GATE_PX)
+        return self.extractor.extract_near(image, uv, radius_px, streak)
+
+    def _joined(self, image: np.ndarray, extraction: Extraction, near: Extraction | None,
+                motion: Streak, uv: np.ndarray, streak: Streak | None, speed_px_s: float
+                ) -> Extraction:
+        """Return the stars of a searched image; what was measured near the predictions stays."""
         if near is None or len(near.centroids) < LEAST_PREDICTED:
             if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
                 extraction = self.extractor.extract(image)
@@ -101,12 +110,6 @@ class ExtractionStage:
             distance = np.linalg.norm(others.uv[:, None] - stars.uv, axis=-1).min(axis=1)
             stars = stars.joined(others.select(distance > SAME_PX))
         return replace(extraction, centroids=stars, status='ok', reason='', streak=near.streak)
-
-    def _is_repeated(self, image: np.ndarray) -> bool:
-        """Return whether rows of an image equal those of the one before, noise and all."""
-        sample, before = image[::SAMPLED_ROWS].copy(), self._sample
-        self._sample = sample
-        return before is not None and np.array_equal(sample, before)
 
     def _is_due(self, stamp_ns: int) -> bool:
         """Return whether it is time to search a whole image."""

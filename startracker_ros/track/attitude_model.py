@@ -11,7 +11,7 @@ from startracker_ros.attitude.gyro import Gyro
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.maths.rotation import conjugate, rotate
+from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.track.consistency import Residuals
 from startracker_ros.track.correction import correct, Correction, on_image
 from startracker_ros.track.identified import IdentifiedFrame
@@ -98,7 +98,8 @@ class AttitudeModel(StarModel):
             fit = self._consistent_fit(correction)
             mean = self._mean_innovation + MEMORY * (
                 correction.innovation - self._mean_innovation)
-            if fit is None or nominal is None and mean @ mean > MEAN_NIS_GATE:
+            if (fit is None or nominal is None and mean @ mean > MEAN_NIS_GATE
+                    or hypothesis.level > 1 and self._is_old(hypothesis.state, correction.state)):
                 nominal = nominal or (hypothesis, correction)
                 if dark:
                     break
@@ -147,6 +148,19 @@ class AttitudeModel(StarModel):
                 yield _Hypothesis(False, factor, state.inflated(
                     factor).propagated_at_constant_rate(
                     stamp_ns, factor ** 2 * density, gyro.drift_density))
+
+    def _is_old(self, predicted: AttitudeState, corrected: AttitudeState) -> bool:
+        """
+        Return whether the stars stand where they stood in the frame before, though they moved.
+
+        No acceleration stops a body so exactly between two frames: the image is an old one.
+        """
+        before = self._state
+        information = np.linalg.inv(before.covariance[:3, :3] + corrected.covariance[:3, :3])
+        moved = attitude_error(predicted.quaternion, before.quaternion)
+        left = attitude_error(corrected.quaternion, before.quaternion)
+        return bool(left @ information @ left < NIS_GATE
+                    and moved @ information @ moved > 4 * NIS_GATE)
 
     def _consistent_fit(self, correction: Correction) -> RotationFit | None:
         """Return the fit of the inliers, None unless it is good and its innovation in the gate."""

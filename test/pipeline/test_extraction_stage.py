@@ -1,6 +1,7 @@
 """Which images are searched as a whole, on simulated images of a turning camera."""
 
 import numpy as np
+import pytest
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.figures.correctness import error_over_bound
@@ -14,13 +15,16 @@ CAMERA = Camera.from_fov(512, 512, 12.0)
 START_NS, STEP_NS = 1_790_000_000_000_000_000, 100_000_000
 
 
+def turning(rate_deg_s):
+    return motion_from_options(MotionOptions(
+        motion='constant_rate', ra_deg=200.0, dec_deg=25.0, rate_deg_s=rate_deg_s))
+
+
 def run(frames, rate_deg_s, detector=DetectorOptions(), artefacts=ArtefactOptions(),
         change=lambda index, image: image):
     """Yield pipeline, frame of the pipeline and frame of the simulator."""
-    motion = motion_from_options(MotionOptions(
-        motion='constant_rate', ra_deg=200.0, dec_deg=25.0, rate_deg_s=rate_deg_s))
-    sky = SkySimulator(CAMERA, motion, load_catalog(), 2026.5, detector_options=detector,
-                       artefact_options=artefacts, frame_rate_hz=10.0)
+    sky = SkySimulator(CAMERA, turning(rate_deg_s), load_catalog(), 2026.5,
+                       detector_options=detector, artefact_options=artefacts, frame_rate_hz=10.0)
     pipeline = Pipeline(CAMERA, 2026.5, PipelineOptions())
     for index in range(frames):
         frame = sky.frame(1 + index / 10)
@@ -64,18 +68,48 @@ def test_a_repeated_image_is_no_attitude_while_the_stars_move():
     assert over_bound(*results[15]) < 1
 
 
-def test_torn_frames_are_not_published():
-    before = {}
+@pytest.mark.parametrize('row', [30, 256, 480])
+@pytest.mark.parametrize('noise_dn', [0.0, 1.5])
+def test_torn_frames_are_not_published(row, noise_dn):
+    """The old rows have their noise of before, or as in a faulty driver noise of their own."""
+    rng, before = np.random.default_rng(1), {}
 
     def tear(index, image):
         torn = image.copy()
-        torn[256:] = before.get('image', image)[256:]
+        if index >= 6 and index % 2:
+            old = before['image'] + rng.normal(0, noise_dn, image.shape)
+            torn[row:] = np.rint(old).clip(0).astype(image.dtype)[row:]
         before['image'] = image
         return torn
 
-    for _, result, frame in run(20, (0.6, 0.8, 0.0), change=tear):
-        if result.trusted.attitude is not None:
-            assert over_bound(result, frame) < 1
+    results = [(result, frame) for _, result, frame in run(26, (0.6, 0.8, 0.0), change=tear)]
+    published = [index for index, (result, _) in enumerate(results)
+                 if result.trusted.attitude is not None]
+    assert max(over_bound(*results[index]) for index in published) < 1
+    assert sum(index % 2 == 0 for index in published) >= 8
+
+
+@pytest.mark.parametrize('artefacts', [
+    ArtefactOptions(trails=20), ArtefactOptions(saturated_columns=5, saturated_rows=5)])
+def test_trails_and_columns_from_the_first_image_on_do_not_blind_it(artefacts):
+    results = [(result, frame) for _, result, frame in run(
+        14, (0.1, 0.1, 0.0), artefacts=artefacts)]
+    published = [pair for pair in results if pair[0].trusted.attitude is not None]
+    assert len(published) >= 10 and max(over_bound(*pair) for pair in published) < 1
+
+
+def test_ten_thousand_hits_do_not_end_tracking():
+    area_cm2 = (512 * 5.5e-4) ** 2
+    storm = SkySimulator(CAMERA, turning((0.1, 0.1, 0.0)), load_catalog(), 2026.5,
+                         detector_options=DetectorOptions(
+                             cosmic_ray_hits_cm2_s=2500 / area_cm2 / 0.1), frame_rate_hz=10.0)
+
+    def spoil(index, image):
+        return storm.frame(1 + index / 10).image if index >= 6 else image
+
+    results = [(result, frame) for _, result, frame in run(20, (0.1, 0.1, 0.0), change=spoil)]
+    published = [pair for pair in results if pair[0].trusted.attitude is not None]
+    assert len(published) >= 17 and max(over_bound(*pair) for pair in published) < 1
 
 
 def test_three_hundred_false_spots_do_not_end_tracking():
