@@ -19,6 +19,7 @@ GATE_PX = 2.0  # for accelerations that a prediction does not know
 MAX_GATE_PX = 8.0
 SAME_PX = 3.0  # two centroids closer than this are of one star
 REPEATED_PX = 0.5  # motion from which on an equal image is that of the frame before
+MAX_ASTRAY, MAX_ASTRAY_PX = 0.5, 2.0  # of a streak, across the motion of the stars
 FASTER = 2.0  # times the speed at which stars were points: they may be streaks
 
 
@@ -43,12 +44,14 @@ class ExtractionStage:
     def __init__(self, options: ExtractionOptions = ExtractionOptions(),
                  search: SearchOptions = SearchOptions()) -> None:
         self.extractor = CentroidExtractor(options)
+        self._line_time_s = options.line_time_us * 1e-6
         self._search_period_ns = round(search.search_period_s * 1e9)
         self.reset()
 
     def reset(self) -> None:
         """Search the next image as a whole."""
         self.directed = False
+        self._stamp_ns = 0
         self._searched_ns: int | None = None
         self._seen_share = 1.0
         self._exposure_s = 0.0
@@ -60,10 +63,14 @@ class ExtractionStage:
         """Return the stars of image (H, W) uint8 or uint16 of a time."""
         first, last = self._stale_rows.find(image)
         repeated = last - first == len(image) - 1
+        interval_s, self._stamp_ns = (stamp_ns - self._stamp_ns) * 1e-9, stamp_ns
         self.directed = False
         if last and not repeated:
-            return Extraction(Centroids.empty(), 'torn', f'the rows {first} to {last} are those '
-                              'of the frame before: a torn frame')
+            return _refused('torn', f'the rows {first} to {last} are those of the frame before: '
+                            'a torn frame')
+        if 0 < interval_s < self._line_time_s * len(image):
+            return _refused('readout', f'read-out of {self._line_time_s * len(image):.3g} s, but '
+                            f'{interval_s:.3g} s since the frame before: is line_time_us right?')
         if (predicted is None or len(predicted) < LEAST_PREDICTED
                 or not 0 < stamp_ns - predicted.stamp_ns <= MAX_AGE_S * 1e9):
             self._searched_ns = None
@@ -71,8 +78,8 @@ class ExtractionStage:
         uv, speed_px_s = predicted.at(stamp_ns), float(np.hypot(*predicted.velocity.T).max())
         moved_px = speed_px_s * (stamp_ns - predicted.stamp_ns) * 1e-9
         if repeated and moved_px > REPEATED_PX:
-            return Extraction(Centroids.empty(), 'repeated', 'the image is that of the frame '
-                              f'before, though the stars have moved {moved_px:.1f} px')
+            return _refused('repeated', 'the image is that of the frame before, though the stars '
+                            f'have moved {moved_px:.1f} px')
         motion = predicted.motion(image.shape)
         streak = motion.scaled(self._exposure_s)
         unknown = (self._exposure_s == 0 and moved_px > SHORTEST_PX
@@ -85,6 +92,9 @@ class ExtractionStage:
         self._searched_ns = stamp_ns
         spoilt, known = self.extractor.spoilt, None if unknown else streak
         searched = self.extractor.extract(image, known)
+        if unknown and searched.streak is not None and not _agree(searched.streak, motion):
+            return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
+                            'direction than the stars move')
         if near is not None and self.extractor.spoilt != spoilt:
             near = self._near(image, uv, predicted, streak)
         return self._joined(image, searched, near, motion, uv, known, speed_px_s)
@@ -127,3 +137,17 @@ class ExtractionStage:
             self._point_speed_px_s = max(self._point_speed_px_s, speed_px_s)
         elif streak is None:
             self._exposure_s = extraction.streak.longest_px() / max(motion.longest_px(), 1e-9)
+
+
+def _refused(status: str, reason: str) -> Extraction:
+    """Return the extraction of an image whose stars are not used."""
+    return Extraction(Centroids.empty(), status, reason)
+
+
+def _agree(streak: Streak, motion: Streak) -> bool:
+    """Return whether a streak of the image, whose sign is unknown, lies along a motion."""
+    far = float(np.hypot(streak.u0, streak.v0))
+    seen, moved = (np.array([way.u_px, way.v_px, far * way.roll]) for way in (streak, motion))
+    along = (seen @ moved) / (moved @ moved) * moved
+    return bool(np.linalg.norm(seen - along) < max(
+        MAX_ASTRAY * np.linalg.norm(seen), MAX_ASTRAY_PX))

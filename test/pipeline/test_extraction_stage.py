@@ -5,6 +5,8 @@ import pytest
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.figures.correctness import error_over_bound
+from startracker_ros.centroid.extraction import ExtractionOptions
+from startracker_ros.pipeline.extraction import ExtractionStage
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
 from startracker_ros.sky.artefacts import ArtefactOptions
 from startracker_ros.sky.detector import DetectorOptions
@@ -66,6 +68,26 @@ def test_a_repeated_image_is_no_attitude_while_the_stars_move():
     assert all(results[k][0].trusted.attitude is None for k in (10, 11))
     assert results[9][0].trusted.attitude is not None
     assert over_bound(*results[15]) < 1
+
+
+def test_a_readout_longer_than_the_frame_interval_is_named():
+    stage = ExtractionStage(ExtractionOptions(line_time_us=250.0))
+    image = np.random.default_rng(1).normal(100, 3, (512, 512)).astype(np.uint16)
+    assert stage.extract(START_NS, image).status != 'readout'
+    found = stage.extract(START_NS + STEP_NS, image[::-1])
+    assert found.status == 'readout' and 'line_time_us' in found.reason
+    assert stage.extract(START_NS + 3 * STEP_NS, image).status != 'readout'
+
+
+def test_streaks_across_the_motion_of_the_stars_are_not_used():
+    """The camera turns about one axis, its images show the streaks of a turn about another."""
+    other = SkySimulator(CAMERA, turning((0.0, 2.5, 0.0)), load_catalog(), 2026.5,
+                         detector_options=DetectorOptions(motion_smear=True), frame_rate_hz=10.0)
+    *_, (pipeline, _, _) = run(5, (1.0, 0.0, 0.0))
+    predicted = pipeline.tracker.predicted
+    found = ExtractionStage().extract(predicted.stamp_ns + STEP_NS, other.frame(1.0).image,
+                                      predicted)
+    assert found.status == 'streak' and 'another direction' in found.reason
 
 
 @pytest.mark.parametrize('row', [30, 256, 480])
