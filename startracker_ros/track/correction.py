@@ -20,9 +20,9 @@ class Correction(NamedTuple):
 
     inside (N,) masks the stars that are predicted in the image, K of them. Of each of these:
     predicted (K, 2) px; probability (K, M + 1) as of associate(); inlier (K,), whether it was
-    detected and corrects the attitude; distance (K,) px of its most probable centroid from
-    its position by the corrected state, and normalised (K,), the same in sigma, both infinity
-    where it was missed; best (K,) is that centroid. unassociated (M,) masks the centroids in no
+    detected and corrects the attitude; normalised (K,) is the distance of its most probable
+    centroid from its position by the corrected state in sigma, distance (K,) the same in px,
+    along a streak as many sigma of the narrow direction, both infinity where it was missed; best (K,) is that centroid. unassociated (M,) masks the centroids in no
     gate. agreed is False when there are too few inliers. innovation (3,) is the measured turn,
     whitened by its covariance: its square is the normalised innovation squared, of 3 degrees of
     freedom.
@@ -92,14 +92,16 @@ def _fill_residuals(corrected: np.ndarray, uv: np.ndarray, error: np.ndarray,
             continue
         du = uv[best[star], 0] - corrected[star, 0]
         dv = uv[best[star], 1] - corrected[star, 1]
-        distance[star] = np.sqrt(du * du + dv * dv)
-        if np.isnan(distance[star]):
+        if np.isnan(du + dv):
             # The corrected direction is behind the camera.
             distance[star] = normalised[star] = np.inf
             continue
         R = error[best[star]]
         normalised[star] = np.sqrt((R[1, 1] * du * du - 2 * R[0, 1] * du * dv + R[0, 0] * dv * dv)
                                    / (R[0, 0] * R[1, 1] - R[0, 1] * R[0, 1]))
+        half = (R[0, 0] - R[1, 1]) / 2
+        across = (R[0, 0] + R[1, 1]) / 2 - np.sqrt(half * half + R[0, 1] * R[0, 1])
+        distance[star] = normalised[star] * np.sqrt(across)
 
 
 @compiled
