@@ -14,6 +14,7 @@ import sys
 import numpy as np
 from rclpy.serialization import serialize_message
 from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.astro.orbit import CircularOrbit
 from startracker_ros.bag.qos import QosProfile
 from startracker_ros.bag.writer import BagWriter
 from startracker_ros.camera.model import Camera
@@ -31,6 +32,7 @@ from startracker_ros.ros.messages.clouds import (
 from startracker_ros.ros.messages.gyro import gyro_to_imu, rate_from_imu
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_to_message
+from startracker_ros.ros.messages.odometry import state_to_odometry
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import MotionState
 from startracker_ros.sky.simulator import SkySimulator
@@ -40,12 +42,14 @@ CAMERA = Camera.from_fov(256, 256, 12.0)
 START_NS = 1_790_000_000_000_000_000
 FRAMES, STEP_NS = 60, 10 ** 8
 RATES_PER_FRAME = 10
+ORBIT = CircularOrbit(7.078e6, *np.radians([30.0, 40.0, 60.0]))
 # Half an exposure, reading the sensor out, sending.
 DELAY_NS = 65_000_000
 
 STATE_QOS = QosProfile('keep_last', 1, durability='transient_local')
 TOPICS = {'/camera_info': 'sensor_msgs/msg/CameraInfo', '/image_raw': 'sensor_msgs/msg/Image',
-          '/imu': 'sensor_msgs/msg/Imu', '/centroids': 'sensor_msgs/msg/PointCloud2',
+          '/imu': 'sensor_msgs/msg/Imu', '/odometry': 'nav_msgs/msg/Odometry',
+          '/centroids': 'sensor_msgs/msg/PointCloud2',
           '/stars': 'sensor_msgs/msg/PointCloud2', '/tracks': 'sensor_msgs/msg/PointCloud2',
           '/tracked_attitude': 'sensor_msgs/msg/Imu',
           '/tracker_state': 'diagnostic_msgs/msg/DiagnosticStatus',
@@ -68,8 +72,7 @@ class Turn:
         step_s = 1e-4
         rate = (self.angle_rad(time_s + step_s) - self.angle_rad(time_s - step_s)) / (2 * step_s)
         turn = quaternion_from_rotation_vector(self.axis * self.angle_rad(time_s))
-        return MotionState(multiply(self.q_start, turn), self.axis * rate, np.zeros(3),
-                           np.zeros(3))
+        return MotionState(multiply(self.q_start, turn), self.axis * rate, *ORBIT.at(time_s))
 
 
 @dataclass(frozen=True)
@@ -174,6 +177,9 @@ def make(name: str, folder: Path) -> None:
             frame = (nothing if index in scenario.dark else sky).frame(index * STEP_NS * 1e-9)
             recorder.at(stamp_ns + DELAY_NS)
             recorder.write('/camera_info', camera_to_message(CAMERA, header(stamp_ns)))
+            recorder.write('/odometry', state_to_odometry(
+                frame.state.geocentric, 0.0, header(stamp_ns, 'icrf')))
+            pipeline.add_state(stamp_ns, frame.state.geocentric)
             recorder.write('/image_raw', image_to_message(frame.image, header(stamp_ns)))
             recorder.write('/truth/attitude', quaternion_to_message(
                 frame.state.q_icrf_from_sensor, header(stamp_ns, 'icrf')))

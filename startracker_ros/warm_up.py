@@ -8,6 +8,7 @@ import numpy as np
 from startracker_ros.astro.orbit import propagate
 from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
@@ -60,9 +61,10 @@ def tracking() -> None:
             tracker.update(stamp_ns, centroids)
             tracker.identified(stamp_ns, centroids, hip)
     attitude = estimate_attitude(np.eye(3), np.eye(3), np.ones(3))
+    sky = ApparentCatalog(onboard)
     match_new_stars(
-        StarsInView(CAMERA, onboard), attitude, centroids, centroids.sigma_px, 0.0, 1.0)
-    TargetTracker(CAMERA, onboard).update(1, attitude, centroids)
+        StarsInView(CAMERA, sky), attitude, centroids, centroids.sigma_px, 0.0, 1.0)
+    TargetTracker(CAMERA, sky).update(1, attitude, centroids)
 
 
 def rendering() -> None:

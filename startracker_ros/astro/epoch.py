@@ -20,6 +20,11 @@ def epoch_year_from_stamp(stamp_ns: int) -> float:
     return 2000.0 + (stamp_ns - _J2000_NS) / _YEAR_NS
 
 
+def stamp_from_epoch_year(year: float) -> int:
+    """Return the UNIX time in ns of a Julian year, the inverse of epoch_year_from_stamp()."""
+    return _J2000_NS + round((year - 2000.0) * _YEAR_NS)
+
+
 def epoch_year_now() -> float:
     """Return the current Julian year."""
     return epoch_year_from_stamp(time.time_ns())

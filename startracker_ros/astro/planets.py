@@ -1,7 +1,6 @@
-"""Positions of the planets and the Earth, and the velocity of the Earth."""
+"""Approximate positions of the planets and the Earth."""
 
 import numpy as np
-from startracker_ros.astro.constants import AU_M, DAY_S, DAYS_PER_YEAR
 
 _OBLIQUITY = np.radians(23.43928)
 
@@ -56,15 +55,3 @@ def heliocentric_au(year: float | np.ndarray) -> np.ndarray:
         across * np.sin(inclination)])
     cos, sin = np.cos(_OBLIQUITY), np.sin(_OBLIQUITY)
     return (np.array([[1, 0, 0], [0, cos, -sin], [0, sin, cos]]) @ ecliptic).T
-
-
-def earth_velocity_m_s(year: float) -> np.ndarray:
-    """
-    Return the velocity (3,) of the Earth about the Sun on ICRF axes.
-
-    The error is below 30 m/s, 0.02 arcsec of aberration: the motion of the Sun and that of the
-    Earth about the Earth-Moon barycentre are left out.
-    """
-    half_day = 0.5 / DAYS_PER_YEAR
-    displacement_au = heliocentric_au(year + half_day)[-1] - heliocentric_au(year - half_day)[-1]
-    return displacement_au * AU_M / DAY_S

@@ -1,8 +1,9 @@
 """An attitude with its statistics. Free of compiled code, which is slow to import."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from startracker_ros.astro.constants import SPEED_OF_LIGHT_M_S
 from startracker_ros.maths.rotation import matrix_from_quaternion
 
 SOLVERS = ('quest', 'davenport', 'svd', 'triad')
@@ -31,3 +32,19 @@ def covariance_icrf(q_icrf_from_sensor: np.ndarray, covariance_sensor: np.ndarra
     """Return the covariance (3, 3) of a rotation vector about sensor axes on ICRF axes."""
     matrix = matrix_from_quaternion(q_icrf_from_sensor)
     return matrix @ covariance_sensor @ matrix.T
+
+
+def with_velocity_error(attitude: AttitudeEstimate, velocity_sigma_m_s: float
+                        ) -> AttitudeEstimate:
+    """
+    Return an attitude whose covariance contains an unknown velocity, of 1 sigma on each axis.
+
+    Its aberration shifts all stars of a field by velocity / c across the boresight, which looks
+    like a turn about the axes across it. The turn about the boresight that it leaves is the
+    less by the angle of the field.
+    """
+    if not velocity_sigma_m_s:
+        return attitude
+    variance = (velocity_sigma_m_s / SPEED_OF_LIGHT_M_S) ** 2
+    return replace(attitude, covariance_sensor=attitude.covariance_sensor
+                   + np.diag([variance, variance, 0.0]))

@@ -3,9 +3,9 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from startracker_ros.attitude.result import AttitudeEstimate, SOLVERS
+from startracker_ros.attitude.result import AttitudeEstimate, SOLVERS, with_velocity_error
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import OnboardCatalog
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.maths.rotation import conjugate, rotate, sign_continuous
 from startracker_ros.options import option, Options
 
@@ -46,10 +46,10 @@ class AttitudeValidator:
     The sign of the quaternion is continuous from one accepted attitude to the next.
     """
 
-    def __init__(self, camera: Camera, onboard: OnboardCatalog, options: ValidationOptions
+    def __init__(self, camera: Camera, sky: ApparentCatalog, options: ValidationOptions
                  ) -> None:
         self._camera = camera
-        self._onboard = onboard
+        self._sky = sky
         self._options = options
         self.reset()
 
@@ -62,7 +62,8 @@ class AttitudeValidator:
         Return the attitude of stars at pixels uv (N, 2) with errors sigma_px (N,).
 
         Stars that the catalogue does not hold (hip 0) are left out. The covariance is
-        inflated when chi2 rejects the residuals at errors of sigma_px.
+        inflated when chi2 rejects the residuals at errors of sigma_px, and contains the unknown
+        velocity of the observer.
         """
         # Compiled code and SciPy take half a second to import, and check() needs neither.
         from scipy.special import chdtri
@@ -84,13 +85,14 @@ class AttitudeValidator:
         mean = mean_chi2(attitude, icrf, sigma_rad)
         excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, FALSE_ALARM) else 1.0
         self._previous = sign_continuous(attitude.quaternion, self._previous)
-        return TrustedAttitude(replace(
+        return TrustedAttitude(with_velocity_error(replace(
             attitude, quaternion=self._previous,
-            covariance_sensor=attitude.covariance_sensor * excess), 'trusted')
+            covariance_sensor=attitude.covariance_sensor * excess),
+            self._sky.observer.velocity_sigma_m_s), 'trusted')
 
     def warm_up(self) -> None:
         """Load what solve() needs before the first frame."""
-        hip = self._onboard.hip[:max(4, self._options.min_stars)]
+        hip = self._sky.onboard.hip[:max(4, self._options.min_stars)]
         uv = np.random.default_rng(1).uniform(
             0, [self._camera.width, self._camera.height], (len(hip), 2))
         # Stars of the whole sky at random pixels: the attitude is rejected.
@@ -121,8 +123,8 @@ class AttitudeValidator:
 
     def _known(self, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return which stars (N,) the catalogue holds, and the directions (K, 3) of these."""
-        index = self._onboard.index_of(hip)
-        return index >= 0, self._onboard.direction[index[index >= 0]]
+        index = self._sky.onboard.index_of(hip)
+        return index >= 0, self._sky.direction(index[index >= 0])
 
     def _too_few(self, count: int, kind: str) -> TrustedAttitude:
         return TrustedAttitude(

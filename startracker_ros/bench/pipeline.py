@@ -13,6 +13,7 @@ import time
 import cv2
 import numpy as np
 from rich.progress import track as progress
+from startracker_ros.astro.epoch import stamp_from_epoch_year
 from startracker_ros.attitude.estimate import cramer_rao
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
@@ -34,6 +35,7 @@ from startracker_ros.table import Result
 from startracker_ros.track.tracks import Tracks
 
 EPOCH_YEAR = 2026.5
+START_NS = stamp_from_epoch_year(EPOCH_YEAR)
 FULL_CAMERA = Camera.from_fov(1024, 1024, 12.0)
 SMALL_CAMERA = Camera.from_fov(512, 512, 12.0)
 """The two cameras of the published figures: 42 and 84 arcsec a pixel."""
@@ -78,8 +80,9 @@ def noise_free(trials: int, seed: int) -> Iterator[PercentileRow]:
         frame = SkySimulator(FULL_CAMERA, motion_from_options(options), catalog, EPOCH_YEAR,
                              detector_options=detector).frame(0.0)
         centroids = pipeline.extraction.extractor.extract(frame.image).centroids
-        identified = pipeline.identification.identify(0, centroids)[0]
-        solved = pipeline.attitude.from_stars(centroids, identified.hip).attitude
+        pipeline.add_state(START_NS, frame.state.geocentric)
+        identified = pipeline.identification.identify(START_NS, centroids)[0]
+        solved = pipeline.attitude.from_stars(START_NS, centroids, identified.hip).attitude
         errors.append(np.full(3, np.nan) if solved is None else attitude_error(
             solved.quaternion, frame.state.q_icrf_from_sensor))
     cross = np.sqrt(np.mean(np.array(errors)[:, :2] ** 2)) / ARCSEC
@@ -96,7 +99,7 @@ def cramer_rao_ratio(trials: int, seed: int) -> Iterator[PercentileRow]:
     for _ in range(trials):
         q = random_attitude(rng)
         centroids, hip = star_list(onboard, SMALL_CAMERA, q, 0.1, rng)
-        solved = stage.from_stars(centroids, hip).attitude
+        solved = stage.from_stars(0, centroids, hip).attitude
         if solved is None:
             continue
         limit = cramer_rao(SMALL_CAMERA.unproject(centroids.uv),
@@ -179,14 +182,16 @@ def core_work(trials: int, seed: int) -> Iterator[PercentileRow]:
     pipeline = Pipeline(FULL_CAMERA, EPOCH_YEAR)
     stages: dict[str, list[float]] = {'centroids': [], 'tracking': [], 'attitude': []}
     for index in progress(range(count + 2), 'core work', transient=True):
-        stamp_ns = index * 100_000_000
-        image = simulator.frame(index / 10).image
+        stamp_ns = START_NS + index * 100_000_000
+        frame = simulator.frame(index / 10)
+        image = frame.image
+        pipeline.add_state(stamp_ns, frame.state.geocentric)
         marks = [time.process_time()]
         centroids = pipeline.extraction.extractor.extract(image).centroids
         marks.append(time.process_time())
         tracks = pipeline.tracker.update(stamp_ns, centroids)
         marks.append(time.process_time())
-        pipeline.attitude.from_tracks(tracks or Tracks.empty(), pipeline.tracker.attitude)
+        pipeline.attitude.from_tracks(stamp_ns, tracks or Tracks.empty(), pipeline.tracker.attitude)
         marks.append(time.process_time())
         if not pipeline.identifier_rests(stamp_ns):
             pipeline.identify(stamp_ns, centroids)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from startracker_ros.astro.observer_motion import AberrationOptions
 from startracker_ros.campaign.integrity_images import (
     FRAMES as IMAGE_FRAMES, IMAGE_CONDITIONS, image_runs, ImageCondition, START_FRAMES)
 from startracker_ros.campaign.integrity_tally import (
@@ -116,7 +117,9 @@ class IntegrityRow:
 def _pipeline() -> Pipeline:
     return Pipeline(CAMERA, EPOCH_YEAR, PipelineOptions(
         identification=IdentificationOptions(magnitude_limit=MAGNITUDE_LIMIT),
-        tracker=TrackerOptions(magnitude_limit=MAGNITUDE_LIMIT)))
+        tracker=TrackerOptions(magnitude_limit=MAGNITUDE_LIMIT),
+        # The star lists are those of an observer at rest.
+        aberration=AberrationOptions(aberration='none')))
 
 
 @cache

@@ -165,6 +165,7 @@ def image_run(condition: ImageCondition, seed: int, camera: Camera = CAMERA) -> 
                 pipeline.add_rate(START_NS + time_ns, spoilt.gyro(time_ns * 1e-9))
         simulator = clean if index < condition.clean_frames else spoilt
         taken = simulator.frame(round(index * STEP_NS * 1e-9, 9))
+        pipeline.add_state(START_NS + index * STEP_NS, taken.state.geocentric)
         frame = pipeline.update_image(START_NS + index * STEP_NS, taken.image)
         tally += tally_of_frame(frame, before, taken.state.q_icrf_from_sensor,
                                 index >= due_from and not condition.start)

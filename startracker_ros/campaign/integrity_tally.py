@@ -3,6 +3,7 @@
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
+from startracker_ros.astro.epoch import stamp_from_epoch_year
 from startracker_ros.camera.model import Camera
 from startracker_ros.figures.correctness import error_over_bound, WRONG_SIGMAS
 from startracker_ros.maths.rotation import ARCSEC, attitude_error
@@ -12,7 +13,7 @@ from startracker_ros.track.tracker import TrackerState
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 EPOCH_YEAR = 2026.5
 STEP_NS = 100_000_000
-START_NS = 1_790_000_000_000_000_000
+START_NS = stamp_from_epoch_year(EPOCH_YEAR)
 
 
 @dataclass(frozen=True)

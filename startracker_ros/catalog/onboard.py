@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from startracker_ros.astro.earth import earth_position_au
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import StarCatalog
 
@@ -26,8 +27,8 @@ class OnboardCatalog:
     On-board catalogue: the stars as one camera resolves them at one epoch, brightest first.
 
     hip (N,) int32 is the number of the brightest component of an entry; direction (N, 3) are
-    unit vectors in ICRS; magnitude (N,) is that of all components together; crowded (N,) is
-    True for entries blended with a neighbour. blended (N,) is True for these and for entries of
+    unit vectors in ICRS from the Earth, with parallax and without aberration; magnitude (N,) is
+    that of all components together; crowded (N,) is True for entries blended with a neighbour. blended (N,) is True for these and for entries of
     several components, none much brighter than the others: the image may be off the direction.
     """
 
@@ -68,7 +69,7 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     if its total magnitude is within the limit. All stars of the catalogue are components and
     neighbours, so the direction of an entry does not depend on the limit.
     """
-    direction = catalog.directions(epoch_year)
+    direction = catalog.directions(epoch_year, earth_position_au(epoch_year))
     pairs = _close_pairs(direction, _chord(max(merge_rad, crowd_rad)))
     separation = np.linalg.norm(direction[pairs[:, 0]] - direction[pairs[:, 1]], axis=1)
     count, entry = _connected_components(pairs[separation <= _chord(merge_rad)], len(catalog))

@@ -41,15 +41,17 @@ class StarCatalog:
         count = int(np.searchsorted(self.magnitude, np.float32(limit), side='right'))
         return StarCatalog(*(getattr(self, field.name)[:count] for field in fields(self)))
 
-    def directions(self, epoch_year: float) -> np.ndarray:
+    def directions(self, epoch_year: float, observer_au: np.ndarray | None = None) -> np.ndarray:
         """
-        Return barycentric unit vectors (N, 3) in ICRS at a Julian year.
+        Return unit vectors (N, 3) in ICRS at a Julian year, seen from a barycentric position (3,).
 
         Uniform straight motion in space (ESA SP-1200, vol. 1, section 1.5.5) with a radial
-        velocity of zero, so the distance cancels.
+        velocity of zero, so the distance cancels. Without a position there is no parallax.
         """
         direction, motion = self._direction_and_motion
         moved = direction + (epoch_year - CATALOG_EPOCH_YEAR) * motion
+        if observer_au is not None:
+            moved = moved - (_MAS * self.parallax_mas)[:, None] * observer_au
         return moved / np.sqrt(np.einsum('ij,ij->i', moved, moved))[:, None]
 
     @cached_property

@@ -127,7 +127,7 @@ def _farthest(vectors: np.ndarray) -> int:
 
 
 @compiled
-def _focal_ratio(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray) -> float:
+def focal_ratio(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray) -> float:
     """
     Return the focal length that fits over the one of the sensor directions (M, 3).
 
@@ -200,7 +200,7 @@ def align(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray, s
         # What one step leaves is little beside the radius, and more steps follow.
         if not refine(matrix, sensor, icrf, weight, 1)[1] > 0:
             return False, ratio, matched, residual, matrix
-        fitted = ratio * _focal_ratio(matrix, sensor, icrf)
+        fitted = ratio * focal_ratio(matrix, sensor, icrf)
         # Close stars may determine the scale less well than it was known before.
         ratio = min(max(fitted, 1 - scale_error), 1 + scale_error)
         matched, residual = _associate(sky, matrix, seen, ratio,

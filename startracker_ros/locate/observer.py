@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from startracker_ros.astro.earth import earth_velocity_m_s
 from startracker_ros.astro.epoch import epoch_year_from_stamp, RESTART_NS
-from startracker_ros.astro.planets import earth_velocity_m_s
 from startracker_ros.astro.state import State
 from startracker_ros.camera.model import Camera
 from startracker_ros.locate.line_of_sight import (
@@ -29,10 +29,10 @@ class ObserverOptions(Options):
         5.0, 'largest lag of one observer behind the other, in stamps; beyond it the observer '
         'counts as silent', unit='s', low=1e-3, high=600.0)
     aberration: str = option(
-        'stars_and_target', 'stars_and_target: the attitude is fitted to star directions '
-        'without aberration, as attitude_estimator does; target: the attitude is corrected for '
-        'stellar aberration; none: a simulated sky without aberration and light time',
-        choices=('stars_and_target', 'target', 'none'))
+        'target', 'target: the attitude is that in ICRF, as attitude_estimator publishes it; '
+        'stars_and_target: the attitude is fitted to star directions without aberration; none: '
+        'a simulated sky without aberration and light time',
+        choices=('target', 'stars_and_target', 'none'))
     position_sigma_m: float = option(
         10.0, '1 sigma position error of an observer per axis, where odometry has no covariance',
         unit='m', low=1e-3, high=1e6)

@@ -1,9 +1,11 @@
 """Which attitude goes out: that of the star tracker, or of single frames, if it can be trusted."""
 
 import numpy as np
+from startracker_ros.astro.observer_motion import AT_REST, ObserverMotion
 from startracker_ros.attitude.validation import (
     AttitudeValidator, TrustedAttitude, ValidationOptions)
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
@@ -11,12 +13,19 @@ from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 
 class AttitudeStage:
-    """Turns tracks or identified stars into the published attitude, or a reason for none."""
+    """
+    Turns tracks or identified stars into the published attitude, or a reason for none.
+
+    The attitude is that of the sensor in ICRF where motion is that of the observer; without one
+    the observer is at rest. sky holds the stars as that observer sees them.
+    """
 
     def __init__(self, camera: Camera, epoch_year: float,
-                 options: ValidationOptions = ValidationOptions()) -> None:
-        self._validator = AttitudeValidator(
-            camera, onboard_catalog(load_catalog(), camera, epoch_year), options)
+                 options: ValidationOptions = ValidationOptions(),
+                 motion: ObserverMotion | None = None) -> None:
+        self._motion = motion
+        self.sky = ApparentCatalog(onboard_catalog(load_catalog(), camera, epoch_year))
+        self._validator = AttitudeValidator(camera, self.sky, options)
 
     def reset(self) -> None:
         """Forget the sign of the last quaternion."""
@@ -26,19 +35,26 @@ class AttitudeStage:
         """Load what solving needs, so that the first frame need not wait for it."""
         self._validator.warm_up()
 
-    def from_tracks(self, tracks: Tracks, tracked: TrackedAttitude | None) -> TrustedAttitude:
+    def from_tracks(self, stamp_ns: int, tracks: Tracks, tracked: TrackedAttitude | None
+                    ) -> TrustedAttitude:
         """Return the attitude of the star tracker, if the tracks it comes with fit it."""
         if tracked is None:
             return TrustedAttitude(None, 'the star tracker has none')
         used = tracks.usable
-        return self._validator.check(tracked.attitude, tracks.uv[used], tracks.hip[used])
+        return self._at(stamp_ns).check(tracked.attitude, tracks.uv[used], tracks.hip[used])
 
-    def from_tracks_alone(self, tracks: Tracks) -> TrustedAttitude:
+    def from_tracks_alone(self, stamp_ns: int, tracks: Tracks) -> TrustedAttitude:
         """Return the attitude solved from tracks, of a tracker that has no attitude of its own."""
         used = tracks.usable
-        return self._validator.solve(
+        return self._at(stamp_ns).solve(
             tracks.uv[used], tracks.hip[used], tracks.position_sigma_px[used])
 
-    def from_stars(self, centroids: Centroids, hip: np.ndarray) -> TrustedAttitude:
+    def from_stars(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray
+                   ) -> TrustedAttitude:
         """Return the attitude solved from one identified frame, hip (N,) 0 where unknown."""
-        return self._validator.solve(centroids.uv, hip, centroids.sigma_px)
+        return self._at(stamp_ns).solve(centroids.uv, hip, centroids.sigma_px)
+
+    def _at(self, stamp_ns: int) -> AttitudeValidator:
+        """Return the validator with the directions of the stars at a stamp."""
+        self.sky.look_from(AT_REST if self._motion is None else self._motion.at(stamp_ns))
+        return self._validator

@@ -1,7 +1,7 @@
 """
 The star tracker as one object: centroids of a frame in, trusted attitude out.
 
-The policy stands here once: the tracker takes every frame, its attitude goes out if its tracks
+The policy stands here once: the tracker processes every frame, its attitude goes out if its tracks
 fit it, and a frame is identified unless the tracker tracks and no check is due. The nodes run
 the same stages side by side, so theirs may use an identification some frames later.
 """
@@ -9,6 +9,8 @@ the same stages side by side, so theirs may use an identification some frames la
 from dataclasses import dataclass
 
 import numpy as np
+from startracker_ros.astro.observer_motion import AberrationOptions, ObserverMotion
+from startracker_ros.astro.state import State
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.validation import (
     TrustedAttitude, ValidationOptions)
@@ -18,6 +20,7 @@ from startracker_ros.centroid.extraction import ExtractionOptions
 from startracker_ros.identify.identification import Identification, IdentificationOptions
 from startracker_ros.pipeline.attitude import AttitudeStage
 from startracker_ros.pipeline.extraction import ExtractionStage, SearchOptions
+from startracker_ros.pipeline.icrf import icrf_identification
 from startracker_ros.pipeline.identification import CheckOptions, IdentificationStage
 from startracker_ros.pipeline.tracking import make_star_tracker
 from startracker_ros.track.options import TrackerOptions
@@ -36,6 +39,7 @@ class PipelineOptions:
     tracker: TrackerOptions = TrackerOptions()
     gyro: GyroErrorOptions = GyroErrorOptions()
     validation: ValidationOptions = ValidationOptions()
+    aberration: AberrationOptions = AberrationOptions()
 
 
 @dataclass(frozen=True)
@@ -55,15 +59,22 @@ class PipelineFrame:
 
 
 class Pipeline:
-    """All stages in one process, each frame finished before the next one comes."""
+    """
+    All stages in one process, each frame finished before the next one comes.
+
+    Stars are identified by their directions without aberration; every attitude that goes out is
+    fitted to the apparent directions of its stamp and is that of the sensor in ICRF.
+    """
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: PipelineOptions = PipelineOptions()) -> None:
         self.extraction = ExtractionStage(options.extraction, options.search)
         self.identification = IdentificationStage(
             camera, epoch_year, options.identification, options.check, gyro=options.gyro)
-        self.tracker = make_star_tracker(camera, epoch_year, options.tracker, options.gyro)
-        self.attitude = AttitudeStage(camera, epoch_year, options.validation)
+        self.motion = ObserverMotion(options.aberration)
+        self.tracker = make_star_tracker(
+            camera, epoch_year, options.tracker, options.gyro, self.motion)
+        self.attitude = AttitudeStage(camera, epoch_year, options.validation, self.motion)
 
     def reset(self) -> None:
         """Forget all state: lost, as after the start."""
@@ -76,6 +87,10 @@ class Pipeline:
         """Use the rate (3,) in rad/s of a gyro about sensor axes, measured up to a time."""
         self.tracker.add_rate(stamp_ns, rate_rad_s)
         self.identification.add_rate(stamp_ns, rate_rad_s)
+
+    def add_state(self, stamp_ns: int, state: State) -> None:
+        """Use geocentric position and velocity for aberration; MotionError if impossible."""
+        self.motion.add_state(stamp_ns, state)
 
     def update_image(self, stamp_ns: int, image: np.ndarray) -> PipelineFrame:
         """Process an image (H, W) uint8 or uint16, newer than the one before."""
@@ -93,7 +108,7 @@ class Pipeline:
         rests = self.identifier_rests(stamp_ns, directed)
         tracks = self.tracker.update(stamp_ns, centroids) or Tracks.empty()
         tracked = self.tracker.attitude
-        trusted = self.attitude.from_tracks(tracks, tracked)
+        trusted = self.attitude.from_tracks(stamp_ns, tracks, tracked)
         identification = None if rests else self.identify(stamp_ns, centroids)
         return PipelineFrame(identification, tracks, tracked, self.tracker.state,
                              self.tracker.reason, trusted)
@@ -107,4 +122,7 @@ class Pipeline:
         """Identify a frame for the tracker."""
         identification, centroids = self.identification.identify(stamp_ns, centroids)
         self.tracker.identified(stamp_ns, centroids, identification.hip)
-        return identification
+        identifier, sky = self.identification.identifier, self.attitude.sky
+        sky.look_from(self.motion.at(stamp_ns))
+        return icrf_identification(
+            identification, centroids, identifier.camera, sky, identifier.options)

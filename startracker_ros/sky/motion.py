@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.orbit import CircularOrbit
+from startracker_ros.astro.state import State
 from startracker_ros.maths.rotation import (
     conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
 from startracker_ros.options import option, Options
@@ -24,6 +25,11 @@ class MotionState:
     rate_rad_s: np.ndarray
     position_m: np.ndarray
     velocity_m_s: np.ndarray
+
+    @property
+    def geocentric(self) -> State:
+        """Return position and velocity as a navigation without errors reports them."""
+        return State(self.position_m, self.velocity_m_s, np.zeros((3, 3)))
 
 
 class Motion(Protocol):

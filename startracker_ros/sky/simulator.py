@@ -41,8 +41,9 @@ class SkySimulator:
     """
     Simulates images, gyro rates and navigation; target is None when the options have none.
 
-    A frame depends on seed and time alone, not on the calls before. Stars have their barycentric
-    ICRS directions of epoch_year, without parallax; aberration is an option.
+    A frame depends on seed and time alone, not on the calls before. Stars have their directions
+    from the Earth at epoch_year, with aberration at the time of the frame by default; the true
+    attitude is that of the sensor in ICRF.
     """
 
     def __init__(self, camera: Camera, motion: Motion, catalog: StarCatalog, epoch_year: float,

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.astro.aberration import aberrate
+from startracker_ros.astro.aberration import apparent_directions, vantage_near_earth
 from startracker_ros.astro.constants import YEAR_S
-from startracker_ros.astro.planets import earth_velocity_m_s
+from startracker_ros.astro.earth import earth_position_au, in_range
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.maths.rotation import rotate
 from startracker_ros.options import option, Options
@@ -20,7 +20,8 @@ class SkyOptions(Options):
     """Aberration, and light sources besides the catalogue stars."""
 
     aberration: bool = option(
-        False, 'stellar aberration by the velocity of the orbit and of the Earth')
+        True, 'stellar aberration by the velocity of the orbit and of the Earth, and light '
+        'deflection by the Sun')
     planets: bool = option(False, 'Mercury to Neptune at their positions of date')
     satellites: int = option(0, 'number of satellites near the field', low=0, high=100)
     satellite_rate_deg_s: float = option(0.5, 'angular rate of the satellites among the stars',
@@ -53,7 +54,7 @@ class Sky:
         """Time counts from epoch_year; field_rad is the angle from boresight to corner."""
         self._target = target
         self._catalog = catalog
-        self._directions = catalog.directions(epoch_year)
+        self._directions = catalog.directions(epoch_year, earth_position_au(epoch_year))
         self._epoch_year = epoch_year
         self._options = options
         self._satellites = SatelliteTraffic(
@@ -77,8 +78,9 @@ class Sky:
             hip = np.concatenate([hip, np.zeros(len(planets), hip.dtype)])
             direction = np.concatenate([direction, planets])
             magnitude = np.concatenate([magnitude, planet_magnitude])
-        if options.aberration:
-            direction = aberrate(direction, state.velocity_m_s + earth_velocity_m_s(year))
+        if options.aberration and in_range(year):
+            direction = apparent_directions(
+                direction, vantage_near_earth(year, state.velocity_m_s))
         still = LightSources(hip, direction, np.zeros_like(direction), magnitude)
         moving = self._moving(state, time_s)
         return (still, moving) if len(moving.hip) else (still,)

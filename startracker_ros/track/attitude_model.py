@@ -9,7 +9,7 @@ from startracker_ros.attitude.attitude_state import AttitudeState
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.attitude.gyro import Gyro
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import OnboardCatalog
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.track.consistency import Residuals
@@ -57,9 +57,9 @@ class AttitudeModel(StarModel):
     gyro_trouble is the reason why the rates of a gyro are not used, empty without one.
     """
 
-    def __init__(self, camera: Camera, onboard: OnboardCatalog, options: TrackerOptions,
+    def __init__(self, camera: Camera, sky: ApparentCatalog, options: TrackerOptions,
                  gyro: Gyro) -> None:
-        super().__init__(camera, onboard, options)
+        super().__init__(camera, sky, options)
         self._gyro = gyro
         across, roll = options.acceleration_deg_s2, options.roll_acceleration_deg_s2
         self._acceleration_rad_s2 = np.radians([across, across, roll])
@@ -87,7 +87,7 @@ class AttitudeModel(StarModel):
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
         nominal: tuple[_Hypothesis, Correction] | None = None
         dark = self.is_dark(frame)
-        icrf = self._onboard.direction[self.bank.star_index]
+        icrf = self._sky.direction(self.bank.star_index)
         uv = np.ascontiguousarray(frame.uv)
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
         error = self._scale.value ** 2 * self.error_px2(frame)
@@ -183,7 +183,7 @@ class AttitudeModel(StarModel):
         seen = np.isfinite(correction.distance) & bank.confirmed
         centroid = correction.best[seen]
         direction = rotate(conjugate(self._state.quaternion),
-                           self._onboard.direction[bank.star_index[seen]])
+                           self._sky.direction(bank.star_index[seen]))
         flow = image_jacobian(self._camera, direction)
         uv = frame.uv[centroid]
         return Residuals(uv, uv - bank.uv[seen], self.error_px2(frame.select(centroid)), flow,
@@ -195,7 +195,7 @@ class AttitudeModel(StarModel):
         bank = self.bank.select(correction.inside).associated(
             correction.predicted, probability, frame, variance)
         self.bank = bank.with_state(*on_image(
-            self._camera.lens, self._onboard.direction[bank.star_index], self._state))
+            self._camera.lens, self._sky.direction(bank.star_index), self._state))
 
     def _set_state(self, state: AttitudeState, uses_gyro: bool) -> None:
         """Set the state; where the use of the gyro ends its drift becomes unknown."""

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import OnboardCatalog
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.track.options import TrackerOptions
@@ -31,7 +31,7 @@ class IdentifiedFrame:
     attitude: AttitudeEstimate
     scale: float
 
-    def contradicts(self, tracked: AttitudeEstimate, camera: Camera, onboard: OnboardCatalog,
+    def contradicts(self, tracked: AttitudeEstimate, camera: Camera, sky: ApparentCatalog,
                     max_residual_px: float) -> bool:
         """
         Return whether a tracked attitude of the same frame is too far from this one.
@@ -41,13 +41,13 @@ class IdentifiedFrame:
         error = attitude_error(self.attitude.quaternion, tracked.quaternion)
         covariance = self.attitude.covariance_sensor + tracked.covariance_sensor
         sigmas = math.sqrt(error @ np.linalg.solve(covariance, error))
-        sensor = rotate(conjugate(tracked.quaternion), onboard.direction[self.star_index])
+        sensor = rotate(conjugate(tracked.quaternion), sky.direction(self.star_index))
         residual = camera.project(sensor) - self.centroids.uv
         rms_px = np.sqrt(np.mean(np.sum(residual ** 2, axis=1)))
         return sigmas > CONTRADICTION_SIGMA and not rms_px <= 3 * max_residual_px
 
 
-def fit_identified(camera: Camera, onboard: OnboardCatalog, options: TrackerOptions, stamp_ns: int,
+def fit_identified(camera: Camera, sky: ApparentCatalog, options: TrackerOptions, stamp_ns: int,
                    centroids: Centroids, sigma_px: np.ndarray, hip: np.ndarray
                    ) -> IdentifiedFrame | None:
     """
@@ -56,14 +56,14 @@ def fit_identified(camera: Camera, onboard: OnboardCatalog, options: TrackerOpti
     sigma_px (N,) and hip (N,) of each centroid, 0 where it is unknown. Crowded stars are left
     out. Of several centroids with one hip the first, the brightest, counts.
     """
-    star_index = onboard.index_of(hip)
-    known = (star_index >= 0) & ~onboard.crowded[star_index]
+    star_index = sky.onboard.index_of(hip)
+    known = (star_index >= 0) & ~sky.onboard.crowded[star_index]
     known[known] = _first_of_each(star_index[known])
     centroids, sigma_px, star_index = centroids.select(known), sigma_px[known], star_index[known]
     if len(star_index) < options.min_stars:
         return None
     try:
-        fit = fit_rotation(camera, onboard.direction[star_index], centroids.uv, sigma_px,
+        fit = fit_rotation(camera, sky.direction(star_index), centroids.uv, sigma_px,
                            np.ones(len(star_index), bool))
     except AttitudeError:
         return None

@@ -4,7 +4,7 @@ import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.lens import distort, Lens
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import OnboardCatalog
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.compiled import compiled
 from startracker_ros.maths.rotation import matrix_from_quaternion
 
@@ -15,10 +15,11 @@ AHEAD_RAD = np.radians(0.5)
 class StarsInView:
     """The catalogue stars of a camera around attitudes that change little from one to the next."""
 
-    def __init__(self, camera: Camera, onboard: OnboardCatalog) -> None:
-        """Places are the catalogue stars that the camera can detect."""
+    def __init__(self, camera: Camera, sky: ApparentCatalog) -> None:
         self.camera = camera
-        self.onboard = onboard
+        self.sky = sky
+        self.onboard = sky.onboard
+        self._version = -1
         self._centre = np.zeros(3)
         self._cos_ahead = float(np.cos(AHEAD_RAD))
         self._cos_radius = float(np.cos(camera.corner_angle_rad))
@@ -34,7 +35,10 @@ class StarsInView:
         if not boresight @ self._centre > self._cos_ahead:
             self._centre = boresight
             self._near = self.onboard.within(boresight, self.camera.corner_angle_rad + AHEAD_RAD)
-            self._direction = self.onboard.direction[self._near]
+            self._version = -1
+        if self._version != self.sky.version:
+            self._version = self.sky.version
+            self._direction = self.sky.direction(self._near)
         return _in_view(self._near, self._direction, matrix, self._cos_radius, self.camera.lens)
 
 

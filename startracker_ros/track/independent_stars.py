@@ -88,7 +88,7 @@ class IndependentStarsModel(StarModel):
 
     def _fit(self) -> RotationFit | None:
         try:
-            return fit_rotation(self._camera, self._onboard.direction[self.bank.star_index],
+            return fit_rotation(self._camera, self._sky.direction(self.bank.star_index),
                                 self.bank.uv, self.bank.sigma_uv, self.bank.detected)
         except AttitudeError:
             return None
@@ -118,7 +118,7 @@ class NeighbourhoodModel(IndependentStarsModel):
     def _update(self, frame: Centroids) -> np.ndarray:
         bank, sigma_px = self.bank, self.sigma_px(frame)
         centroid = star_neighbourhood(
-            self._camera, bank.uv, self._onboard.direction[bank.star_index], frame.uv, sigma_px)
+            self._camera, bank.uv, self._sky.direction(bank.star_index), frame.uv, sigma_px)
         detected = np.flatnonzero(centroid >= 0)
         state, covariance = bank.state.copy(), bank.covariance.copy()
         state[detected[:, None], POSITION] = frame.uv[centroid[detected]]

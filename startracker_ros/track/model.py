@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import OnboardCatalog
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.track.association import DetectionModel, gate_size
@@ -54,9 +54,9 @@ class StarModel(ABC):
     rate_rad_s: np.ndarray
     rate_covariance: np.ndarray
 
-    def __init__(self, camera: Camera, onboard: OnboardCatalog, options: TrackerOptions) -> None:
+    def __init__(self, camera: Camera, sky: ApparentCatalog, options: TrackerOptions) -> None:
         self._camera = camera
-        self._onboard = onboard
+        self._sky = sky
         self._options = options
         self._detection = DetectionModel(
             gate_size(options.gate_probability), options.gate_probability,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import OnboardCatalog
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.compiled import compiled
 from startracker_ros.maths.rotation import rotate
@@ -141,11 +141,11 @@ class TargetTracker:
     spots counts these centroids in the last frame.
     """
 
-    def __init__(self, camera: Camera, onboard: OnboardCatalog,
+    def __init__(self, camera: Camera, sky: ApparentCatalog,
                  options: TargetTrackOptions = TargetTrackOptions()) -> None:
-        """Places are the catalogue stars that the camera can detect."""
+        """sky is that of the star tracker whose attitudes are used."""
         self._camera = camera
-        self._stars = StarsInView(camera, onboard)
+        self._stars = StarsInView(camera, sky)
         self._options = options
         self._acceleration_rad_s2 = np.radians(options.target_acceleration_deg_s2)
         self._rates_rad_s = np.radians([options.target_min_rate_deg_s,

@@ -6,9 +6,12 @@ from enum import StrEnum
 import math
 
 import numpy as np
+from startracker_ros.astro.observer_motion import AT_REST, ObserverMotion
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
+from startracker_ros.attitude.result import with_velocity_error
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.prediction import PredictedStars
@@ -59,7 +62,9 @@ class StarTracker:
 
     Feed update() with every frame and identified() with the identifications, in any
     interleaving: an identification may come some frames late or before its own update().
-    add_rate() adds the rates of a gyro. acquire_new_stars() may follow update().
+    add_rate() adds the rates of a gyro. acquire_new_stars() may follow update(). The attitude is
+    that of the sensor in ICRF where motion is that of the observer; without one the observer is
+    at rest. sky holds the stars as that observer sees them.
 
     state and reason describe the last transition; contradiction is why the stars of the newest
     frame are no attitude although some agree, empty if they are; frames_since_fix counts the
@@ -71,12 +76,15 @@ class StarTracker:
 
     def __init__(self, camera: Camera, onboard: OnboardCatalog,
                  options: TrackerOptions = TrackerOptions(),
-                 gyro: GyroErrorOptions = GyroErrorOptions()) -> None:
+                 gyro: GyroErrorOptions = GyroErrorOptions(),
+                 motion: ObserverMotion | None = None) -> None:
         self._camera = camera
         self._onboard = onboard
+        self._motion = motion
+        self.sky = ApparentCatalog(onboard)
         self._options = options
         self._gyro_options = gyro
-        self._stars = StarsInView(camera, onboard)
+        self._stars = StarsInView(camera, self.sky)
         self._unassociated: tuple[RotationFit, Centroids] | None = None
         self._next_id = 1
         self.late_frames = 0
@@ -97,8 +105,9 @@ class StarTracker:
         """Return the attitude of the newest frame, None unless its stars agree on one."""
         if not self._history or self._history[-1][0] != self._stamp_ns:
             return None
-        return TrackedAttitude(self._history[-1][1], self._model.rate_rad_s,
-                               self._model.rate_covariance)
+        attitude = with_velocity_error(
+            self._history[-1][1], self.sky.observer.velocity_sigma_m_s)
+        return TrackedAttitude(attitude, self._model.rate_rad_s, self._model.rate_covariance)
 
     @property
     def predicted(self) -> PredictedStars | None:
@@ -155,6 +164,7 @@ class StarTracker:
             self.reason = f'time jumped back by {back_s:.1f} s'
         frame = self._usable(centroids)[0]
         self._stamp_ns = stamp_ns
+        self._look(stamp_ns)
         self._recent.append((stamp_ns, frame))
         self.frames_since_fix += 1
         if self._first is not None and self._gap_exceeded(self._first.stamp_ns, stamp_ns):
@@ -175,8 +185,9 @@ class StarTracker:
         Frames with too few stars or a poor fit are ignored.
         """
         centroids, good = self._usable(centroids)
+        self._look(stamp_ns)
         frame = fit_identified(
-            self._camera, self._onboard, self._options, stamp_ns, centroids,
+            self._camera, self.sky, self._options, stamp_ns, centroids,
             self._model.sigma_px(centroids), np.asarray(hip)[good])
         if frame is None:
             return
@@ -222,7 +233,7 @@ class StarTracker:
         self.stars_matched = 0
         self.residual_px = math.nan
         self._first: IdentifiedFrame | None = None
-        self._model = make_model(self._camera, self._onboard, self._options, self._gyro)
+        self._model = make_model(self._camera, self.sky, self._options, self._gyro)
         self._unassociated = None
         self._pattern = RowPattern(self._camera)
         self.contradiction = ''
@@ -261,7 +272,7 @@ class StarTracker:
                         if stamp_ns == frame.stamp_ns), None)
         if tracked is None:
             return
-        if frame.contradicts(tracked, self._camera, self._onboard, self._options.max_residual_px):
+        if frame.contradicts(tracked, self._camera, self.sky, self._options.max_residual_px):
             error = attitude_error(frame.attitude.quaternion, tracked.quaternion)
             self._acquire(frame, f'an identification contradicts the tracks by '
                                  f'{np.degrees(np.linalg.norm(error)):.3g} deg')
@@ -341,6 +352,10 @@ class StarTracker:
         self._next_id += len(star_index)
         self._model.add(track_id, star_index, centroids, confirmed=confirmed)
 
+    def _look(self, stamp_ns: int) -> None:
+        """Set the directions of the stars to those of a stamp."""
+        self.sky.look_from(AT_REST if self._motion is None else self._motion.at(stamp_ns))
+
     def _gap_exceeded(self, stamp_ns: int, other_ns: int) -> bool:
         return abs(stamp_ns - other_ns) * 1e-9 > self._options.max_gap_s
 
@@ -355,10 +370,10 @@ class StarTracker:
         return centroids.select(good), good
 
 
-def make_model(camera: Camera, onboard: OnboardCatalog, options: TrackerOptions, gyro: Gyro
+def make_model(camera: Camera, sky: ApparentCatalog, options: TrackerOptions, gyro: Gyro
                ) -> StarModel:
     """Return the model that the options name."""
     if options.model == 'attitude':
-        return AttitudeModel(camera, onboard, options, gyro)
+        return AttitudeModel(camera, sky, options, gyro)
     model = NeighbourhoodModel if options.model == 'sna' else IndependentStarsModel
-    return model(camera, onboard, options)
+    return model(camera, sky, options)

@@ -7,6 +7,7 @@ import pytest
 from startracker_ros.attitude.estimate import estimate_attitude, SOLVERS
 from startracker_ros.attitude.validation import AttitudeValidator, ValidationOptions
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.synthetic_field import star_list
@@ -25,7 +26,8 @@ def stars():
 
 
 def validator(**options):
-    return AttitudeValidator(CAMERA, ONBOARD, replace(ValidationOptions(), **options))
+    return AttitudeValidator(CAMERA, ApparentCatalog(ONBOARD),
+                             replace(ValidationOptions(), **options))
 
 
 @pytest.mark.parametrize('solver', SOLVERS)

@@ -24,6 +24,7 @@ from startracker_ros.ros.messages.attitude import quaternion_from_message
 from startracker_ros.ros.messages.clouds import centroids_from_message
 from startracker_ros.ros.messages.gyro import rate_from_imu
 from startracker_ros.ros.messages.message_types import message_class
+from startracker_ros.ros.messages.odometry import state_from_odometry
 
 FOLDER = Path(__file__).parents[2] / 'bags'
 NAMES = ('slew', 'kidnapped', 'dropouts')
@@ -76,6 +77,8 @@ def replayed(name: str) -> dict[int, PipelineFrame]:
     for topic, message in topics['']:
         if topic == '/imu':
             pipeline.add_rate(stamp_ns(message), rate_from_imu(message))
+        elif topic == '/odometry':
+            pipeline.add_state(stamp_ns(message), state_from_odometry(message, 'icrf'))
         elif topic == '/centroids':
             frames[stamp_ns(message)] = pipeline.update(
                 stamp_ns(message), centroids_from_message(message))

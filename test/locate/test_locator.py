@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from startracker_ros.astro.aberration import aberrate
+from startracker_ros.astro.earth import earth_velocity_m_s
 from startracker_ros.astro.epoch import epoch_year_from_stamp
 from startracker_ros.astro.orbit import CircularOrbit, orbit_frame, propagate
-from startracker_ros.astro.planets import earth_velocity_m_s
 from startracker_ros.camera.model import Camera
 from startracker_ros.locate.location import LocationOptions
 from startracker_ros.locate.locator import Located, Rejected, TargetLocator

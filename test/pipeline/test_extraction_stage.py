@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from startracker_ros.astro.epoch import stamp_from_epoch_year
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.figures.correctness import error_over_bound
@@ -14,7 +15,7 @@ from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
-START_NS, STEP_NS = 1_790_000_000_000_000_000, 100_000_000
+START_NS, STEP_NS = stamp_from_epoch_year(2026.5), 100_000_000
 
 
 def turning(rate_deg_s):
@@ -31,6 +32,7 @@ def run(frames, rate_deg_s, detector=DetectorOptions(), artefacts=ArtefactOption
     for index in range(frames):
         frame = sky.frame(1 + index / 10)
         image = change(index, frame.image)
+        pipeline.add_state(START_NS + index * STEP_NS, frame.state.geocentric)
         yield pipeline, pipeline.update_image(START_NS + index * STEP_NS, image), frame
 
 

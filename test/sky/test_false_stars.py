@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from startracker_ros.astro.aberration import aberrate
 from startracker_ros.astro.constants import AU_M
-from startracker_ros.astro.planets import earth_velocity_m_s, heliocentric_au
+from startracker_ros.astro.earth import earth_velocity_m_s
+from startracker_ros.astro.planets import heliocentric_au
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import ARCSEC, conjugate, radec_from_unit, rotate

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import conjugate, quaternion_from_pointing, rotate
@@ -18,7 +19,7 @@ DISTORTED = replace(PLAIN, distortion=(-0.1, 0.02, 1e-3, -5e-4, 0.0))
 @pytest.mark.parametrize('camera', [PLAIN, DISTORTED])
 def test_as_the_catalogue_and_the_camera_say(camera):
     onboard = onboard_catalog(load_catalog(), camera, 2026.0, 6.0)
-    stars = StarsInView(camera, onboard)
+    stars = StarsInView(camera, ApparentCatalog(onboard))
     # Small steps, which keep the stars of the search before, and leaps.
     for ra_deg in (10.0, 10.1, 10.4, 10.9, 200.0, 10.0):
         q = quaternion_from_pointing(*np.radians([ra_deg, 40.0, 3 * ra_deg]))

@@ -3,6 +3,7 @@
 import numpy as np
 from star_motion import CAMERA
 from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import quaternion_from_pointing, rotate
@@ -22,8 +23,9 @@ def match(uv, magnitude, sigma_rad=1e-7, crowded=(False,) * 5, roll_sigma_rad=1e
     uv = np.reshape(uv, (-1, 2))
     centroids = Centroids(uv, 10 ** (0.4 * (20 - np.asarray(magnitude, float))),
                           np.full(len(uv), 9.0), np.full(len(uv), 0.1))
-    index, centroid = match_new_stars(StarsInView(CAMERA, onboard), attitude, centroids,
-                                      centroids.sigma_px, 20.0, 1.0)
+    stars = StarsInView(CAMERA, ApparentCatalog(onboard))
+    index, centroid = match_new_stars(
+        stars, attitude, centroids, centroids.sigma_px, 20.0, 1.0)
     return sorted(zip(onboard.hip[index].tolist(), centroid.tolist()))
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
@@ -57,7 +58,7 @@ def moving(rate_deg_s, frame, *, aside_deg=0.0):
 
 @pytest.mark.parametrize('rate_deg_s', [0.004, 0.024, 0.3])
 def test_target_is_found_and_measured(rate_deg_s):
-    sky, tracker = Sky(), TargetTracker(CAMERA, ONBOARD)
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
     said = []
     for frame in range(24):
         spot = moving(rate_deg_s, frame)
@@ -75,7 +76,7 @@ def test_target_is_found_and_measured(rate_deg_s):
 
 def test_nothing_moves_nothing_is_said():
     """False spots everywhere, a star that no catalogue has, and a hot pixel."""
-    sky, tracker = Sky(), TargetTracker(CAMERA, ONBOARD)
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
     for _ in range(60):
         q, _ = sky.attitude()
         hot = rotate(q, CAMERA.unproject(np.array([[300.0, 200.0]])))
@@ -85,7 +86,7 @@ def test_nothing_moves_nothing_is_said():
 
 
 def test_a_target_that_hides_for_a_while_stays_the_same():
-    sky, tracker = Sky(), TargetTracker(CAMERA, ONBOARD)
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
     frames = []
     for frame in range(30):
         hidden = 12 <= frame < 15
@@ -96,7 +97,7 @@ def test_a_target_that_hides_for_a_while_stays_the_same():
 
 
 def test_the_first_of_two_is_the_target_until_it_leaves():
-    sky, tracker = Sky(), TargetTracker(CAMERA, ONBOARD)
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
     results = []
     for frame in range(40):
         spots = [moving(0.05, frame)] if frame < 25 else []
@@ -109,7 +110,7 @@ def test_the_first_of_two_is_the_target_until_it_leaves():
 
 
 def test_a_slow_frame_or_none_at_all():
-    tracker = TargetTracker(CAMERA, ONBOARD, TargetTrackOptions())
+    tracker = TargetTracker(CAMERA, ApparentCatalog(ONBOARD), TargetTrackOptions())
     assert tracker.update(1, AttitudeEstimate(START, np.eye(3) * 1e-12, 5, np.empty(0), 1.0),
                           Centroids.empty()) is None
     nan = np.full(1, np.nan)

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
-from startracker_ros.attitude.validation import ValidationOptions
+from startracker_ros.astro.observer_motion import AberrationOptions
+from startracker_ros.attitude.validation import TrustedAttitude, ValidationOptions
 from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.options import option, Options
 from startracker_ros.pipeline.attitude import AttitudeStage
@@ -15,6 +16,7 @@ from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
 from startracker_ros.ros.messages.clouds import centroids_from_rows, tracks_from_message
 from startracker_ros.ros.node import main_of
+from startracker_ros.ros.odometry_input import OdometryInput
 from startracker_ros.track.tracks import TrackedAttitude
 
 _TRACKED = 'tracked_attitude'
@@ -34,12 +36,13 @@ class SourceOptions(Options):
 class AttitudeEstimatorNode(CameraNode):
     """Publishes the attitude of each frame that has a trusted one."""
 
-    option_classes = (SourceOptions, ValidationOptions, FrameOptions)
+    option_classes = (SourceOptions, ValidationOptions, FrameOptions, AberrationOptions)
     task = 'attitude'
 
     def __init__(self) -> None:
         super().__init__('attitude_estimator')
         self._output = AttitudeOutput(self)
+        self._observer = OdometryInput(self, FrameOptions)
         self._source = self.options(SourceOptions).source
         # By stamp; tracks and tracked_attitude may arrive in either order.
         self._tracked: dict[int, TrackedAttitude | None] = {}
@@ -53,11 +56,13 @@ class AttitudeEstimatorNode(CameraNode):
         self.advertise_reset()
 
     def rebuild(self) -> None:
+        self._observer.rebuild()
         if self.camera is not None:
             self._tracked.clear()
             self._waiting = None
             self._stage = AttitudeStage(
-                self.camera, self.epoch_year, self.options(ValidationOptions))
+                self.camera, self.epoch_year, self.options(ValidationOptions),
+                self._observer.motion)
 
     def warm_up(self) -> None:
         if self._source == 'stars':
@@ -91,18 +96,22 @@ class AttitudeEstimatorNode(CameraNode):
         tracks = tracks_from_message(message)
         if stamp_ns in self._tracked:
             tracked = self._tracked[stamp_ns]
-            result = self._stage.from_tracks(tracks, tracked)
+            result = self._stage.from_tracks(stamp_ns, tracks, tracked)
         else:
-            tracked, result = None, self._stage.from_tracks_alone(tracks)
-        self._output.publish(stamp_ns, result, tracked, self.options(FrameOptions))
+            tracked, result = None, self._stage.from_tracks_alone(stamp_ns, tracks)
+        self._publish(stamp_ns, result, tracked)
 
     def _on_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)
         if self.camera_or_drop() is not None and self.in_order('stars', message.header.stamp):
-            result = self._stage.from_stars(
-                centroids_from_rows(rows), rows['hip'].astype(np.int32))
-            self._output.publish(ns_from_stamp(message.header.stamp), result, None,
-                                 self.options(FrameOptions))
+            stamp_ns = ns_from_stamp(message.header.stamp)
+            self._publish(stamp_ns, self._stage.from_stars(
+                stamp_ns, centroids_from_rows(rows), rows['hip'].astype(np.int32)), None)
+
+    def _publish(self, stamp_ns: int, result: TrustedAttitude, tracked: TrackedAttitude | None
+                 ) -> None:
+        self._observer.report(stamp_ns)
+        self._output.publish(stamp_ns, result, tracked, self.options(FrameOptions))
 
 
 main = main_of(AttitudeEstimatorNode)

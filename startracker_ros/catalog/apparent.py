@@ -1,0 +1,55 @@
+"""The on-board catalogue as a moving observer sees it."""
+
+import numpy as np
+from startracker_ros.astro.aberration import apparent_directions
+from startracker_ros.astro.observer_motion import AT_REST, Observer
+from startracker_ros.catalog.onboard import OnboardCatalog
+
+_TOLERANCE_M_S = 0.5
+"""Change of velocity that is ignored: 0.0003 arcsec of aberration."""
+
+
+class ApparentCatalog:
+    """
+    Apparent directions of catalogue entries, computed when they are needed.
+
+    An attitude that is fitted to them is that of the sensor in ICRF, on GCRS axes. observer is
+    the one of the last look_from().
+    """
+
+    def __init__(self, onboard: OnboardCatalog) -> None:
+        self.onboard = onboard
+        self.observer = AT_REST
+        self._vantage = AT_REST.vantage
+        self._direction = onboard.direction
+        self._computed = np.empty(0, bool)
+        self.version = 0
+
+    def look_from(self, observer: Observer) -> None:
+        """Set the observer; version changes with the directions."""
+        self.observer = observer
+        before, after = self._vantage, observer.vantage
+        if after is before:
+            return
+        if before is not None and after is not None:
+            change_m_s = after.velocity_m_s - before.velocity_m_s
+            if change_m_s @ change_m_s < _TOLERANCE_M_S ** 2:
+                return
+        self._vantage = after
+        self.version += 1
+        if after is None:
+            self._direction = self.onboard.direction
+        else:
+            if before is None:
+                self._direction = np.empty_like(self.onboard.direction)
+            self._computed = np.zeros(len(self.onboard), bool)
+
+    def direction(self, star_index: np.ndarray) -> np.ndarray:
+        """Return the apparent unit vectors (M, 3) of entries (M,)."""
+        if self._vantage is not None:
+            missing = star_index[~self._computed[star_index]]
+            if len(missing):
+                self._direction[missing] = apparent_directions(
+                    self.onboard.direction[missing], self._vantage)
+                self._computed[missing] = True
+        return self._direction[star_index]
