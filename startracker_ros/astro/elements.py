@@ -81,14 +81,14 @@ class TwoLineOrbit:
 
     def __init__(self, line_1: str, line_2: str) -> None:
         """OrbitError for lines that are no element set of an Earth satellite."""
-        try:
-            self._satellite = Satrec.twoline2rv(line_1, line_2)
-        except (ValueError, IndexError) as error:
-            raise OrbitError(f'two-line elements: {error}') from error
         for number, line in enumerate((line_1, line_2), 1):
             if len(line) != 69 or line[0] != str(number) or _checksum(line) != line[68]:
                 raise OrbitError(f'two-line elements: line {number} is {line!r}, which is not '
                                  '69 characters with their checksum')
+        try:
+            self._satellite = Satrec.twoline2rv(line_1, line_2)
+        except ValueError as error:
+            raise OrbitError(f'two-line elements: {error}') from error
         if self._satellite.error:
             raise OrbitError(f'two-line elements: {SGP4_ERRORS[self._satellite.error]}')
         radius_m = self._satellite.radiusearthkm * 1e3

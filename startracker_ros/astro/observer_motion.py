@@ -5,7 +5,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.astro.aberration import Vantage
+from startracker_ros.astro.aberration import Air, Vantage, vantage_near_earth
 from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.earth import earth_state, EpochError
 from startracker_ros.astro.elements import orbit_velocity, OrbitOptions
@@ -80,6 +80,16 @@ class Observer(NamedTuple):
 AT_REST = Observer(None, 0.0, 'none')
 
 
+def observer_at(year: float, velocity_m_s: np.ndarray | None, air: Air | None = None
+                ) -> Observer:
+    """Return an observer of geocentric velocity (3,), None if it is unknown; EpochError."""
+    vantage = vantage_near_earth(
+        year, np.zeros(3) if velocity_m_s is None else velocity_m_s)._replace(air=air)
+    if velocity_m_s is None:
+        return Observer(vantage, ORBIT_SIGMA_M_S, 'earth_only')
+    return Observer(vantage, KNOWN_SIGMA_M_S, 'full')
+
+
 class ObserverMotion:
     """The velocity of the observer at any stamp, from the newest odometry or from elements."""
 
@@ -94,7 +104,7 @@ class ObserverMotion:
         self._last: tuple[int, Observer] | None = None
 
     def add_state(self, stamp_ns: int, state: State) -> None:
-        """Use geocentric position and velocity on ICRF axes; MotionError if they are impossible."""
+        """Use geocentric position and velocity on ICRF axes; MotionError if impossible."""
         speed_m_s, radius_m = map(np.linalg.norm, (state.velocity_m_s, state.position_m))
         if not speed_m_s <= MAX_SPEED_M_S:
             raise MotionError(f'{speed_m_s / 1e3:.1f} km/s about the Earth, '

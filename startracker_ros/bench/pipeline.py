@@ -191,7 +191,8 @@ def core_work(trials: int, seed: int) -> Iterator[PercentileRow]:
         marks.append(time.process_time())
         tracks = pipeline.tracker.update(stamp_ns, centroids)
         marks.append(time.process_time())
-        pipeline.attitude.from_tracks(stamp_ns, tracks or Tracks.empty(), pipeline.tracker.attitude)
+        pipeline.attitude.from_tracks(
+            stamp_ns, tracks or Tracks.empty(), pipeline.tracker.attitude)
         marks.append(time.process_time())
         if not pipeline.identifier_rests(stamp_ns):
             pipeline.identify(stamp_ns, centroids)

@@ -1,9 +1,12 @@
 """Calibration from image files: extraction, identification, camera YAML, result table."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
+from startracker_ros.astro.aberration import Vantage
 from startracker_ros.astro.epoch import epoch_year_now
+from startracker_ros.astro.observer_motion import AT_REST, Observer
 from startracker_ros.calibration.adjustment import CalibrationError
 from startracker_ros.calibration.estimate import calibrate, Calibration, MIN_FRAME_STARS
 from startracker_ros.calibration.matching import View
@@ -33,12 +36,13 @@ _REFINED = tuple(IdentificationOptions(fov_error_percent=1.0, sigma_floor_px=flo
 
 def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | None = None,
                     camera_file: Path | None = None, epoch_year: float | None = None,
-                    terms: Sequence[str] = ()) -> Result:
+                    observer: Observer = AT_REST, terms: Sequence[str] = ()) -> Result:
     """
     Calibrate the camera of image files and write it to output.
 
     The initial camera is that of camera_file or an ideal one of fov_deg with the size of the
-    first readable image. epoch_year None is today. The row of an unused image has the reason.
+    first readable image. epoch_year None is today; observer is how the camera moved then. The row
+    of an unused image has the reason.
     CameraError for an impossible initial camera, CalibrationError when the images do not
     determine the camera, OSError when output cannot be written.
     """
@@ -57,7 +61,8 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
     if camera is None or not centroids:
         raise CalibrationError('; '.join(['no image to calibrate from', *reasons.values()]))
     try:
-        used, calibration = _calibrate(centroids, camera, epoch_year, terms, reasons)
+        used, calibration = _calibrate(centroids, camera, epoch_year, observer.vantage, terms,
+                                       reasons)
     except CalibrationError as error:
         unused = [f'{paths[index].name}: {reason}' for index, reason in reasons.items()]
         raise CalibrationError('; '.join([str(error), *unused])) from error
@@ -66,11 +71,12 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
              **figures(calibration, calibration.stars.frame == used.get(index, -1)),
              'reason': reasons.get(index, '')} for index, path in enumerate(paths)]
     return Result('calibrate', rows, {
-        **summary(calibration), 'epoch': epoch_year, 'output': str(output)})
+        **summary(calibration), 'epoch': epoch_year, 'aberration': observer.condition,
+        'output': str(output)})
 
 
 def _calibrate(centroids: dict[int, Centroids], camera: Camera, epoch_year: float,
-               terms: Sequence[str], reasons: dict[int, str]
+               vantage: Vantage | None, terms: Sequence[str], reasons: dict[int, str]
                ) -> tuple[dict[int, int], Calibration]:
     """Return the frame number of each image in use and the calibration; add to reasons."""
     onboard = onboard_catalog(load_catalog(), camera, epoch_year)
@@ -78,7 +84,7 @@ def _calibrate(centroids: dict[int, Centroids], camera: Camera, epoch_year: floa
     camera = _with_focal_length(centroids, camera, epoch_year)
     for options in _REFINED:
         _identify(centroids, views, camera, epoch_year, options, reasons)
-    calibration = calibrate([*views.values()], camera, onboard, terms)
+    calibration = calibrate(_seen_from(vantage, views), camera, onboard, terms)
     used = _used(views, calibration)
     if len(views) < len(centroids):
         before = len(views)
@@ -87,11 +93,17 @@ def _calibrate(centroids: dict[int, Centroids], camera: Camera, epoch_year: floa
         if len(views) > before:
             for index, frame in used.items():
                 views[index] = View(centroids[index], calibration.adjustment.quaternions[frame])
-            calibration = calibrate([*views.values()], calibration.camera, onboard, terms)
+            calibration = calibrate(
+                _seen_from(vantage, views), calibration.camera, onboard, terms)
             used = _used(views, calibration)
     reasons.update({index: f'fewer than {MIN_FRAME_STARS} of its stars fit the camera'
                     for index in views if index not in used})
     return used, calibration
+
+
+def _seen_from(vantage: Vantage | None, views: dict[int, View]) -> list[View]:
+    """Return the views with the vantage of the camera."""
+    return [replace(view, vantage=vantage) for view in views.values()]
 
 
 def _used(views: dict[int, View], calibration: Calibration) -> dict[int, int]:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
+from startracker_ros.astro.aberration import apparent_directions, Vantage
 from startracker_ros.calibration.adjustment import MatchedStars
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import OnboardCatalog
@@ -13,10 +14,15 @@ from startracker_ros.maths.rotation import conjugate, rotate
 
 @dataclass(frozen=True)
 class View:
-    """The centroids of one image and its approximate attitude q_icrf_from_sensor (4,)."""
+    """
+    The centroids of one image and its approximate attitude q_icrf_from_sensor (4,).
+
+    vantage is that of the camera, None without aberration.
+    """
 
     centroids: Centroids
     quaternion: np.ndarray
+    vantage: Vantage | None = None
 
 
 def match_stars(camera: Camera, onboard: OnboardCatalog, views: list[View],
@@ -33,14 +39,17 @@ def match_stars(camera: Camera, onboard: OnboardCatalog, views: list[View],
         valid = np.flatnonzero(np.isfinite(centroids.uv).all(axis=1) & (centroids.sigma_px > 0)
                                & np.isfinite(centroids.sigma_px))
         near = onboard.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
-        uv = camera.project(rotate(conjugate(q), onboard.direction[near]))
+        direction = onboard.direction[near]
+        if view.vantage is not None:
+            direction = apparent_directions(direction, view.vantage)
+        uv = camera.project(rotate(conjugate(q), direction))
         inside = camera.contains(uv, -gate_px)
-        near, uv = near[inside], uv[inside]
+        near, uv, direction = near[inside], uv[inside], direction[inside]
         index, star = _nearest_pairs(centroids.uv[valid], uv, gate_px)
         single = ~onboard.crowded[near[star]]
-        index, star = valid[index[single]], near[star[single]]
+        index, star = valid[index[single]], star[single]
         parts.append(MatchedStars(centroids.uv[index], centroids.sigma_px[index],
-                                  onboard.direction[star], np.full(len(index), frame)))
+                                  direction[star], np.full(len(index), frame)))
     return MatchedStars(*(np.concatenate([getattr(part, name) for part in parts])
                           for name in ('uv', 'sigma_px', 'icrf', 'frame')))
 

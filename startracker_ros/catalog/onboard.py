@@ -28,8 +28,9 @@ class OnboardCatalog:
 
     hip (N,) int32 is the number of the brightest component of an entry; direction (N, 3) are
     unit vectors in ICRS from the Earth, with parallax and without aberration; magnitude (N,) is
-    that of all components together; crowded (N,) is True for entries blended with a neighbour. blended (N,) is True for these and for entries of
-    several components, none much brighter than the others: the image may be off the direction.
+    that of all components together; crowded (N,) is True for entries blended with a neighbour.
+    blended (N,) is True for these and for entries of several components, none much brighter than
+    the others: the image may be off the direction.
     """
 
     hip: np.ndarray

@@ -1,0 +1,66 @@
+"""A camera on the ground: its velocity with the Earth, and the air above it."""
+
+from dataclasses import dataclass
+import math
+
+import erfa
+import numpy as np
+from startracker_ros.astro.aberration import Air
+from startracker_ros.astro.earth import julian_date
+
+_SEA_LEVEL_HPA, _SCALE_HEIGHT_M = 1013.25, 8435.0
+_RELATIVE_HUMIDITY = 0.5
+"""From dry to saturated air refraction changes by 0.1 %."""
+_WAVELENGTH_UM = 0.6
+
+
+@dataclass(frozen=True)
+class Site:
+    """
+    Geodetic latitude and longitude (WGS84, east positive) and height of a camera, and its air.
+
+    pressure_hpa None is that of the standard atmosphere at the height, 0 is none.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float = 0.0
+    pressure_hpa: float | None = None
+    temperature_c: float = 10.0
+
+    def velocity_m_s(self, year: float, ut1_utc_s: float = 0.0) -> np.ndarray:
+        """Return the geocentric velocity (3,) on GCRS axes at a Julian year UTC."""
+        longitude, latitude = np.radians([self.longitude_deg, self.latitude_deg])
+        day, fraction = julian_date(year)
+        pv = erfa.pvtob(longitude, latitude, self.height_m, 0.0, 0.0, 0.0,
+                        erfa.era00(day, fraction + ut1_utc_s / 86400))
+        return erfa.c2i06a(day, fraction).T @ np.array(pv['v'])
+
+    def zenith(self, year: float, ut1_utc_s: float = 0.0) -> np.ndarray:
+        """Return the unit vector (3,) to the geodetic zenith on GCRS axes."""
+        longitude, latitude = np.radians([self.longitude_deg, self.latitude_deg])
+        local = np.array([math.cos(latitude) * math.cos(longitude),
+                          math.cos(latitude) * math.sin(longitude), math.sin(latitude)])
+        return gcrs_from_itrf(year, ut1_utc_s) @ local
+
+    def air(self, year: float) -> Air | None:
+        """Return the refraction of the air, None without one (ERFA, refco)."""
+        pressure_hpa = self.pressure_hpa
+        if pressure_hpa is None:
+            pressure_hpa = _SEA_LEVEL_HPA * math.exp(-self.height_m / _SCALE_HEIGHT_M)
+        if not pressure_hpa:
+            return None
+        a_rad, b_rad = erfa.refco(
+            pressure_hpa, self.temperature_c, _RELATIVE_HUMIDITY, _WAVELENGTH_UM)
+        return Air(self.zenith(year), float(a_rad), float(b_rad))
+
+
+def gcrs_from_itrf(year: float, ut1_utc_s: float = 0.0) -> np.ndarray:
+    """
+    Return the rotation (3, 3) from Earth-fixed to GCRS axes at a Julian year UTC.
+
+    IAU 2006/2000A without polar motion, 0.5 arcsec at most (ERFA, c2t06a); UTC serves for TT in
+    precession and nutation, which turn the axes by 0.0001 arcsec in the minute between them.
+    """
+    day, fraction = julian_date(year)
+    return erfa.c2t06a(day, fraction, day, fraction + ut1_utc_s / 86400, 0.0, 0.0).T
