@@ -4,12 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import math
 
-import erfa
 import numpy as np
 from sgp4.api import Satrec, SGP4_ERRORS
 from startracker_ros.astro.constants import DAY_S, EARTH_RADIUS_M
-from startracker_ros.astro.earth import julian_date
 from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.astro.frames import gcrs_from_teme
 from startracker_ros.astro.orbit import Elements, OrbitError, propagate, state_from_elements
 from startracker_ros.options import option, Options
 
@@ -105,16 +104,6 @@ class TwoLineOrbit:
         if status:
             raise OrbitError(f'two-line elements: {SGP4_ERRORS[status]}')
         return gcrs_from_teme(epoch_year_from_stamp(stamp_ns)) @ velocity_km_s * 1e3
-
-
-def gcrs_from_teme(year: float) -> np.ndarray:
-    """
-    Return the rotation (3, 3) from true equator, mean equinox of date to GCRS axes.
-
-    IAU 2006/2000A precession and nutation (ERFA, pnm06a), less the equation of the equinoxes.
-    """
-    tt = julian_date(year)
-    return np.array(erfa.pnm06a(*tt)).T @ erfa.rz(-erfa.ee06a(*tt), np.eye(3))
 
 
 def _checksum(line: str) -> str:

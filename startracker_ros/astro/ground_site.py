@@ -7,6 +7,7 @@ import erfa
 import numpy as np
 from startracker_ros.astro.aberration import Air
 from startracker_ros.astro.earth import julian_date
+from startracker_ros.astro.frames import gcrs_from_itrf
 
 _SEA_LEVEL_HPA, _SCALE_HEIGHT_M = 1013.25, 8435.0
 _RELATIVE_HUMIDITY = 0.5
@@ -53,14 +54,3 @@ class Site:
         a_rad, b_rad = erfa.refco(
             pressure_hpa, self.temperature_c, _RELATIVE_HUMIDITY, _WAVELENGTH_UM)
         return Air(self.zenith(year), float(a_rad), float(b_rad))
-
-
-def gcrs_from_itrf(year: float, ut1_utc_s: float = 0.0) -> np.ndarray:
-    """
-    Return the rotation (3, 3) from Earth-fixed to GCRS axes at a Julian year UTC.
-
-    IAU 2006/2000A without polar motion, 0.5 arcsec at most (ERFA, c2t06a); UTC serves for TT in
-    precession and nutation, which turn the axes by 0.0001 arcsec in the minute between them.
-    """
-    day, fraction = julian_date(year)
-    return erfa.c2t06a(day, fraction, day, fraction + ut1_utc_s / 86400, 0.0, 0.0).T

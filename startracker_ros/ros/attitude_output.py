@@ -11,32 +11,38 @@ from startracker_ros.maths.rotation import ARCSEC
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.frames_output import FramesOutput
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, attitude_to_pose, attitude_to_transform, quaternion_to_message,
     tracked_attitude_to_imu)
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.odometry_input import OdometryInput
 from startracker_ros.track.tracks import TrackedAttitude
 
 
 class AttitudeOutput:
     """Publishes trusted attitudes as attitude, attitude_cov, attitude_transform, attitude_imu."""
 
-    def __init__(self, node: PipelineNode) -> None:
+    def __init__(self, node: PipelineNode, observer: OdometryInput) -> None:
+        self._node = node
+        self._observer = observer
         self._diagnostics = node.diagnostics
         self._quaternion = node.advertise(QuaternionStamped, 'attitude', qos.LIST)
         self._pose = node.advertise(PoseWithCovarianceStamped, 'attitude_cov', qos.LIST)
         self._imu = node.advertise(Imu, 'attitude_imu', qos.LIST)
         self._transform = node.advertise(TransformStamped, 'attitude_transform', qos.LIST)
+        self._frames = FramesOutput(node)
 
-    def publish(self, stamp_ns: int, result: TrustedAttitude, tracked: TrackedAttitude | None,
-                frames: FrameOptions) -> None:
+    def publish(self, stamp_ns: int, result: TrustedAttitude, tracked: TrackedAttitude | None
+                ) -> None:
         """
         Publish the attitude of a frame, with the body rate where a tracker knows it.
 
         Without a trusted attitude only attitude_imu is published, marked as invalid.
         """
-        attitude = result.attitude
+        attitude, frames = result.attitude, self._node.options(FrameOptions)
+        self._observer.report(stamp_ns)
         header = make_header(stamp_ns, frames.inertial_frame_id)
         sensor_header = make_header(stamp_ns, frames.sensor_frame_id)
         if attitude is None:
@@ -51,6 +57,8 @@ class AttitudeOutput:
         self._imu.publish(
             attitude_to_imu(attitude, sensor_header) if tracked is None else
             tracked_attitude_to_imu(replace(tracked, attitude=attitude), sensor_header))
+        self._frames.publish(
+            stamp_ns, attitude.quaternion, self._observer.motion.geocentric(stamp_ns))
         self._diagnostics.counts['attitudes'] += 1
         self._diagnostics.values.update(_describe(attitude))
         self._diagnostics.report(OK, 'publishing attitude')

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.astro.observer_motion import AberrationOptions
-from startracker_ros.attitude.validation import TrustedAttitude, ValidationOptions
+from startracker_ros.attitude.validation import ValidationOptions
 from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.options import option, Options
 from startracker_ros.pipeline.attitude import AttitudeStage
 from startracker_ros.ros import qos
 from startracker_ros.ros.attitude_output import AttitudeOutput
 from startracker_ros.ros.camera_node import CameraNode
-from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.frames import ExtraFrameOptions, FrameOptions
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
 from startracker_ros.ros.messages.clouds import centroids_from_rows, tracks_from_message
 from startracker_ros.ros.node import main_of
@@ -34,15 +34,16 @@ class SourceOptions(Options):
 
 
 class AttitudeEstimatorNode(CameraNode):
-    """Publishes the attitude of each frame that has a trusted one."""
+    """Publishes the attitude of each frame that has a trusted one, in ICRF."""
 
-    option_classes = (SourceOptions, ValidationOptions, FrameOptions, AberrationOptions)
+    option_classes = (SourceOptions, ValidationOptions, FrameOptions, ExtraFrameOptions,
+                      AberrationOptions)
     task = 'attitude'
 
     def __init__(self) -> None:
         super().__init__('attitude_estimator')
-        self._output = AttitudeOutput(self)
         self._observer = OdometryInput(self, FrameOptions)
+        self._output = AttitudeOutput(self, self._observer)
         self._source = self.options(SourceOptions).source
         # By stamp; tracks and tracked_attitude may arrive in either order.
         self._tracked: dict[int, TrackedAttitude | None] = {}
@@ -99,19 +100,14 @@ class AttitudeEstimatorNode(CameraNode):
             result = self._stage.from_tracks(stamp_ns, tracks, tracked)
         else:
             tracked, result = None, self._stage.from_tracks_alone(stamp_ns, tracks)
-        self._publish(stamp_ns, result, tracked)
+        self._output.publish(stamp_ns, result, tracked)
 
     def _on_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)
         if self.camera_or_drop() is not None and self.in_order('stars', message.header.stamp):
             stamp_ns = ns_from_stamp(message.header.stamp)
-            self._publish(stamp_ns, self._stage.from_stars(
+            self._output.publish(stamp_ns, self._stage.from_stars(
                 stamp_ns, centroids_from_rows(rows), rows['hip'].astype(np.int32)), None)
-
-    def _publish(self, stamp_ns: int, result: TrustedAttitude, tracked: TrackedAttitude | None
-                 ) -> None:
-        self._observer.report(stamp_ns)
-        self._output.publish(stamp_ns, result, tracked, self.options(FrameOptions))
 
 
 main = main_of(AttitudeEstimatorNode)

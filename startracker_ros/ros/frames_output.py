@@ -1,0 +1,40 @@
+"""The attitude with respect to J2000, the Earth and the orbit, for users of these frames."""
+
+from geometry_msgs.msg import QuaternionStamped
+import numpy as np
+from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.astro.frames import gcrs_from_itrf, gcrs_from_j2000
+from startracker_ros.astro.orbit import orbit_frame
+from startracker_ros.astro.state import State
+from startracker_ros.maths.rotation import (
+    conjugate, multiply, quaternion_from_matrix, sign_continuous)
+from startracker_ros.ros import qos
+from startracker_ros.ros.frames import ExtraFrameOptions
+from startracker_ros.ros.messages.attitude import quaternion_to_message
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.node import PipelineNode
+
+
+class FramesOutput:
+    """Publishes attitude_j2000, attitude_itrf and attitude_orbit where publish_frames is set."""
+
+    def __init__(self, node: PipelineNode) -> None:
+        self._node = node
+        self._publishers = {frame: node.advertise(QuaternionStamped, f'attitude_{frame}', qos.LIST)
+                            for frame in ('j2000', 'itrf', 'orbit')}
+        self._previous: dict[str, np.ndarray] = {}
+
+    def publish(self, stamp_ns: int, q_icrf_from_sensor: np.ndarray, state: State | None) -> None:
+        """Publish an attitude (4,); state is the odometry of its stamp, None without."""
+        options = self._node.options(ExtraFrameOptions)
+        if not options.publish_frames:
+            return
+        frames = {'j2000': gcrs_from_j2000(),
+                  'itrf': gcrs_from_itrf(epoch_year_from_stamp(stamp_ns), options.ut1_utc_s)}
+        if state is not None:
+            frames['orbit'] = orbit_frame(state.position_m, state.velocity_m_s)
+        for frame, icrf_from_frame in frames.items():
+            q = multiply(conjugate(quaternion_from_matrix(icrf_from_frame)), q_icrf_from_sensor)
+            self._previous[frame] = sign_continuous(q, self._previous.get(frame))
+            self._publishers[frame].publish(quaternion_to_message(
+                self._previous[frame], make_header(stamp_ns, frame)))
