@@ -1,27 +1,36 @@
 """Identifier, tracker and estimator over DDS, with a gyro that helps and one that misleads."""
 
+from dataclasses import replace
 import itertools
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import QuaternionStamped
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
+from startracker_ros.astro.aberration import apparent_directions, vantage_near_earth
+from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.astro.orbit import CircularOrbit, orbit_frame
+from startracker_ros.astro.state import State
 from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.maths.rotation import (
-    attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector,
-    random_attitude)
+    ARCSEC, attitude_error, matrix_from_quaternion, multiply, quaternion_from_matrix,
+    quaternion_from_pointing, quaternion_from_rotation_vector, random_attitude)
 from startracker_ros.ros import qos
-from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
+from startracker_ros.ros.messages.attitude import (
+    quaternion_from_message, tracked_attitude_from_imu)
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import centroids_to_message, tracks_to_message
 from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.odometry import state_to_odometry
 from startracker_ros.track.tracks import Tracks
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
@@ -37,10 +46,12 @@ STATES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 class Flight:
     """A camera that turns at a steady rate, with a gyro of 100 Hz."""
 
-    def __init__(self, nodes, probe):
+    def __init__(self, nodes, probe, sky=ONBOARD, aberration='none'):
+        """Show the stars of a sky: by default that of an observer at rest."""
         nodes.start('star_identifier', {'check_period_s': CHECK_NS * 1e-9})
-        nodes.start('star_tracker')
-        nodes.start('attitude_estimator')
+        nodes.start('star_tracker', {'aberration': aberration})
+        nodes.start('attitude_estimator', {'aberration': aberration, 'publish_frames': True})
+        self.sky = sky
         self.probe = probe
         probe.collect(Imu, 'attitude_imu', qos.LIST)
         probe.collect(DiagnosticStatus, 'tracker_state', qos.STATE)
@@ -82,7 +93,7 @@ class Flight:
                 if measured is not None:
                     self.imu.publish(gyro_to_imu(
                         np.asarray(measured), 1e-5, self.header(-k * STEP_NS // 10, frame_id)))
-            seen, _ = star_list(ONBOARD, CAMERA, self.q, 0.1, self.rng, false=3)
+            seen, _ = star_list(self.sky, CAMERA, self.q, 0.1, self.rng, false=3)
             self.truth[START_NS + self.index * STEP_NS] = self.q
             answers = len(self.probe.received['attitude_imu'])
             # The rates of a frame are there before its stars, as a camera's are.
@@ -222,7 +233,7 @@ def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
 
 @pytest.mark.parametrize('solver', ['quest', 'triad'])
 def test_tracks_alone_are_solved(nodes, probe, solver):
-    nodes.start('attitude_estimator', {'solver': solver})
+    nodes.start('attitude_estimator', {'solver': solver, 'aberration': 'none'})
     probe.collect(Imu, 'attitude_imu', qos.LIST)
     header = make_header(START_NS, FRAME)
     probe.advertise(CameraInfo, 'camera_info', qos.LIST).publish(
@@ -243,3 +254,54 @@ def test_tracks_alone_are_solved(nodes, probe, solver):
     assert error @ np.linalg.solve(found.attitude.covariance_sensor, error) < 25
     # Solved from a single frame: no rate is known.
     assert answer.angular_velocity_covariance[0] == -1
+
+
+def seen_by_a_spacecraft(velocity_m_s):
+    """Return the catalogue as an observer of geocentric velocity (3,) sees it."""
+    vantage = vantage_near_earth(epoch_year_from_stamp(START_NS), velocity_m_s)
+    return replace(ONBOARD, direction=apparent_directions(ONBOARD.direction, vantage))
+
+
+def sigma_arcsec(answer):
+    covariance = tracked_attitude_from_imu(answer).attitude.covariance_sensor
+    return np.sqrt(np.diag(covariance)) / ARCSEC
+
+
+def test_odometry_gives_an_attitude_in_icrf(nodes, probe):
+    """Without it the covariance contains the orbit; wrong odometry is named and not used."""
+    state = State(*CircularOrbit(7.078e6, 0.5, 0.7, 1.0).at(0.0), np.zeros((3, 3)))
+    flight = Flight(nodes, probe, seen_by_a_spacecraft(state.velocity_m_s), 'full')
+    odometry = probe.advertise(Odometry, 'odometry', qos.LIST, subscribers=2)
+    probe.collect(QuaternionStamped, 'attitude_orbit', qos.LIST)
+    probe.collect(QuaternionStamped, 'attitude_itrf', qos.LIST)
+    flight.until('TRACKING')
+    answers = flight.frames(5)
+    assert np.abs(flight.errors(answers)).max() < 3
+    assert sigma_arcsec(answers[-1])[:2].min() > 3
+    probe.wait(lambda: probe.diagnostic_value('attitude_estimator: attitude', 'aberration')
+               == 'earth_only (no odometry)', 'the value aberration')
+    assert probe.received['attitude_itrf'] and not probe.received['attitude_orbit']
+
+    odometry.publish(state_to_odometry(state, 0.0, flight.header(frame_id='itrf')))
+    probe.wait_diagnostic("odometry: frame 'itrf' is not 'icrf'")
+    fast = state._replace(velocity_m_s=3 * state.velocity_m_s)
+    odometry.publish(state_to_odometry(fast, 0.0, flight.header(frame_id='icrf')))
+    probe.wait_diagnostic('odometry: 22.5 km/s about the Earth')
+    old = make_header(START_NS - 3 * 3600 * 10 ** 9, 'icrf')
+    odometry.publish(state_to_odometry(state, 0.0, old))
+    assert sigma_arcsec(flight.frames(5)[-1])[:2].min() > 3
+    probe.wait_diagnostic('odometry is 3.0 h off')
+
+    odometry.publish(state_to_odometry(state, 0.0, flight.header(frame_id='icrf')))
+    probe.spin_for(0.3)
+    answers = flight.frames(30)
+    assert len(flight.errors(answers)) == 30 and np.abs(flight.errors(answers)[10:]).max() < 5
+    assert sigma_arcsec(answers[-1])[:2].max() < 1
+    # The orbit turns the frame by 1.06e-3 rad/s; the sky of this test does not turn with it.
+    orbit = probe.received['attitude_orbit'][0]
+    stamp_ns = ns_from_stamp(orbit.header.stamp)
+    expected = quaternion_from_matrix(
+        orbit_frame(state.position_m, state.velocity_m_s).T @ matrix_from_quaternion(
+            flight.truth[stamp_ns]))
+    error = attitude_error(quaternion_from_message(orbit), expected)
+    assert orbit.header.frame_id == 'orbit' and np.linalg.norm(error) < np.radians(0.3)

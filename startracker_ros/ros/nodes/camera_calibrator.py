@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2
+from startracker_ros.astro.observer_motion import AberrationOptions
 from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude
-from startracker_ros.bag.layouts import read_cloud, STAR_DTYPE
+from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.calibration.adjustment import CalibrationError
 from startracker_ros.calibration.collection import CollectionOptions, ViewCollection
 from startracker_ros.calibration.estimate import calibrate, MIN_FRAME_STARS
@@ -18,8 +19,10 @@ from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
+from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.messages.clouds import centroids_from_rows
 from startracker_ros.ros.node import main_of
+from startracker_ros.ros.odometry_input import OdometryInput
 
 
 @dataclass(frozen=True)
@@ -34,16 +37,19 @@ class OutputOptions(Options):
 class CameraCalibratorNode(CameraNode):
     """Collects frames of identified stars and calibrates from them on request."""
 
-    option_classes = (CollectionOptions, OutputOptions)
+    option_classes = (CollectionOptions, OutputOptions, AberrationOptions,
+                      InertialFrameOptions)
     task = 'calibration'
 
     def __init__(self) -> None:
         super().__init__('camera_calibrator')
+        self._observer = OdometryInput(self, InertialFrameOptions)
         self.subscribe(PointCloud2, 'stars', self._on_stars, qos.LIST)
         self.advertise_trigger('calibrate', self._calibrate)
         self.advertise_reset()
 
     def rebuild(self) -> None:
+        self._observer.rebuild()
         if self.camera is not None:
             self._onboard = onboard_catalog(load_catalog(), self.camera, self.epoch_year)
             self._collection = ViewCollection(self.camera, self.options(CollectionOptions))
@@ -69,7 +75,10 @@ class CameraCalibratorNode(CameraNode):
         except AttitudeError as error:
             self.diagnostics.report(WARN, f'no attitude: {error}')
             return
-        kept = self._collection.add(View(centroids, attitude.quaternion), known)
+        stamp_ns = ns_from_stamp(message.header.stamp)
+        self._observer.report(stamp_ns)
+        kept = self._collection.add(View(
+            centroids, attitude.quaternion, self._observer.motion.at(stamp_ns).vantage), known)
         self.diagnostics.counts['frames of a pointing already there'] += not kept
         self._describe()
         self.diagnostics.report(OK, 'collecting frames')
