@@ -1,4 +1,4 @@
-"""Apparent directions: light deflection by the Sun, aberration and refraction, both ways."""
+"""Apparent directions: light deflection by the Sun, aberration and refraction."""
 
 from typing import NamedTuple
 
@@ -46,16 +46,6 @@ def apparent_directions(directions: np.ndarray, vantage: Vantage) -> np.ndarray:
     """Return the unit vectors (N, 3) that an observer measures of natural ones (N, 3)."""
     apparent = aberrate(deflect(directions, vantage.heliocentric_au), vantage.velocity_m_s)
     return apparent if vantage.air is None else refract(apparent, vantage.air)
-
-
-def natural_directions(apparent: np.ndarray, vantage: Vantage) -> np.ndarray:
-    """Return the unit vectors (N, 3) whose apparent_directions() are given, to 0.1 mas."""
-    natural = apparent
-    # Each iteration leaves the change of the shift over the shift itself: 1e-4 of it or less.
-    for _ in range(3):
-        natural = natural + apparent - apparent_directions(natural, vantage)
-        natural = natural / np.linalg.norm(natural, axis=1, keepdims=True)
-    return natural
 
 
 def aberrate(directions: np.ndarray, velocity_m_s: np.ndarray) -> np.ndarray:

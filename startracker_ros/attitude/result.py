@@ -34,17 +34,22 @@ def covariance_icrf(q_icrf_from_sensor: np.ndarray, covariance_sensor: np.ndarra
     return matrix @ covariance_sensor @ matrix.T
 
 
-def with_velocity_error(attitude: AttitudeEstimate, velocity_sigma_m_s: float
-                        ) -> AttitudeEstimate:
+def with_velocity_error(attitude: AttitudeEstimate, velocity_sigma_m_s: float,
+                        sensor: np.ndarray, sigma: np.ndarray) -> AttitudeEstimate:
     """
     Return an attitude whose covariance contains an unknown velocity, of 1 sigma on each axis.
 
-    Its aberration shifts all stars of a field by velocity / c across the boresight, which looks
-    like a turn about the axes across it. The turn about the boresight that it leaves is the
-    less by the angle of the field.
+    sensor (N, 3) are the directions p of its stars, sigma (N,) their errors in any unit, w =
+    1 / sigma^2. A velocity v shifts a star by (v - (v.p) p) / c, which turns the best fit by
+    F^-1 (s x v) / c with F = sum w (I - p p^T) and s = sum w p: about the axes across the
+    boresight by v / c, about the boresight by some v / c times the angle of the field. The
+    covariance of the turn is (sigma_v / c)^2 F^-1 (s^2 I - s s^T) F^-1.
     """
     if not velocity_sigma_m_s:
         return attitude
+    weight = 1 / np.square(sigma)
+    s = weight @ sensor
+    F_inverse = np.linalg.inv(weight.sum() * np.eye(3) - (sensor * weight[:, None]).T @ sensor)
+    turn = F_inverse @ (s @ s * np.eye(3) - np.outer(s, s)) @ F_inverse
     variance = (velocity_sigma_m_s / SPEED_OF_LIGHT_M_S) ** 2
-    return replace(attitude, covariance_sensor=attitude.covariance_sensor
-                   + np.diag([variance, variance, 0.0]))
+    return replace(attitude, covariance_sensor=attitude.covariance_sensor + variance * turn)

@@ -73,8 +73,8 @@ class AttitudeValidator:
             return self._too_few(len(icrf), 'identified')
         sigma_rad = sigma_px[known] * self._camera.pixel_rad
         try:
-            attitude = estimate_attitude(self._camera.unproject(uv[known]), icrf, sigma_rad,
-                                         self._options.solver)
+            sensor = self._camera.unproject(uv[known])
+            attitude = estimate_attitude(sensor, icrf, sigma_rad, self._options.solver)
         except AttitudeError as error:
             return TrustedAttitude(None, str(error))
         residual_px = np.sqrt(np.mean(attitude.residual_rad ** 2)) / self._camera.pixel_rad
@@ -88,7 +88,7 @@ class AttitudeValidator:
         return TrustedAttitude(with_velocity_error(replace(
             attitude, quaternion=self._previous,
             covariance_sensor=attitude.covariance_sensor * excess),
-            self._sky.observer.velocity_sigma_m_s), 'trusted')
+            self._sky.observer.velocity_sigma_m_s, sensor, sigma_rad), 'trusted')
 
     def warm_up(self) -> None:
         """Load what solve() needs before the first frame."""

@@ -41,4 +41,4 @@ def icrf_identification(found: Identification, centroids: Centroids, camera: Cam
     residual_px = found.residual_px.copy()
     residual_px[known] = attitude.residual_rad / camera.pixel_rad
     return replace(found, focal_ratio=ratio, residual_px=residual_px, attitude=with_velocity_error(
-        attitude, sky.observer.velocity_sigma_m_s))
+        attitude, sky.observer.velocity_sigma_m_s, sensor, sigma_rad))

@@ -82,6 +82,8 @@ class StarTracker:
         self._onboard = onboard
         self._motion = motion
         self.sky = ApparentCatalog(onboard)
+        # The attitude that was published last, by its estimate.
+        self._icrf: tuple[AttitudeEstimate | None, AttitudeEstimate | None] = None, None
         self._options = options
         self._gyro_options = gyro
         self._stars = StarsInView(camera, self.sky)
@@ -105,8 +107,14 @@ class StarTracker:
         """Return the attitude of the newest frame, None unless its stars agree on one."""
         if not self._history or self._history[-1][0] != self._stamp_ns:
             return None
-        attitude = with_velocity_error(
-            self._history[-1][1], self.sky.observer.velocity_sigma_m_s)
+        estimate = self._history[-1][1]
+        if self._icrf[0] is not estimate:
+            seen = self._model.bank.select(self._model.bank.detected)
+            self._icrf = estimate, with_velocity_error(
+                estimate, self.sky.observer.velocity_sigma_m_s,
+                self._camera.unproject(seen.uv), np.sqrt(seen.variance))
+        attitude = self._icrf[1]
+        assert attitude is not None
         return TrackedAttitude(attitude, self._model.rate_rad_s, self._model.rate_covariance)
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from skyfield.api import EarthSatellite, load
 from startracker_ros.astro.aberration import (
-    aberrate, apparent_directions, natural_directions, vantage_near_earth)
+    aberrate, apparent_directions, vantage_near_earth)
 from startracker_ros.astro.earth import (
     earth_position_au, earth_state, earth_velocity_m_s, EpochError)
 from startracker_ros.astro.elements import KeplerOrbit, TwoLineOrbit
@@ -65,10 +65,7 @@ def test_apparent_directions_are_those_of_astropy(directions, year):
     assert np.linalg.norm(ours - directions, axis=1).max() > 15 * ARCSEC
 
 
-def test_natural_directions_are_the_inverse(directions):
-    vantage = vantage_near_earth(2026.3, np.array([0.0, 7500.0, 0.0]))
-    back = natural_directions(apparent_directions(directions, vantage), vantage)
-    assert np.abs(back - directions).max() < 1e-5 * ARCSEC
+def test_the_opposite_velocity_is_the_inverse(directions):
     velocity = np.array([2e7, -1e7, 3e7])
     np.testing.assert_allclose(
         aberrate(aberrate(directions, velocity), -velocity), directions, atol=1e-14)
