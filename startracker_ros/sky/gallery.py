@@ -150,6 +150,8 @@ def _options_of(cls: Any, values: Options) -> Any:
 
 
 def _render(picture: Picture, values: Options, camera: Camera) -> np.ndarray:
+    # The same stars in every picture.
+    values = {'aberration': False} | values
     simulator = SkySimulator(
         camera, motion_from_options(_options_of(MotionOptions, values), seed=1), load_catalog(),
         _EPOCH_YEAR, sky_options=_options_of(SkyOptions, values),
