@@ -32,6 +32,14 @@ def test_the_two_commands_stand_in_the_first_screen():
     (['solve', 'a.png'], 'give either --fov-deg or --camera'),
     (['solve', 'a.png', '--fov-deg', '400'], '400'),
     (['solve', 'a.png', '--camera', '/no/such.yaml'], '/no/such.yaml'),
+    (['solve', 'a.png', '--fov-deg', '10', '--site', '48', '11', '500'], 'need --epoch'),
+    (['solve', 'a.png', '--fov-deg', '10', '--epoch', 'noon'], "'noon' is neither a year nor"),
+    (['solve', 'a.png', '--fov-deg', '10', '--epoch', '2026.5', '--site', '98', '11', '500'],
+     'no latitude, longitude and height'),
+    (['solve', 'a.png', '--fov-deg', '10', '--epoch', '2026.5', '--velocity', '0', '21', '0'],
+     'more than 20 km/s about the Earth'),
+    (['calibrate', 'a.png', '-o', 'c.yaml', '--fov-deg', '10', '--epoch', '2026.5', '--site',
+      '48', '11', '500', '--velocity', '0', '7', '0'], 'give either --site or --velocity'),
     (['bench', 'pipeline', '--only', 'speed'], 'no case speed; there are noise-free'),
     (['demo', '--seconds', '1'], '5'),
 ])
@@ -40,6 +48,21 @@ def test_wrong_use_is_status_2(arguments, words):
     assert done.returncode == 2
     assert words in done.stderr
     assert 'Traceback' not in done.stderr
+
+
+@pytest.mark.parametrize('options, condition', [
+    ([], 'none (no --epoch)'), (['--epoch', '2150.0'], 'none (epoch J2150.00 is outside'),
+    (['--epoch', '2026-11-23T01:30'], 'earth_only'),
+    (['--epoch', '2026-11-23T01:30', '--velocity', '0', '7.5', '0'], 'full'),
+    (['--epoch', '2026-11-23T02:30+01:00', '--site', '48', '11.5', '500'], 'full')])
+def test_the_correction_of_aberration_is_in_the_result(tmp_path, options, condition):
+    (tmp_path / 'notes.png').write_text('not an image')
+    done = startracker('solve', '--fov-deg', '11.4', '--json', str(tmp_path / 'notes.png'),
+                       *options)
+    conditions = json.loads(done.stdout)['conditions']
+    assert conditions['aberration'].startswith(condition)
+    if 'T' in ''.join(options):
+        assert conditions['epoch'] == pytest.approx(2026.8937, abs=1e-3)
 
 
 def test_unreadable_image_is_a_row_and_status_1(tmp_path):

@@ -5,8 +5,8 @@ from startracker_ros.astro.aberration import apparent_directions
 from startracker_ros.astro.observer_motion import AT_REST, Observer
 from startracker_ros.catalog.onboard import OnboardCatalog
 
-_TOLERANCE_M_S = 0.5
-"""Change of velocity that is ignored: 0.0003 arcsec of aberration."""
+_TOLERANCE_M_S = 1.5
+"""Change of velocity that is ignored: 0.001 arcsec of aberration."""
 
 
 class ApparentCatalog:
