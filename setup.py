@@ -87,7 +87,7 @@ setup(
                  'flake8', 'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',
                  'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings',
                  'flake8-import-order', 'flake8-quotes', 'mypy', 'ros-ament-flake8<0.18',
-                 'ros-ament-lint<0.18', 'ros-ament-pep257<0.18', 'ruff', 'types-PyYAML'],
+                 'ros-ament-lint<0.18', 'ruff', 'types-PyYAML'],
     },
     entry_points={'console_scripts': console_scripts},
     cmdclass=cmdclass,

@@ -22,10 +22,10 @@ class Correction(NamedTuple):
     predicted (K, 2) px; probability (K, M + 1) as of associate(); inlier (K,), whether it was
     detected and corrects the attitude; normalised (K,) is the distance of its most probable
     centroid from its position by the corrected state in sigma, distance (K,) the same in px,
-    along a streak as many sigma of the narrow direction, both infinity where it was missed; best (K,) is that centroid. unassociated (M,) masks the centroids in no
-    gate. agreed is False when there are too few inliers. innovation (3,) is the measured turn,
-    whitened by its covariance: its square is the normalised innovation squared, of 3 degrees of
-    freedom.
+    along a streak as many sigma of the narrow direction, both infinity where it was missed; best
+    (K,) is that centroid. unassociated (M,) masks the centroids in no gate. agreed is False when
+    there are too few inliers. innovation (3,) is the measured turn, whitened by its covariance:
+    its square is the normalised innovation squared, of 3 degrees of freedom.
     """
 
     agreed: bool

@@ -9,14 +9,14 @@ from startracker_ros.harness.soak import NODES, Soak
 
 @pytest.fixture(scope='module')
 def result(tmp_path_factory):
-    """Return what two thousand frames through the nodes showed."""
+    """Return what six hundred frames through the nodes showed."""
     with Soak(tmp_path_factory.mktemp('soak'), seed=3) as soak:
-        return soak.run(2000)
+        return soak.run(600)
 
 
 def test_every_frame_is_answered_and_none_wrong(result):
-    assert (result.frames, result.processed, result.lost, result.wrong) == (2000, 2000, 0, 0)
-    assert result.attitudes >= 1980
+    assert (result.frames, result.processed, result.lost, result.wrong) == (600, 600, 0, 0)
+    assert result.attitudes >= 594
 
 
 def test_no_handle_and_no_thread_is_left_behind(result):
