@@ -53,3 +53,22 @@ def with_velocity_error(attitude: AttitudeEstimate, velocity_sigma_m_s: float,
     turn = F_inverse @ (s @ s * np.eye(3) - np.outer(s, s)) @ F_inverse
     variance = (velocity_sigma_m_s / SPEED_OF_LIGHT_M_S) ** 2
     return replace(attitude, covariance_sensor=attitude.covariance_sensor + variance * turn)
+
+
+def with_lens_error(attitude: AttitudeEstimate, lens_sigma: float, sensor: np.ndarray,
+                    sigma: np.ndarray) -> AttitudeEstimate:
+    """
+    Return an attitude whose covariance contains errors of the lens, of 1 sigma per axis and star.
+
+    sensor and sigma are those of with_velocity_error(), in rad as is lens_sigma. The errors are
+    independent between stars and the same in each frame: sigma_l^2 F^-1 G F^-1 is added, with G
+    = sum w^2 (I - p p^T).
+    """
+    if not lens_sigma:
+        return attitude
+    weight = 1 / np.square(sigma)
+    F, G = (w.sum() * np.eye(3) - (sensor * w[:, None]).T @ sensor
+            for w in (weight, np.square(weight)))
+    F_inverse = np.linalg.inv(F)
+    return replace(attitude, covariance_sensor=attitude.covariance_sensor
+                   + lens_sigma ** 2 * F_inverse @ G @ F_inverse)

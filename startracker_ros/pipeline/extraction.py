@@ -149,5 +149,5 @@ def _agree(streak: Streak, motion: Streak) -> bool:
     far = float(np.hypot(streak.u0, streak.v0))
     seen, moved = (np.array([way.u_px, way.v_px, far * way.roll]) for way in (streak, motion))
     along = (seen @ moved) / (moved @ moved) * moved
-    return bool(np.linalg.norm(seen - along) < max(
-        MAX_ASTRAY * np.linalg.norm(seen), MAX_ASTRAY_PX))
+    limit_px = max(MAX_ASTRAY * float(np.linalg.norm(seen)), MAX_ASTRAY_PX)
+    return bool(np.linalg.norm(seen - along) < limit_px)

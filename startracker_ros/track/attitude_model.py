@@ -15,6 +15,7 @@ from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.track.consistency import Residuals
 from startracker_ros.track.correction import correct, Correction, on_image
 from startracker_ros.track.identified import IdentifiedFrame
+from startracker_ros.track.lens_error import LensError
 from startracker_ros.track.model import FrameUpdate, rate_between, StarModel
 from startracker_ros.track.motion_models import image_jacobian
 from startracker_ros.track.options import TrackerOptions
@@ -80,6 +81,7 @@ class AttitudeModel(StarModel):
         self.uses_gyro = False
         self._gyro_agreed = 0
         self._scale = _ErrorScale(second.scale)
+        self._lens_error = LensError()
         self._mean_innovation = np.zeros(3)
         self._level, self._manoeuvre_frames = 1.0, 0
 
@@ -186,8 +188,10 @@ class AttitudeModel(StarModel):
                            self._sky.direction(bank.star_index[seen]))
         flow = image_jacobian(self._camera, direction)
         uv = frame.uv[centroid]
-        return Residuals(uv, uv - bank.uv[seen], self.error_px2(frame.select(centroid)), flow,
-                         flow @ self._state.rate)
+        stars = Residuals(uv, uv - bank.uv[seen], self.error_px2(frame.select(centroid)), flow,
+                          flow @ self._state.rate)
+        self._lens_error.add(bank.star_index[seen], stars)
+        return stars
 
     def _set_tracks(self, correction: Correction, probability: np.ndarray, frame: Centroids,
                     variance: np.ndarray) -> None:
@@ -203,6 +207,10 @@ class AttitudeModel(StarModel):
             self._gyro_agreed = 0
             state = state.with_new_drift(self._gyro.drift_sigma_rad_s)
         self._state, self.uses_gyro = state, uses_gyro
+
+    @property
+    def lens_error_px(self) -> float:
+        return self._lens_error.value_px
 
     @property
     def predicted_attitude(self) -> AttitudeEstimate:

@@ -72,6 +72,11 @@ class StarModel(ABC):
         """Return the attitude at the last frame, good or not, of a model that has one."""
         return None
 
+    @property
+    def lens_error_px(self) -> float:
+        """Return the error of star positions that stays from frame to frame, where it is known."""
+        return 0.0
+
     @abstractmethod
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         """Predict the tracks to the time of a newer frame and update them by it."""

@@ -9,7 +9,7 @@ import numpy as np
 from startracker_ros.astro.observer_motion import AT_REST, ObserverMotion
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
-from startracker_ros.attitude.result import with_velocity_error
+from startracker_ros.attitude.result import with_lens_error, with_velocity_error
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import OnboardCatalog
@@ -110,9 +110,11 @@ class StarTracker:
         estimate = self._history[-1][1]
         if self._icrf[0] is not estimate:
             seen = self._model.bank.select(self._model.bank.detected)
-            self._icrf = estimate, with_velocity_error(
-                estimate, self.sky.observer.velocity_sigma_m_s,
-                self._camera.unproject(seen.uv), np.sqrt(seen.variance))
+            sensor = self._camera.unproject(seen.uv)
+            sigma_rad = self._camera.pixel_rad * np.sqrt(seen.variance)
+            self._icrf = estimate, with_lens_error(with_velocity_error(
+                estimate, self.sky.observer.velocity_sigma_m_s, sensor, sigma_rad),
+                self._camera.pixel_rad * self._model.lens_error_px, sensor, sigma_rad)
         attitude = self._icrf[1]
         assert attitude is not None
         return TrackedAttitude(attitude, self._model.rate_rad_s, self._model.rate_covariance)

@@ -1,0 +1,52 @@
+"""
+Errors of star positions that stay from frame to frame, measured by the residuals.
+
+A lens that is not quite the camera model, coma, or an image that is no Gaussian moves a star by
+nearly the same in the next frame. A filter averages noise over frames, but not these. Where all
+noise is white the residuals of the filter are white as well: the mean product of a star's
+residuals in two frames in a row is the variance of what stays. A rotation of all stars is taken
+out before, being no matter of the lens; it takes a share of the stars' own errors with it.
+"""
+
+import math
+
+import numpy as np
+from startracker_ros.track.consistency import Residuals
+
+MEMORY = 0.98  # of the products of the frames before
+SIGNIFICANT = 4.0  # standard deviations of their mean by chance
+LEAST_STARS = 6
+
+
+class LensError:
+    """Learns the error that stays, from good frames in turn; value_px is its sigma per axis."""
+
+    def __init__(self) -> None:
+        self.value_px = 0.0
+        self._star_index = np.empty(0, np.int64)
+        self._residual = self._variance = np.empty(0)
+        self._product = self._weight = self._chance = 0.0
+
+    def add(self, star_index: np.ndarray, stars: Residuals) -> None:
+        """Add the residuals of a frame, of catalogue entries (K,)."""
+        if len(star_index) < LEAST_STARS:
+            return
+        variance = np.trace(stars.error, axis1=1, axis2=2) / 2
+        root = np.repeat(1 / np.sqrt(variance), 2)
+        flow, residual = stars.flow.reshape(-1, 3), stars.residual.reshape(-1)
+        basis = np.linalg.qr(flow * root[:, None])[0]
+        rest = np.eye(len(root)) - (basis / root[:, None]) @ (basis * root[:, None]).T
+        residual = (rest @ residual).reshape(-1, 2)
+        left = np.square(rest).sum(axis=1).reshape(-1, 2).mean(axis=1)
+        _, now, before = np.intersect1d(star_index, self._star_index, assume_unique=True,
+                                        return_indices=True)
+        if len(now):
+            # The mean of two products, one of each axis, has half the variance of one.
+            weight = 1 / (variance[now] * self._variance[before])
+            product = np.sum(residual[now] * self._residual[before], axis=1) / 2
+            self._product = MEMORY * self._product + float(weight @ product)
+            self._weight = MEMORY * self._weight + float(weight @ left[now])
+            self._chance = MEMORY ** 2 * self._chance + float(weight.sum()) / 2
+            significant = self._product > SIGNIFICANT * math.sqrt(self._chance)
+            self.value_px = math.sqrt(self._product / self._weight) if significant else 0.0
+        self._star_index, self._residual, self._variance = star_index, residual, variance
