@@ -5,8 +5,8 @@ import pytest
 from startracker_ros.astro.epoch import stamp_from_epoch_year
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.figures.correctness import error_over_bound
 from startracker_ros.centroid.extraction import ExtractionOptions
+from startracker_ros.figures.correctness import error_over_bound
 from startracker_ros.pipeline.extraction import ExtractionStage
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
 from startracker_ros.sky.artefacts import ArtefactOptions
