@@ -7,8 +7,8 @@ import zlib
 
 import numpy as np
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
-from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.maths.rotation import quaternion_from_pointing, random_attitude
@@ -36,7 +36,8 @@ class View:
     @cached_property
     def onboard(self) -> OnboardCatalog:
         """Return the stars that the camera can detect."""
-        return onboard_catalog(load_catalog(), self.camera, EPOCH_YEAR, self.magnitude_limit)
+        return onboard_catalog(camera_catalog(self.camera), self.camera, EPOCH_YEAR,
+                               self.magnitude_limit)
 
 
 VIEWS = {view.name: view for view in (

@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 from scipy.spatial import cKDTree
 from startracker_ros.bench.corpus import EPOCH_YEAR, View
+from startracker_ros.bench.narrow_field import NARROW_CONDITIONS, narrow_field_rows
 from startracker_ros.campaign.parallel import concatenated, parallel_trials
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
@@ -63,6 +64,9 @@ CASES = {
     '300 false spots': Case(2.0, false=300),
     '300 bright false spots': Case(2.0, false=300, bright=True),
 }
+
+NARROW = 'narrow fields'
+ALL_CASES = (*CASES, NARROW)
 
 
 @dataclass(frozen=True)
@@ -142,9 +146,9 @@ def frame(view: View, case: Case, rng: np.random.Generator) -> tuple[Centroids, 
 
 def run_identification_bench(*, trials: int, seed: int, only: Sequence[str] = (),
                              scheduler: str = '') -> Result:
-    """Identify trials frames of each camera and case, a tenth of them with false spots."""
+    """Identify trials frames of each camera and case, a tenth with false spots or narrow."""
     rows: list[Row] = []
-    names = list(only or CASES)
+    names = [name for name in only or ALL_CASES if name in CASES]
     pairs = [(name, view) for name in names if not CASES[name].false for view in VIEWS.values()]
     spots = [(name, VIEWS[_SPOT_VIEW]) for name in names if CASES[name].false]
     spot_trials = max(trials // _SPOT_SHARE, 1)
@@ -155,6 +159,8 @@ def run_identification_bench(*, trials: int, seed: int, only: Sequence[str] = ()
                                scheduler=scheduler)
         for (name, view), parts in zip(cells, done):
             rows += _rows(f'{view.name}, {name}', CASES[name], concatenated(parts))
+    if NARROW in (only or ALL_CASES):
+        rows += narrow_field_rows(trials=spot_trials, seed=seed, scheduler=scheduler)
     return Result('bench identification', rows, {
         'cameras': '; '.join(f'{view.name}: {view.fov_deg:g} deg, {view.width} px, V '
                              f'{view.magnitude_limit:g}' for view in VIEWS.values()),
@@ -167,6 +173,7 @@ def run_identification_bench(*, trials: int, seed: int, only: Sequence[str] = ()
                        'uniform from its faintest to its brightest star',
         'wrong': f'not {CORRECT_TEXT}',
         'times': 'process CPU time of a frame',
+        NARROW: NARROW_CONDITIONS,
         'trials': trials, 'seed': seed})
 
 

@@ -14,8 +14,8 @@ from startracker_ros.calibration.summary import figures, summary
 from startracker_ros.camera.files import save_camera
 from startracker_ros.camera.images import calibrated_camera, ImageError, read_image_with_camera
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog
-from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.identify.identification import IdentificationOptions
@@ -79,7 +79,7 @@ def _calibrate(centroids: dict[int, Centroids], camera: Camera, epoch_year: floa
                vantage: Vantage | None, terms: Sequence[str], reasons: dict[int, str]
                ) -> tuple[dict[int, int], Calibration]:
     """Return the frame number of each image in use and the calibration; add to reasons."""
-    onboard = onboard_catalog(load_catalog(), camera, epoch_year)
+    onboard = onboard_catalog(camera_catalog(camera), camera, epoch_year)
     views: dict[int, View] = {}
     camera = _with_focal_length(centroids, camera, epoch_year)
     for options in _REFINED:

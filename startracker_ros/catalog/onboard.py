@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from startracker_ros.astro.earth import earth_position_au
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.sky_grid import pairs_within, sky_grid
 from startracker_ros.catalog.stars import StarCatalog
 
 MERGE_PX = 2.0
@@ -71,16 +72,15 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     neighbours, so the direction of an entry does not depend on the limit.
     """
     direction = catalog.directions(epoch_year, earth_position_au(epoch_year))
-    pairs = _close_pairs(direction, _chord(max(merge_rad, crowd_rad)))
-    separation = np.linalg.norm(direction[pairs[:, 0]] - direction[pairs[:, 1]], axis=1)
-    count, entry = _connected_components(pairs[separation <= _chord(merge_rad)], len(catalog))
+    pairs, square = pairs_within(sky_grid(direction), _chord(max(merge_rad, crowd_rad)))
+    count, entry = _connected_components(pairs[square <= _chord(merge_rad) ** 2], len(catalog))
     flux = 10 ** (-0.4 * catalog.magnitude.astype(float))
     magnitude = -2.5 * np.log10(np.bincount(entry, flux, count))
     direction = np.stack([np.bincount(entry, flux * axis, count) for axis in direction.T], -1)
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     # Stars are in order of magnitude: the first one of an entry is its brightest component.
     brightest = np.unique(entry, return_index=True)[1]
-    near = pairs[separation <= _chord(crowd_rad)]
+    near = pairs[square <= _chord(crowd_rad) ** 2]
     crowded = _crowded(entry[near], magnitude)
     blended = crowded | _crowded(near, catalog.magnitude)[brightest]
 
@@ -97,35 +97,6 @@ def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,
     return build_onboard_catalog(catalog, epoch_year, magnitude_limit=magnitude_limit,
                                  merge_rad=MERGE_PX * camera.pixel_rad,
                                  crowd_rad=CROWD_PX * camera.pixel_rad)
-
-
-def _close_pairs(direction: np.ndarray, chord: float) -> np.ndarray:
-    """
-    Return the pairs (P, 2) of unit vectors (N, 3) with a chord up to the given one.
-
-    Space is divided into cells of edge chord, numbered along the third axis first. The partners
-    of a star are in three consecutive cells of its own row and of the eight rows around it;
-    four of these rows and the rest of its own give each pair once. This is as fast as the
-    k-d tree of SciPy, whose import would take longer than all the rest of this module.
-    """
-    edge = max(chord, 1e-5)
-    cells = int(2 / edge) + 3
-    i, j, k = ((direction + 1) / edge).astype(np.int64).T + 1
-    cell = (i * cells + j) * cells + k
-    order = np.argsort(cell, kind='stable')
-    cell = cell[order]
-    rank = np.arange(len(cell))
-    pairs = []
-    for row in (0, 1, cells - 1, cells, cells + 1):
-        begin = np.searchsorted(cell, cell + row * cells - 1) if row else rank + 1
-        count = np.searchsorted(cell, cell + row * cells + 1, side='right') - begin
-        # The concatenated ranges begin .. begin + count of all stars.
-        offset = np.repeat(np.cumsum(count) - count - begin, count)
-        first, second = order[np.repeat(rank, count)], order[np.arange(len(offset)) - offset]
-        difference = direction[first] - direction[second]
-        near = np.einsum('ij,ij->i', difference, difference) <= chord ** 2
-        pairs.append(np.stack([first[near], second[near]], -1))
-    return np.concatenate(pairs)
 
 
 def _connected_components(pairs: np.ndarray, size: int) -> tuple[int, np.ndarray]:

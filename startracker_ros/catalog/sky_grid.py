@@ -23,7 +23,7 @@ class SkyGrid(NamedTuple):
 def sky_grid(direction: np.ndarray) -> SkyGrid:
     """Return the grid of unit vectors (N, 3), with about one per cell on the sphere."""
     # A cell of edge 2 / n covers about 4 / n**2 of the 4 pi of the sphere.
-    cells = int(np.clip(np.sqrt(len(direction) / np.pi), 4, 64))
+    cells = int(np.clip(np.sqrt(len(direction) / np.pi), 4, 128))
     i, j, k = np.clip(((direction + 1) * (cells / 2)).astype(int), 0, cells - 1).T
     cell = (i * cells + j) * cells + k
     start = np.zeros(cells ** 3 + 1, np.int32)
@@ -66,6 +66,53 @@ def nearest(grid: SkyGrid, x: float, y: float, z: float, chord: float) -> tuple[
                 if square <= limit and square < best_square:
                     best, best_square = star, square
     return best, best_square
+
+
+@compiled
+def pairs_within(grid: SkyGrid, chord: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pairs i < j (P, 2) of stars within chord, and their squared chords (P,)."""
+    # In the order of the cells: the stars of a cell are then side by side in memory.
+    direction = grid.direction[grid.member]
+    count = 0
+    pairs, squares = np.empty((0, 2), np.int32), np.empty(0)
+    # The second pass stores what the first one has counted.
+    for stored in range(2):
+        if stored:
+            pairs, squares = np.empty((count, 2), np.int32), np.empty(count)
+        count = 0
+        for n in range(len(direction)):
+            count = _add_partners(grid, direction, n, chord, pairs, squares, count)
+    return pairs, squares
+
+
+@inlined
+def _add_partners(grid: SkyGrid, direction: np.ndarray, n: int, chord: float, pairs: np.ndarray,
+                  squares: np.ndarray, count: int) -> int:
+    """
+    Add the pairs of star member[n] with stars of a higher index to count others.
+
+    direction (N, 3) is in the order of grid.member. Return the number of pairs; those beyond the
+    end of pairs (P, 2) and squares (P,) are counted only.
+    """
+    limit = chord * chord
+    star = grid.member[n]
+    x, y, z = direction[n, 0], direction[n, 1], direction[n, 2]
+    first_x, last_x = _cells_about(grid, x, chord)
+    first_y, last_y = _cells_about(grid, y, chord)
+    first_z, last_z = _cells_about(grid, z, chord)
+    for i in range(first_x, last_x + 1):
+        for j in range(first_y, last_y + 1):
+            row = (i * grid.cells + j) * grid.cells
+            for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
+                dx, dy, dz = direction[m, 0] - x, direction[m, 1] - y, direction[m, 2] - z
+                square = dx * dx + dy * dy + dz * dz
+                if square > limit or grid.member[m] <= star:
+                    continue
+                if count < len(squares):
+                    pairs[count, 0], pairs[count, 1] = star, grid.member[m]
+                    squares[count] = square
+                count += 1
+    return count
 
 
 @compiled

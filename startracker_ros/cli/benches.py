@@ -65,8 +65,8 @@ def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python:
 def bench_identification(trials: int, only: tuple[str, ...], scheduler: str, seed: int,
                          as_json: bool) -> None:
     """Frames left unidentified: close pairs resolved, joined or missed, many false spots."""
-    from startracker_ros.bench.identification import CASES, run_identification_bench
-    check_names('case', only, CASES)
+    from startracker_ros.bench.identification import ALL_CASES, run_identification_bench
+    check_names('case', only, ALL_CASES)
     finish(run_identification_bench(trials=trials, seed=seed, only=only, scheduler=scheduler),
            as_json)
 

@@ -9,8 +9,9 @@ import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.lens import Lens, shows, undistort
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.deep import camera_catalog, DEEP_LIMIT
 from startracker_ros.catalog.onboard import onboard_catalog
-from startracker_ros.catalog.stars import load_catalog, StarCatalog
+from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.compiled import compiled
@@ -31,7 +32,8 @@ class IdentificationOptions(Options):
     method: str = option('pyramid', 'how candidates are found', choices=METHODS)
     magnitude_limit: float = option(
         0.0, 'faintest stars of the pattern database, V; 0 chooses it so that a field holds '
-        'twenty on average', unit='mag', low=0.0, high=9.0)
+        'twenty on average; beyond 9 only fields below 4 deg have stars', unit='mag', low=0.0,
+        high=DEEP_LIMIT)
     max_image_stars: int = option(
         400, 'brightest centroids that are used', low=4, high=500)
     tolerance_sigmas: float = option(
@@ -116,7 +118,7 @@ class Identifier(ABC):
                  options: IdentificationOptions = IdentificationOptions(),
                  catalog: StarCatalog | None = None) -> None:
         """Build the pattern database, or load it from the cache."""
-        catalog = load_catalog() if catalog is None else catalog
+        catalog = camera_catalog(camera) if catalog is None else catalog
         self.camera = camera
         self.options = options
         self.magnitude_limit = options.magnitude_limit or _limit_for(

@@ -31,7 +31,7 @@ class KVector:
         step = (last - start) / count if last > start else 1.0
         below = np.searchsorted(values, start + step * np.arange(count + 1))
         below[-1] = count
-        self.table = KVectorTable(values, below, float(start), float(1 / step))
+        self.table = KVectorTable(values, below.astype(np.int32), float(start), float(1 / step))
 
     def between(self, low: float, high: float) -> slice:
         """Return the slice of the values with low <= value <= high."""

@@ -5,10 +5,15 @@ from functools import cached_property
 
 import numpy as np
 from startracker_ros.catalog.onboard import OnboardCatalog
+from startracker_ros.catalog.sky_grid import pairs_within, sky_grid
 from startracker_ros.identify.kvector import KVector
 
-# 100 MB, and some two seconds to build.
+# Memory and time to build bound the number of pairs: in wide fields by the faintest stars; in
+# narrow ones, whose few stars are all needed, by the longest sides as well.
 _MOST_PAIRS = 6e6
+_NARROW_RAD = np.radians(6.0)
+_MOST_NARROW_PAIRS = 1.6e6
+_NARROW_STARS_PER_FIELD = 20.0
 
 
 @dataclass(frozen=True)
@@ -46,23 +51,24 @@ class PairDatabase:
 def build_pairs(onboard: OnboardCatalog, min_separation_rad: float,
                 max_separation_rad: float) -> PairDatabase:
     """
-    Return all pairs of stars whose centroids no neighbour disturbs.
+    Return the pairs of stars whose centroids no neighbour disturbs.
 
-    A deep catalogue and a wide field make too many pairs for the memory: the brightest stars
-    then make _MOST_PAIRS at most.
+    max_separation_rad is the diagonal of the image. Of a deep catalogue the brightest stars are
+    used, which make _MOST_PAIRS at most. A narrow field has _NARROW_STARS_PER_FIELD of them on
+    average, and the pairs of the smallest separations, _MOST_NARROW_PAIRS.
     """
+    star = np.flatnonzero(~onboard.crowded)
     # Of S stars spread over the sky, S^2 (1 - cos) / 4 pairs are closer than an angle.
-    most = int(np.sqrt(4 * _MOST_PAIRS / max(1 - np.cos(max_separation_rad), 1e-12)))
-    star = np.flatnonzero(~onboard.crowded)[:most]
-    direction = onboard.direction[star]
-    # Imported here: a cached database needs no tree, whose import is slow.
-    from scipy.spatial import cKDTree
-    pairs = cKDTree(direction).query_pairs(2 * np.sin(max_separation_rad / 2),
-                                           output_type='ndarray')
-    chord = np.linalg.norm(direction[pairs[:, 0]] - direction[pairs[:, 1]], axis=1)
-    separation = 2 * np.arcsin(chord / 2)
-    wide = separation >= min_separation_rad
-    pairs, separation = pairs[wide], separation[wide]
-    order = np.argsort(separation)
-    return PairDatabase(star.astype(np.int32), separation[order],
-                        pairs[order, 0].astype(np.int32), pairs[order, 1].astype(np.int32))
+    if max_separation_rad > _NARROW_RAD:
+        star = star[:int(np.sqrt(4 * _MOST_PAIRS / (1 - np.cos(max_separation_rad))))]
+    else:
+        fields = 4 * np.pi / (max_separation_rad ** 2 / 2)
+        star = star[:int(_NARROW_STARS_PER_FIELD * fields)]
+        share = 4 * _MOST_NARROW_PAIRS / max(len(star), 1) ** 2
+        max_separation_rad = min(max_separation_rad, np.arccos(max(1 - share, -1.0)))
+    pairs, square = pairs_within(sky_grid(onboard.direction[star]),
+                                 2 * np.sin(min(max_separation_rad, np.pi) / 2))
+    order = np.argsort(square)
+    order = order[np.searchsorted(square[order], (2 * np.sin(min_separation_rad / 2)) ** 2):]
+    return PairDatabase(star.astype(np.int32), 2 * np.arcsin(np.sqrt(square[order]) / 2),
+                        pairs[order, 0], pairs[order, 1])

@@ -6,8 +6,8 @@ from startracker_ros.attitude.validation import (
     AttitudeValidator, TrustedAttitude, ValidationOptions)
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
+from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog
-from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
@@ -24,7 +24,8 @@ class AttitudeStage:
                  options: ValidationOptions = ValidationOptions(),
                  motion: ObserverMotion | None = None) -> None:
         self._motion = motion
-        self.sky = ApparentCatalog(onboard_catalog(load_catalog(), camera, epoch_year))
+        self.sky = ApparentCatalog(
+            onboard_catalog(camera_catalog(camera), camera, epoch_year))
         self._validator = AttitudeValidator(camera, self.sky, options)
 
     def reset(self) -> None:

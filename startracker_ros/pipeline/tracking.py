@@ -3,8 +3,8 @@
 from startracker_ros.astro.observer_motion import ObserverMotion
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
-from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.target import TargetTracker, TargetTrackOptions
 from startracker_ros.track.tracker import StarTracker
@@ -27,4 +27,5 @@ def make_trackers(camera: Camera, epoch_year: float, options: TrackerOptions,
 
 
 def _tracked_stars(camera: Camera, epoch_year: float, options: TrackerOptions) -> OnboardCatalog:
-    return onboard_catalog(load_catalog(), camera, epoch_year, options.magnitude_limit)
+    return onboard_catalog(camera_catalog(camera), camera, epoch_year,
+                           options.magnitude_limit)

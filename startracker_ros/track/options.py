@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from startracker_ros.catalog.deep import DEEP_LIMIT
 from startracker_ros.options import option, Options
 
 MODELS = ('attitude', 'constant_velocity', 'coordinated_turn', 'sna')
@@ -16,7 +17,8 @@ class TrackerOptions(Options):
         'coordinated_turn: a filter for each star (JPDAF); sna: no filter, each star where it '
         'was measured (star neighbourhood approach)', choices=MODELS)
     magnitude_limit: float = option(
-        9.0, 'faintest catalogue stars that are followed', unit='mag', low=0.0, high=9.0)
+        DEEP_LIMIT, 'faintest catalogue stars that are followed, V; beyond 9 only fields below '
+        '4 deg have stars', unit='mag', low=0.0, high=DEEP_LIMIT)
     max_stars: int = option(
         40, 'most stars followed at a time, brightest first', low=4, high=500)
     min_stars: int = option(

@@ -1,13 +1,17 @@
 """Fields of close pairs and of false spots that stayed unidentified, and how they are made."""
 
 import json
+from types import SimpleNamespace
 
 from click.testing import CliRunner
 import numpy as np
 import pytest
+from startracker_ros.bench import lost_in_space, narrow_field
 from startracker_ros.bench.identification import (
     Case, CASES, EPOCH_YEAR, frame, imaged_sky, Outcome, run_identification_bench,
     solve_frames, VIEWS)
+from startracker_ros.bench.lost_in_space import CORRECT, UNSOLVED, WRONG
+from startracker_ros.bench.narrow_field import VIEWS as NARROW_VIEWS
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.cli import main
@@ -91,3 +95,42 @@ def test_bounds_can_fail(monkeypatch, case, solved, correct, failing):
                             for view, _ in cases])
     result = run_identification_bench(trials=2, seed=1, only=(case,))
     assert [row.case for row in result.rows if not row.holds] == failing
+
+
+def test_narrow_fields_are_identified_with_the_deep_catalogue(tmp_path, monkeypatch):
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    for view, least in zip(NARROW_VIEWS.values(), (60, 58)):
+        outcome = narrow_field.solve_frames(view, 60, 3)
+        assert np.count_nonzero(outcome.kind == CORRECT) >= least
+        assert not np.any(outcome.kind == WRONG)
+
+
+def test_narrow_bounds_can_fail(monkeypatch):
+    kinds = {'N3': [CORRECT, UNSOLVED], 'N2': [CORRECT, WRONG]}
+    monkeypatch.setattr(narrow_field, 'parallel_trials', lambda work, cases, *_, **__: [
+        [lost_in_space.Outcome(np.array(kinds[view.name]), np.array([1e-3, 1.0]))]
+        for view, in cases])
+    monkeypatch.setattr(narrow_field, 'measure_build', lambda view: (
+        (2.0, 50.0) if view.name == 'N3' else (4.0, 150.0)))
+    monkeypatch.setattr(narrow_field, 'ProcessPoolExecutor', InThisProcess)
+    failing = [row.case for row in narrow_field.narrow_field_rows(trials=2, seed=1)
+               if not row.holds]
+    assert failing == ['N3: correct', 'N3: time, median', 'N3: time, p99', 'N2: correct',
+                       'N2: wrong', 'N2: time, median', 'N2: time, p99', 'N2: database, time',
+                       'N2: database, memory']
+
+
+class InThisProcess:
+    """The part of an executor that the bench uses."""
+
+    def __init__(self, *_, **__) -> None:
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_) -> None:
+        pass
+
+    def submit(self, work, *arguments):
+        return SimpleNamespace(result=lambda: work(*arguments))

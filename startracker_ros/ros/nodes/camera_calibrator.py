@@ -13,8 +13,8 @@ from startracker_ros.calibration.estimate import calibrate, MIN_FRAME_STARS
 from startracker_ros.calibration.matching import View
 from startracker_ros.calibration.summary import sentence
 from startracker_ros.camera.files import save_camera
+from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog
-from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
@@ -51,7 +51,8 @@ class CameraCalibratorNode(CameraNode):
     def rebuild(self) -> None:
         self._observer.rebuild()
         if self.camera is not None:
-            self._onboard = onboard_catalog(load_catalog(), self.camera, self.epoch_year)
+            self._onboard = onboard_catalog(
+                camera_catalog(self.camera), self.camera, self.epoch_year)
             self._collection = ViewCollection(self.camera, self.options(CollectionOptions))
             self._describe()
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.astro.epoch import epoch_year_from_stamp
-from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.catalog.deep import camera_catalog, DEEP_LIMIT
 from startracker_ros.options import option, Options
 from startracker_ros.ros.diagnostics import OK
 from startracker_ros.ros.frames import FrameOptions
@@ -31,8 +31,9 @@ class SceneOptions(Options):
                         low=16, high=4096)
     height: int = option(1024, 'image height; a camera_file brings its own', unit='px',
                          low=16, high=4096)
-    faint_limit: float = option(9.0, 'faintest star that is drawn, V', unit='mag',
-                                low=0.0, high=9.0)
+    faint_limit: float = option(
+        9.0, 'faintest star that is drawn, V; beyond 9 only fields below 4 deg have stars',
+        unit='mag', low=0.0, high=DEEP_LIMIT)
     seed: int = option(1, 'seed of all noise: the same seed gives the same images',
                        low=0, high=2 ** 31 - 1)
     preset: str = option(
@@ -59,7 +60,7 @@ class SkySimulatorNode(SourceNode):
         self._camera = self.options(CameraOptions).camera(scene.width, scene.height)
         self._simulator = SkySimulator(
             self._camera, motion_from_options(self.options(MotionOptions), seed=scene.seed),
-            load_catalog().brighter_than(scene.faint_limit),
+            camera_catalog(self._camera).brighter_than(scene.faint_limit),
             epoch_year_from_stamp(self.start_ns()),
             sky_options=self.options(SkyOptions),
             detector_options=with_preset(self.options(DetectorOptions), scene.preset),
