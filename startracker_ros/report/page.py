@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from startracker_ros.bag.errors import BagError
+from startracker_ros.catalog.deep import star_name
 from startracker_ros.extras import extra
 from startracker_ros.report.frames import frame_pictures, FramePicture
 from startracker_ros.report.loading import load_recording
@@ -113,7 +114,7 @@ def _frame(panels: Panels, picture: FramePicture) -> dict[str, Any]:
     for index, row in enumerate(marks):
         hip = int(hips[index])
         missed = 'missed' in names and row['missed'] > 0
-        words = f'HIP {hip}, V {row["magnitude"]:.2f}' if hip else 'not identified'
+        words = f'{star_name(hip)}, V {row["magnitude"]:.2f}' if hip else 'not identified'
         shown.append({
             'u': float(row['u']) + 0.5, 'v': float(row['v']) + 0.5,
             'kind': 'mark lost' if missed else 'mark known' if hip else 'mark',

