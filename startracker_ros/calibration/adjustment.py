@@ -10,7 +10,7 @@ measure, and on the ground refraction would appear as a difference of fx and fy.
 fy / fx stays that of the initial camera.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -48,21 +48,23 @@ class MatchedStars:
     Centroids of all frames with their catalogue stars.
 
     uv (N, 2) px; sigma_px (N,) 1-sigma error per axis; icrf (N, 3) unit vectors of the stars;
-    frame (N,) index of the frame.
+    frame (N,) index of the frame; flux (N,) DN; hip (N,) and V (N,) of the catalogue.
     """
 
     uv: np.ndarray
     sigma_px: np.ndarray
     icrf: np.ndarray
     frame: np.ndarray
+    flux: np.ndarray
+    hip: np.ndarray
+    magnitude: np.ndarray
 
     def __len__(self) -> int:
         return len(self.uv)
 
     def select(self, chosen: np.ndarray) -> 'MatchedStars':
         """Return the stars of a mask (N,) or of indices."""
-        return MatchedStars(self.uv[chosen], self.sigma_px[chosen], self.icrf[chosen],
-                            self.frame[chosen])
+        return MatchedStars(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
 @dataclass(frozen=True)

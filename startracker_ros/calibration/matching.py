@@ -1,6 +1,6 @@
 """Matching of centroids with catalogue stars at a known attitude."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -49,9 +49,11 @@ def match_stars(camera: Camera, onboard: OnboardCatalog, views: list[View],
         single = ~onboard.crowded[near[star]]
         index, star = valid[index[single]], star[single]
         parts.append(MatchedStars(centroids.uv[index], centroids.sigma_px[index],
-                                  direction[star], np.full(len(index), frame)))
-    return MatchedStars(*(np.concatenate([getattr(part, name) for part in parts])
-                          for name in ('uv', 'sigma_px', 'icrf', 'frame')))
+                                  direction[star], np.full(len(index), frame),
+                                  centroids.flux[index], onboard.hip[near[star]],
+                                  onboard.magnitude[near[star]]))
+    return MatchedStars(*(np.concatenate([getattr(part, field.name) for part in parts])
+                          for field in fields(MatchedStars)))
 
 
 def _nearest_pairs(a: np.ndarray, b: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:

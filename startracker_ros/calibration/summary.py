@@ -2,6 +2,7 @@
 
 import numpy as np
 from startracker_ros.calibration.estimate import Calibration, cells, covered_percent
+from startracker_ros.calibration.photometry import fit_band
 from startracker_ros.maths.rotation import ARCSEC
 
 
@@ -26,7 +27,8 @@ def summary(calibration: Calibration) -> dict[str, object]:
     Return the parameters with their 1-sigma errors and the residuals of all images.
 
     ..._lens_arcsec are the errors of each camera model: the rms over the cells of the image of
-    the mean residual in a cell, in which the errors of the centroids average out.
+    the mean residual in a cell, in which the errors of the centroids average out. colour_term,
+    corner_mag and ..._mag are those of photometry.py.
     """
     found = calibration.adjustment
     stars = calibration.stars
@@ -42,6 +44,11 @@ def summary(calibration: Calibration) -> dict[str, object]:
     for name, residual_px in _residuals(calibration).items():
         values[f'{name}_lens_arcsec'] = arcsec * _rms_of_cells(
             cells(calibration.camera, stars.uv), residual_px, stars.sigma_px)
+    band = fit_band(stars, calibration.camera)
+    values.update(colour_term=band.colour_term, colour_term_sigma=band.colour_term_sigma,
+                  corner_mag=band.corner_mag, scatter_mag=band.scatter_mag)
+    values.update({f'scatter_{name.lower()}_mag': scatter
+                   for name, scatter in band.band_scatter_mag.items()})
     return values
 
 

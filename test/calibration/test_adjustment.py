@@ -46,8 +46,9 @@ def known(rng, frames, sigma_px=0.1):
     for frame in range(frames):
         q = random_attitude(rng)
         spots, hip = star_list(ONBOARD, LENS, q, sigma_px, rng)
-        parts.append((spots.uv, spots.sigma_px, ONBOARD.direction[ONBOARD.index_of(hip)],
-                      np.full(len(hip), frame)))
+        star = ONBOARD.index_of(hip)
+        parts.append((spots.uv, spots.sigma_px, ONBOARD.direction[star],
+                      np.full(len(hip), frame), spots.flux, hip, ONBOARD.magnitude[star]))
         attitudes.append(multiply(q, quaternion_from_rotation_vector(rng.normal(0, 3e-4, 3))))
     return MatchedStars(*(np.concatenate(part) for part in zip(*parts))), np.array(attitudes)
 

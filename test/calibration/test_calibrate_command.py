@@ -63,6 +63,15 @@ def test_parameters_come_with_their_errors(calibrated):
         assert 0 < figures[f'{name}_sigma'] < 1
 
 
+def test_magnitudes_are_predicted_in_the_band_of_the_camera(calibrated):
+    figures = calibrated[0]['conditions']
+    assert 0.4 < figures['colour_term'] < 0.7 and figures['colour_term_sigma'] < 0.05
+    assert 0.3 < figures['corner_mag'] < 0.7
+    assert figures['scatter_mag'] <= 0.2
+    for band in ('v', 'hp', 'g'):
+        assert figures[f'scatter_{band}_mag'] > 1.3 * figures['scatter_mag']
+
+
 def test_the_calibrated_camera_solves_the_same_sky(calibrated, night_sky):
     paths, known = night_sky
     result = solve_files(paths, camera_file=calibrated[1], epoch_year=2019.57)
