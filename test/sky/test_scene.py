@@ -6,7 +6,7 @@ import pytest
 from skyfield.api import load, Star
 from skyfield.positionlib import Barycentric
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.catalog.stars import load_catalog, RADIAL_VELOCITY_KM_S
 from startracker_ros.maths.rotation import (
     conjugate, quaternion_from_pointing, rotate, unit_from_radec)
 from startracker_ros.sky.exposure import project_visible
@@ -76,7 +76,8 @@ def test_directions_agree_with_skyfield():
                     dec_degrees=np.degrees(catalog.dec_rad[row]),
                     ra_mas_per_year=catalog.pm_ra_mas_yr[row],
                     dec_mas_per_year=catalog.pm_dec_mas_yr[row],
-                    parallax_mas=catalog.parallax_mas[row], epoch=2448349.0625)
+                    parallax_mas=catalog.parallax_mas[row],
+                    radial_km_per_s=RADIAL_VELOCITY_KM_S.get(hip, 0.0), epoch=2448349.0625)
         expected = barycentre.observe(star).xyz.au
         ra_deg, dec_deg = np.degrees([catalog.ra_rad[row], catalog.dec_rad[row]])
         stars = stars_at(ra_deg - 1.0, dec_deg + 2.0)
