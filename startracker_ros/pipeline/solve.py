@@ -12,8 +12,8 @@ from startracker_ros.astro.observer_motion import AT_REST, Observer
 from startracker_ros.camera.images import calibrated_camera, ImageError, read_image_with_camera
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
+from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog
-from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.identify.identification import (
@@ -70,7 +70,8 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         try:
             image, camera = read_image_with_camera(path, calibrated, fov_deg)
             if camera not in identifiers:
-                sky = ApparentCatalog(onboard_catalog(load_catalog(), camera, epoch_year))
+                sky = ApparentCatalog(
+                    onboard_catalog(camera_catalog(camera), camera, epoch_year))
                 sky.look_from(observer)
                 identifiers[camera] = make_identifier(camera, epoch_year, options), sky
             start_s = time.perf_counter()

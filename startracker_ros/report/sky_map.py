@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.catalog.deep import load_deep_catalog, NUMBER_OFFSET
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import matrix_from_quaternion
 from startracker_ros.report.panels import numbers, Panels, thinned, usable
@@ -51,12 +52,13 @@ def _border(panels: Panels) -> np.ndarray:
 
 def _stars(panels: Panels, centre: np.ndarray, radius_deg: float) -> list[list[float | None]]:
     """Return x, y, z, V, Hipparcos number and frames in use, of those used and bright ones."""
-    recording, catalog = panels.recording, load_catalog()
+    recording = panels.recording
     if len(recording.tracks):
         used = recording.tracks.rows['hip'][usable(recording.tracks)]
     else:
         used = recording.stars.rows['hip'][recording.stars.rows['hip'] > 0]
     hip, frames = np.unique(used, return_counts=True)
+    catalog = load_deep_catalog() if hip.max(initial=0) >= NUMBER_OFFSET else load_catalog()
     in_use = dict(zip(hip.tolist(), frames.tolist()))
     directions = catalog.directions(epoch_year_from_stamp(panels.start_ns))
     inside = np.flatnonzero(directions @ centre > np.cos(np.radians(min(radius_deg * 1.1, 180))))

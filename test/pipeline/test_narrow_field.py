@@ -34,8 +34,8 @@ def test_a_narrow_camera_identifies_tracks_and_publishes():
     assert np.count_nonzero(deep) >= 3
     assert tracker.state is TrackerState.TRACKING
     assert np.count_nonzero(tracks.hip[tracks.usable] > NUMBER_OFFSET) >= 3
-    for trusted in (attitude.from_stars(centroids, found.hip),
-                    attitude.from_tracks(tracks, tracker.attitude)):
+    for trusted in (attitude.from_stars(stamp_ns, centroids, found.hip),
+                    attitude.from_tracks(stamp_ns, tracks, tracker.attitude)):
         assert np.hypot(*attitude_error(trusted.attitude.quaternion, q)[:2]) < 2 * ARCSEC
     rows = np.zeros(len(found.hip), STAR_DTYPE)
     rows['hip'] = found.hip
