@@ -15,12 +15,14 @@ class Result:
     """
     Rows of one command, and the conditions under which they were made.
 
-    A row is a dataclass or a mapping, all with the same columns.
+    A row is a dataclass or a mapping, all with the same columns. details are columns of the
+    JSON document that the table leaves out.
     """
 
     name: str
     rows: Sequence[Any]
     conditions: Mapping[str, object] = field(default_factory=dict)
+    details: Sequence[str] = ()
 
     @property
     def records(self) -> list[dict[str, object]]:
@@ -62,11 +64,13 @@ def _text(name: str, value: object) -> str:
 
 
 def show(result: Result, as_json: bool) -> None:
-    """Print a result; both forms hold the same rows."""
+    """Print a result; both forms hold the same rows, the table without the details."""
     rows, conditions = result.records, _plain_values(result.conditions)
     if as_json:
         print(json.dumps({'name': result.name, 'conditions': conditions, 'rows': rows}))
         return
+    rows = [{key: value for key, value in row.items() if key not in result.details}
+            for row in rows]
     table = Table(title=result.name, title_justify='left', header_style='bold')
     for key in rows[0] if rows else ():
         numeric = any(isinstance(row[key], (int, float)) for row in rows)

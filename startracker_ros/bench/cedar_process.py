@@ -5,12 +5,13 @@ Run by path; imports nothing of this package:
 
     python cedar_process.py build CATALOGUE DATABASE FOV_DEG MAGNITUDE_LIMIT EPOCH_YEAR
     python cedar_process.py solve DATABASE FRAMES.npz RESULTS.npz
+    python cedar_process.py detect IMAGE.npy STARS.npz
 
 build prints seconds and MB. FRAMES has uv (N, 2) in px, (0, 0) the centre of the top-left
-pixel, of all frames after one another, count (F,) of each, size_px, fov_deg and warm_up, the
-number of first frames without a result. RESULTS has pointing_deg (F - warm_up, 3): right
-ascension, declination and roll in the convention of cedar-solve, NaN without a solution; cpu_s
-(F - warm_up,).
+pixel, of all frames after one another, count (F,) of each, size_px (F, 2) height and width,
+fov_deg (F,) and warm_up, the number of first frames without a result. RESULTS has pointing_deg
+(F - warm_up, 3): right ascension, declination and roll in the convention of cedar-solve, NaN
+without a solution; cpu_s (F - warm_up,). STARS has stars (N, 3) u, v, flux, and cpu_s.
 """
 
 from collections.abc import Callable
@@ -58,16 +59,17 @@ def _solve(database: str, frames: str, results: str) -> None:
     solver = tetra3.Tetra3(load_database=database)
     with np.load(frames) as inputs:
         fields = np.split(inputs['uv'], np.cumsum(inputs['count'])[:-1])
-        size_px, fov_deg = int(inputs['size_px']), float(inputs['fov_deg'])
+        sizes_px, fovs_deg = inputs['size_px'], inputs['fov_deg']
         warm_up = int(inputs['warm_up'])
     pointing_deg, cpu_s = [], []
     gc.disable()
-    for uv in fields:
+    for uv, size_px, fov_deg in zip(fields, sizes_px, fovs_deg):
         # Rows of (y, x), (0, 0) the corner of the image.
         yx = uv[:, ::-1] + 0.5
         start_s = time.process_time()
         result = solver.solve_from_centroids(
-            yx, (size_px, size_px), fov_estimate=fov_deg, fov_max_error=FOV_TOLERANCE * fov_deg,
+            yx, tuple(map(int, size_px)), fov_estimate=fov_deg,
+            fov_max_error=FOV_TOLERANCE * fov_deg,
             match_max_error=None, solve_timeout=TIME_LIMIT_MS)
         cpu_s.append(time.process_time() - start_s)
         solved = result['RA'] is not None
@@ -77,7 +79,18 @@ def _solve(database: str, frames: str, results: str) -> None:
              cpu_s=np.array(cpu_s)[warm_up:])
 
 
+def _detect(image_file: str, stars: str) -> None:
+    from tetra3 import get_centroids_from_image
+    image = np.load(image_file)
+    get_centroids_from_image(image)
+    start_s = time.process_time()
+    yx, moments = get_centroids_from_image(image, return_moments=True)
+    cpu_s = time.process_time() - start_s
+    np.savez(stars, stars=np.column_stack([yx[:, ::-1] - 0.5, moments[0]]), cpu_s=cpu_s)
+
+
 if __name__ == '__main__':
     logging.disable(logging.CRITICAL)
-    commands: dict[str, Callable[..., None]] = {'build': _build, 'solve': _solve}
+    commands: dict[str, Callable[..., None]] = {
+        'build': _build, 'solve': _solve, 'detect': _detect}
     commands[sys.argv[1]](*sys.argv[2:])

@@ -6,6 +6,7 @@ tetra3rs (https://github.com/ssmichael1/tetra3rs) and cedar-solve
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -24,7 +25,7 @@ from startracker_ros.figures.machine import installed_version
 from startracker_ros.figures.timing import cpu_timed, garbage_collector_off
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.maths.rotation import conjugate, quaternion_from_pointing
+from startracker_ros.maths.rotation import conjugate, quaternion_from_pointing, rotate
 
 WARM_UP = 20
 """Frames that each solver solves before its time counts."""
@@ -99,13 +100,18 @@ class Tetra3rs(Solver):
             'pattern_max_error': self._pattern_max_error}
         self._database = SolverDatabase.generate_from_gaia(
             max_fov_deg=view.fov_deg, epoch_proper_motion_year=EPOCH_YEAR, **tuned)
+        self.set_camera(camera)
+
+    def set_camera(self, camera: Camera) -> None:
+        """Solve frames of another camera of about the same field of view."""
         fov_deg = float(np.degrees(camera.fov_x_rad))
+        tuned = self._pattern_max_error is not None
         self._center = [camera.cx, camera.cy]
         self._options: dict[str, Any] = {
             'fov_estimate_deg': fov_deg, 'image_width': camera.width,
             'image_height': camera.height,
             # An error of 1 px changes the scale of a small pattern by several per cent.
-            'fov_max_error_deg': None if not tuned else cedar_process.FOV_TOLERANCE * fov_deg}
+            'fov_max_error_deg': cedar_process.FOV_TOLERANCE * fov_deg if tuned else None}
 
     def store(self, folder: Path) -> None:
         self._database.save_to_file(str(folder / 'tetra3rs.bin'))
@@ -194,14 +200,40 @@ class Cedar:
         seconds, memory_mb = map(float, printed.split())
         return Database(seconds, self._database(view).stat().st_size / 1e6, memory_mb)
 
+    def detect(self, images: Sequence[np.ndarray]) -> list[tuple[np.ndarray, float]]:
+        """Return u, v, flux (N, 3) of the stars of each image (H, W), and CPU times in s."""
+        found = []
+        with tempfile.TemporaryDirectory() as folder:
+            image_file, outputs = Path(folder) / 'image.npy', Path(folder) / 'stars.npz'
+            for image in images:
+                np.save(image_file, image)
+                self._run('detect', image_file, outputs)
+                with np.load(outputs) as stars:
+                    found.append((stars['stars'], float(stars['cpu_s'])))
+        return found
+
+    def directions(self, view: View, cameras: Sequence[Camera], lists: Sequence[Centroids]
+                   ) -> list[tuple[np.ndarray | None, float]]:
+        """Return the direction (3,) of the middle of each image, None if unsolved, and times."""
+        attitudes, cpu_s = self._solved(view, cameras, lists, 0)
+        return [(None if q is None else rotate(q, [0.0, 0.0, 1.0]), float(time_s))
+                for q, time_s in zip(attitudes, cpu_s)]
+
     def timed_attitudes(self, view: View, camera: Camera, frames: list[Frame],
                         ) -> tuple[list[np.ndarray | None], np.ndarray]:
         """Return attitudes and CPU times from the process of this solver."""
+        return self._solved(view, [camera] * len(frames),
+                            [frame.centroids for frame in frames], WARM_UP)
+
+    def _solved(self, view: View, cameras: Sequence[Camera], lists: Sequence[Centroids],
+                warm_up: int) -> tuple[list[np.ndarray | None], np.ndarray]:
         with tempfile.TemporaryDirectory() as folder:
             inputs, outputs = Path(folder) / 'frames.npz', Path(folder) / 'results.npz'
-            np.savez(inputs, uv=np.concatenate([frame.centroids.uv for frame in frames]),
-                     count=[len(frame.centroids) for frame in frames], size_px=camera.width,
-                     fov_deg=np.degrees(camera.fov_x_rad), warm_up=WARM_UP)
+            np.savez(inputs, uv=np.concatenate([centroids.uv for centroids in lists]),
+                     count=[len(centroids) for centroids in lists],
+                     size_px=[(camera.height, camera.width) for camera in cameras],
+                     fov_deg=[np.degrees(camera.fov_x_rad) for camera in cameras],
+                     warm_up=warm_up)
             self._run('solve', self._database(view), inputs, outputs)
             with np.load(outputs) as results:
                 # Its roll is that of north from image up, ours of image up from north.

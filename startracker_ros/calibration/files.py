@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from startracker_ros.astro.aberration import Vantage
 from startracker_ros.astro.epoch import epoch_year_now
 from startracker_ros.astro.observer_motion import AT_REST, Observer
 from startracker_ros.calibration.adjustment import CalibrationError
 from startracker_ros.calibration.estimate import calibrate, Calibration, MIN_FRAME_STARS
+from startracker_ros.calibration.learnt_lens import learn_lens
 from startracker_ros.calibration.matching import View
 from startracker_ros.calibration.summary import figures, summary
 from startracker_ros.camera.files import save_camera
@@ -19,19 +21,18 @@ from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.identify.identification import IdentificationOptions
+from startracker_ros.identify.ladder import LadderIdentifier
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.table import Result
 
 # Stars in the corners are mostly faint.
 _MAX_STARS = 300
-# An uncalibrated lens: stars are some px from the pixels of an ideal lens. A larger floor
-# allows for more distortion, but is slower and identifies fewer fields.
-_FLOORS_PX = (0.5, 2.0)
-_WIDE = tuple(IdentificationOptions(fov_error_percent=5.0, sigma_floor_px=floor_px)
-              for floor_px in _FLOORS_PX)
-# With known focal length; distortion changes it from field to field.
+# What is known of the field of view before the first image is solved.
+_WIDE = IdentificationOptions(fov_error_percent=5.0)
+# With the lens of one image; distortion beyond it changes the focal length from field to field.
+_RATIO_ERROR = 0.02  # of the pixel sides as one image shows them
 _REFINED = tuple(IdentificationOptions(fov_error_percent=1.0, sigma_floor_px=floor_px)
-                 for floor_px in _FLOORS_PX)
+                 for floor_px in (0.5, 2.0))
 
 
 def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | None = None,
@@ -81,7 +82,9 @@ def _calibrate(centroids: dict[int, Centroids], camera: Camera, epoch_year: floa
     """Return the frame number of each image in use and the calibration; add to reasons."""
     onboard = onboard_catalog(camera_catalog(camera), camera, epoch_year)
     views: dict[int, View] = {}
-    camera = _with_focal_length(centroids, camera, epoch_year)
+    learnt = _with_learnt_lens(centroids, camera, epoch_year)
+    # Terms that are not free stay those of the initial camera.
+    camera = camera.with_focal_ratio(learnt.fx / camera.fx) if terms else learnt
     for options in _REFINED:
         _identify(centroids, views, camera, epoch_year, options, reasons)
     calibration = calibrate(_seen_from(vantage, views), camera, onboard, terms)
@@ -112,16 +115,26 @@ def _used(views: dict[int, View], calibration: Calibration) -> dict[int, int]:
     return {index[view]: frame for frame, view in enumerate(calibration.frames)}
 
 
-def _with_focal_length(centroids: dict[int, Centroids], camera: Camera, epoch_year: float
-                       ) -> Camera:
-    """Return the camera with the focal length of the first image that a wide search solves."""
-    for options in _WIDE:
-        identifier = make_identifier(camera, epoch_year, options)
-        for image_centroids in centroids.values():
-            identification = identifier.identify(image_centroids)
-            if identification.attitude is not None:
-                return camera.with_focal_ratio(identification.focal_ratio)
+def _with_learnt_lens(centroids: dict[int, Centroids], camera: Camera, epoch_year: float
+                      ) -> Camera:
+    """Return the lens of the first image that a search without a calibration solves."""
+    ladder = LadderIdentifier(camera, epoch_year, _WIDE)
+    for image_centroids in centroids.values():
+        for attempt in ladder.identify([image_centroids]):
+            if attempt.identification.attitude is not None:
+                lens = learn_lens(attempt, camera, _WIDE.fov_error_percent / 100)
+                if not lens.rejected:
+                    return _with_likely_ratio(lens.camera, camera.fy / camera.fx)
     return camera
+
+
+def _with_likely_ratio(camera: Camera, told: float) -> Camera:
+    """Return the camera with the told fy / fx, unless the fitted one is clearly another."""
+    found = camera.fy / camera.fx
+    if abs(found / told - 1) > _RATIO_ERROR:
+        return camera
+    focal = np.sqrt(camera.fx * camera.fy / told)
+    return replace(camera, fx=float(focal), fy=float(focal * told))
 
 
 def _identify(centroids: dict[int, Centroids], views: dict[int, View], camera: Camera,

@@ -45,7 +45,7 @@ def match_stars(camera: Camera, onboard: OnboardCatalog, views: list[View],
         uv = camera.project(rotate(conjugate(q), direction))
         inside = camera.contains(uv, -gate_px)
         near, uv, direction = near[inside], uv[inside], direction[inside]
-        index, star = _nearest_pairs(centroids.uv[valid], uv, gate_px)
+        index, star = nearest_pairs(centroids.uv[valid], uv, gate_px)
         single = ~onboard.crowded[near[star]]
         index, star = valid[index[single]], star[single]
         parts.append(MatchedStars(centroids.uv[index], centroids.sigma_px[index],
@@ -56,7 +56,7 @@ def match_stars(camera: Camera, onboard: OnboardCatalog, views: list[View],
                           for field in fields(MatchedStars)))
 
 
-def _nearest_pairs(a: np.ndarray, b: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+def nearest_pairs(a: np.ndarray, b: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Return indices of mutual nearest neighbours within radius, of points (N, 2) and (M, 2)."""
     if not len(a) or not len(b):
         return np.empty(0, int), np.empty(0, int)

@@ -1,6 +1,7 @@
 """Star images from files."""
 
 from pathlib import Path
+import struct
 
 import cv2
 import numpy as np
@@ -9,6 +10,10 @@ from startracker_ros.camera.model import Camera, CameraError
 
 # More than any image of a star camera in any format.
 _LARGEST_FILE_BYTES = 500_000_000
+# The header of an image is in its first bytes, the end of a JPEG in its last ones.
+_CHECKED_BYTES, _END_BYTES = 1 << 20, 1 << 16
+# An image of so many needs some 2 GB while it is solved.
+_MOST_PIXELS = 120_000_000
 
 
 class ImageError(ValueError):
@@ -25,7 +30,11 @@ def read_image(path: str | Path) -> np.ndarray:
         raise ImageError(f'{path}: {error.strerror}') from error
     if len(content) > _LARGEST_FILE_BYTES:
         raise ImageError(f'{path}: more than {_LARGEST_FILE_BYTES // 1_000_000} MB')
-    image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if len(content) else None
+    _check_content(path, content[:_CHECKED_BYTES].tobytes(), content[-_END_BYTES:].tobytes())
+    try:
+        image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if len(content) else None
+    except cv2.error as error:
+        raise ImageError(f'{path}: OpenCV cannot read it: {error.err}') from error
     if image is None:
         raise ImageError(f'{path}: not an image that OpenCV can read')
     if image.dtype not in (np.uint8, np.uint16):
@@ -34,6 +43,55 @@ def read_image(path: str | Path) -> np.ndarray:
         # The mean of the channels is less noisy than the weights of human vision.
         image = image[..., :3].mean(axis=2).round().astype(image.dtype)
     return image
+
+
+def _check_content(path: Path, begin: bytes, end: bytes) -> None:
+    """Raise ImageError for images too large to decode, truncated JPEG, and FITS."""
+    if begin.startswith(b'SIMPLE  ='):
+        raise ImageError(f'{path}: FITS is not read; save one plane as PNG or TIFF of 16 bit')
+    if begin.startswith(b'\xff\xd8') and b'\xff\xd9' not in end:
+        raise ImageError(f'{path}: a truncated JPEG')
+    width, height = _size(begin)
+    if width * height > _MOST_PIXELS:
+        raise ImageError(f'{path}: {width} x {height} px, at most '
+                         f'{_MOST_PIXELS // 1_000_000} million px are solved')
+
+
+def _size(begin: bytes) -> tuple[int, int]:
+    """Return width and height of a PNG, JPEG or TIFF by its first bytes; zeros if unknown."""
+    if begin.startswith(b'\x89PNG') and len(begin) >= 24:
+        width, height = struct.unpack('>II', begin[16:24])
+        return width, height
+    if begin.startswith(b'\xff\xd8'):
+        return _jpeg_size(begin)
+    if begin[:4] in (b'II*\0', b'MM\0*') and len(begin) >= 8:
+        return _tiff_size(begin)
+    return 0, 0
+
+
+def _jpeg_size(begin: bytes) -> tuple[int, int]:
+    at = 2
+    while at + 9 <= len(begin) and begin[at] == 0xff:
+        marker, length = begin[at + 1], int.from_bytes(begin[at + 2:at + 4], 'big')
+        # Start of frame, of any coding; the others in this range are tables.
+        if 0xc0 <= marker <= 0xcf and marker not in (0xc4, 0xc8, 0xcc):
+            height, width = struct.unpack('>HH', begin[at + 5:at + 9])
+            return width, height
+        at += 2 + length
+    return 0, 0
+
+
+def _tiff_size(begin: bytes) -> tuple[int, int]:
+    order = '<' if begin.startswith(b'II') else '>'
+    at, size = struct.unpack(f'{order}I', begin[4:8])[0], {256: 0, 257: 0}
+    if at + 2 <= len(begin):
+        count, = struct.unpack(f'{order}H', begin[at:at + 2])
+        for entry in range(at + 2, min(at + 2 + 12 * count, len(begin) - 12), 12):
+            tag, kind = struct.unpack(f'{order}HH', begin[entry:entry + 4])
+            if tag in size:
+                form, length = ('H', 2) if kind == 3 else ('I', 4)
+                size[tag], = struct.unpack(f'{order}{form}', begin[entry + 8:entry + 8 + length])
+    return size[256], size[257]
 
 
 def calibrated_camera(camera_file: Path | None, fov_deg: float | None) -> Camera | None:

@@ -82,6 +82,13 @@ class Camera:
         return (np.arctan((self.cy + 0.5) / self.fy)
                 + np.arctan((self.height - 0.5 - self.cy) / self.fy))
 
+    @property
+    def seen_x_rad(self) -> float:
+        """Horizontal field of view, edge to edge through the centre, with the distortion."""
+        left, right = self.unproject(np.array(
+            [[-0.5, self.cy], [self.width - 0.5, self.cy]]))
+        return float(2 * np.arcsin(np.linalg.norm(right - left) / 2))
+
     @cached_property
     def corner_angle_rad(self) -> float:
         """Largest angle between the optical axis and a corner of the image."""

@@ -1,10 +1,12 @@
 """The group bench: speed and accuracy beside peers and bounds."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import click
 from startracker_ros.cli.shared import (
-    check_names, exit_1_on, finish, json_option, scheduler_option, seed_option, trials_option)
+    check_names, exit_1_on, finish, json_option, scheduler_option, seed_option, trials_option,
+    usage_error_on)
 
 
 @click.group()
@@ -16,6 +18,11 @@ def _bench(function: Callable[..., None]) -> Callable[..., None]:
     function = trials_option(1000, 'Frames of each case.')(function)
     function = click.option('--only', multiple=True, help='Cases to run, by name.')(function)
     return seed_option(json_option(function))
+
+
+cedar_option = click.option(
+    '--cedar-python', type=click.Path(exists=True, dir_okay=False),
+    help="Python of a venv with cedar-solve and 'numpy<2', to run that peer as well.")
 
 
 @bench.command('pipeline')
@@ -33,8 +40,7 @@ def bench_pipeline(trials: int, seed: int, only: tuple[str, ...], as_json: bool)
 @bench.command('lost-in-space')
 @click.option('--all-cells', is_flag=True, help='Every combination of noise, missing and false.')
 @click.option('--camera', 'cameras', multiple=True, help='Cameras to run: A12, B20, C10.')
-@click.option('--cedar-python', type=click.Path(exists=True, dir_okay=False),
-              help="Python of a venv with cedar-solve and 'numpy<2', to run that peer as well.")
+@cedar_option
 @scheduler_option
 @_bench
 def bench_lost_in_space(all_cells: bool, cameras: tuple[str, ...], cedar_python: str | None,
@@ -143,3 +149,20 @@ def bench_attitude(trials: int, vectors: tuple[int, ...], seed: int, as_json: bo
     """Time, error and covariance of the attitude solvers beside SciPy's align_vectors."""
     from startracker_ros.bench.attitude import run_attitude_bench, VECTORS
     finish(run_attitude_bench(trials=trials, seed=seed, vectors=vectors or VECTORS), as_json)
+
+
+@bench.command('real-sky')
+@click.argument('folders', nargs=-1,
+                type=click.Path(exists=True, file_okay=False, path_type=Path))
+@cedar_option
+@seed_option
+@json_option
+def bench_real_sky(folders: tuple[Path, ...], cedar_python: str | None, seed: int,
+                   as_json: bool) -> None:
+    """Photographs in FOLDERS with a solutions.csv beside them, ours beside peers."""
+    from startracker_ros.bench.peers import PeerError
+    from startracker_ros.bench.photographs import FolderError
+    from startracker_ros.bench.real_sky import run_real_sky_bench
+    with usage_error_on(FolderError), exit_1_on(PeerError):
+        result = run_real_sky_bench(folders, seed=seed, cedar_python=cedar_python or '')
+    finish(result, as_json)

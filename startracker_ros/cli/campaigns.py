@@ -128,3 +128,14 @@ def campaign_centroid(folder: Path | None, as_json: bool) -> None:
     with exit_1_on(DataError):
         result = run_centroid_campaign(folder)
     finish(result, as_json)
+
+
+@campaign.command('lenses')
+@trials_option(200, 'Fields, each of a lens of its own.')
+@scheduler_option
+@seed_option
+@json_option
+def campaign_lenses(trials: int, scheduler: str, seed: int, as_json: bool) -> None:
+    """Star lists of uncalibrated lenses of 5 to 70 deg, solved with the field of view alone."""
+    from startracker_ros.campaign.lenses import run_lenses_campaign
+    finish(run_lenses_campaign(trials=trials, seed=seed, scheduler=scheduler), as_json)

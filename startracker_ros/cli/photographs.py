@@ -88,6 +88,10 @@ def _observer(epoch_year: float | None, site: tuple[float, float, float] | None,
         return Observer(None, EARTH_SIGMA_M_S, 'none', str(error))
 
 
+# What a person knows of the field of view of a photograph, and of a calibrated camera.
+_UNCALIBRATED_PERCENT, _CALIBRATED_PERCENT = 5.0, 0.5
+
+
 def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
     if (fov_deg is None) == (camera_file is None):
         raise click.UsageError('give either --fov-deg or --camera')
@@ -98,14 +102,14 @@ def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
 @click.option('--fov-deg', type=float, help='Horizontal field of view, edge to edge.')
 @click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
               help='Camera YAML as camera_calibration writes it, instead of --fov-deg.')
-@click.option('--fov-error-percent', type=click.FloatRange(0, 5), default=0.5,
-              show_default=True, help='How far the field of view may be off.')
+@click.option('--fov-error-percent', type=click.FloatRange(0, 5),
+              help='How far the field of view may be off.  [default: 5, with --camera 0.5]')
 @_observer_options
 @click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path),
               help='Folder for a PNG of each image with the identified stars.')
 @json_option
 def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
-          fov_error_percent: float, epoch_year: float | None, annotate_folder: Path | None,
+          fov_error_percent: float | None, epoch_year: float | None, annotate_folder: Path | None,
           as_json: bool, **observer: Any) -> None:
     """Attitude of star IMAGES: right ascension, declination, roll, stars, residual."""
     from startracker_ros.camera.model import CameraError
@@ -113,6 +117,8 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     from startracker_ros.pipeline.solve import solve_files
     from startracker_ros.table import show
     _check_one_camera(fov_deg, camera_file)
+    if fov_error_percent is None:
+        fov_error_percent = _UNCALIBRATED_PERCENT if camera_file is None else _CALIBRATED_PERCENT
     with usage_error_on(CameraError):
         result = solve_files(images, fov_deg=fov_deg, camera_file=camera_file,
                              epoch_year=epoch_year, observer=_observer(epoch_year, **observer),

@@ -12,7 +12,7 @@ import tempfile
 import numpy as np
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.folders import cache_folder
-from startracker_ros.identify.pairs import build_pairs, PairDatabase
+from startracker_ros.identify.pairs import build_pairs, MOST_PAIRS, PairDatabase
 
 MAX_FILES = 20
 """Databases in the cache, the last used ones: a camera needs one a year, a campaign dozens."""
@@ -22,7 +22,7 @@ _VERSION = 2
 
 
 def cached_pairs(onboard: OnboardCatalog, min_separation_rad: float,
-                 max_separation_rad: float) -> PairDatabase:
+                 max_separation_rad: float, most_pairs: float = MOST_PAIRS) -> PairDatabase:
     """
     Return the pairs of the catalogue from the cache, or build and store them.
 
@@ -30,13 +30,14 @@ def cached_pairs(onboard: OnboardCatalog, min_separation_rad: float,
     rebuilt. Where the folder cannot be written, the pairs are built each time. The MAX_FILES
     last used files remain.
     """
-    key = hashlib.sha256(repr((_VERSION, min_separation_rad, max_separation_rad)).encode())
+    key = hashlib.sha256(
+        repr((_VERSION, min_separation_rad, max_separation_rad, most_pairs)).encode())
     for field in fields(OnboardCatalog):
         key.update(np.ascontiguousarray(getattr(onboard, field.name)).tobytes())
     path = cache_folder() / f'pairs-{key.hexdigest()[:32]}.bin'
     pairs = _load(path)
     if pairs is None:
-        pairs = build_pairs(onboard, min_separation_rad, max_separation_rad)
+        pairs = build_pairs(onboard, min_separation_rad, max_separation_rad, most_pairs)
         _store(path, pairs)
     return pairs
 

@@ -113,6 +113,7 @@ class Identifier(ABC):
     stars_per_field = 20.0
     min_stars = 4
     bases_by_brightness = False
+    lens_known = True
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions(),
@@ -127,8 +128,11 @@ class Identifier(ABC):
         # Proper motion of a year is far below the tolerances: one database for the whole year.
         self.onboard = onboard_catalog(catalog, camera, round(epoch_year), self.magnitude_limit)
         self._catalog_stars = len(self.onboard) * _share_of_sky(camera)
-        self.verifier = Verifier(camera, self.onboard, options.tolerance_sigmas, self.scale_error,
-                                 bases_by_brightness=self.bases_by_brightness)
+        self.verifier = self._verifier(camera)
+
+    def _verifier(self, camera: Camera) -> Verifier:
+        return Verifier(camera, self.onboard, self.options.tolerance_sigmas, self.scale_error,
+                        bases_by_brightness=self.bases_by_brightness, lens_known=self.lens_known)
 
     @abstractmethod
     def identify(self, centroids: Centroids) -> Identification:

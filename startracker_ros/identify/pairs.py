@@ -10,7 +10,7 @@ from startracker_ros.identify.kvector import KVector
 
 # Memory and time to build bound the number of pairs: in wide fields by the faintest stars; in
 # narrow ones, whose few stars are all needed, by the longest sides as well.
-_MOST_PAIRS = 6e6
+MOST_PAIRS = 6e6
 _NARROW_RAD = np.radians(6.0)
 _MOST_NARROW_PAIRS = 1.6e6
 _NARROW_STARS_PER_FIELD = 20.0
@@ -49,18 +49,18 @@ class PairDatabase:
 
 
 def build_pairs(onboard: OnboardCatalog, min_separation_rad: float,
-                max_separation_rad: float) -> PairDatabase:
+                max_separation_rad: float, most_pairs: float = MOST_PAIRS) -> PairDatabase:
     """
     Return the pairs of stars whose centroids no neighbour disturbs.
 
     max_separation_rad is the diagonal of the image. Of a deep catalogue the brightest stars are
-    used, which make _MOST_PAIRS at most. A narrow field has _NARROW_STARS_PER_FIELD of them on
+    used, which make most_pairs at most. A narrow field has _NARROW_STARS_PER_FIELD of them on
     average, and the pairs of the smallest separations, _MOST_NARROW_PAIRS.
     """
     star = np.flatnonzero(~onboard.crowded)
     # Of S stars spread over the sky, S^2 (1 - cos) / 4 pairs are closer than an angle.
     if max_separation_rad > _NARROW_RAD:
-        star = star[:int(np.sqrt(4 * _MOST_PAIRS / (1 - np.cos(max_separation_rad))))]
+        star = star[:int(np.sqrt(4 * most_pairs / (1 - np.cos(max_separation_rad))))]
     else:
         fields = 4 * np.pi / (max_separation_rad ** 2 / 2)
         star = star[:int(_NARROW_STARS_PER_FIELD * fields)]

@@ -15,7 +15,9 @@ Navigation 51 (2004). The steps of the paper and where they are:
 This is the method for general use, compiled throughout.
 """
 
+from copy import copy
 import time
+from typing import Self
 
 from numba import objmode, types
 from numba.experimental import structref
@@ -31,6 +33,7 @@ from startracker_ros.identify.cache import cached_pairs
 from startracker_ros.identify.identification import (
     Identification, IdentificationOptions, Identifier, per_centroid, usable_stars)
 from startracker_ros.identify.pair_search import pair_level, PairLevel
+from startracker_ros.identify.pairs import MOST_PAIRS
 from startracker_ros.identify.triangle_order import new_state, next_triangle, TRIANGLE_COST
 from startracker_ros.identify.triangles import catalogue_triangles
 from startracker_ros.identify.verification import (
@@ -46,9 +49,10 @@ _BRIGHT_STARS_PER_FIELD = 5.0
 _BRIGHT_IMAGE_STARS = 4
 _BRIGHT_TRIANGLES = 3
 # Expected time between two looks at the clock in ns, as the costs of triangle_order.py; time for
-# each image star to predict it from a triangle, and to verify a candidate.
-_CLOCK_PERIOD = 1e7
-_PREDICTION_COST, _VERIFICATION_COST = 60.0, 500.0
+# each image star to predict it from a triangle, and to verify a candidate; for each catalogue
+# triangle to look up its support.
+_CLOCK_PERIOD = 2e6
+_PREDICTION_COST, _VERIFICATION_COST, _SUPPORT_COST = 60.0, 500.0, 1000.0
 _MIN_STARS = 4
 _IDENTIFIED, _TOO_FEW, _AMBIGUOUS, _EXHAUSTED, _TIME_LIMIT = range(5)
 
@@ -88,22 +92,37 @@ class PyramidIdentifier(Identifier):
     """Triangles of image stars, looked up side by side, confirmed by all other stars."""
 
     min_stars = _MIN_STARS
+    most_pairs = MOST_PAIRS
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions(),
                  catalog: StarCatalog | None = None) -> None:
         super().__init__(camera, epoch_year, options, catalog)
         pairs = cached_pairs(self.onboard, _MIN_SEPARATION_PX * camera.pixel_rad,
-                             2 * camera.corner_angle_rad * (1 + self.scale_error))
+                             2 * camera.corner_angle_rad * (1 + self.scale_error),
+                             self.most_pairs)
         share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
         bright = int(np.searchsorted(pairs.star, _BRIGHT_STARS_PER_FIELD / share))
         direction = self.onboard.direction
-        levels = (pair_level(pairs.among(bright), direction, _BRIGHT_IMAGE_STARS,
-                             _BRIGHT_TRIANGLES),
-                  pair_level(pairs, direction, options.max_image_stars, _MANY_TRIANGLES))
-        self._database = _database(levels, self.verifier.data, camera.lens)
+        self._levels = (pair_level(pairs.among(bright), direction, _BRIGHT_IMAGE_STARS,
+                                   _BRIGHT_TRIANGLES),
+                        pair_level(pairs, direction, options.max_image_stars, _MANY_TRIANGLES))
+        self._database = _database(self._levels, self.verifier.data, camera.lens)
         # Compiles at the first use on a machine, before the first frame.
         self.identify(Centroids.empty())
+
+    def with_camera(self, camera: Camera, options: IdentificationOptions) -> Self:
+        """
+        Return an identifier of another lens, floor, limit of chance or time, same database.
+
+        The camera has about the same field of view and pixels.
+        """
+        other = copy(self)
+        other.options = options
+        if camera != self.camera:
+            other.camera, other.verifier = camera, self._verifier(camera)
+            other._database = _database(self._levels, other.verifier.data, camera.lens)
+        return other
 
     def identify(self, centroids: Centroids) -> Identification:
         """Return the stars of the first triangle that is verified."""
@@ -177,12 +196,14 @@ def _search(levels: tuple[PairLevel, PairLevel], verifier: VerifierData, image: 
                                  sigma, state, base)
             if cost < 0:
                 break
+            before = tested[0]
             candidates, count = catalogue_triangles(level, verifier, image, sigma, base, tested)
             accepted, best = _verify_all(verifier, seen, sigma, base, candidates[:count],
                                          tested[0], false_alarm_max, best)
             if accepted:
                 return _AMBIGUOUS if accepted > 1 else _IDENTIFIED, tested[0], best
             unclocked += (cost + _PREDICTION_COST * len(image)
+                          + _SUPPORT_COST * (tested[0] - before)
                           + count * (TRIANGLE_COST + _VERIFICATION_COST * len(image)))
             if unclocked > _CLOCK_PERIOD:
                 unclocked = 0.0

@@ -74,7 +74,8 @@ class VerifierData(NamedTuple):
     the image in x / z, y / z (low, high, low, high) and the chord from its axis to the farthest
     corner; area is in rad^2; counts (F,) are the ascending numbers of stars in fields about
     random directions. Where bases_by_brightness, the stars of a candidate were chosen by their
-    brightness, which is then no evidence for them.
+    brightness, which is then no evidence for them. lens_known is False for a lens that is fitted
+    after the identification: its near misses are then expected.
     """
 
     sky: SkyGrid
@@ -87,13 +88,15 @@ class VerifierData(NamedTuple):
     area: float
     counts: np.ndarray
     bases_by_brightness: bool
+    lens_known: bool
 
 
 class Verifier:
     """Verifies candidates against one catalogue and one camera."""
 
     def __init__(self, camera: Camera, onboard: OnboardCatalog, tolerance_sigmas: float,
-                 scale_error: float, *, bases_by_brightness: bool = False) -> None:
+                 scale_error: float, *, bases_by_brightness: bool = False,
+                 lens_known: bool = True) -> None:
         self._pixel_rad = camera.pixel_rad
         area = camera.width * camera.height * camera.pixel_rad ** 2
         sky = sky_grid(onboard.direction)
@@ -104,7 +107,7 @@ class Verifier:
              (-0.5 - camera.cy) / camera.fy, (camera.height - 0.5 - camera.cy) / camera.fy,
              # A field of view wider than nominal contains stars from a little beyond.
              2 * np.sin(min(1.1 * camera.corner_angle_rad, np.pi) / 2)),
-            area, _field_counts(sky, area), bases_by_brightness)
+            area, _field_counts(sky, area), bases_by_brightness, lens_known)
 
     def supported(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
                   stars: np.ndarray) -> np.ndarray:
@@ -208,7 +211,7 @@ def verify(verifier: VerifierData, seen: np.ndarray, sigma: np.ndarray, base: np
                * order_probability(matched, brightest)
                * residual_probability(residual, r, len(base)))
     false_alarm = min(1.0, max(tested, 1) * fisher_combined(product))
-    if false_alarm < 1 and lens_mismatch(
+    if false_alarm < 1 and verifier.lens_known and lens_mismatch(
             sky, verifier.blended, matrix, seen, ratio, r, r / verifier.tolerance_sigmas,
             matched, residual, m, p):
         false_alarm = 1.0

@@ -1,0 +1,306 @@
+"""
+The lens of a single image, fitted to its identified stars from where they are known outwards.
+
+The pixel of a star of ICRS direction s is that of v = exp(-[d]x) R^T s in a camera with the focal
+length f e^a, the pixel ratio e^b, the principal point c + w (g, h) and the distortion k1 + k. The
+parameters d (3,), a, b, g, h, k are found by Gauss-Newton on the squared residuals plus the
+squared parameters over their prior variances. The priors hold what the stars do not determine: in
+a narrow field the principal point is the same as the attitude, and k1 has no effect. The attitude
+of the result is therefore that of the middle of the image, which the stars always determine.
+
+Matching and fit alternate: the better the lens, the more stars of the whole image are in the
+gate, which follows the scatter of the residuals.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.calibration.matching import nearest_pairs
+from startracker_ros.camera.distortion import distort
+from startracker_ros.camera.model import Camera, CameraError
+from startracker_ros.catalog.onboard import OnboardCatalog
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.identify.ladder import Attempt
+from startracker_ros.maths.rotation import (
+    attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_matrix,
+    quaternion_from_rotation_vector)
+
+# Prior standard deviations: relative pixel ratio, principal point (of the width), k1.
+_RATIO, _CENTRE, _K1 = 0.05, 0.04, 0.25
+_FREE_ATTITUDE_RAD = 10.0
+# So few matches leave lens and attitude open; in a narrow field the lens is then held ideal.
+_FEW_MATCHES, _NARROW_RAD = 10, np.radians(20.0)
+_HELD = 1e-4  # prior errors of a lens that is held
+_LEAST_MATCHES = 4
+_MOST_ERROR_PX = 3.0  # 1 sigma of the middle of the image
+_MAX_ITERATIONS = 15
+_GATE_SIGMAS = 4.0
+# The matching radius at least, and while the first matches lead to those farther out.
+_LEAST_GATE_PX, _FIRST_GATE_PX, _GROWING = 1.0, 6.0, 4
+_LEAST_ERROR_PX = 0.1
+# Largest probability that an image star is in the gate of a catalogue star by chance.
+_MOST_CHANCE = 0.02
+_STEP = 1e-6  # of the numerical derivatives
+_STEPS = 3  # of Gauss-Newton for each association
+_MOST_RESIDUAL = 2.5e-3  # of the width of the image
+_LEAST_SHARE = 0.4  # of the stars that image or catalogue have, whichever are fewer
+_KEPT_SHARE = 0.75  # of the matches that lead to the fit
+_LIMIT_SIGMAS = 3.0
+_SURE_MATCHES, _LIMIT_FACTOR = 12, 2.0
+
+
+@dataclass(frozen=True)
+class LearntLens:
+    """
+    A fitted camera, the attitude of its axis (4,), and that of the middle of the image.
+
+    +z of attitude is the direction of the middle of the image, -y that of image up; star (N,) is
+    the catalogue index of each centroid, -1 for none; residual_px (N,) NaN there. sigma_px is
+    the error per axis that the residuals show; rejected says why it is not to be used, empty
+    if it is.
+    """
+
+    camera: Camera
+    axis_quaternion: np.ndarray
+    attitude: AttitudeEstimate
+    focal_ratio: float
+    star: np.ndarray
+    residual_px: np.ndarray
+    sigma_px: float
+    rejected: str
+
+    @property
+    def matched(self) -> int:
+        """Return the number of matched stars."""
+        return int(np.count_nonzero(self.star >= 0))
+
+
+class _Lens:
+    """The parameters d, a, b, g, h, k of one fit and their pixels."""
+
+    def __init__(self, camera: Camera, quaternion: np.ndarray) -> None:
+        self.camera = camera
+        self.quaternion = quaternion
+
+    def pixels(self, icrf: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Return where ICRS directions (N, 3) are in px (N, 2), for a change (8,) of the lens."""
+        camera, (a, b, g, h, k) = self.camera, change[3:]
+        turned = quaternion_from_rotation_vector(change[:3])
+        sensor = icrf @ matrix_from_quaternion(multiply(self.quaternion, turned))
+        with np.errstate(invalid='ignore', divide='ignore'):
+            tangent = np.where(sensor[:, 2:] > 0, sensor[:, :2] / sensor[:, 2:], np.nan)
+        terms = (camera.distortion[0] + k, *camera.distortion[1:])
+        x, y = distort(terms, *tangent.T)
+        return np.stack([camera.fx * np.exp(a) * x + camera.cx + camera.width * g,
+                         camera.fy * np.exp(a + b) * y + camera.cy + camera.width * h], -1)
+
+    def partials(self, icrf: np.ndarray, base: np.ndarray) -> np.ndarray:
+        """Return the derivatives (N, 2, 8) of the pixels base (N, 2) of directions (N, 3)."""
+        partial, camera = np.zeros((*base.shape, 8)), self.camera
+        for axis in (0, 1, 2, 7):
+            step = np.zeros(8)
+            step[axis] = _STEP
+            partial[:, :, axis] = (self.pixels(icrf, step) - base) / _STEP
+        offset = base - [camera.cx, camera.cy]
+        partial[:, :, 3] = offset
+        partial[:, 1, 4] = offset[:, 1]
+        partial[:, 0, 5] = partial[:, 1, 6] = camera.width
+        return partial
+
+    def changed(self, change: np.ndarray) -> '_Lens':
+        """Return the lens with its parameters changed; CameraError for an impossible one."""
+        camera, (a, b, g, h, k) = self.camera, change[3:]
+        terms = (camera.distortion[0] + float(k), *camera.distortion[1:])
+        turned = quaternion_from_rotation_vector(change[:3])
+        return _Lens(
+            replace(camera, fx=float(camera.fx * np.exp(a)), fy=float(camera.fy * np.exp(a + b)),
+                    cx=float(camera.cx + camera.width * g),
+                    cy=float(camera.cy + camera.width * h), distortion=terms),
+            multiply(self.quaternion, turned))
+
+
+def learn_lens(attempt: Attempt, nominal: Camera, focal_error: float) -> LearntLens:
+    """
+    Return the lens and the attitude that fit an identified image.
+
+    nominal is the camera that was told, its focal length to a share focal_error. The lens is
+    rejected when its focal length is beyond that, when it loses the stars that led to it, or when
+    no camera has it. ValueError for an attempt without an attitude.
+    """
+    identification, centroids = attempt.identification, attempt.centroids
+    if identification.attitude is None:
+        raise ValueError('an attempt without an attitude')
+    onboard = attempt.identifier.onboard
+    start = attempt.identifier.camera.with_focal_ratio(identification.focal_ratio)
+    star = onboard.index_of(identification.hip)
+    star[identification.hip == 0] = -1
+    first = int(np.count_nonzero(star >= 0))
+    free = np.array([_FREE_ATTITUDE_RAD] * 3 + [focal_error, _RATIO, _CENTRE, _CENTRE, _K1])
+    held = np.array([1.0] * 4 + [_HELD] * 4)
+    lens = _Lens(start, identification.attitude.quaternion)
+    try:
+        fit = _grow(lens, start, free, centroids, star, onboard)
+        if np.count_nonzero(fit.star >= 0) < _FEW_MATCHES and start.fov_x_rad < _NARROW_RAD:
+            fit = _grow(lens, start, free * held, centroids, star, onboard)
+    except CameraError as error:
+        return LearntLens(start, lens.quaternion, identification.attitude, 1.0, star,
+                          np.full(len(star), np.nan), 0.0, str(error))
+    residual = _residuals(fit.lens, centroids, onboard, fit.star)
+    attitude = _attitude(fit, residual, centroids)
+    camera = fit.lens.camera
+    return LearntLens(camera, fit.lens.quaternion, attitude, camera.fx / nominal.fx, fit.star,
+                      np.hypot(*residual.T), fit.error_px,
+                      _reason(fit, attitude, nominal, focal_error, first,
+                              min(len(star), len(_visible(fit.lens, onboard)[0]))))
+
+
+class _Fit(NamedTuple):
+    """A lens, the covariance (8, 8) of its parameters, error per axis, and stars (N,)."""
+
+    lens: _Lens
+    covariance: np.ndarray
+    error_px: float
+    star: np.ndarray
+
+
+def _grow(lens: _Lens, start: Camera, free: np.ndarray, centroids: Centroids, star: np.ndarray,
+          onboard: OnboardCatalog) -> _Fit:
+    """Return the lens that is fitted and matched in turn until its stars (N,) stay."""
+    for iteration in range(_MAX_ITERATIONS):
+        lens, covariance, error_px = _fit(lens, start, free, centroids, star, onboard)
+        before, growing = star, iteration < _GROWING
+        gate_px = _gate(error_px, lens.camera, onboard,
+                        _FIRST_GATE_PX if growing else _LEAST_GATE_PX)
+        star = _match(lens, centroids, onboard, gate_px)
+        if (np.count_nonzero(star >= 0) < _LEAST_MATCHES
+                or not growing and np.array_equal(star, before)):
+            break
+    return _Fit(lens, covariance, error_px, star)
+
+
+def _fit(lens: _Lens, start: Camera, free: np.ndarray, centroids: Centroids, star: np.ndarray,
+         onboard: OnboardCatalog) -> tuple[_Lens, np.ndarray, float]:
+    """Return the lens fitted to matched stars, covariance (8, 8) and error per axis in px."""
+    row = np.flatnonzero(star >= 0)
+    icrf, uv = onboard.direction[star[row]], centroids.uv[row]
+    error_px = 0.0
+    for _ in range(_STEPS):
+        base = lens.pixels(icrf, np.zeros(8))
+        residual = uv - base
+        square = np.sum(residual ** 2, axis=1)
+        # For two axes the median is 2 ln 2 variances; few stars have hardly any freedom left.
+        freedom = max(1 - 4.0 / max(2 * len(row), 1), 0.2)
+        error_px = np.sqrt(np.median(square) / (2 * np.log(2)) / freedom)
+        sigma = np.maximum(np.hypot(centroids.sigma_px[row], _LEAST_ERROR_PX), error_px)
+        weight = 1 / (sigma ** 2 * (1 + square / (3 * sigma) ** 2))
+        partial = lens.partials(icrf, base)
+        drift = _drift(lens.camera, start)
+        information = (np.einsum('nij,nik,n->jk', partial, partial, weight)
+                       + np.diag(free ** -2.0))
+        gradient = (np.einsum('nij,ni,n->j', partial, residual, weight) - drift * free ** -2.0)
+        covariance = np.linalg.inv(information)
+        change = covariance @ gradient
+        lens = lens.changed(change)
+        if np.abs(change[:3]).max() * lens.camera.fx < 1e-3:
+            break
+    return lens, covariance, float(error_px)
+
+
+def _drift(camera: Camera, start: Camera) -> np.ndarray:
+    """Return the parameters (8,) of a camera relative to those at the start."""
+    a = np.log(camera.fx / start.fx)
+    return np.array([0, 0, 0, a, np.log(camera.fy / start.fy) - a,
+                     (camera.cx - start.cx) / start.width, (camera.cy - start.cy) / start.width,
+                     camera.distortion[0] - start.distortion[0]])
+
+
+def _gate(error_px: float, camera: Camera, onboard: OnboardCatalog, least_px: float) -> float:
+    """Return the matching radius in px."""
+    per_px = len(onboard) * camera.pixel_rad ** 2 / (4 * np.pi)
+    chance_px = np.sqrt(_MOST_CHANCE / (np.pi * per_px))
+    return float(max(min(max(_GATE_SIGMAS * error_px, least_px), chance_px), _LEAST_GATE_PX))
+
+
+def _visible(lens: _Lens, onboard: OnboardCatalog) -> tuple[np.ndarray, np.ndarray]:
+    """Return the catalogue stars (M,) in the image and their pixels (M, 2)."""
+    axis = matrix_from_quaternion(lens.quaternion)[:, 2]
+    near = onboard.within(axis, lens.camera.corner_angle_rad)
+    uv = lens.pixels(onboard.direction[near], np.zeros(8))
+    inside = lens.camera.contains(uv)
+    return near[inside], uv[inside]
+
+
+def _match(lens: _Lens, centroids: Centroids, onboard: OnboardCatalog, gate_px: float
+           ) -> np.ndarray:
+    """Return the catalogue star (N,) of each centroid within the gate, one to one, -1 for none."""
+    near, uv = _visible(lens, onboard)
+    star = np.full(len(centroids), -1)
+    index, found = nearest_pairs(centroids.uv, uv, gate_px)
+    star[index] = near[found]
+    return star
+
+
+def _residuals(lens: _Lens, centroids: Centroids, onboard: OnboardCatalog, star: np.ndarray
+               ) -> np.ndarray:
+    """Return image minus catalogue (N, 2) in px, NaN where not matched."""
+    residual = np.full((len(star), 2), np.nan)
+    row = star >= 0
+    residual[row] = centroids.uv[row] - lens.pixels(onboard.direction[star[row]], np.zeros(8))
+    return residual
+
+
+def _reason(fit: _Fit, attitude: AttitudeEstimate, nominal: Camera, focal_error: float,
+            first: int, possible: int) -> str:
+    """Return why a fitted lens is rejected, empty if it is not."""
+    camera, matched = fit.lens.camera, attitude.stars
+    if matched < max(_KEPT_SHARE * first, _LEAST_MATCHES):
+        return f'the fitted lens loses {first - matched} of the {first} stars that led to it'
+    if matched < _LEAST_SHARE * possible:
+        return f'the fitted lens explains {matched} of {possible} stars: not the whole image'
+    if fit.error_px > _MOST_RESIDUAL * camera.width:
+        return f'the fitted lens leaves residuals of {fit.error_px:.2g} px'
+    sigma_px = np.sqrt(attitude.covariance_sensor.diagonal()[:2].max()) / camera.pixel_rad
+    if sigma_px > _MOST_ERROR_PX:
+        return (f'{matched} stars leave the lens open: the middle of the image is uncertain by '
+                f'{sigma_px:.2g} px')
+    # The width of the image, from edge to edge, with the distortion or without it.
+    seen, told = camera.seen_x_rad, nominal.fov_x_rad
+    off = min(abs(np.tan(fov / 2) / np.tan(told / 2) - 1) for fov in (seen, camera.fov_x_rad))
+    # So many stars determine the lens by themselves: the told field of view is the error.
+    limit = focal_error * (_LIMIT_FACTOR if matched >= _SURE_MATCHES else 1)
+    if off > limit + _LIMIT_SIGMAS * np.sqrt(fit.covariance[3, 3]):
+        return (f'the field of view that fits, {np.degrees(seen):.4g} deg, is '
+                f'{100 * off:.2g} % off')
+    return ''
+
+
+def _attitude(fit: _Fit, residual: np.ndarray, centroids: Centroids) -> AttitudeEstimate:
+    """Return the attitude of the middle of the image, its covariance with a free lens."""
+    lens, row = fit.lens, fit.star >= 0
+    middle = _middle(lens)
+    # Focal length and distortion hardly move the middle of the image.
+    partial = np.zeros((3, 8))
+    partial[:, :3] = matrix_from_quaternion(multiply(conjugate(middle), lens.quaternion))
+    for axis in (5, 6):
+        step = np.zeros(8)
+        step[axis] = _STEP
+        partial[:, axis] = attitude_error(_middle(lens.changed(step)), middle) / _STEP
+    square = np.sum(residual[row] ** 2, axis=1)
+    sigma = np.maximum(np.hypot(centroids.sigma_px[row], _LEAST_ERROR_PX), fit.error_px)
+    return AttitudeEstimate(
+        middle, partial @ fit.covariance @ partial.T, int(np.count_nonzero(row)),
+        np.sqrt(square) * lens.camera.pixel_rad, float(np.sum(square / sigma ** 2)))
+
+
+def _middle(lens: _Lens) -> np.ndarray:
+    """Return the attitude (4,) with +z through the middle of the image and +y along it."""
+    camera = lens.camera
+    centre = np.array([(camera.width - 1) / 2, (camera.height - 1) / 2])
+    z, below = camera.unproject(np.array([centre, centre + [0, 1]]))
+    y = below - z * (below @ z)
+    y /= np.linalg.norm(y)
+    turned = quaternion_from_matrix(np.stack([np.cross(y, z), y, z], -1))
+    q = multiply(lens.quaternion, turned)
+    return -q if q[3] < 0 else q

@@ -1,0 +1,137 @@
+"""
+Identification of images of an uncalibrated camera: lens models from strict to tolerant, in turn.
+
+Each rung is an identification with an error of the lens (sigma_floor_px), a depth of the
+catalogue, a ratio of the pixel sides and a radial distortion. The first ones assume an ideal lens;
+what they accept is fast and sure. The last ones allow for stars far from where an ideal lens has
+them. A rung accepts a candidate when its false-alarm probability is below false_alarm_max over
+the number of attempts, so that all together are as strict as one identification. The lens is
+then fitted (calibration/learnt_lens.py), so near misses reject nothing here.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import islice, product
+import time
+from typing import NamedTuple
+
+from startracker_ros.camera.model import Camera, CameraError
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.photograph import LISTS
+from startracker_ros.identify.identification import Identification, IdentificationOptions
+from startracker_ros.identify.pyramid import PyramidIdentifier
+
+
+class Rung(NamedTuple):
+    """A lens model: error, depth of the catalogue beyond the automatic limit, fy / fx, k1."""
+
+    sigma_floor_px: float
+    deeper_mag: float = 0.0
+    pixel_ratio: float = 1.0
+    k1: float = 0.0
+
+
+RUNGS = (
+    Rung(0.2), Rung(0.5, 0.7), Rung(1.0, 0.7), Rung(1.0), Rung(2.0, 0.7), Rung(4.0),
+    Rung(1.0, 0.7, pixel_ratio=0.5), Rung(1.0, 0.7, pixel_ratio=2.0),
+    Rung(2.0, k1=-0.2), Rung(2.0, 0.7, pixel_ratio=0.95), Rung(2.0, 0.7, pixel_ratio=1.05),
+    Rung(4.0, k1=0.15), Rung(4.0, k1=-0.35), Rung(0.5, 1.3), Rung(1.0, 1.3))
+# A search that succeeds mostly does so within a few milliseconds.
+_PASSES_S = (0.004, 0.02, 0.1)
+ATTEMPTS = LISTS * len(RUNGS)
+"""Identifications of one image at most, each of which may be wrong by chance."""
+
+
+class UncalibratedPyramid(PyramidIdentifier):
+    """The pyramid method without the test for near misses, and a database that is soon built."""
+
+    lens_known = False
+    most_pairs = 2e6
+
+
+class Attempt(NamedTuple):
+    """A result with the identifier that has its lens and catalogue, and its list of centroids."""
+
+    identification: Identification
+    identifier: PyramidIdentifier
+    centroids: Centroids
+
+
+class LadderIdentifier:
+    """Identifies images of one uncalibrated camera at one epoch."""
+
+    def __init__(self, camera: Camera, epoch_year: float,
+                 options: IdentificationOptions = IdentificationOptions()) -> None:
+        """Build the database of a nominal camera; deeper ones are built when needed."""
+        self.camera = camera
+        self._epoch_year = epoch_year
+        self._options = replace(options, false_alarm_max=options.false_alarm_max / ATTEMPTS)
+        self._rungs: dict[Rung, PyramidIdentifier] = {}
+        self._databases: dict[float, PyramidIdentifier] = {}
+        self.magnitude_limit = self._database(0.0).magnitude_limit
+
+    def identify(self, lists: Iterable[Centroids]) -> Iterator[Attempt]:
+        """
+        Yield the result of each rung with each of the lists of centroids of one image.
+
+        Searches that were interrupted are repeated with more time, until time_limit_s is over.
+        The first pass is of the first two lists.
+        """
+        left_s = self._options.time_limit_s
+        # A list is made when it is first used: most images need only the first one.
+        searches: Iterable[tuple[Rung, Centroids]] = (
+            (rung, centroids) for rung in RUNGS for centroids in islice(lists, 2))
+        for number, time_s in enumerate(_PASSES_S):
+            waiting = []
+            for rung, centroids in searches:
+                if left_s < time_s:
+                    return
+                attempt, spent_s = self._search(rung, centroids, time_s)
+                left_s -= spent_s
+                if attempt is not None:
+                    yield attempt
+                    if attempt.identification.status == 'time_limit':
+                        waiting.append((rung, centroids))
+            if not number:
+                waiting += product(RUNGS, islice(lists, 2, None))
+            searches = waiting
+
+    def _search(self, rung: Rung, centroids: Centroids, time_s: float
+                ) -> tuple[Attempt | None, float]:
+        """Return the result of a search of a limited time, and its time in s."""
+        identifier = self._identifier(rung)
+        if identifier is None:
+            return None, 0.0
+        start_s = time.perf_counter()
+        options = replace(identifier.options, time_limit_s=time_s)
+        found = identifier.with_camera(identifier.camera, options).identify(centroids)
+        return Attempt(found, identifier, centroids), time.perf_counter() - start_s
+
+    def _identifier(self, rung: Rung) -> PyramidIdentifier | None:
+        """Return the identifier of a rung, None for a lens that folds the image."""
+        if rung not in self._rungs:
+            camera = self._camera(rung)
+            if camera is None:
+                return None
+            options = replace(self._options, sigma_floor_px=rung.sigma_floor_px)
+            self._rungs[rung] = self._database(rung.deeper_mag).with_camera(camera, options)
+        return self._rungs[rung]
+
+    def _database(self, deeper_mag: float) -> PyramidIdentifier:
+        if deeper_mag not in self._databases:
+            options = self._options
+            if deeper_mag:
+                limit = self.magnitude_limit + deeper_mag
+                options = replace(options, magnitude_limit=min(limit, 9.0))
+            self._databases[deeper_mag] = UncalibratedPyramid(
+                self.camera, self._epoch_year, options)
+        return self._databases[deeper_mag]
+
+    def _camera(self, rung: Rung) -> Camera | None:
+        """Return the camera with the pixel ratio and the distortion of a rung."""
+        camera = self.camera
+        try:
+            return replace(camera, fy=camera.fy * rung.pixel_ratio,
+                           distortion=(camera.distortion[0] + rung.k1, *camera.distortion[1:]))
+        except CameraError:
+            return None
