@@ -6,8 +6,9 @@ import json
 import math
 from typing import Any
 
+from rich import box
 from rich.console import Console
-from rich.table import Table
+from startracker_ros.table_layout import Column, FILE_WIDTH, fit
 
 
 @dataclass(frozen=True)
@@ -63,22 +64,32 @@ def _text(name: str, value: object) -> str:
     return str(value)
 
 
-def show(result: Result, as_json: bool) -> None:
-    """Print a result; both forms hold the same rows, the table without the details."""
+def show(result: Result, as_json: bool, wide: bool = False) -> None:
+    """
+    Print a result; the JSON document and the table of all columns hold the same rows.
+
+    The details are in the JSON document only. A terminal shows as many columns as fit, all with wide. A pipe or a file receives all.
+    """
     rows, conditions = result.records, _plain_values(result.conditions)
     if as_json:
         print(json.dumps({'name': result.name, 'conditions': conditions, 'rows': rows}))
         return
-    rows = [{key: value for key, value in row.items() if key not in result.details}
-            for row in rows]
-    table = Table(title=result.name, title_justify='left', header_style='bold')
-    for key in rows[0] if rows else ():
-        numeric = any(isinstance(row[key], (int, float)) for row in rows)
-        table.add_column(key, justify='right' if numeric else 'left', overflow='fold')
-    for row in rows:
-        table.add_row(*(_text(name, value) for name, value in row.items()))
     # Texts are data: brackets and colons in them are no markup.
-    console = Console(markup=False, emoji=False)
-    console.print(table)
-    for key, value in conditions.items():
-        console.print(f'  {key}: {_text(key, value)}', highlight=False)
+    console = Console(markup=False, emoji=False, highlight=False)
+    names = [name for name in (rows[0] if rows else ()) if name not in result.details]
+    layout = fit([_column(name, rows) for name in names],
+                 console.width if console.is_terminal and not wide else FILE_WIDTH,
+                 drop=console.is_terminal and not wide)
+    console.print(result.name, style='italic', soft_wrap=True)
+    for line in layout.lines(box.HEAVY_HEAD.substitute(console.options)):
+        console.print(line, soft_wrap=True)
+    remarks = {key: _text(key, value) for key, value in conditions.items()}
+    if layout.left_out:
+        remarks = {'not shown': f'{", ".join(layout.left_out)}; all with --wide', **remarks}
+    for key, text in remarks.items():
+        console.print(f'  {key}: {text}', soft_wrap=not console.is_terminal)
+
+
+def _column(name: str, rows: Sequence[Mapping[str, object]]) -> Column:
+    return Column(name, [_text(name, row[name]) for row in rows],
+                  any(isinstance(row[name], (int, float)) for row in rows))

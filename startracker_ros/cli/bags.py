@@ -5,7 +5,7 @@ import sys
 
 import click
 from startracker_ros.cli.shared import (
-    become_node, exit_1_on, json_option, namespace_option, usage_error_on)
+    become_node, exit_1_on, json_option, namespace_option, print_result, usage_error_on)
 
 
 @click.command()
@@ -80,13 +80,12 @@ def info(bag: Path, output: Path | None, as_json: bool) -> None:
     from startracker_ros.bag.errors import BagError
     from startracker_ros.bag.info import describe
     from startracker_ros.bag.recovery import recover
-    from startracker_ros.table import show
     with exit_1_on(BagError):
         if output is not None:
             recover(bag, output, report=lambda problem: click.echo(problem, err=True))
             bag = output
         result, problems = describe(bag)
-    show(result, as_json)
+    print_result(result, as_json)
     for problem in problems:
         click.echo(f'startracker: {problem}', err=True)
     if problems:
@@ -103,10 +102,9 @@ def report(bag: Path, output: Path, namespace: str | None, as_json: bool) -> Non
     """Write one HTML page of a BAG: attitude, errors, stars, states, times, frames."""
     from startracker_ros.bag.errors import BagError
     from startracker_ros.report.page import write_report
-    from startracker_ros.table import show
     with exit_1_on(BagError, output=output):
         result = write_report(bag, output, namespace)
-    show(result, as_json)
+    print_result(result, as_json)
 
 
 @click.command()
@@ -127,9 +125,8 @@ def export(bag: Path, output: Path, formats: tuple[str, ...], originator: str, o
     from startracker_ros.bag.errors import BagError
     from startracker_ros.export.aem import AemError, AemLabels
     from startracker_ros.export.files import export_bag
-    from startracker_ros.table import show
     with usage_error_on(AemError):
         labels = AemLabels(originator, object_name, object_id)
     with exit_1_on(BagError, AemError, output=output):
         result = export_bag(bag, output, formats, labels, namespace)
-    show(result, as_json)
+    print_result(result, as_json)

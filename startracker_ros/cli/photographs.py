@@ -7,7 +7,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 import click
-from startracker_ros.cli.shared import exit_1_on, json_option, usage_error_on
+from startracker_ros.cli.shared import exit_1_on, json_option, print_result, usage_error_on
 
 if TYPE_CHECKING:
     from startracker_ros.astro.observer_motion import Observer
@@ -115,7 +115,6 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     from startracker_ros.camera.model import CameraError
     from startracker_ros.identify.identification import IdentificationOptions
     from startracker_ros.pipeline.solve import solve_files
-    from startracker_ros.table import show
     _check_one_camera(fov_deg, camera_file)
     if fov_error_percent is None:
         fov_error_percent = _UNCALIBRATED_PERCENT if camera_file is None else _CALIBRATED_PERCENT
@@ -124,7 +123,7 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
                              epoch_year=epoch_year, observer=_observer(epoch_year, **observer),
                              annotate_folder=annotate_folder,
                              options=IdentificationOptions(fov_error_percent=fov_error_percent))
-    show(result, as_json)
+    print_result(result, as_json)
     if not all(row['solved'] for row in result.rows):
         sys.exit(1)
 
@@ -148,10 +147,9 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
     from startracker_ros.calibration.adjustment import CalibrationError
     from startracker_ros.calibration.files import calibrate_files
     from startracker_ros.camera.model import CameraError
-    from startracker_ros.table import show
     _check_one_camera(fov_deg, camera_file)
     with usage_error_on(CameraError), exit_1_on(CalibrationError, output=output):
         result = calibrate_files(images, output, fov_deg=fov_deg, camera_file=camera_file,
                                  epoch_year=epoch_year, observer=_observer(epoch_year, **observer),
                                  terms=terms)
-    show(result, as_json)
+    print_result(result, as_json)

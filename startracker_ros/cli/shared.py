@@ -15,7 +15,21 @@ if TYPE_CHECKING:
 
 _Command = TypeVar('_Command', bound=Callable[..., Any])
 
-json_option = click.option('--json', 'as_json', is_flag=True, help='Print one JSON document.')
+_WIDE = 'startracker_ros.wide'
+
+
+def _set_wide(context: click.Context, option: click.Parameter, wide: bool) -> None:
+    context.meta[_WIDE] = wide
+
+
+def json_option(command: _Command) -> _Command:
+    """Add --json, which the command passes on with its result, and --wide."""
+    wide = click.option('--wide', is_flag=True, expose_value=False, callback=_set_wide,
+                        help='Print all columns, however narrow the terminal is.')
+    return wide(click.option('--json', 'as_json', is_flag=True, help='Print one JSON document.')(
+        command))
+
+
 scheduler_option = click.option('--scheduler', default='', metavar='ADDRESS',
                                 help='Dask cluster to use instead of the cores of this machine.')
 namespace_option = click.option('--namespace', metavar='NAME',
@@ -50,10 +64,16 @@ def become_node(node: str, arguments: Sequence[str]) -> NoReturn:
     os.execve(command[0], command, node_environment())
 
 
+def print_result(result: 'Result', as_json: bool) -> None:
+    """Print a result as --json and --wide of the command request."""
+    from startracker_ros.table import show
+    context = click.get_current_context(silent=True)
+    show(result, as_json, context is not None and context.meta.get(_WIDE, False))
+
+
 def finish(result: 'Result', as_json: bool) -> None:
     """Print a result; status 1 when a row does not hold."""
-    from startracker_ros.table import show
-    show(result, as_json)
+    print_result(result, as_json)
     if not result.holds:
         sys.exit(1)
 
