@@ -2,34 +2,28 @@
 Star tracker on a recording: pipeline.launch.py, and bag_player with images and rates.
 
 `bag:=folder` names the bag. Only images, camera_info and imu are played: the pipeline publishes
-the other topics again.
+the other topics again. A bag without a namespace is played into `namespace:=...`; topics that
+were recorded in a namespace keep it, so name the same one.
 """
 
-import os
-
-from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
-from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from startracker_ros.harness.processes import node_environment
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration
+from startracker_ros.harness.launching import node, pipeline, shared_arguments
+
+TOPICS = ('image_raw', 'camera_info', 'imu')
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the pipeline and the bag player."""
-    share = get_package_share_directory('startracker_ros')
-    config = DeclareLaunchArgument(
-        'config', default_value=os.path.join(share, 'config'),
-        description='folder with one parameter file <node>.yaml for each node')
-    bag = DeclareLaunchArgument('bag', default_value='bag', description='bag folder or .mcap file')
-    pipeline = IncludeLaunchDescription(
-        PythonLaunchDescriptionSource(os.path.join(share, 'launch', 'pipeline.launch.py')),
-        launch_arguments=[('config', LaunchConfiguration('config'))])
-    player = Node(
-        package='startracker_ros', executable='bag_player', name='bag_player', output='screen',
-        parameters=[PathJoinSubstitution([LaunchConfiguration('config'), 'bag_player.yaml']),
-                    {'path': LaunchConfiguration('bag'),
-                     'topics': ['*/image_raw', '*/camera_info', '*/imu']}],
-        additional_env=node_environment())
-    return LaunchDescription([config, bag, pipeline, player])
+    shared = shared_arguments()
+    return LaunchDescription([
+        *shared,
+        DeclareLaunchArgument('bag', default_value='bag', description='bag folder or .mcap file'),
+        pipeline(shared),
+        node('bag_player', name='bag_player',
+             parameters=[{'path': LaunchConfiguration('bag'),
+                          'topics': [f'*/{topic}' for topic in TOPICS]}],
+             # To the relative name, which is in the namespace of the node.
+             remappings=[(f'/{topic}', topic) for topic in TOPICS]),
+    ])

@@ -4,6 +4,7 @@ The launch files start nodes that exist with parameter files that exist.
 The wheels of ROS 2 have no launch package, so its few classes stand here as plain records.
 """
 
+import os
 from pathlib import Path
 import runpy
 import sys
@@ -14,12 +15,14 @@ from startracker_ros.executables import EXECUTABLES, STAGES
 
 SOURCE = Path(__file__).parents[2]
 PIPELINE = ['bag_recorder', *STAGES, 'composed_pipeline']
+SHARED = {'namespace', 'config', 'params_file', 'log_level', 'use_sim_time', 'composed'}
 CLASSES = {
     'launch': ['LaunchDescription'],
-    'launch.actions': ['DeclareLaunchArgument', 'IncludeLaunchDescription'],
+    'launch.actions': ['DeclareLaunchArgument', 'GroupAction', 'IncludeLaunchDescription'],
     'launch.conditions': ['IfCondition', 'UnlessCondition'],
     'launch.launch_description_sources': ['PythonLaunchDescriptionSource'],
-    'launch.substitutions': ['LaunchConfiguration', 'PathJoinSubstitution'],
+    'launch.substitutions': ['IfElseSubstitution', 'LaunchConfiguration', 'NotEqualsSubstitution',
+                             'PathJoinSubstitution'],
     'launch_ros': [],
     'launch_ros.actions': ['Node'],
 }
@@ -28,8 +31,12 @@ CLASSES = {
 class Record:
     """What a launch class was made with."""
 
-    def __init__(self, value=None, **options):
-        self.value, self.options = value, options
+    def __init__(self, *values, **options):
+        self.values, self.options = values, options
+
+    @property
+    def value(self):
+        return self.values[0]
 
     @property
     def name(self):
@@ -37,28 +44,37 @@ class Record:
 
 
 class Launched:
-    """A launch file, executed: its arguments with defaults, its nodes, its inclusions."""
+    """A launch file, executed: its arguments, its nodes, its inclusions."""
 
-    def __init__(self, path, given=()):
+    def __init__(self, path, given):
         actions = runpy.run_path(str(path))['generate_launch_description']().value
         of_kind = {kind: [action for action in actions if type(action).__name__ == kind]
-                   for kind in ('DeclareLaunchArgument', 'Node', 'IncludeLaunchDescription')}
+                   for kind in ('DeclareLaunchArgument', 'Node', 'GroupAction')}
         assert sum(map(len, of_kind.values())) == len(actions)
         self.arguments = {action.name: action.options['default_value']
                           for action in of_kind['DeclareLaunchArgument']}
-        assert set(dict(given)) <= set(self.arguments)
+        assert given.keys() <= self.arguments.keys()
+        self.arguments |= given
+        assert SHARED <= self.arguments.keys()
         self.nodes = [action.options for action in of_kind['Node']]
+        # Each in a group of its own: its arguments would remain for what comes after.
+        includes = [action.value[0] for action in of_kind['GroupAction']]
         self.included = [
-            Launched(action.value.value, action.options['launch_arguments'])
-            for action in of_kind['IncludeLaunchDescription']]
+            Launched(include.value.value, {
+                name: self.text(value) for name, value in include.options['launch_arguments']})
+            for include in includes]
 
     def text(self, value):
-        """Return what a substitution stands for with the default arguments."""
+        """Return what a substitution stands for with these arguments."""
         kind = type(value).__name__
         if kind == 'LaunchConfiguration':
             return self.arguments[value.value]
         if kind == 'PathJoinSubstitution':
-            return '/'.join(self.text(part) for part in value.value)
+            return os.path.join(*map(self.text, value.value))
+        if kind == 'NotEqualsSubstitution':
+            return self.text(value.values[0]) != self.text(value.values[1])
+        if kind == 'IfElseSubstitution':
+            return self.text(value.values[1 if self.text(value.values[0]) else 2])
         return value
 
 
@@ -76,18 +92,29 @@ def launched(monkeypatch, tmp_path):
     (tmp_path / 'share' / 'startracker_ros').symlink_to(SOURCE)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
     monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE', raising=False)
-    return lambda name: Launched(SOURCE / 'launch' / name)
+    yield lambda name, **given: Launched(SOURCE / 'launch' / name, given)
+    # It holds classes of the modules above.
+    sys.modules.pop('startracker_ros.harness.launching', None)
 
 
 def check_nodes(launch):
     for node in launch.nodes:
         assert node['package'] == 'startracker_ros'
         assert node['executable'] in EXECUTABLES
-        assert launch.text(node['namespace']) == ''
-        files = [Path(launch.text(file)) for file in node['parameters']]
+        assert node['name'] == (None if node['executable'] == 'composed_pipeline'
+                                else node['executable'])
+        assert launch.text(node['namespace']) == launch.arguments['namespace']
+        assert [launch.text(word) for word in node['ros_arguments']] == [
+            '--log-level', launch.arguments['log_level']]
+        time, *files = node['parameters']
+        assert {name: launch.text(value) for name, value in time.items()} == {
+            'use_sim_time': launch.arguments['use_sim_time']}
+        files = [Path(launch.text(file)) for file in files if not isinstance(file, dict)]
         names = STAGES if node['executable'] == 'composed_pipeline' else [node['executable']]
-        assert [file.name for file in files] == [f'{name}.yaml' for name in names]
-        assert all(file.is_file() for file in files)
+        given = launch.arguments['params_file']
+        assert [file.name for file in files] == [
+            *(f'{name}.yaml' for name in names), given or f'{names[-1]}.yaml']
+        assert all(file.is_file() for file in files if str(file) != given)
         environment = node['additional_env']
         assert Path(environment['FASTRTPS_DEFAULT_PROFILES_FILE']).is_file()
         assert environment['MALLOC_MMAP_THRESHOLD_'] == str(1 << 30)
@@ -109,11 +136,26 @@ def test_pipeline(launched):
 def test_demo_is_the_pipeline_under_a_simulated_sky(launched):
     launch = launched('demo.launch.py')
     assert [node['executable'] for node in launch.nodes] == ['sky_simulator']
-    assert launch.arguments['record'] == 'true'
     check_nodes(launch)
     pipeline, = launch.included
     assert [node['executable'] for node in pipeline.nodes] == PIPELINE
-    assert pipeline.arguments.keys() - {'composed'} == launch.arguments.keys()
+    assert pipeline.arguments == launch.arguments
+    assert pipeline.arguments['record'] == 'true'
+
+
+GIVEN = {'namespace': '/trk', 'params_file': 'mine.yaml', 'log_level': 'debug',
+         'use_sim_time': 'true', 'composed': 'true'}
+
+
+@pytest.mark.parametrize('name', ['demo', 'replay', 'two_satellites'])
+def test_the_shared_arguments_reach_all_nodes(launched, name):
+    launch = launched(f'{name}.launch.py', **GIVEN)
+    check_nodes(launch)
+    for pipeline in launch.included:
+        check_nodes(pipeline)
+        for argument in SHARED - {'namespace'}:
+            assert pipeline.arguments[argument] == launch.arguments[argument]
+        assert pipeline.arguments['namespace'].startswith('/trk')
 
 
 def test_two_satellites(launched):
@@ -121,20 +163,25 @@ def test_two_satellites(launched):
     assert [[node['executable'] for node in each.nodes] for each in launch.included] == [
         PIPELINE, PIPELINE]
     locator, = launch.nodes
-    file, names = locator['parameters']
-    assert Path(launch.text(file)).resolve() == SOURCE / 'config' / 'target_locator.yaml'
-    assert {name: launch.text(value) for name, value in names.items()} == {
+    check_nodes(launch)
+    assert {name: launch.text(value) for name, value in locator['parameters'][-1].items()} == {
         'observer_1': 'tracker_1', 'observer_2': 'tracker_2'}
-    assert locator['executable'] in EXECUTABLES
+    for namespace, before in ('', ''), ('/formation', '/formation/'):
+        launch = launched('two_satellites.launch.py', namespace=namespace)
+        assert [pipeline.arguments['namespace'] for pipeline in launch.included] == [
+            f'{before}tracker_1', f'{before}tracker_2']
 
 
 def test_replay_is_the_pipeline_behind_a_bag(launched):
-    launch = launched('replay.launch.py')
+    launch = launched('replay.launch.py', bag='my_bag', namespace='/trk')
     player, = launch.nodes
-    assert player['executable'] == 'bag_player' in EXECUTABLES
-    file, given = player['parameters']
-    assert Path(launch.text(file)).name == 'bag_player.yaml' and Path(launch.text(file)).is_file()
-    assert launch.text(given['path']) == launch.arguments['bag']
+    check_nodes(launch)
+    given = player['parameters'][-1]
+    assert launch.text(given['path']) == 'my_bag'
     assert given['topics'] == ['*/image_raw', '*/camera_info', '*/imu']
+    # Relative names are in the namespace of the player, as those of the pipeline.
+    assert player['remappings'] == [
+        (f'/{topic}', topic) for topic in ('image_raw', 'camera_info', 'imu')]
     pipeline, = launch.included
     assert [node['executable'] for node in pipeline.nodes] == PIPELINE
+    assert pipeline.arguments['namespace'] == '/trk'
