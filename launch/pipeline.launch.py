@@ -9,7 +9,7 @@ and distortion come from the camera_info of the camera.
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition, UnlessCondition
-from launch.substitutions import LaunchConfiguration
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from startracker_ros.executables import STAGES
 from startracker_ros.harness.launching import node, shared_arguments
 
@@ -17,13 +17,22 @@ from startracker_ros.harness.launching import node, shared_arguments
 def generate_launch_description() -> LaunchDescription:
     """Return the four stages of the star tracker and, on request, the recorder."""
     composed = LaunchConfiguration('composed')
+    # The name of the parameter contains that of the topic.
+    topic = PathJoinSubstitution(['/', LaunchConfiguration('namespace'), 'image_raw'])
+    image_depth = [{('qos_overrides.', topic, '.subscription.depth'):
+                    LaunchConfiguration('image_depth')}]
     return LaunchDescription([
         *shared_arguments(),
         DeclareLaunchArgument(
             'record', default_value='false', description='record all topics into a bag'),
+        DeclareLaunchArgument(
+            'image_depth', default_value='2', description='images that centroid_extractor may '
+            'have in its queue'),
         node('bag_recorder', name='bag_recorder',
              condition=IfCondition(LaunchConfiguration('record'))),
-        *(node(name, name=name, condition=UnlessCondition(composed)) for name in STAGES),
+        *(node(name, name=name, condition=UnlessCondition(composed),
+               parameters=image_depth if name == STAGES[0] else ()) for name in STAGES),
         # Without a name: it would rename all nodes of the process.
-        node('composed_pipeline', files=STAGES, condition=IfCondition(composed)),
+        node('composed_pipeline', files=STAGES, condition=IfCondition(composed),
+             parameters=image_depth),
     ])

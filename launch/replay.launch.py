@@ -1,17 +1,20 @@
 """
-Star tracker on a recording: pipeline.launch.py, and bag_player with images and rates.
+Star tracker on a recording: pipeline.launch.py, and bag_player with its inputs.
 
-`bag:=folder` names the bag. Only images, camera_info and imu are played: the pipeline publishes
-the other topics again. A bag without a namespace is played into `namespace:=...`; topics that
+`bag:=folder` names the bag. Only images, camera_info, imu and odometry are played, once the
+pipeline is ready: it publishes the other topics again. A bag without a namespace is played into `namespace:=...`; topics that
 were recorded in a namespace keep it, so name the same one.
 """
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
+from startracker_ros.executables import STAGES
 from startracker_ros.harness.launching import node, pipeline, shared_arguments
 
-TOPICS = ('image_raw', 'camera_info', 'imu')
+TOPICS = ('image_raw', 'camera_info', 'imu', 'odometry')
+# The first run on a machine compiles.
+WAIT_LIMIT_S = 300.0
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -20,10 +23,12 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([
         *shared,
         DeclareLaunchArgument('bag', default_value='bag', description='bag folder or .mcap file'),
-        pipeline(shared),
+        # A second of images, while the nodes build what depends on the camera.
+        pipeline(shared, image_depth='10'),
         node('bag_player', name='bag_player',
              parameters=[{'path': LaunchConfiguration('bag'),
-                          'topics': [f'*/{topic}' for topic in TOPICS]}],
+                          'topics': [f'*/{topic}' for topic in TOPICS],
+                          'wait_for_camera_users': len(STAGES), 'wait_limit_s': WAIT_LIMIT_S}],
              # To the relative name, which is in the namespace of the node.
              remappings=[(f'/{topic}', topic) for topic in TOPICS]),
     ])

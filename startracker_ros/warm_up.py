@@ -7,13 +7,13 @@ import os
 import numpy as np
 from startracker_ros.astro.orbit import propagate
 from startracker_ros.attitude.estimate import estimate_attitude
-from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
-from startracker_ros.centroid.synthetic_field import synthetic_field
+from startracker_ros.centroid.synthetic_field import (
+    synthetic_field, WARM_UP_CAMERA as CAMERA, WARM_UP_EPOCH_YEAR as EPOCH_YEAR)
 from startracker_ros.identify.identification import IdentificationOptions, METHODS
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.locate.line_of_sight import line_of_sight
@@ -25,10 +25,6 @@ from startracker_ros.track.new_stars import match_new_stars
 from startracker_ros.track.options import MODELS, TrackerOptions
 from startracker_ros.track.target import TargetTracker
 from startracker_ros.track.tracker import StarTracker
-
-
-CAMERA = Camera.from_fov(512, 512, 20.0)
-EPOCH_YEAR = 2026.0
 
 
 def _field() -> tuple[OnboardCatalog, Centroids, np.ndarray]:
@@ -52,14 +48,9 @@ def identification() -> None:
 
 def tracking() -> None:
     """Track a field by every model, estimate an attitude, look for new stars and a target."""
-    onboard, centroids, hip = _field()
+    onboard, centroids, _ = _field()
     for model in MODELS:
-        tracker = StarTracker(CAMERA, onboard, TrackerOptions(model=model))
-        # A gyro is used only after some frames.
-        for stamp_ns in range(0, 1_000_000_000, 100_000_000):
-            tracker.add_rate(stamp_ns, np.zeros(3))
-            tracker.update(stamp_ns, centroids)
-            tracker.identified(stamp_ns, centroids, hip)
+        StarTracker(CAMERA, onboard, TrackerOptions(model=model)).warm_up()
     attitude = estimate_attitude(np.eye(3), np.eye(3), np.ones(3))
     sky = ApparentCatalog(onboard)
     match_new_stars(

@@ -90,15 +90,6 @@ class AttitudeValidator:
             covariance_sensor=attitude.covariance_sensor * excess),
             self._sky.observer.velocity_sigma_m_s, sensor, sigma_rad), 'trusted')
 
-    def warm_up(self) -> None:
-        """Load what solve() needs before the first frame."""
-        hip = self._sky.onboard.hip[:max(4, self._options.min_stars)]
-        uv = np.random.default_rng(1).uniform(
-            0, [self._camera.width, self._camera.height], (len(hip), 2))
-        # Stars of the whole sky at random pixels: the attitude is rejected.
-        self.solve(uv, hip, np.full(len(hip), 0.1))
-        self._previous = None
-
     def check(self, tracked: AttitudeEstimate, uv: np.ndarray, hip: np.ndarray
               ) -> TrustedAttitude:
         """

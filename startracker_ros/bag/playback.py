@@ -47,8 +47,18 @@ class PlayOptions(Options):
     exclude: tuple[str, ...] = option(
         ('/parameter_events', '/rosout'), 'patterns of topics left out; these two would pass for '
         'those of running nodes', read_only=True)
+    wait_for_subscribers: int = option(
+        1, 'matched subscribers of each topic to wait for before the first message, 0 not to wait',
+        low=0, high=100, read_only=True)
+    wait_for_camera_users: int = option(
+        0, 'matched subscribers of camera_info to wait for: every stage of the pipeline is one, '
+        'once it has loaded its code', low=0, high=100, read_only=True)
+    wait_limit_s: float = option(
+        3.0, 'time after which the bag is played without subscribers that are missing',
+        unit='s', low=0.0, high=3600.0, read_only=True)
     start_delay_s: float = option(
-        1.0, 'time for subscribers to find the topics before the first message', unit='s',
+        0.3, 'time from the last awaited subscriber to the first message, as a subscriber may '
+        'find the topic a little later than it is found', unit='s',
         low=0.0, high=3600.0, read_only=True)
 
 

@@ -10,6 +10,11 @@ from startracker_ros.maths.rotation import conjugate, quaternion_from_pointing, 
 _RA_RAD, _DEC_RAD, _ROLL_RAD = np.radians([84.0, 0.0, 30.0])
 _SIGMA_PX = 0.1
 
+WARM_UP_CAMERA = Camera.from_fov(512, 512, 20.0)
+"""A camera to compile and load code with, before the one in use is known."""
+
+WARM_UP_EPOCH_YEAR = 2026.0
+
 
 def synthetic_field(onboard: OnboardCatalog, camera: Camera) -> tuple[Centroids, np.ndarray]:
     """Return the centroids of the stars that a camera sees in Orion, and their hip (N,)."""

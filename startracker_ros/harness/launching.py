@@ -33,7 +33,7 @@ def shared_arguments() -> list[DeclareLaunchArgument]:
 
 
 def node(executable: str, *, name: str | None = None, files: Sequence[str] = (),
-         parameters: Sequence[dict[str, Any]] = (), **options: Any) -> Node:
+         parameters: Sequence[dict[Any, Any]] = (), **options: Any) -> Node:
     """
     Return a node with the shared arguments.
 

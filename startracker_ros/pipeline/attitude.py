@@ -1,6 +1,7 @@
 """Which attitude goes out: that of the star tracker, or of single frames, if it can be trusted."""
 
 import numpy as np
+from startracker_ros.astro.epoch import stamp_from_epoch_year
 from startracker_ros.astro.observer_motion import AT_REST, ObserverMotion
 from startracker_ros.attitude.validation import (
     AttitudeValidator, TrustedAttitude, ValidationOptions)
@@ -9,6 +10,7 @@ from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 
@@ -23,6 +25,7 @@ class AttitudeStage:
     def __init__(self, camera: Camera, epoch_year: float,
                  options: ValidationOptions = ValidationOptions(),
                  motion: ObserverMotion | None = None) -> None:
+        self._camera, self._epoch_year = camera, epoch_year
         self._motion = motion
         self.sky = ApparentCatalog(
             onboard_catalog(camera_catalog(camera), camera, epoch_year))
@@ -33,8 +36,10 @@ class AttitudeStage:
         self._validator.reset()
 
     def warm_up(self) -> None:
-        """Load what solving needs, so that the first frame need not wait for it."""
-        self._validator.warm_up()
+        """Load what a frame needs by solving a synthetic field."""
+        centroids, hip = synthetic_field(self.sky.onboard, self._camera)
+        self.from_stars(stamp_from_epoch_year(self._epoch_year), centroids, hip)
+        self.reset()
 
     def from_tracks(self, stamp_ns: int, tracks: Tracks, tracked: TrackedAttitude | None
                     ) -> TrustedAttitude:

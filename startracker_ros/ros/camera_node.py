@@ -1,6 +1,7 @@
 """What the nodes behind a camera share: camera_info, order of the frames, gyro rates."""
 
 from collections.abc import Callable
+from threading import Thread
 import time
 
 from builtin_interfaces.msg import Time
@@ -16,6 +17,8 @@ from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.messages.gyro import rate_from_imu
 from startracker_ros.ros.node import PipelineNode
 
+_EARLY = 'camera_info before ready'
+
 
 class CameraNode(PipelineNode):
     """
@@ -24,6 +27,8 @@ class CameraNode(PipelineNode):
     A message is in order when its stamp is newer than the last one of its topic. A jump
     back of more than RESTART_NS is a restarted simulation or a looped bag: state is lost, once
     for all topics. Messages from before the restart may still be in the queues of other topics.
+    The code is loaded, or compiled, in a thread before the node subscribes to its source: a
+    source that waits for subscribers loses no frame, and diagnostics continue meanwhile.
     Subclasses set sensor_frame_id, the frame of the centroids, and frame_topic, which has one
     message for each frame: its gaps and silence are reported.
     """
@@ -37,28 +42,67 @@ class CameraNode(PipelineNode):
         self.epoch_year = 0.0
         self.sensor_frame_id = ''
         self.frame_topic = ''
-        self._warm = False
+        self._thread = Thread(target=self._warm_up, name=f'{name} warm-up', daemon=True)
+        self._warm_up_error: BaseException | None = None
         self._cadence = Cadence()
         self._newest_ns: dict[str, int] = {}
         self._restarted = False
         self.diagnostics.checks.append(self._check_silence)
-        self.subscribe(CameraInfo, 'camera_info', self._on_camera_info, qos.LIST)
-        self.diagnostics.report(WARN, 'waiting for camera_info')
+
+    def prepare(self) -> None:
+        """Load the code in a thread, then subscribe to the source."""
+        self.diagnostics.report(WARN, self._loading())
+        self.diagnostics.publish()
+        self._thread.start()
+        self._warm_up_timer = self.create_steady_timer(0.02, self._check_warm_up)
+
+    @property
+    def preparing(self) -> bool:
+        """Whether the thread that loads the code is running."""
+        return self._thread.is_alive()
 
     def warm_up(self) -> None:
-        """Load and compile the core, once, when the first camera is known."""
+        """Load or compile what a frame needs, in a thread, without anything of the node."""
 
-    def report_compiling(self) -> None:
-        """Log that the first frame is delayed, on a machine where nothing is compiled yet."""
+    def on_warm(self) -> None:
+        """Subscribe to the source."""
+        self.subscribe_camera_info()
+
+    def subscribe_camera_info(self) -> None:
+        """Subscribe to camera_info: sources take a subscriber for a stage that is ready."""
+        self.subscribe(CameraInfo, 'camera_info', self._on_camera_info, qos.LIST)
+
+    def _warm_up(self) -> None:
+        try:
+            self.warm_up()
+        except BaseException as error:
+            self._warm_up_error = error
+
+    def _check_warm_up(self) -> None:
+        if self._thread.is_alive():
+            return
+        self.destroy_timer(self._warm_up_timer)
+        if self._warm_up_error is not None:
+            raise self._warm_up_error
+        early = self.diagnostics.counts[_EARLY]
+        if self.camera is None:
+            self.diagnostics.report(WARN, 'waiting for camera_info')
+        if early:
+            self.diagnostics.report_event(f'{early} {_EARLY}: those frames are lost')
+        self.on_warm()
+        super().prepare()
+
+    @staticmethod
+    def _loading() -> str:
+        """Return whether the code is loaded or, for the first time on a machine, compiled."""
         folder = machine_code_folder()
         if not folder:
-            self.get_logger().warning(
-                'compiling for this machine, for a minute, at each start: no folder to keep it '
-                'in can be written, set NUMBA_CACHE_DIR')
-        elif not cached_functions(folder):
-            self.get_logger().info(
-                'compiling for this machine, for a minute, and only once: next time '
-                '`python -m startracker_ros.warm_up` does it beforehand')
+            return ('compiling for this machine, for a minute, at each start: no folder to keep '
+                    'it in can be written, set NUMBA_CACHE_DIR')
+        if not cached_functions(folder):
+            return ('compiling for this machine, for a minute, and only once: next time '
+                    '`python -m startracker_ros.warm_up` does it beforehand')
+        return 'loading code'
 
     def camera_or_drop(self) -> Camera | None:
         """Return the camera; without one, count and report that the message is dropped."""
@@ -128,6 +172,8 @@ class CameraNode(PipelineNode):
             # The old camera is not valid any more either.
             self.camera = None
             raise
+        if self.preparing:
+            self.diagnostics.counts[_EARLY] += 1
         epoch_year = epoch_year_from_stamp(ns_from_stamp(message.header.stamp))
         if self.camera is not None and camera != self.camera:
             self.diagnostics.report_event(
@@ -139,6 +185,3 @@ class CameraNode(PipelineNode):
                 f'camera {camera.width} x {camera.height} px, '
                 f'{np.degrees(camera.fov_x_rad):.2f} deg wide, epoch J{epoch_year:.2f}')
             self.rebuild()
-            if not self._warm:
-                self._warm = True
-                self.warm_up()

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 import gc
 from importlib import import_module
+import os
 import sys
 import time
 from typing import Any
@@ -77,6 +78,15 @@ class PipelineNode(Node):
         self.rebuild()
         # Last: rclpy sets the parameters that the last callback has accepted.
         self.add_on_set_parameters_callback(self._on_change)
+
+    def prepare(self) -> None:
+        """Get ready for messages; runs last, when the executor has the node."""
+        self.get_logger().info('ready')
+
+    @property
+    def preparing(self) -> bool:
+        """Whether a thread of prepare() is running."""
+        return False
 
     def options(self, cls: type[Options]) -> Any:
         """Return the current options of one class."""
@@ -203,7 +213,7 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
         _collect_between_frames(nodes[0])
         for node in nodes:
             executor.add_node(node)
-            node.get_logger().info('ready')
+            node.prepare()
         with shutdown.while_spinning(wake=partial(executor.create_task, bool)):
             # spin() of the events executor of rclpy 7.1.6 runs no callback.
             while not shutdown.requested:
@@ -230,6 +240,11 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+        if any(node.preparing for node in nodes) and sys.exc_info()[0] is None:
+            # The end of the interpreter could free what the compiler in a thread is using.
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
     return code
 
 

@@ -151,7 +151,9 @@ class StarTracker:
         """Compile and load what a frame needs, with a second tracker of a synthetic field."""
         tracker = StarTracker(self._camera, self._onboard, self._options)
         centroids, hip = synthetic_field(self._onboard, self._camera)
-        for stamp_ns in (1, 2, 3):
+        # A gyro is used only after some frames.
+        for stamp_ns in range(0, 10 ** 9, 10 ** 8):
+            tracker.add_rate(stamp_ns, np.zeros(3))
             tracker.update(stamp_ns, centroids)
             tracker.identified(stamp_ns, centroids, hip)
 

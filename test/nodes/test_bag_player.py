@@ -93,6 +93,30 @@ def test_a_bag_of_rosbags_is_played_with_the_quality_it_was_recorded_at(
     assert re.search(rf'{2 * COUNT} messages of 2 topics; late by \S+ ms median, \S+ ms p95', log)
 
 
+def test_subscribers_that_wait_miss_nothing(nodes, probe, tmp_path):
+    """Discovery is limited to this machine, where it takes longer than a second."""
+    write_bag(tmp_path / 'bag')
+    probe.collect(String, '/state', 100)
+    probe.collect(String, '/fast', BEST_EFFORT)
+    player = nodes.start('bag_player', {'path': str(tmp_path / 'bag')})
+    probe.wait(lambda: player.poll() is not None, 'the end of the bag')
+    assert player.returncode == 0
+    assert texts(probe, '/state') == [f's{number}' for number in range(COUNT)]
+    assert 'f0' in texts(probe, '/fast')
+
+
+def test_without_subscribers_the_bag_is_played_after_the_limit(nodes, probe, tmp_path):
+    write_bag(tmp_path / 'bag')
+    probe.collect(String, '/state', 100)
+    player = nodes.start('bag_player', {
+        'path': str(tmp_path / 'bag'), 'wait_for_subscribers': 2, 'wait_limit_s': 1.0})
+    probe.wait(lambda: player.poll() is not None, 'the end of the bag')
+    log = (tmp_path / 'bag_player.log').read_text()
+    assert 'waiting for subscribers of' in log
+    assert 'played without all subscribers of' in log and '/fast' in log
+    assert player.returncode == 0 and texts(probe, '/state')[-1] == f's{COUNT - 1}'
+
+
 def test_pause_step_resume_and_a_node_on_the_time_of_the_bag(nodes, probe, tmp_path):
     write_bag(tmp_path / 'bag')
     probe.collect(String, '/renamed', LATCHED)

@@ -55,7 +55,7 @@ class Launched:
                           for action in of_kind['DeclareLaunchArgument']}
         assert given.keys() <= self.arguments.keys()
         self.arguments |= given
-        assert SHARED <= self.arguments.keys()
+        assert self.arguments.keys() >= SHARED
         self.nodes = [action.options for action in of_kind['Node']]
         # Each in a group of its own: its arguments would remain for what comes after.
         includes = [action.value[0] for action in of_kind['GroupAction']]
@@ -71,6 +71,8 @@ class Launched:
             return self.arguments[value.value]
         if kind == 'PathJoinSubstitution':
             return os.path.join(*map(self.text, value.value))
+        if isinstance(value, tuple):
+            return ''.join(map(self.text, value))
         if kind == 'NotEqualsSubstitution':
             return self.text(value.values[0]) != self.text(value.values[1])
         if kind == 'IfElseSubstitution':
@@ -139,7 +141,7 @@ def test_demo_is_the_pipeline_under_a_simulated_sky(launched):
     check_nodes(launch)
     pipeline, = launch.included
     assert [node['executable'] for node in pipeline.nodes] == PIPELINE
-    assert pipeline.arguments == launch.arguments
+    assert pipeline.arguments == {**launch.arguments, 'image_depth': '2'}
     assert pipeline.arguments['record'] == 'true'
 
 
@@ -178,10 +180,16 @@ def test_replay_is_the_pipeline_behind_a_bag(launched):
     check_nodes(launch)
     given = player['parameters'][-1]
     assert launch.text(given['path']) == 'my_bag'
-    assert given['topics'] == ['*/image_raw', '*/camera_info', '*/imu']
+    assert given['topics'] == ['*/image_raw', '*/camera_info', '*/imu', '*/odometry']
     # Relative names are in the namespace of the player, as those of the pipeline.
     assert player['remappings'] == [
-        (f'/{topic}', topic) for topic in ('image_raw', 'camera_info', 'imu')]
+        (f'/{topic}', topic) for topic in ('image_raw', 'camera_info', 'imu', 'odometry')]
+    assert given['wait_for_camera_users'] == len(STAGES)
     pipeline, = launch.included
     assert [node['executable'] for node in pipeline.nodes] == PIPELINE
     assert pipeline.arguments['namespace'] == '/trk'
+    for node in pipeline.nodes:
+        depths = [{pipeline.text(name): pipeline.text(value) for name, value in given.items()}
+                  for given in node['parameters'][1:] if isinstance(given, dict)]
+        assert depths == ([{'qos_overrides./trk/image_raw.subscription.depth': '10'}] if
+                          node['executable'] in (STAGES[0], 'composed_pipeline') else [])

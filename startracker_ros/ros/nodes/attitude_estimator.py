@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
-from startracker_ros.astro.observer_motion import AberrationOptions
+from startracker_ros.astro.observer_motion import AberrationOptions, ObserverMotion
 from startracker_ros.attitude.validation import ValidationOptions
 from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.options import option, Options
 from startracker_ros.pipeline.attitude import AttitudeStage
 from startracker_ros.ros import qos
@@ -66,9 +67,8 @@ class AttitudeEstimatorNode(CameraNode):
                 self._observer.motion)
 
     def warm_up(self) -> None:
-        if self._source == 'stars':
-            self.report_compiling()
-            self._stage.warm_up()
+        AttitudeStage(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, motion=ObserverMotion(
+            self.options(AberrationOptions))).warm_up()
 
     def _on_tracked_attitude(self, message: Imu) -> None:
         """Store the attitude of a frame for its tracks, or use it if they are here."""

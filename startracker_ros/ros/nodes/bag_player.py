@@ -11,6 +11,7 @@ from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.playback import Playback, PlaybackOptions, PlayOptions
 from startracker_ros.bag.reader import BagMessage
 from startracker_ros.bag.tolerant import TolerantBag
+from startracker_ros.ros.awaited_subscribers import AwaitedSubscribers
 from startracker_ros.ros.bag_qos import playback_qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages.header import stamp_from_ns
@@ -59,11 +60,8 @@ class BagPlayerNode(PipelineNode):
         self.advertise_trigger('resume', lambda: (playback.resume(), 'playing'))
         self.advertise_trigger('step', lambda: (
             (True, 'one message more') if playback.step() else (False, 'not paused: pause first')))
-        if not self._damaged:
-            self.diagnostics.report(OK, f'playing {len(chosen)} topics')
-        self._start_timer = self.create_steady_timer(
-            max(options.start_delay_s, 1e-3), partial(self._start, playback))
-        self.create_steady_timer(0.5, partial(self._report, playback))
+        self._start_timer = self.create_steady_timer(0.01, partial(
+            self._start, playback, AwaitedSubscribers(self._players, options, self)))
 
     def close(self) -> None:
         """Stop the playback."""
@@ -82,9 +80,11 @@ class BagPlayerNode(PipelineNode):
             self._damaged = True
             self.diagnostics.report(ERROR, problem)
 
-    def _start(self, playback: Playback) -> None:
-        self.destroy_timer(self._start_timer)
-        playback.start()
+    def _start(self, playback: Playback, awaited: AwaitedSubscribers) -> None:
+        if awaited.are_there():
+            self.destroy_timer(self._start_timer)
+            self.create_steady_timer(0.5, partial(self._report, playback))
+            playback.start()
 
     def _publish_message(self, message: BagMessage) -> None:
         # A truncated bag may name a topic that its index did not.

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
 from startracker_ros.bag.layouts import image_from_message, MessageError, ns_from_stamp
-from startracker_ros.centroid.extraction import Extraction, ExtractionOptions
+from startracker_ros.centroid.extraction import CentroidExtractor, Extraction, ExtractionOptions
 from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.pipeline.annotate import annotate
 from startracker_ros.pipeline.extraction import ExtractionStage, SearchOptions
@@ -35,6 +35,8 @@ class CentroidExtractorNode(CameraNode):
         self._centroids = self.advertise(PointCloud2, 'centroids', qos.LIST)
         self._annotated = self.advertise(Image, 'image_annotated', qos.IMAGE)
         self._markers = self.advertise(ImageMarker, 'image_markers', qos.LIST)
+        # At once, to count the frames that come before it is ready for images.
+        self.subscribe_camera_info()
         self.subscribe(PointCloud2, 'predicted_centroids', self._on_predicted, qos.LIST)
 
     def rebuild(self) -> None:
@@ -43,9 +45,9 @@ class CentroidExtractorNode(CameraNode):
                                       self.options(SearchOptions))
 
     def warm_up(self) -> None:
-        self.report_compiling()
-        self._stage.extractor.warm_up()
-        # Only now, so that a source that waits for subscribers loses no image.
+        CentroidExtractor(self.options(ExtractionOptions)).warm_up()
+
+    def on_warm(self) -> None:
         self.subscribe(Image, 'image_raw', self._on_image, qos.IMAGE,
                        decode=image_message_from_cdr)
 

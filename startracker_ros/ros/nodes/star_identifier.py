@@ -1,10 +1,13 @@
 """star_identifier: centroids, camera_info, tracker_state, imu -> stars."""
 
+from dataclasses import replace
+
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import PointCloud2
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud
+from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.identify.extended_grid import ExtendedGridOptions
 from startracker_ros.identify.identification import Identification, IdentificationOptions
 from startracker_ros.pipeline.identification import CheckOptions, IdentificationStage
@@ -48,9 +51,8 @@ class StarIdentifierNode(CameraNode):
                 self.options(ExtendedGridOptions), self.options(GyroErrorOptions))
 
     def warm_up(self) -> None:
-        self.report_compiling()
-        if self._stage is not None:
-            self._stage.identifier.warm_up()
+        options = replace(self.options(IdentificationOptions), magnitude_limit=5.0)
+        IdentificationStage(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, options).identifier.warm_up()
 
     def _on_tracker_state(self, message: DiagnosticStatus) -> None:
         self._tracking = message.message == TrackerState.TRACKING.value

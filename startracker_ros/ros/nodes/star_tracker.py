@@ -9,7 +9,8 @@ from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.pipeline.tracking import make_trackers
+from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
+from startracker_ros.pipeline.tracking import make_star_tracker, make_trackers
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import InertialFrameOptions
@@ -56,8 +57,8 @@ class StarTrackerNode(CameraNode):
             self._state.publish(self._tracker)
 
     def warm_up(self) -> None:
-        self.report_compiling()
-        self._tracker.warm_up()
+        make_star_tracker(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR,
+                          self.options(TrackerOptions)).warm_up()
 
     def _add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         return self.camera is None or self._tracker.add_rate(stamp_ns, rate_rad_s)
