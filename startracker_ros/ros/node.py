@@ -161,12 +161,17 @@ class PipelineNode(Node):
         self.advertise_trigger('reset', reset)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Change all parameters or none; a rejection says what is allowed."""
+        """
+        Change all parameters or none; a rejection says what is allowed.
+
+        A value that is the current one is no change, also of a parameter that is read only.
+        """
+        changed = [p for p in parameter_list if not parameters.is_current(self, p)]
         try:
-            parameters.check(self.option_classes, {p.name: p.value for p in parameter_list})
+            parameters.check(self.option_classes, {p.name: p.value for p in changed})
         except parameters.ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        return super().set_parameters_atomically(parameter_list)
+        return super().set_parameters_atomically(changed)
 
     def _on_change(self, changed: list[Parameter]) -> SetParametersResult:
         """Rebuild with changed parameters; restore the old ones if that fails."""

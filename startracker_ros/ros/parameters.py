@@ -7,6 +7,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from startracker_ros.options import Option, Options
 from startracker_ros.ros.messages.rclpy_internals import declared_parameters, parameter_overrides
 
@@ -77,6 +78,15 @@ def check(classes: Sequence[type[Options]], changes: dict[str, object]) -> None:
             raise ParameterError(f'{row.name} is read at the start only: end the node and start '
                                  f'it again with -p {row.name}:=...')
         _check_override(row, changes[row.name])
+
+
+def is_current(node: Node, parameter: Parameter) -> bool:
+    """Return whether a declared parameter has the type and the value of another."""
+    if not node.has_parameter(parameter.name):
+        return False
+    current = node.get_parameter(parameter.name)
+    return (current.type_ == parameter.type_
+            and _from_ros(current.value) == _from_ros(parameter.value))
 
 
 def read(node: Node, cls: type[Options], changes: dict[str, object] | None = None) -> Options:

@@ -29,8 +29,8 @@ class SourceOptions(Options):
         0, 'subscribers of image_raw to wait for before the first image', low=0, high=100)
     wait_for_camera_users: int = option(
         0, 'subscribers of camera_info to wait for before the first image: every stage of the '
-        'pipeline is one once it has loaded its code; the extractor subscribes to image_raw then, so '
-        'that wait_for_subscribers, too, keeps first images from being lost', low=0, high=100)
+        'pipeline is one once it has loaded its code; the extractor subscribes to image_raw then, '
+        'so that wait_for_subscribers, too, keeps first images from being lost', low=0, high=100)
     start_time_utc: str = option(
         '', 'stamp of the first image, as 2019-07-29T20:47:26; empty for now', read_only=True)
 

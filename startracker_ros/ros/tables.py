@@ -42,7 +42,8 @@ def markdown_text() -> str:
         f'Made by `{_COMMAND}` from the option tables in the code. A value out of range, of the',
         'wrong type or with an unknown name stops the node at its start with a message that names',
         'it; a change at run time is rejected with the same message. An accepted change takes',
-        'effect with the next frame and resets a stateful node.']
+        'effect with the next frame and resets a stateful node. The value that a parameter has is',
+        'no change: `ros2 param load` of the own dump of a node resets nothing.']
     for node in NODES:
         lines += ['', f'## {node}', '', '| name | default | unit | range | meaning |',
                   '|---|---|---|---|---|']

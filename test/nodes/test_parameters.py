@@ -3,6 +3,9 @@
 from pathlib import Path
 
 import pytest
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rclpy.parameter import Parameter as RclpyParameter
 from startracker_ros.executables import NODES
 from startracker_ros.ros import tables
 import yaml
@@ -29,3 +32,26 @@ def test_a_node_starts_with_its_own_yaml(nodes, probe):
     nodes.start('centroid_extractor', extra=[
         '--ros-args', '--params-file', str(ROOT / 'config' / 'centroid_extractor.yaml')])
     probe.wait(lambda: probe.count_publishers('centroids'), 'the node')
+
+
+def test_the_values_that_a_node_has_are_no_change(nodes, probe, tmp_path):
+    """As `ros2 param load` of the node's own `ros2 param dump` sets them, one by one."""
+    nodes.start('star_tracker')
+    log = tmp_path / 'star_tracker.log'
+    probe.wait(lambda: log.exists() and 'ready' in log.read_text(), 'the node')
+    names = probe.call(ListParameters, '/star_tracker/list_parameters',
+                       ListParameters.Request()).result.names
+    values = probe.call(GetParameters, '/star_tracker/get_parameters',
+                        GetParameters.Request(names=names)).values
+    assert {row.name for row in tables.node_rows('star_tracker')} <= set(names)
+    dump = [Parameter(name=name, value=value) for name, value in zip(names, values)]
+
+    def set_parameters(*parameters):
+        return probe.call(SetParameters, '/star_tracker/set_parameters',
+                          SetParameters.Request(parameters=parameters)).results
+    assert [result.reason for result in set_parameters(*dump) if not result.successful] == []
+    assert 'parameters changed' not in log.read_text()
+    limit = RclpyParameter('magnitude_limit', value=5.5).to_parameter_msg()
+    assert all(result.successful for result in set_parameters(limit, limit))
+    # The call may be repeated: still one change.
+    assert log.read_text().count('parameters changed: magnitude_limit = 5.5') == 1
