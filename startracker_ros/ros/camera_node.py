@@ -18,6 +18,9 @@ from startracker_ros.ros.messages.gyro import rate_from_imu
 from startracker_ros.ros.node import PipelineNode
 
 _EARLY = 'camera_info before ready'
+_LOADING = 'loading code'
+# Cached code is loaded in two seconds.
+_SLOW_LOADING_S = 10.0
 
 
 class CameraNode(PipelineNode):
@@ -51,7 +54,8 @@ class CameraNode(PipelineNode):
 
     def prepare(self) -> None:
         """Load the code in a thread, then subscribe to the source."""
-        self.diagnostics.report(WARN, self._loading())
+        self._text, self._slow_s = self._loading(), time.monotonic() + _SLOW_LOADING_S
+        self.diagnostics.report(WARN, self._text)
         self.diagnostics.publish()
         self._thread.start()
         self._warm_up_timer = self.create_steady_timer(0.02, self._check_warm_up)
@@ -80,6 +84,8 @@ class CameraNode(PipelineNode):
 
     def _check_warm_up(self) -> None:
         if self._thread.is_alive():
+            if time.monotonic() > self._slow_s and self._text == _LOADING:
+                self.diagnostics.report(WARN, 'compiling for this machine what is not cached yet')
             return
         self.destroy_timer(self._warm_up_timer)
         if self._warm_up_error is not None:
@@ -102,7 +108,7 @@ class CameraNode(PipelineNode):
         if not cached_functions(folder):
             return ('compiling for this machine, for a minute, and only once: next time '
                     '`python -m startracker_ros.warm_up` does it beforehand')
-        return 'loading code'
+        return _LOADING
 
     def camera_or_drop(self) -> Camera | None:
         """Return the camera; without one, count and report that the message is dropped."""

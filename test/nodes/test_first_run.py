@@ -1,16 +1,13 @@
 """What a first run meets: nothing compiled yet, a folder that holds something else."""
 
+import signal
 import subprocess
 import sys
 
+from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
-from sensor_msgs.msg import CameraInfo
 import startracker_ros
-from startracker_ros.camera.model import Camera
 from startracker_ros.harness.processes import node_environment, NodeProcesses
-from startracker_ros.ros import qos
-from startracker_ros.ros.messages.camera_info import camera_to_message
-from startracker_ros.ros.messages.header import make_header
 
 
 NOWHERE = """
@@ -24,17 +21,19 @@ main()
 @pytest.mark.parametrize('run, reason', [
     (['-m', 'startracker_ros.ros.nodes.centroid_extractor'], 'for a minute, and only once'),
     (['-c', NOWHERE], 'at each start: no folder to keep it in can be written')])
-def test_a_node_says_that_it_compiles(probe, tmp_path, run, reason):
+def test_a_node_says_that_it_compiles_and_can_be_ended(probe, tmp_path, run, reason):
     empty = str(tmp_path / 'none') if '-m' in run else ''
-    # Killed, not ended: it would compile for a minute first.
     processes = NodeProcesses(tmp_path, {'NUMBA_CACHE_DIR': empty})
     process = processes.run('centroid_extractor', [sys.executable, *run])
     try:
-        camera_info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
-        camera_info.publish(camera_to_message(
-            Camera.from_fov(256, 256, 20.0), make_header(1_790_000_000_000_000_000, 'sensor')))
+        # Before any camera_info, and while it compiles: the log and the diagnostics.
+        status = probe.wait_diagnostic(reason)
+        assert status.level == DiagnosticStatus.WARN and status.message.startswith('compiling')
         log = tmp_path / 'centroid_extractor.log'
-        probe.wait(lambda: reason in log.read_text(), 'the reason')
+        assert reason in log.read_text() and 'ready' not in log.read_text()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+        assert 'Traceback' not in log.read_text()
     finally:
         process.kill()
         process.wait()
