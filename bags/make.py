@@ -178,7 +178,7 @@ def make(name: str, folder: Path) -> None:
             recorder.at(stamp_ns + DELAY_NS)
             recorder.write('/camera_info', camera_to_message(CAMERA, header(stamp_ns)))
             recorder.write('/odometry', state_to_odometry(
-                frame.state.geocentric, 0.0, header(stamp_ns, 'icrf')))
+                frame.state.geocentric, 0.0, header(stamp_ns, 'icrf'), 'satellite'))
             pipeline.add_state(stamp_ns, frame.state.geocentric)
             recorder.write('/image_raw', image_to_message(frame.image, header(stamp_ns)))
             recorder.write('/truth/attitude', quaternion_to_message(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from startracker_ros.bag.errors import BagError
+from startracker_ros.bag.errors import BagError, CONVERT
 from startracker_ros.bag.yaml_text import load_yaml
 
 _MAX_METADATA_BYTES = 2 ** 24
@@ -65,7 +65,7 @@ def _information(path: Path) -> dict[str, Any]:
 def _named_files(bag: Path, information: dict[str, Any]) -> BagFiles:
     storage = information.get('storage_identifier')
     if storage != 'mcap':
-        raise BagError(f'{bag} is stored as {storage}, only mcap can be read')
+        raise BagError(f'{bag} is stored as {storage}, only mcap can be read; {CONVERT}')
     names = information.get('relative_file_paths')
     if not isinstance(names, list) or not names or not all(
             isinstance(name, str) and name for name in names):

@@ -4,7 +4,7 @@ from datetime import datetime, UTC
 from pathlib import Path
 
 from startracker_ros.bag.errors import BagError
-from startracker_ros.bag.folder import find_files
+from startracker_ros.bag.folder import BagFiles, find_files
 from startracker_ros.bag.mcap_file import McapFile
 from startracker_ros.bag.reader import BagTopic, read_span_ns, read_topics
 from startracker_ros.table import Result
@@ -25,14 +25,15 @@ def describe(bag: Path) -> tuple[Result, list[str]]:
             # Only the index is wrong.
             problems = [f'{bag} is damaged, all its messages can be read']
     span_ns = read_span_ns(bag)
-    files = find_files(bag, problems.append if problems else None).paths
+    bag_files = find_files(bag, problems.append if problems else None)
+    files = bag_files.paths
     duration_s = (span_ns[1] - span_ns[0]) * 1e-9 if span_ns else 0.0
     rows = [_row(topic, duration_s) for topic in sorted(
         topics.values(), key=lambda topic: topic.name)]
     return Result('info', rows, {
         'files': ', '.join(file.name for file in files),
         'size_mb': sum(file.stat().st_size for file in files) / 1e6,
-        'compression': _compression(files),
+        'compression': _compression(bag_files),
         'messages': sum(topic.message_count for topic in topics.values()),
         'start': _utc(span_ns[0]) if span_ns else '-',
         'duration_s': duration_s,
@@ -48,9 +49,12 @@ def _row(topic: BagTopic, duration_s: float) -> dict[str, object]:
                 f'{profile.reliability}, {profile.durability}' for profile in topic.qos))}
 
 
-def _compression(files: tuple[Path, ...]) -> str:
+def _compression(files: BagFiles) -> str:
+    """Return what chunks, or single messages by rosbag2, are compressed with."""
+    if files.message_compression:
+        return f'{files.message_compression}, each message'
     names: set[str] = set()
-    for path in files:
+    for path in files.paths:
         with McapFile(path) as file:
             names |= file.compressions
     return ', '.join(sorted(name or 'none' for name in names)) or 'none'

@@ -18,9 +18,10 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 from startracker_ros.bag.compression import DECODING_ERRORS, MAX_RECORD_BYTES, unpack
-from startracker_ros.bag.errors import BagError, UnfinishedBagError
+from startracker_ros.bag.errors import BagError, CONVERT, UnfinishedBagError
 
 _MAX_PENDING_BYTES = 2 ** 30
+_SQLITE = b'SQLite format 3'
 _MAGIC = b'\x89MCAP0\r\n'
 # Before each record: opcode and length of the content.
 _FRAME = struct.Struct('<BQ')
@@ -83,7 +84,8 @@ class McapFile:
             raise BagError(f'cannot read {path}: {error.strerror}') from error
         if magic != _MAGIC:
             self._file.close()
-            raise BagError(f'{path} is no MCAP file: it starts with {magic!r}')
+            hint = f'; {CONVERT}' if magic == _SQLITE[:len(magic)] else ''
+            raise BagError(f'{path} is no MCAP file: it starts with {magic!r}{hint}')
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.statistics: Statistics | None = None

@@ -4,7 +4,9 @@ from collections.abc import Callable, Sequence
 from functools import partial
 import gc
 from importlib import import_module
+import inspect
 import os
+from pathlib import Path
 import sys
 import time
 from typing import Any
@@ -225,7 +227,8 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
                 executor.spin_once(timeout_sec=1.0)
         code = 0
     except (parameters.ParameterError, StartError, CameraError) as error:
-        rclpy.logging.get_logger(node_class.__module__.rpartition('.')[2]).fatal(str(error))
+        # Not by the module, which is __main__ under `python -m`.
+        rclpy.logging.get_logger(Path(inspect.getfile(node_class)).stem).fatal(str(error))
         code = 2
     except (Exception, KeyboardInterrupt):
         # An interrupted callback may raise anything.

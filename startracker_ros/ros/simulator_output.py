@@ -51,7 +51,7 @@ class TruthOutput:
                        ) -> None:
         """Publish the true state of the target."""
         state = State(position_m, velocity_m_s, np.zeros((3, 3)))
-        self._target.publish(state_to_odometry(state, 0.0, header))
+        self._target.publish(state_to_odometry(state, 0.0, header, 'target'))
 
 
 class NavigationOutput:
@@ -64,7 +64,8 @@ class NavigationOutput:
                 options: NavigationOptions, header: Header) -> None:
         """Publish one measurement with its covariance."""
         state = State(position_m, velocity_m_s, np.eye(3) * options.position_sigma_m ** 2)
-        self._odometry.publish(state_to_odometry(state, options.velocity_sigma_m_s ** 2, header))
+        self._odometry.publish(state_to_odometry(
+            state, options.velocity_sigma_m_s ** 2, header, options.satellite_frame_id))
 
 
 class GyroOutput:

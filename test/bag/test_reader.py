@@ -7,9 +7,12 @@ from hypothesis import given, settings, strategies as st
 from mcap.writer import Writer
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer as RosbagsWriter
+from rosbags.rosbag2 import (
+    CompressionFormat, CompressionMode, StoragePlugin, Writer as RosbagsWriter)
+from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
 from startracker_ros.bag.errors import BagError, UnfinishedBagError
+from startracker_ros.bag.info import describe
 from startracker_ros.bag.reader import BagTopic, decode, read_messages, read_topics
 from startracker_ros.bag.writer import BagOptions, BagWriter
 
@@ -184,3 +187,16 @@ def test_what_cannot_be_decoded(samples: dict[str, bytes]) -> None:
     for size in range(len(samples[TYPE])):
         with pytest.raises(BagError, match=f'{size} bytes are no geometry_msgs'):
             decode(TYPE, samples[TYPE][:size])
+
+
+def test_messages_compressed_one_by_one_are_named(tmp_path):
+    bag = tmp_path / 'bag'
+    store = get_typestore(Stores.ROS2_JAZZY)
+    writer = RosbagsWriter(bag, version=8, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    with writer:
+        topic = writer.add_connection('/text', 'std_msgs/msg/String', typestore=store)
+        text = store.types['std_msgs/msg/String']('a' * 100)
+        writer.write(topic, 1, store.serialize_cdr(text, 'std_msgs/msg/String'))
+    result, problems = describe(bag)
+    assert result.conditions['compression'] == 'zstd, each message' and not problems

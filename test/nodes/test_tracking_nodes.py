@@ -282,17 +282,17 @@ def test_odometry_gives_an_attitude_in_icrf(nodes, probe):
                == 'earth_only (no odometry)', 'the value aberration')
     assert probe.received['attitude_itrf'] and not probe.received['attitude_orbit']
 
-    odometry.publish(state_to_odometry(state, 0.0, flight.header(frame_id='itrf')))
+    odometry.publish(state_to_odometry(state, 0.0, flight.header(frame_id='itrf'), 'satellite'))
     probe.wait_diagnostic("odometry: frame 'itrf' is not 'icrf'")
     fast = state._replace(velocity_m_s=3 * state.velocity_m_s)
-    odometry.publish(state_to_odometry(fast, 0.0, flight.header(frame_id='icrf')))
+    odometry.publish(state_to_odometry(fast, 0.0, flight.header(frame_id='icrf'), 'satellite'))
     probe.wait_diagnostic('odometry: 22.5 km/s about the Earth')
     old = make_header(START_NS - 3 * 3600 * 10 ** 9, 'icrf')
-    odometry.publish(state_to_odometry(state, 0.0, old))
+    odometry.publish(state_to_odometry(state, 0.0, old, 'satellite'))
     assert sigma_arcsec(flight.frames(5)[-1])[:2].min() > 3
     probe.wait_diagnostic('odometry is 3.0 h off')
 
-    odometry.publish(state_to_odometry(state, 0.0, flight.header(frame_id='icrf')))
+    odometry.publish(state_to_odometry(state, 0.0, flight.header(frame_id='icrf'), 'satellite'))
     probe.spin_for(0.3)
     answers = flight.frames(30)
     assert len(flight.errors(answers)) == 30 and np.abs(flight.errors(answers)[10:]).max() < 5

@@ -51,9 +51,14 @@ def state_from_odometry(message: Odometry, inertial_frame_id: str) -> State:
     return state
 
 
-def state_to_odometry(state: State, velocity_variance: float, header: Header) -> Odometry:
-    """Return `odometry` or `truth/target`: all on inertial axes, no orientation."""
-    message = Odometry(header=header, child_frame_id=header.frame_id)
+def state_to_odometry(state: State, velocity_variance: float, header: Header,
+                      child_frame_id: str) -> Odometry:
+    """
+    Return `odometry` or `truth/target`: all on inertial axes.
+
+    The axes of the child frame are parallel to the inertial ones: no rotation.
+    """
+    message = Odometry(header=header, child_frame_id=child_frame_id)
     position = message.pose.pose.position
     position.x, position.y, position.z = map(float, state.position_m)
     message.twist.twist.linear = vector_to_geometry(state.velocity_m_s)
