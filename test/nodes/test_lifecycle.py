@@ -87,6 +87,9 @@ def another(row):
     if isinstance(row.default, int):
         return row.default + (1 if row.high is None or row.default < row.high else -1)
 
+    if isinstance(row.default, tuple) and isinstance(row.default[0], str):
+        return ('another',)
+
     def nearby(value):
         bound = row.high if row.high is not None and value < row.high else row.low
         return value + 1.0 if bound is None else 0.99 * value + 0.01 * bound
@@ -117,7 +120,7 @@ def check_parameters(probe, places, folder):
         wishes = [changed(row.name, value) for row, before in zip(settable, kept)
                   for value in (another(row), parameter_value_to_python(before))]
         wishes += [changed(row.name, beyond(row)) for row in wrong]
-        wishes += [changed(row.name, row.default) for row in rows if row.read_only]
+        wishes += [changed(row.name, another(row)) for row in rows if row.read_only]
         results = ask_once(probe, SetParameters, f'{place}/set_parameters',
                            SetParameters.Request(parameters=wishes)).results
         told = log(folder, place.strip('/').replace('/', '.'))
@@ -181,7 +184,7 @@ def documented(column):
     """Return the topics of each node in a column of the table in the README."""
     rows = [line.split('|')[1:] for line in (ROOT / 'README.md').read_text().splitlines()
             if line.startswith('| `')]
-    return {cells[0].strip(' `'): set(re.findall('`([a-z_/]+)`', cells[column]))
+    return {cells[0].strip(' `'): set(re.findall('`([a-z0-9_/]+)`', cells[column]))
             for cells in rows if cells[0].strip(' `') in NODES}
 
 
