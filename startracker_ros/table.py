@@ -68,7 +68,8 @@ def show(result: Result, as_json: bool, wide: bool = False) -> None:
     """
     Print a result; the JSON document and the table of all columns hold the same rows.
 
-    The details are in the JSON document only. A terminal shows as many columns as fit, all with wide. A pipe or a file receives all.
+    The details are in the JSON document only. A terminal shows as many columns as fit, all with
+    wide. A pipe or a file receives all.
     """
     rows, conditions = result.records, _plain_values(result.conditions)
     if as_json:

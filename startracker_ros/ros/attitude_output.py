@@ -1,6 +1,6 @@
 """The attitude on its four topics."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, TransformStamped
 import numpy as np
@@ -8,6 +8,7 @@ from sensor_msgs.msg import Imu
 from startracker_ros.attitude.result import AttitudeEstimate
 from startracker_ros.attitude.validation import TrustedAttitude
 from startracker_ros.maths.rotation import ARCSEC
+from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.frames import FrameOptions
@@ -19,6 +20,15 @@ from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.odometry_input import OdometryInput
 from startracker_ros.track.tracks import TrackedAttitude
+
+
+@dataclass(frozen=True)
+class AttitudeImuOptions(Options):
+    """Which frames attitude_imu has."""
+
+    attitude_imu_valid_only: bool = option(
+        False, 'publish attitude_imu only for frames with an attitude, for filters that fuse a '
+        'message without looking at orientation_covariance[0] = -1, as robot_localization does')
 
 
 class AttitudeOutput:
@@ -39,14 +49,15 @@ class AttitudeOutput:
         """
         Publish the attitude of a frame, with the body rate where a tracker knows it.
 
-        Without a trusted attitude only attitude_imu is published, marked as invalid.
+        Without a trusted attitude only attitude_imu is published, marked as invalid, or nothing.
         """
         attitude, frames = result.attitude, self._node.options(FrameOptions)
         self._observer.report(stamp_ns)
         header = make_header(stamp_ns, frames.inertial_frame_id)
         sensor_header = make_header(stamp_ns, frames.sensor_frame_id)
         if attitude is None:
-            self._imu.publish(attitude_to_imu(None, sensor_header))
+            if not self._node.options(AttitudeImuOptions).attitude_imu_valid_only:
+                self._imu.publish(attitude_to_imu(None, sensor_header))
             self._diagnostics.counts['frames without attitude'] += 1
             self._diagnostics.report(WARN, f'no attitude: {result.reason}')
             return

@@ -11,7 +11,7 @@ from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPO
 from startracker_ros.options import option, Options
 from startracker_ros.pipeline.attitude import AttitudeStage
 from startracker_ros.ros import qos
-from startracker_ros.ros.attitude_output import AttitudeOutput
+from startracker_ros.ros.attitude_output import AttitudeImuOptions, AttitudeOutput
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import ExtraFrameOptions, FrameOptions
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
@@ -38,7 +38,7 @@ class AttitudeEstimatorNode(CameraNode):
     """Publishes the attitude of each frame that has a trusted one, in ICRF."""
 
     option_classes = (SourceOptions, ValidationOptions, FrameOptions, ExtraFrameOptions,
-                      AberrationOptions)
+                      AttitudeImuOptions, AberrationOptions)
     task = 'attitude'
 
     def __init__(self) -> None:
