@@ -84,7 +84,7 @@ def solve_ours(ladder: LadderIdentifier, told: Camera, centroids: Centroids
     """Return the direction of the image centre by our solver on one list of stars."""
     for attempt in ladder.identify([centroids]):
         if attempt.identification.attitude is not None:
-            lens = learn_lens(attempt, told, FOV_ERROR)
+            lens = learn_lens(attempt, FOV_ERROR)
             if not lens.rejected:
                 return rotate(lens.attitude.quaternion, [0.0, 0.0, 1.0])
     return None

@@ -122,7 +122,7 @@ def _with_learnt_lens(centroids: dict[int, Centroids], camera: Camera, epoch_yea
     for image_centroids in centroids.values():
         for attempt in ladder.identify([image_centroids]):
             if attempt.identification.attitude is not None:
-                lens = learn_lens(attempt, camera, _WIDE.fov_error_percent / 100)
+                lens = learn_lens(attempt, _WIDE.fov_error_percent / 100)
                 if not lens.rejected:
                     return _with_likely_ratio(lens.camera, camera.fy / camera.fx)
     return camera

@@ -121,15 +121,16 @@ class _Lens:
             multiply(self.quaternion, turned))
 
 
-def learn_lens(attempt: Attempt, nominal: Camera, focal_error: float) -> LearntLens:
+def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
     """
     Return the lens and the attitude that fit an identified image.
 
-    nominal is the camera that was told, its focal length to a share focal_error. The lens is
+    The focal length of the nominal camera is known to a share focal_error. The lens is
     rejected when its focal length is beyond that, when it loses the stars that led to it, or when
     no camera has it. ValueError for an attempt without an attitude.
     """
-    identification, centroids = attempt.identification, attempt.centroids
+    identification, centroids, nominal = (
+        attempt.identification, attempt.centroids, attempt.nominal)
     if identification.attitude is None:
         raise ValueError('an attempt without an attitude')
     onboard = attempt.identifier.onboard

@@ -5,6 +5,7 @@ import struct
 
 import cv2
 import numpy as np
+from startracker_ros.camera.exif import read_exif, upright
 from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera, CameraError
 
@@ -21,7 +22,16 @@ class ImageError(ValueError):
 
 
 def read_image(path: str | Path) -> np.ndarray:
-    """Return an image file as (H, W) uint8 or uint16; colours are averaged to grey."""
+    """
+    Return an image file as (H, W) uint8 or uint16, upright by its EXIF orientation.
+
+    Colours are averaged to grey.
+    """
+    return read_image_and_field(path)[0]
+
+
+def read_image_and_field(path: str | Path) -> tuple[np.ndarray, float | None]:
+    """Return the image as read_image, and the field of view of its long side by EXIF in deg."""
     path = Path(path)
     try:
         with path.open('rb') as file:
@@ -42,7 +52,8 @@ def read_image(path: str | Path) -> np.ndarray:
     if image.ndim == 3:
         # The mean of the channels is less noisy than the weights of human vision.
         image = image[..., :3].mean(axis=2).round().astype(image.dtype)
-    return image
+    exif = read_exif(content.tobytes())
+    return upright(image, exif.orientation), exif.fov_deg
 
 
 def _check_content(path: Path, begin: bytes, end: bytes) -> None:

@@ -100,7 +100,7 @@ def _solved(field: LensField, options: IdentificationOptions) -> np.ndarray | No
     for attempt in ladder.identify([field.centroids]):
         if attempt.identification.attitude is None:
             continue
-        lens = learn_lens(attempt, field.told, FOV_ERROR)
+        lens = learn_lens(attempt, FOV_ERROR)
         if not lens.rejected:
             return rotate(lens.attitude.quaternion, [0.0, 0.0, 1.0])
     return None

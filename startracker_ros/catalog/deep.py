@@ -5,6 +5,7 @@ A Hipparcos star keeps its HIP number. A star without one has the number NUMBER_
 row in the shipped file. Terms of the data: LICENSE in this folder.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -44,12 +45,16 @@ def star_name(number: int) -> str:
     return f'HIP {number}' if number < NUMBER_OFFSET else f'deep {number - NUMBER_OFFSET}'
 
 
-def camera_catalog(camera: Camera) -> StarCatalog:
-    """Return the stars for a camera: Hipparcos, or for a narrow field the deep catalogue."""
+def camera_catalog(camera: Camera, deep: Callable[[], StarCatalog] | None = None) -> StarCatalog:
+    """
+    Return the stars for a camera: Hipparcos, or for a narrow field the deep catalogue.
+
+    deep returns the latter where the caller has loaded it already.
+    """
     hipparcos = load_catalog()
     share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
     in_field = share * len(hipparcos.brighter_than(HIPPARCOS_COMPLETE_V))
-    return hipparcos if in_field >= NARROW_FIELD_STARS else load_deep_catalog()
+    return hipparcos if in_field >= NARROW_FIELD_STARS else (deep or load_deep_catalog)()
 
 
 def load_deep_catalog() -> StarCatalog:

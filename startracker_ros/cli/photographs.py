@@ -99,7 +99,8 @@ def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
 
 @click.command()
 @click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option('--fov-deg', type=float, help='Horizontal field of view, edge to edge.')
+@click.option('--fov-deg', type=float, help='Horizontal field of view, edge to edge.  '
+              '[default: EXIF, or a search from 1 to 120 deg]')
 @click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
               help='Camera YAML as camera_calibration writes it, instead of --fov-deg.')
 @click.option('--fov-error-percent', type=click.FloatRange(0, 5),
@@ -115,7 +116,8 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     from startracker_ros.camera.model import CameraError
     from startracker_ros.identify.identification import IdentificationOptions
     from startracker_ros.pipeline.solve import solve_files
-    _check_one_camera(fov_deg, camera_file)
+    if fov_deg is not None and camera_file is not None:
+        raise click.UsageError('give either --fov-deg or --camera')
     if fov_error_percent is None:
         fov_error_percent = _UNCALIBRATED_PERCENT if camera_file is None else _CALIBRATED_PERCENT
     with usage_error_on(CameraError):

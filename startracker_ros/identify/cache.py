@@ -14,8 +14,9 @@ from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.folders import cache_folder
 from startracker_ros.identify.pairs import build_pairs, MOST_PAIRS, PairDatabase
 
-MAX_FILES = 20
-"""Databases in the cache, the last used ones: a camera needs one a year, a campaign dozens."""
+MAX_FILES = 80
+"""Databases in the cache, the last used ones: a camera needs up to three a year, a search of all
+fields of view 29."""
 
 # To be raised whenever the same input would give other pairs or another layout.
 _VERSION = 2

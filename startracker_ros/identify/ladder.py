@@ -38,7 +38,9 @@ RUNGS = (
     Rung(4.0, k1=0.15), Rung(4.0, k1=-0.35), Rung(0.5, 1.3), Rung(1.0, 1.3))
 # A search that succeeds mostly does so within a few milliseconds.
 _PASSES_S = (0.004, 0.02, 0.1)
-ATTEMPTS = LISTS * len(RUNGS)
+# Mirrored images are named as such: the first rungs, each list of stars once.
+_MIRRORED_RUNGS = RUNGS[:4]
+ATTEMPTS = LISTS * (len(RUNGS) + len(_MIRRORED_RUNGS))
 """Identifications of one image at most, each of which may be wrong by chance."""
 
 
@@ -50,11 +52,12 @@ class UncalibratedPyramid(PyramidIdentifier):
 
 
 class Attempt(NamedTuple):
-    """A result with the identifier that has its lens and catalogue, and its list of centroids."""
+    """A result, the identifier that has its lens and catalogue, centroids and nominal camera."""
 
     identification: Identification
     identifier: PyramidIdentifier
     centroids: Centroids
+    nominal: Camera
 
 
 class LadderIdentifier:
@@ -62,13 +65,17 @@ class LadderIdentifier:
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions()) -> None:
-        """Build the database of a nominal camera; deeper ones are built when needed."""
+        """Databases are built when the first rung of their depth is reached."""
         self.camera = camera
         self._epoch_year = epoch_year
         self._options = replace(options, false_alarm_max=options.false_alarm_max / ATTEMPTS)
         self._rungs: dict[Rung, PyramidIdentifier] = {}
         self._databases: dict[float, PyramidIdentifier] = {}
-        self.magnitude_limit = self._database(0.0).magnitude_limit
+
+    @property
+    def magnitude_limit(self) -> float:
+        """Return the automatic limit of the catalogue, V."""
+        return self._database(0.0).magnitude_limit
 
     def identify(self, lists: Iterable[Centroids]) -> Iterator[Attempt]:
         """
@@ -96,6 +103,13 @@ class LadderIdentifier:
                 waiting += product(RUNGS, islice(lists, 2, None))
             searches = waiting
 
+    def identify_mirrored(self, lists: Iterable[Centroids]) -> Iterator[Attempt]:
+        """Yield the results of a quick search in lists that are flipped from left to right."""
+        for rung, centroids in product(_MIRRORED_RUNGS, lists):
+            attempt, _ = self._search(rung, centroids, _PASSES_S[0])
+            if attempt is not None:
+                yield attempt
+
     def _search(self, rung: Rung, centroids: Centroids, time_s: float
                 ) -> tuple[Attempt | None, float]:
         """Return the result of a search of a limited time, and its time in s."""
@@ -105,7 +119,7 @@ class LadderIdentifier:
         start_s = time.perf_counter()
         options = replace(identifier.options, time_limit_s=time_s)
         found = identifier.with_camera(identifier.camera, options).identify(centroids)
-        return Attempt(found, identifier, centroids), time.perf_counter() - start_s
+        return Attempt(found, identifier, centroids, self.camera), time.perf_counter() - start_s
 
     def _identifier(self, rung: Rung) -> PyramidIdentifier | None:
         """Return the identifier of a rung, None for a lens that folds the image."""

@@ -1,6 +1,9 @@
 """Attitude and lens of a photograph of a camera that nobody has calibrated."""
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.astro.aberration import apparent_directions
@@ -9,65 +12,132 @@ from startracker_ros.astro.observer_motion import AT_REST, Observer
 from startracker_ros.attitude.result import AttitudeEstimate
 from startracker_ros.calibration.learnt_lens import learn_lens, LearntLens
 from startracker_ros.camera.model import Camera
-from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.centroids import Centroids, ROUND
 from startracker_ros.centroid.photograph import Detections
+from startracker_ros.identify import blind
+from startracker_ros.identify.blind import BlindIdentifier, COARSEST_PIXEL_DEG, LIKELY_DEG
 from startracker_ros.identify.identification import Identification, IdentificationOptions
 from startracker_ros.identify.ladder import Attempt, ATTEMPTS, LadderIdentifier
-from startracker_ros.maths.rotation import matrix_from_quaternion, quaternion_from_matrix
+from startracker_ros.maths.rotation import (
+    matrix_from_quaternion, pointing_from_quaternion, quaternion_from_matrix)
 from startracker_ros.pipeline.solution import MIN_STARS, Solution
 
-_COARSEST_PIXEL_DEG = 0.3
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
-class PhotographSolver:
-    """Solves photographs of one nominal camera at one epoch; the lens is fitted to each."""
+class _Search(NamedTuple):
+    """How one image is searched; coarse says why its pixels resolve no stars, empty if they do."""
 
-    def __init__(self, camera: Camera, epoch_year: float,
+    camera: Camera
+    identify: Callable[[Iterable[Centroids]], Iterator[Attempt]]
+    identify_mirrored: Callable[[Iterable[Centroids]], Iterator[Attempt]]
+    fov_error: float
+    attempts: int
+    fields: str
+    coarse: str = ''
+
+
+class PhotographSolver:
+    """Solves photographs at one epoch; the lens is fitted to each."""
+
+    def __init__(self, camera: Camera | None, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions(),
                  observer: Observer = AT_REST) -> None:
-        self._camera = camera
-        self._options = options
+        """Solve images of a nominal camera, or of any field of view without one."""
         self._observer = observer
-        self._pixel_deg = float(np.degrees(camera.pixel_rad))
-        self._ladder = (LadderIdentifier(camera, epoch_year, options)
-                        if self._pixel_deg <= _COARSEST_PIXEL_DEG else None)
+        self._search: Callable[[tuple[int, int], float], _Search]
+        if camera is None:
+            self._search = partial(_any_field, BlindIdentifier(epoch_year, options))
+        else:
+            known = _known_field(camera, epoch_year, options)
+            self._search = lambda shape, likely_deg: known
 
-    def solve(self, image: np.ndarray) -> Solution:
-        """Return the attitude and the lens of image (H, W) uint8 or uint16, or why not."""
-        detections = Detections(image)
-        if len(detections.extraction.centroids) < MIN_STARS:
+    def solve(self, image: np.ndarray, likely_deg: float = LIKELY_DEG) -> Solution:
+        """
+        Return the attitude and the lens of image (H, W) uint8 or uint16, or why not.
+
+        likely_deg is the field of view of the long side that is searched first where the camera
+        is unknown.
+        """
+        height, width = image.shape
+        detections, search = Detections(image), self._search((height, width), likely_deg)
+        extraction = detections.extraction
+        if len(extraction.centroids) < MIN_STARS:
             most = max(detections, key=len, default=Centroids.empty())
             if len(most) < MIN_STARS:
-                extraction = detections.extraction
-                return Solution.none(self._camera, most, extraction.status, extraction.reason)
-        if self._ladder is None:
-            return Solution.none(
-                self._camera, detections.extraction.centroids, 'too_small', f'a pixel is '
-                f'{self._pixel_deg:.2g} deg wide: more than {_COARSEST_PIXEL_DEG} resolves no '
-                'stars')
-        rejected = ''
-        for attempt in self._ladder.identify(detections):
-            if attempt.identification.attitude is None:
-                continue
-            lens = learn_lens(attempt, self._camera, self._options.fov_error_percent / 100)
-            if not lens.rejected:
-                found = _identification(attempt, lens, self._observer)
-                return Solution(attempt.centroids, found, lens.camera, lens.sigma_px)
-            rejected = lens.rejected
+                return Solution.none(search.camera, most, extraction.status, extraction.reason)
+        if search.coarse:
+            return Solution.none(search.camera, extraction.centroids, 'too_small', search.coarse)
+        solved, rejected = _first_lens(search.identify(detections), search.fov_error)
+        if solved is not None:
+            attempt, lens = solved
+            found = _identification(attempt, lens, search.attempts, self._observer)
+            return Solution(attempt.centroids, found, lens.camera, lens.sigma_px)
+        status, reason = 'no_candidate', _mirrored(detections, search, width)
+        if reason:
+            status = 'mirrored'
         most = max(detections, key=len)
-        reason = rejected or detections.extraction.reason or (
-            f'{len(most)} spots, no lens of about {np.degrees(self._camera.fov_x_rad):.3g} deg '
-            'explains them as stars: another --fov-deg, a mirrored image, or no night sky')
-        return Solution.none(self._camera, most, 'no_candidate', reason)
+        unexplained = (f'{len(most)} spots, no lens of {search.fields} explains them as stars: '
+                       'another --fov-deg, or no night sky')
+        return Solution.none(search.camera, most, status,
+                             reason or rejected or extraction.reason or unexplained)
 
 
-def _identification(attempt: Attempt, lens: LearntLens, observer: Observer) -> Identification:
+def _mirrored(detections: Detections, search: _Search, width: int) -> str:
+    """Return what a mirrored image shows, empty if it is none."""
+    flipped = [replace(centroids, uv=[width - 1, 0] + centroids.uv * [-1, 1],
+                       covariance=ROUND) for centroids in detections]
+    solved, _ = _first_lens(search.identify_mirrored(flipped), search.fov_error)
+    if solved is None:
+        return ''
+    _, lens = solved
+    ra_deg, dec_deg, _ = np.degrees(pointing_from_quaternion(lens.attitude.quaternion))
+    return (f'mirrored: flipped from left to right it shows {lens.matched} stars about right '
+            f'ascension {ra_deg:.2f}, declination {dec_deg:.2f} deg; flip the image')
+
+
+def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], likely_deg: float) -> _Search:
+    """Return the search of an image of shape (H, W) of any field of view."""
+    height, width = shape
+    return _Search(
+        Camera.from_fov(width, height, likely_deg),
+        lambda lists: identifier.identify(lists, shape, likely_deg),
+        lambda lists: identifier.identify_mirrored(lists, shape, likely_deg),
+        blind.FOV_ERROR, blind.ATTEMPTS, '1 to 120 deg')
+
+
+def _known_field(camera: Camera, epoch_year: float, options: IdentificationOptions) -> _Search:
+    """Return the search of all images of a nominal camera."""
+    pixel_deg = float(np.degrees(camera.pixel_rad))
+    coarse = (f'a pixel is {pixel_deg:.2g} deg wide: more than {COARSEST_PIXEL_DEG} resolves no '
+              'stars' if pixel_deg > COARSEST_PIXEL_DEG else '')
+    ladder = LadderIdentifier(camera, epoch_year, options)
+    return _Search(camera, ladder.identify, ladder.identify_mirrored,
+                   options.fov_error_percent / 100, ATTEMPTS,
+                   f'about {np.degrees(camera.fov_x_rad):.3g} deg', coarse)
+
+
+def _first_lens(attempts: Iterable[Attempt], fov_error: float
+                ) -> tuple[tuple[Attempt, LearntLens] | None, str]:
+    """Return the first attempt whose lens is accepted, and why the last other one is not."""
+    rejected = ''
+    for attempt in attempts:
+        if attempt.identification.attitude is None:
+            continue
+        lens = learn_lens(attempt, fov_error)
+        if not lens.rejected:
+            return (attempt, lens), rejected
+        rejected = lens.rejected
+    return None, rejected
+
+
+def _identification(attempt: Attempt, lens: LearntLens, attempts: int,
+                    observer: Observer) -> Identification:
     """Return the stars of the fitted lens."""
     onboard, known = attempt.identifier.onboard, lens.star >= 0
     hip = np.where(known, onboard.hip[lens.star], 0).astype(np.int32)
     magnitude = np.where(known, onboard.magnitude[lens.star], np.nan)
-    false_alarm = attempt.identification.false_alarm_probability * ATTEMPTS
+    false_alarm = attempt.identification.false_alarm_probability * attempts
     return Identification('identified', f'{lens.matched} stars', hip, magnitude,
                           lens.residual_px, _apparent(lens.attitude, observer), lens.focal_ratio,
                           min(false_alarm, 1.0))

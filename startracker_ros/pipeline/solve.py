@@ -1,6 +1,7 @@
 """Attitude of image files: extraction, identification, pointing."""
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 import sys
 import time
@@ -8,12 +9,14 @@ import time
 import numpy as np
 from startracker_ros.astro.epoch import epoch_year_now
 from startracker_ros.astro.observer_motion import AT_REST, Observer
-from startracker_ros.camera.images import calibrated_camera, ImageError, read_image_with_camera
+from startracker_ros.camera.images import (
+    calibrated_camera, ImageError, read_image_and_field, read_image_with_camera)
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.centroid.extraction import CentroidExtractor
+from startracker_ros.identify.blind import LIKELY_DEG
 from startracker_ros.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.maths.rotation import ARCSEC, pointing_from_quaternion
@@ -50,27 +53,38 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     """
     Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
 
-    The lens of the latter is fitted to each image. epoch_year None is today; observer is how the
+    The lens of the latter is fitted to each image. Without both, EXIF has the field of view or
+    all from 1 to 120 deg are searched. epoch_year None is today; observer is how the
     camera moved then. CameraError for an impossible camera; an unreadable image is a row of its
     own.
     """
     if epoch_year is None:
         epoch_year = epoch_year_now()
-    calibrated = calibrated_camera(camera_file, fov_deg)
+    blind = fov_deg is None and camera_file is None
+    calibrated = None if blind else calibrated_camera(camera_file, fov_deg)
+    any_field = PhotographSolver(None, epoch_year, options, observer) if blind else None
     solvers: dict[Camera, Solve] = {}
     rows = []
     for path, name in zip(_progress(paths), picture_names(paths)):
         try:
-            image, camera = read_image_with_camera(path, calibrated, fov_deg)
+            if any_field is None:
+                image, camera = read_image_with_camera(path, calibrated, fov_deg)
+            else:
+                image, exif_deg = read_image_and_field(path)
         except ImageError as error:
             rows.append({**_row(path, None, float('nan')), 'status': 'unreadable',
                          'reason': str(error)})
             continue
-        if camera not in solvers:
-            solvers[camera] = _solver(camera, calibrated is not None, epoch_year, options,
-                                      observer)
+        solve: Solve
+        if any_field is not None:
+            solve = partial(any_field.solve, likely_deg=exif_deg or LIKELY_DEG)
+        else:
+            if camera not in solvers:
+                solvers[camera] = _solver(camera, calibrated is not None, epoch_year, options,
+                                          observer)
+            solve = solvers[camera]
         start_s = time.perf_counter()
-        solution = solvers[camera](image)
+        solution = solve(image)
         rows.append(_row(path, solution, 1e3 * (time.perf_counter() - start_s)))
         if annotate_folder is not None:
             save_annotated(annotate_folder / name, image, solution.centroids.uv,

@@ -97,7 +97,7 @@ def test_black_white_and_tiny_images_are_named(image, status):
 
 def test_a_thumbnail_is_no_work(monkeypatch):
     """Its pixels resolve no stars: no database is built for it."""
-    monkeypatch.setattr('startracker_ros.pipeline.photograph.LadderIdentifier', None)
+    monkeypatch.setattr('startracker_ros.identify.ladder.UncalibratedPyramid', None)
     rng = np.random.default_rng(1)
     image = rng.integers(10, 20, (64, 64), dtype=np.uint8)
     image[rng.integers(4, 60, 12), rng.integers(4, 60, 12)] = 200
@@ -177,3 +177,35 @@ def test_pictures_of_one_name_do_not_overwrite_each_other(tmp_path):
                        epoch_year=2020.0, annotate_folder=tmp_path / 'out').rows
     assert {file.name for file in (tmp_path / 'out').iterdir()} == {'same.png', 'same-2.png'}
     assert all(row['status'] == 'blank' and 'all pixels' in row['reason'] for row in rows)
+
+
+@pytest.fixture(scope='module')
+def any_field():
+    return PhotographSolver(None, 2019.57)
+
+
+def test_an_image_without_a_told_field_is_solved(any_field, sky_data):
+    paths = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[2:8:2]
+    for path in paths:
+        solution = any_field.solve(read_image(path), 12.0)
+        assert solution.quaternion is not None, solution.identification.reason
+        assert np.degrees(solution.camera.seen_x_rad) == pytest.approx(11.425, abs=0.02)
+        assert solution.identification.false_alarm_probability < 1e-5
+
+
+def test_a_mirrored_image_is_named(sky_data):
+    path = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[3]
+    image = np.ascontiguousarray(read_image(path)[:, ::-1])
+    solution = PhotographSolver(Camera.from_fov(1024, 768, 11.4), 2019.57, WIDE).solve(image)
+    assert solution.quaternion is None
+    assert solution.identification.status == 'mirrored'
+    assert 'mirrored' in solution.identification.reason
+
+
+@pytest.mark.parametrize('draw', [city, random_spots])
+def test_no_field_of_view_explains_what_is_no_sky(any_field, draw):
+    for seed in range(2):
+        image = draw(np.random.default_rng(seed)).clip(0, 255).astype(np.uint8)
+        solution = any_field.solve(image)
+        assert solution.quaternion is None, seed
+        assert '1 to 120 deg' in solution.identification.reason

@@ -1,0 +1,50 @@
+"""EXIF: orientation and field of view, and files without it."""
+
+import cv2
+import numpy as np
+from PIL import Image, ImageOps
+import pytest
+from startracker_ros.camera.exif import read_exif
+from startracker_ros.camera.images import read_image, read_image_and_field
+
+
+def save(path, tags=(), details=(), size=(60, 40)):
+    image = np.zeros(size[::-1], np.uint8)
+    image[3:8, 5:20] = 200
+    picture = Image.fromarray(image)
+    exif = picture.getexif()
+    exif.update(dict(tags))
+    exif.get_ifd(0x8769).update(dict(details))
+    picture.save(path, exif=exif)
+    return path
+
+
+@pytest.mark.parametrize('orientation', range(1, 9))
+def test_images_are_turned_as_pillow_turns_them(tmp_path, orientation):
+    path = save(tmp_path / 'a.png', {0x0112: orientation})
+    with Image.open(path) as picture:
+        expected = np.array(ImageOps.exif_transpose(picture))
+    np.testing.assert_array_equal(read_image(path), expected)
+
+
+def test_the_field_of_view_by_the_equivalent_focal_length(tmp_path):
+    path = save(tmp_path / 'a.jpg', details={0xa405: 26}, size=(400, 300))
+    # The diagonal of 43.27 mm of full frame, of which the long side of 4:3 has 0.8.
+    expected = np.degrees(2 * np.arctan(0.8 * 43.27 / 2 / 26))
+    assert read_image_and_field(path)[1] == pytest.approx(expected)
+
+
+def test_the_field_of_view_by_the_sensor(tmp_path):
+    path = save(tmp_path / 'a.jpg', details={0x920a: 50.0, 0xa20e: 100.0, 0xa210: 4,
+                                             0xa002: 2400}, size=(240, 160))
+    assert read_image_and_field(path)[1] == pytest.approx(np.degrees(2 * np.arctan(12 / 50)))
+
+
+@pytest.mark.parametrize('content', [b'', b'\xff\xd8\xff\xe1\x00\x10Exif\0\0II*\0', b'BM'])
+def test_damaged_files_have_no_exif(content):
+    assert read_exif(content) == (1, None)
+
+
+def test_an_image_without_exif(tmp_path):
+    cv2.imwrite(str(tmp_path / 'a.png'), np.ones((4, 6), np.uint8))
+    assert read_image_and_field(tmp_path / 'a.png')[1] is None
