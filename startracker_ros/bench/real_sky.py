@@ -5,9 +5,10 @@ Each solver is told the field of view with an error of up to 5 %, drawn for each
 solver gets the stars of every detection. `ours` with `ours` is what `startracker solve` does.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+import sys
 import tempfile
 import time
 from typing import Any
@@ -152,7 +153,10 @@ def run_real_sky_bench(folders: Sequence[Path], *, seed: int = 1, cedar_python: 
         for group in dict.fromkeys((image.group, image.image.shape) for image in images):
             chosen = [k for k, image in enumerate(images)
                       if (image.group, image.image.shape) == group]
-            rows += _group_rows([images[k] for k in chosen], [cameras[k] for k in chosen], cedar)
+            for row in _group_rows([images[k] for k in chosen], [cameras[k] for k in chosen],
+                                   cedar):
+                print(row, file=sys.stderr, flush=True)
+                rows.append(row)
         version = cedar.version() if cedar else 'absent: --cedar-python names its venv'
     return Result('bench real-sky', rows, {
         'machine': machine(),
@@ -163,9 +167,9 @@ def run_real_sky_bench(folders: Sequence[Path], *, seed: int = 1, cedar_python: 
 
 
 def _group_rows(images: Sequence[Photograph], cameras: Sequence[Camera], cedar: Cedar | None
-                ) -> list[RealSkyRow]:
-    """Return the rows of the images of one camera."""
-    rows = [_row(images, 'startracker solve', OURS, _whole(images, cameras))]
+                ) -> Iterator[RealSkyRow]:
+    """Yield the rows of the images of one camera, each when it is measured."""
+    yield _row(images, 'startracker solve', OURS, _whole(images, cameras))
     detections: dict[str, list[tuple[Centroids, float]]] = {
         OURS: [_timed(detect_ours, image.image) for image in images]}
     solvers: dict[str, Callable[[Lists], list[Found]]] = {
@@ -184,8 +188,7 @@ def _group_rows(images: Sequence[Photograph], cameras: Sequence[Camera], cedar: 
         for name, solve in solvers.items():
             found = [(direction, time_s + more_s)
                      for (direction, time_s), more_s in zip(solve(lists), detect_s)]
-            rows.append(_row(images, detection, name, found))
-    return rows
+            yield _row(images, detection, name, found)
 
 
 def _row(images: Sequence[Photograph], detection: str, solver: str, found: Sequence[Found]

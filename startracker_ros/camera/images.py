@@ -1,5 +1,7 @@
 """Star images from files."""
 
+from collections.abc import Sequence
+import glob
 from pathlib import Path
 import struct
 
@@ -15,6 +17,7 @@ _LARGEST_FILE_BYTES = 500_000_000
 _CHECKED_BYTES, _END_BYTES = 1 << 20, 1 << 16
 # An image of so many needs some 2 GB while it is solved.
 _MOST_PIXELS = 120_000_000
+_SUFFIXES = ('.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff', '.webp')
 
 
 class ImageError(ValueError):
@@ -54,6 +57,20 @@ def read_image_and_field(path: str | Path) -> tuple[np.ndarray, float | None]:
         image = image[..., :3].mean(axis=2).round().astype(image.dtype)
     exif = read_exif(content.tobytes())
     return upright(image, exif.orientation), exif.fov_deg
+
+
+def image_paths(paths: Sequence[Path]) -> list[Path]:
+    """Return the paths, a folder replaced by the images in it, a pattern by what it matches."""
+    found: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            found += sorted(file for file in path.iterdir()
+                            if file.suffix.lower() in _SUFFIXES)
+        elif not path.exists() and glob.has_magic(str(path)):
+            found += map(Path, sorted(glob.glob(str(path), recursive=True)))
+        else:
+            found.append(path)
+    return found
 
 
 def _check_content(path: Path, begin: bytes, end: bytes) -> None:

@@ -112,16 +112,24 @@ def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
 def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
           fov_error_percent: float | None, epoch_year: float | None, annotate_folder: Path | None,
           as_json: bool, **observer: Any) -> None:
-    """Attitude of star IMAGES: right ascension, declination, roll, stars, residual."""
+    """
+    Attitude of star IMAGES: right ascension, declination, roll, stars, residual.
+
+    IMAGES are files, folders of them, or patterns.
+    """
+    from startracker_ros.camera.images import image_paths
     from startracker_ros.camera.model import CameraError
     from startracker_ros.identify.identification import IdentificationOptions
     from startracker_ros.pipeline.solve import solve_files
     if fov_deg is not None and camera_file is not None:
         raise click.UsageError('give either --fov-deg or --camera')
+    paths = image_paths(images)
+    if not paths:
+        raise click.UsageError(f'no images in {", ".join(map(str, images))}')
     if fov_error_percent is None:
         fov_error_percent = _UNCALIBRATED_PERCENT if camera_file is None else _CALIBRATED_PERCENT
     with usage_error_on(CameraError):
-        result = solve_files(images, fov_deg=fov_deg, camera_file=camera_file,
+        result = solve_files(paths, fov_deg=fov_deg, camera_file=camera_file,
                              epoch_year=epoch_year, observer=_observer(epoch_year, **observer),
                              annotate_folder=annotate_folder,
                              options=IdentificationOptions(fov_error_percent=fov_error_percent))

