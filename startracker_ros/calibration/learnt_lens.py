@@ -134,7 +134,7 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
     if identification.attitude is None:
         raise ValueError('an attempt without an attitude')
     onboard = attempt.identifier.onboard
-    start = attempt.identifier.camera.with_focal_ratio(identification.focal_ratio)
+    start = attempt.identifier.camera
     star = onboard.index_of(identification.hip)
     star[identification.hip == 0] = -1
     first = int(np.count_nonzero(star >= 0))
@@ -142,6 +142,9 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
     held = np.array([1.0] * 4 + [_HELD] * 4)
     lens = _Lens(start, identification.attitude.quaternion)
     try:
+        # A lens at the limit of what a camera can have folds its image at another focal length.
+        start = start.with_focal_ratio(identification.focal_ratio)
+        lens = _Lens(start, identification.attitude.quaternion)
         fit = _grow(lens, start, free, centroids, star, onboard)
         if np.count_nonzero(fit.star >= 0) < _FEW_MATCHES and start.fov_x_rad < _NARROW_RAD:
             fit = _grow(lens, start, free * held, centroids, star, onboard)

@@ -1,13 +1,17 @@
 """Photographs of uncalibrated cameras: lenses that are learnt, and images that show no stars."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
+from startracker_ros.calibration.learnt_lens import learn_lens
 from startracker_ros.camera.images import ImageError, read_image
-from startracker_ros.camera.model import Camera
+from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.campaign.lenses import draw_lens_field, solve_lens_fields
 from startracker_ros.centroid.photograph import Detections
 from startracker_ros.identify.identification import IdentificationOptions
+from startracker_ros.identify.ladder import LadderIdentifier
 from startracker_ros.pipeline.photograph import PhotographSolver
 from startracker_ros.pipeline.solve import solve_files
 
@@ -209,3 +213,18 @@ def test_no_field_of_view_explains_what_is_no_sky(any_field, draw):
         solution = any_field.solve(image)
         assert solution.quaternion is None, seed
         assert '1 to 120 deg' in solution.identification.reason
+
+
+def test_a_lens_that_folds_its_image_at_the_found_focal_length_is_rejected(sky_data):
+    path = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[3]
+    nominal = Camera.from_fov(1024, 768, 11.4)
+    attempt = next(attempt for attempt in LadderIdentifier(nominal, 2019.57, WIDE).identify(
+        list(Detections(read_image(path)))) if attempt.identification.attitude is not None)
+    wide = Camera(1024, 768, 1500, 1500, 511.5, 383.5, (-0.35, 0.0, 0.0, 0.0, 0.0))
+    with pytest.raises(CameraError, match='folds'):
+        wide.with_focal_ratio(0.5)
+    identifier = attempt.identifier.with_camera(wide, attempt.identifier.options)
+    lens = learn_lens(attempt._replace(
+        identifier=identifier,
+        identification=replace(attempt.identification, focal_ratio=0.5)), 0.05)
+    assert 'folds' in lens.rejected
