@@ -60,14 +60,19 @@ def read_image_and_field(path: str | Path) -> tuple[np.ndarray, float | None]:
 
 
 def image_paths(paths: Sequence[Path]) -> list[Path]:
-    """Return the paths, a folder replaced by the images in it, a pattern by what it matches."""
+    """
+    Return the paths, a folder replaced by the images in it, a pattern by what it matches.
+
+    A pattern without a match remains, as a file that cannot be read.
+    """
     found: list[Path] = []
     for path in paths:
         if path.is_dir():
             found += sorted(file for file in path.iterdir()
                             if file.suffix.lower() in _SUFFIXES)
         elif not path.exists() and glob.has_magic(str(path)):
-            found += map(Path, sorted(glob.glob(str(path), recursive=True)))
+            found += [Path(match) for match in sorted(glob.glob(str(path), recursive=True))] or [
+                path]
         else:
             found.append(path)
     return found

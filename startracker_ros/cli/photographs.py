@@ -90,6 +90,8 @@ def _observer(epoch_year: float | None, site: tuple[float, float, float] | None,
 
 # What a person knows of the field of view of a photograph, and of a calibrated camera.
 _UNCALIBRATED_PERCENT, _CALIBRATED_PERCENT = 5.0, 0.5
+# Nobody flies by a photograph: on a busy machine it may take as long as its search needs.
+_TIME_LIMIT_S = 3.0
 
 
 def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
@@ -132,7 +134,8 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
         result = solve_files(paths, fov_deg=fov_deg, camera_file=camera_file,
                              epoch_year=epoch_year, observer=_observer(epoch_year, **observer),
                              annotate_folder=annotate_folder,
-                             options=IdentificationOptions(fov_error_percent=fov_error_percent))
+                             options=IdentificationOptions(
+                                 fov_error_percent=fov_error_percent, time_limit_s=_TIME_LIMIT_S))
     print_result(result, as_json)
     if not all(row['solved'] for row in result.rows):
         sys.exit(1)

@@ -57,4 +57,4 @@ def test_folders_and_patterns_are_lists_of_images(tmp_path):
     assert image_paths([tmp_path]) == both
     assert image_paths([tmp_path / '*.[pJ]*']) == both
     assert image_paths([tmp_path / 'absent.png']) == [tmp_path / 'absent.png']
-    assert image_paths([tmp_path / '*.fits']) == []
+    assert image_paths([tmp_path / '*.fits']) == [tmp_path / '*.fits']
