@@ -120,6 +120,10 @@ class CentroidExtractor:
         self._segmentation = Segmentation(fixed_dn, options.threshold == 'iterative', factor)
         up = options.readout_direction == 'up'
         self._line_time_s = options.line_time_us * (-1e-6 if up else 1e-6)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the images before."""
         self._reference: tuple[Frame, float] | None = None
         self.spoilt = NOT_SPOILT
 
@@ -204,7 +208,7 @@ class CentroidExtractor:
             self.extract_near(frame, stars.astype(float), np.full(3, 3.0))
             clear = prepare(_readable(frame), FILTER_SIGMA_PX, self._threshold)
             cleaned(clear.image, clear.mesh, Spoilt(hits=True), FILTER_SIGMA_PX)
-        self._reference, self.spoilt = None, NOT_SPOILT
+        self.reset()
 
     def _result(self, centroids: Centroids, frame: Frame, sigma_px: float,
                 rejections: Rejections, streak: Streak | None) -> Extraction:

@@ -49,7 +49,8 @@ class ExtractionStage:
         self.reset()
 
     def reset(self) -> None:
-        """Search the next image as a whole."""
+        """Forget the images before: the next one is searched as a whole."""
+        self.extractor.reset()
         self.directed = False
         self._stamp_ns = 0
         self._searched_ns: int | None = None
