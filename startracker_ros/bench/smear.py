@@ -15,6 +15,7 @@ from startracker_ros.maths.rotation import radec_from_unit, random_attitude, rot
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import SteadyMotion
 from startracker_ros.sky.simulator import Frame, SkySimulator
+from startracker_ros.sky.sources import SkyOptions
 from startracker_ros.table import Result
 
 STREAKS_PX = (2.0, 5.0, 10.0, 20.0)
@@ -85,7 +86,8 @@ class Scene:
         motion = SteadyMotion(self.quaternion, np.array([dv, -du, 0.0]), _ORBIT)
         detector = replace(detector, zero_flux_e_s=flux_e / detector.exposure_s)
         return SkySimulator(_CAMERA, motion, catalog, CATALOG_EPOCH_YEAR,
-                            detector_options=detector, seed=seed).frame(0.0)
+                            detector_options=detector, seed=seed,
+                            sky_options=SkyOptions(aberration=False)).frame(0.0)
 
     def shares(self, shift_px: np.ndarray) -> np.ndarray:
         """Return the share of the light (N, n, n) in a window at each star, all shifted (2,)."""

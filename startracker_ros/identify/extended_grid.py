@@ -18,7 +18,7 @@ from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.propagate import AttitudePrediction, AttitudePropagator
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.stars import StarCatalog
+from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.identify.identification import (
@@ -90,7 +90,8 @@ class ExtendedGridIdentifier(PyramidIdentifier):
                  catalog: StarCatalog | None = None,
                  grid: ExtendedGridOptions = ExtendedGridOptions()) -> None:
         """Build the pattern database of the Pyramid; the grid needs none."""
-        super().__init__(camera, epoch_year, options, catalog)
+        # Two stars are told by the bright stars alone, as published: no deep catalogue.
+        super().__init__(camera, epoch_year, options, catalog or load_catalog())
         self._cell = np.radians(grid.grid_cell_deg)
         self._cells = grid.grid_cells
         self.buffer_rad = np.radians(grid.grid_buffer_deg)

@@ -10,6 +10,7 @@ from startracker_ros.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
+from startracker_ros.sky.sources import SkyOptions
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 EPOCH_YEAR = 2026.5
@@ -28,7 +29,8 @@ def test_half_a_degree_a_second_still_solves(identifier, rate_deg_s):
             motion='constant_rate', ra_deg=90.0 * index, dec_deg=-60.0 + 40 * index,
             rate_deg_s=rate_deg_s))
         frame = SkySimulator(CAMERA, motion, load_catalog(), EPOCH_YEAR, seed=index,
-                             detector_options=DetectorOptions(motion_smear=True)).frame(0.1)
+                             detector_options=DetectorOptions(motion_smear=True),
+                             sky_options=SkyOptions(aberration=False)).frame(0.1)
         result = identifier.identify(CentroidExtractor().extract(frame.image).centroids)
         assert result.status == 'identified', result.reason
         error = np.abs(attitude_error(result.attitude.quaternion,

@@ -10,6 +10,7 @@ from startracker_ros.maths.rotation import conjugate, rotate
 from startracker_ros.sky.detector import Detector, DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
+from startracker_ros.sky.sources import SkyOptions
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 QUIET = DetectorOptions(noise=False, background_e=0.0, bias_dn=0.0, gain_e_per_dn=0.25,
@@ -34,7 +35,8 @@ def frame_of(uv, rate_deg_s, options, camera=CAMERA):
         rate_deg_s=rate_deg_s))
     catalog = star_at(camera, uv, motion.at(0.0).q_icrf_from_sensor)
     return SkySimulator(camera, motion, catalog, EPOCH_YEAR,
-                        detector_options=options).frame(0.0), motion
+                        detector_options=options,
+                        sky_options=SkyOptions(aberration=False)).frame(0.0), motion
 
 
 def moments(image, uv, half=24):
@@ -132,7 +134,8 @@ def test_stars_are_rendered_where_the_distorted_lens_has_them():
     camera = Camera(1024, 1024, 2400.0, 2400.0, 500.0, 520.0, distortion)
     motion = motion_from_options(MotionOptions(motion='inertial'))
     simulator = SkySimulator(camera, motion, load_catalog().brighter_than(5.0), EPOCH_YEAR,
-                             detector_options=replace(QUIET, zero_flux_e_s=1e6))
+                             detector_options=replace(QUIET, zero_flux_e_s=1e6),
+                             sky_options=SkyOptions(aberration=False))
     frame = simulator.frame(0.0)
     pinhole = replace(camera, distortion=(0.0,) * 5)
     bent = tested = 0
