@@ -75,6 +75,10 @@ def start(name: str, parameters: dict[str, object]) -> dict[tuple[str, str], set
         node = node_class_of(name)()
         node.begin()
         if isinstance(node, CameraNode):
+            # It subscribes to its source once its code is loaded.
+            node.prepare()
+            node._thread.join()
+            node._check_warm_up()
             node._on_camera_info(camera_to_message(
                 Camera.from_fov(512, 512, 20.0), make_header(1_767_225_600 * 10 ** 9, 'lens')))
         found = opened(node)
