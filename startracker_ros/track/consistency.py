@@ -29,6 +29,7 @@ MEMORY = 0.98  # of the slopes of the frames before
 REACH_PX = 80.0  # of an image of a missed star
 TOLERANCE_SHARE = 0.03  # of the shift
 LEAST_SHIFTED, SHIFTED_SHARE = 4, 0.2  # of the stars, which are another image
+MOST_COMPARED = 60  # missed stars: the time grows with their square
 MOST_MISSED = 0.4  # of the stars that should be seen,
 PLACED_SHARE = 0.7  # if so many centroids for each are no star
 PRESENT_PX, PRESENT_SIGMAS = 0.5, 5.0  # distance of a centroid that is that of a star
@@ -115,10 +116,12 @@ def expected_stars(expected: np.ndarray, velocity: np.ndarray, uv: np.ndarray,
     missed = int(np.count_nonzero(~seen))
     if missed < LEAST_SHIFTED or len(free) < LEAST_SHIFTED:
         return ''
-    count, shift = _largest_group(expected[~seen], velocity[~seen], free, present_px)
-    if count >= max(LEAST_SHIFTED, SHIFTED_SHARE * len(expected)):
-        return (f'{count} of {len(expected)} stars are seen {shift:.1f} px from where the others '
-                'have them: a torn frame or a second image')
+    every = -(-missed // MOST_COMPARED)
+    compared = np.flatnonzero(~seen)[::every]
+    count, shift = _largest_group(expected[compared], velocity[compared], free, present_px)
+    if count >= LEAST_SHIFTED and every * count >= SHIFTED_SHARE * len(expected):
+        return (f'{every * count} of {len(expected)} stars are seen {shift:.1f} px from where the '
+                'others have them: a torn frame or a second image')
     if missed > MOST_MISSED * len(expected) and len(free) > PLACED_SHARE * missed:
         return (f'only {len(expected) - missed} of {len(expected)} stars that should be seen are, '
                 f'and {len(free)} centroids are no star')

@@ -41,11 +41,12 @@ def test_photographs_give_a_camera(nodes, probe, sky_data, tmp_path):
     nodes.start('centroid_extractor', {'max_stars': 200})
     nodes.start('star_identifier')
     nodes.start('camera_calibrator', {'output_file': str(output), 'aberration': 'none'})
-    probe.wait(lambda: probe.count_publishers('stars') and probe.count_subscribers('stars')
-               and probe.count_subscribers('camera_info') >= 3, 'the nodes')
+    probe.wait(lambda: probe.count_publishers('stars') and probe.count_subscribers('stars'),
+               'the nodes')
     nodes.start('image_publisher', {
         'path': str(sky_data / 'night-sky-11deg'), 'fov_deg': 11.43, 'frame_rate_hz': 2.0,
-        'wait_for_subscribers': 1, 'start_time_utc': '2019-07-29T20:47:26'})
+        'wait_for_subscribers': 1, 'wait_for_camera_users': 3,
+        'start_time_utc': '2019-07-29T20:47:26'})
     probe.wait(lambda: value(probe, 'frames') == '8', 'eight frames')
     assert int(value(probe, 'stars')) > 100
     assert int(value(probe, 'field_covered_percent')) > 50

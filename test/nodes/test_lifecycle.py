@@ -97,6 +97,11 @@ def another(row):
         row.default)
 
 
+def other(row, before):
+    """Return a value in the range of a parameter that is not the one of before."""
+    return next(value for value in (another(row), row.default) if value != before)
+
+
 def beyond(row):
     """Return a value out of the range of a parameter, None where all of the type will do."""
     if row.choices:
@@ -115,12 +120,14 @@ def check_parameters(probe, places, folder):
         rows = tables.node_rows(node)
         settable = [row for row in rows if not row.read_only]
         wrong = [row for row in settable if beyond(row) is not None]
-        kept = probe.call(GetParameters, f'{place}/get_parameters', GetParameters.Request(
-            names=[row.name for row in settable])).values
-        wishes = [changed(row.name, value) for row, before in zip(settable, kept)
-                  for value in (another(row), parameter_value_to_python(before))]
+        names = GetParameters.Request(names=[row.name for row in rows])
+        kept = probe.call(GetParameters, f'{place}/get_parameters', names).values
+        values = {row.name: parameter_value_to_python(value) for row, value in zip(rows, kept)}
+        wishes = [changed(row.name, value) for row in settable
+                  for value in (other(row, values[row.name]), values[row.name])]
         wishes += [changed(row.name, beyond(row)) for row in wrong]
-        wishes += [changed(row.name, another(row)) for row in rows if row.read_only]
+        wishes += [changed(row.name, other(row, values[row.name]))
+                   for row in rows if row.read_only]
         results = ask_once(probe, SetParameters, f'{place}/set_parameters',
                            SetParameters.Request(parameters=wishes)).results
         told = log(folder, place.strip('/').replace('/', '.'))
@@ -143,9 +150,7 @@ def check_parameters(probe, places, folder):
             assert result.reason == (
                 f'{row.name} is read at the start only: end the node and start it again with '
                 f'-p {row.name}:=...')
-        now = probe.call(GetParameters, f'{place}/get_parameters', GetParameters.Request(
-            names=[row.name for row in settable])).values
-        assert now == kept
+        assert probe.call(GetParameters, f'{place}/get_parameters', names).values == kept
 
 
 def test_several_changes_are_made_together_or_not_at_all(nodes, probe):

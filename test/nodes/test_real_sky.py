@@ -24,10 +24,9 @@ def start_nodes(nodes, probe, publisher):
     probe.collect(QuaternionStamped, 'attitude', qos.LIST)
     probe.collect(PointCloud2, 'stars', qos.LIST)
     probe.wait(lambda: probe.count_publishers('attitude') and probe.count_publishers('stars')
-               and probe.count_subscribers('stars') >= 2
-               and probe.count_subscribers('camera_info') >= 3, 'the nodes')
+               and probe.count_subscribers('stars') >= 2, 'the nodes')
     nodes.start('image_publisher', {
-        'frame_rate_hz': 1e9 / FRAME_NS, 'wait_for_subscribers': 1,
+        'frame_rate_hz': 1e9 / FRAME_NS, 'wait_for_subscribers': 1, 'wait_for_camera_users': 3,
         'start_time_utc': '2019-07-29T20:47:26', **publisher})
 
 

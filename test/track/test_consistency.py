@@ -57,6 +57,12 @@ def test_stars_of_a_second_image_contradict():
     assert 'second image' in expected_stars(uv, velocity, ghost, 0.5)
 
 
+def test_a_second_image_of_very_many_stars_contradicts():
+    _, uv, flow = field(count=1000)
+    ghost = np.where(uv[:, 1:] > 511, uv + [12.0, -7.0], uv)
+    assert 'second image' in expected_stars(uv, flow @ RATE, ghost, 0.5)
+
+
 def test_hidden_stars_and_false_ones_do_not_contradict():
     rng, uv, flow = field()
     velocity = flow @ RATE
