@@ -48,8 +48,7 @@ def with_velocity_error(attitude: AttitudeEstimate, velocity_sigma_m_s: float,
     if not velocity_sigma_m_s:
         return attitude
     weight = 1 / np.square(sigma)
-    s = weight @ sensor
-    F_inverse = np.linalg.inv(weight.sum() * np.eye(3) - (sensor * weight[:, None]).T @ sensor)
+    s, F_inverse = weight @ sensor, np.linalg.inv(_information(weight, sensor))
     turn = F_inverse @ (s @ s * np.eye(3) - np.outer(s, s)) @ F_inverse
     variance = (velocity_sigma_m_s / SPEED_OF_LIGHT_M_S) ** 2
     return replace(attitude, covariance_sensor=attitude.covariance_sensor + variance * turn)
@@ -67,8 +66,12 @@ def with_lens_error(attitude: AttitudeEstimate, lens_sigma: float, sensor: np.nd
     if not lens_sigma:
         return attitude
     weight = 1 / np.square(sigma)
-    F, G = (w.sum() * np.eye(3) - (sensor * w[:, None]).T @ sensor
-            for w in (weight, np.square(weight)))
-    F_inverse = np.linalg.inv(F)
+    F_inverse = np.linalg.inv(_information(weight, sensor))
+    G = _information(np.square(weight), sensor)
     return replace(attitude, covariance_sensor=attitude.covariance_sensor
                    + lens_sigma ** 2 * F_inverse @ G @ F_inverse)
+
+
+def _information(weight: np.ndarray, sensor: np.ndarray) -> np.ndarray:
+    """Return sum w (I - p p^T), of weights w (N,) and directions p (N, 3)."""
+    return weight.sum() * np.eye(3) - (sensor * weight[:, None]).T @ sensor

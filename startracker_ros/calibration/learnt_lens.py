@@ -24,7 +24,7 @@ from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.ladder import Attempt
 from startracker_ros.maths.rotation import (
-    attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_matrix,
+    attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_axes,
     quaternion_from_rotation_vector)
 
 # Prior standard deviations: relative pixel ratio, principal point (of the width), k1.
@@ -303,8 +303,5 @@ def _middle(lens: _Lens) -> np.ndarray:
     camera = lens.camera
     centre = np.array([(camera.width - 1) / 2, (camera.height - 1) / 2])
     z, below = camera.unproject(np.array([centre, centre + [0, 1]]))
-    y = below - z * (below @ z)
-    y /= np.linalg.norm(y)
-    turned = quaternion_from_matrix(np.stack([np.cross(y, z), y, z], -1))
-    q = multiply(lens.quaternion, turned)
+    q = multiply(lens.quaternion, quaternion_from_axes(z, below))
     return -q if q[3] < 0 else q

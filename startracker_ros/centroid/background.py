@@ -58,10 +58,10 @@ def measure_background(image: np.ndarray, kernel: Kernel) -> Mesh:
                 (rows / height, columns / width))
 
 
-def level_image(mesh: Mesh, shape: tuple[int, int]) -> np.ndarray:
-    """Return the level of the mesh (H, W) float32."""
+def over_image(tiles: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Return the level or the noise of a mesh at each pixel (H, W), float32."""
     height, width = shape
-    inner = mesh.level[1:-1, 1:-1].astype(np.float32)
+    inner = tiles[1:-1, 1:-1].astype(np.float32)
     return cv2.resize(inner, (width, height), interpolation=cv2.INTER_LINEAR)
 
 

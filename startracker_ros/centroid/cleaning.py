@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from startracker_ros.centroid.background import level_image, Mesh, pixel_noise
+from startracker_ros.centroid.background import Mesh, over_image, pixel_noise
 from startracker_ros.centroid.detection import Peaks
 from startracker_ros.centroid.frame import Frame
 from startracker_ros.centroid.hits import is_hit, is_storm, without_hits
@@ -51,7 +51,7 @@ def cleaned(image: np.ndarray, mesh: Mesh, spoilt: Spoilt, sigma_px: float
     """
     noise_dn, hits = pixel_noise(image), np.empty((0, 2), int)
     if spoilt.large:
-        image = _without_large(image, level_image(mesh, image.shape), noise_dn)
+        image = _without_large(image, over_image(mesh.level, image.shape), noise_dn)
     if spoilt.hits:
         image, hit = without_hits(image, mesh, noise_dn, sigma_px)
         hits = np.argwhere(hit)[:, ::-1]

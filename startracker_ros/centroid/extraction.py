@@ -15,7 +15,7 @@ Once an image was searched, extract_near() measures stars at known positions onl
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from startracker_ros.centroid.background import level_image, pixel_noise
+from startracker_ros.centroid.background import over_image, pixel_noise
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.cleaning import (
     are_hits, cleaned, find_spoilt, NOT_SPOILT, Spoilt)
@@ -177,9 +177,9 @@ class CentroidExtractor:
                 or self._reference[0].image.dtype != image.dtype):
             return None
         before, sigma_px = self._reference
-        if self.spoilt != NOT_SPOILT:
-            image = cleaned(image, before.mesh, self.spoilt, sigma_px)[0]
-        frame, rejections = replace(before, image=_readable(image)), Rejections()
+        clean = (image if self.spoilt == NOT_SPOILT
+                 else cleaned(image, before.mesh, self.spoilt, sigma_px)[0])
+        frame, rejections = replace(before, image=_readable(clean)), Rejections()
         if streak is None or streak.longest_px() < SHORTEST_PX:
             peaks, found = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
                                       radius_px)
@@ -294,8 +294,8 @@ class CentroidExtractor:
     def _search_streaks(self, frame: Frame, streak: Streak, sigma_px: float,
                         rejections: Rejections) -> Centroids:
         """Return the stars of a smeared frame."""
-        found = search_streaks(frame.image, level_image(frame.mesh, frame.image.shape), streak,
-                               sigma_px, self._threshold.sigmas)
+        found = search_streaks(frame.image, over_image(frame.mesh.level, frame.image.shape),
+                               streak, sigma_px, self._threshold.sigmas)
         chosen = _chosen(found, frame.image.shape, SPARE_PEAKS * self._options.max_stars)
         return measure_streaks(frame, found[chosen], streak, sigma_px, self._threshold.sigmas,
                                rejections)

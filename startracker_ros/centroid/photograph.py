@@ -14,11 +14,10 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from startracker_ros.centroid.background import measure_background
+from startracker_ros.centroid.background import measure_background, over_image
 from startracker_ros.centroid.centroids import Centroids, ROUND
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.centroid.smoothing import gaussian_kernel
-from startracker_ros.centroid.streak_search import level_image
 
 MAX_STARS = 60
 LISTS = 3
@@ -81,10 +80,9 @@ def _spots(image: np.ndarray) -> Centroids:
     """Return the connected spots of an image (H, W), the brightest first."""
     kernel = gaussian_kernel(_FILTER_SIGMA_PX)
     mesh = measure_background(image, kernel)
-    light = image.astype(np.float32) - level_image(mesh, image.shape)
+    light = image.astype(np.float32) - over_image(mesh.level, image.shape)
     smooth = cv2.GaussianBlur(light, (0, 0), _FILTER_SIGMA_PX)
-    noise = cv2.resize(mesh.noise[1:-1, 1:-1].astype(np.float32), image.shape[::-1],
-                       interpolation=cv2.INTER_LINEAR)
+    noise = over_image(mesh.noise, image.shape)
     threshold = np.maximum(_THRESHOLD_SIGMAS * noise, _LEAST_DN)
     count, label, stats, _ = cv2.connectedComponentsWithStats(
         (smooth > threshold).astype(np.uint8), connectivity=8)

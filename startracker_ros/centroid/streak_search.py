@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from startracker_ros.centroid.background import level_image, Mesh
+from startracker_ros.centroid.background import Mesh, over_image
 from startracker_ros.centroid.noise import initial_noise_model
 from startracker_ros.centroid.psf import FLUX, SIGMA, V
 from startracker_ros.centroid.streak import fit_streak, Streak
@@ -51,7 +51,7 @@ def estimate_streak(image: np.ndarray, mesh: Mesh, pixel_noise_dn: float, full_s
 
     None where too few spots agree on one. sigma_px is an initial width.
     """
-    level = level_image(mesh, image.shape)
+    level = over_image(mesh.level, image.shape)
     spots = _spots(image, level, pixel_noise_dn)
     agreeing = _agreeing(spots)
     if agreeing is None:

@@ -105,6 +105,13 @@ def quaternion_from_pointing(ra_rad: float, dec_rad: float, roll_rad: float) -> 
     return quaternion_from_matrix(np.stack([np.cross(down, boresight), down, boresight], -1))
 
 
+def quaternion_from_axes(z: np.ndarray, towards_y: np.ndarray) -> np.ndarray:
+    """Return the quaternion (4,) of axes z, a unit vector, and y, in the plane of both vectors."""
+    y = towards_y - z * (z @ towards_y)
+    y /= np.linalg.norm(y)
+    return quaternion_from_matrix(np.stack([np.cross(y, z), y, z], -1))
+
+
 def pointing_from_quaternion(q: np.ndarray) -> tuple[float, float, float]:
     """Return right ascension and roll in [0, 2 pi) and declination, in rad."""
     matrix = matrix_from_quaternion(q)

@@ -1,6 +1,7 @@
 """Which images are searched as a whole, and in which only the predicted stars are measured."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.centroid.centroids import Centroids
@@ -31,6 +32,26 @@ class SearchOptions(Options):
         1.0, 'time between two images that are searched as a whole while the star tracker '
         'predicts where its stars are; in the others only these are measured; 0: every image '
         'is searched', unit='s', low=0.0, high=3600.0)
+
+
+class _Expected(NamedTuple):
+    """
+    The predicted stars at the time of an image.
+
+    uv (K, 2) px and radius_px (K,) of where they are; motion is that in a second, over the image.
+    """
+
+    uv: np.ndarray
+    radius_px: np.ndarray
+    motion: Streak
+    speed_px_s: float
+
+    @classmethod
+    def at(cls, stamp_ns: int, predicted: PredictedStars, shape: tuple[int, int]) -> '_Expected':
+        """Return the predicted stars at a time."""
+        return cls(predicted.at(stamp_ns),
+                   np.minimum(GATE_SIGMAS * predicted.sigma_px + GATE_PX, MAX_GATE_PX),
+                   predicted.motion(shape), float(np.hypot(*predicted.velocity.T).max()))
 
 
 class ExtractionStage:
@@ -76,46 +97,43 @@ class ExtractionStage:
                 or not 0 < stamp_ns - predicted.stamp_ns <= MAX_AGE_S * 1e9):
             self._searched_ns = None
             return self.extractor.extract(image)
-        uv, speed_px_s = predicted.at(stamp_ns), float(np.hypot(*predicted.velocity.T).max())
-        moved_px = speed_px_s * (stamp_ns - predicted.stamp_ns) * 1e-9
+        expected = _Expected.at(stamp_ns, predicted, image.shape)
+        moved_px = expected.speed_px_s * (stamp_ns - predicted.stamp_ns) * 1e-9
         if repeated and moved_px > REPEATED_PX:
             return _refused('repeated', 'the image is that of the frame before, though the stars '
                             f'have moved {moved_px:.1f} px')
-        motion = predicted.motion(image.shape)
-        streak = motion.scaled(self._exposure_s)
+        streak = expected.motion.scaled(self._exposure_s)
         unknown = (self._exposure_s == 0 and moved_px > SHORTEST_PX
-                   and speed_px_s > FASTER * self._point_speed_px_s)
-        near = None if unknown else self._near(image, uv, predicted, streak)
+                   and expected.speed_px_s > FASTER * self._point_speed_px_s)
+        near = None if unknown else self._near(image, expected, streak)
         if near is not None and not self._is_due(stamp_ns) and len(near.centroids) >= max(
-                LEAST_PREDICTED, LEAST_SHARE * self._seen_share * len(uv)):
+                LEAST_PREDICTED, LEAST_SHARE * self._seen_share * len(predicted)):
             self.directed = True
             return near
         self._searched_ns = stamp_ns
         spoilt, known = self.extractor.spoilt, None if unknown else streak
         searched = self.extractor.extract(image, known)
-        if unknown and searched.streak is not None and not _agree(searched.streak, motion):
+        if unknown and searched.streak is not None and not _agree(
+                searched.streak, expected.motion):
             return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
                             'direction than the stars move')
         if near is not None and self.extractor.spoilt != spoilt:
-            near = self._near(image, uv, predicted, streak)
-        return self._joined(image, searched, near, motion, uv, known, speed_px_s)
+            near = self._near(image, expected, streak)
+        return self._joined(image, searched, near, expected, known)
 
-    def _near(self, image: np.ndarray, uv: np.ndarray, predicted: PredictedStars,
-              streak: Streak) -> Extraction | None:
-        """Measure the stars near where they are predicted now, uv (K, 2)."""
-        radius_px = np.minimum(GATE_SIGMAS * predicted.sigma_px + GATE_PX, MAX_GATE_PX)
-        return self.extractor.extract_near(image, uv, radius_px, streak)
+    def _near(self, image: np.ndarray, expected: _Expected, streak: Streak) -> Extraction | None:
+        """Measure the stars near where they are expected."""
+        return self.extractor.extract_near(image, expected.uv, expected.radius_px, streak)
 
     def _joined(self, image: np.ndarray, extraction: Extraction, near: Extraction | None,
-                motion: Streak, uv: np.ndarray, streak: Streak | None, speed_px_s: float
-                ) -> Extraction:
+                expected: _Expected, streak: Streak | None) -> Extraction:
         """Return the stars of a searched image; what was measured near the predictions stays."""
         if near is None or len(near.centroids) < LEAST_PREDICTED:
             if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
                 extraction = self.extractor.extract(image)
-            self._learn(extraction, motion, uv, streak, speed_px_s)
+            self._learn(extraction, expected, streak)
             return extraction
-        self._learn(near, motion, uv, near.streak, speed_px_s)
+        self._learn(near, expected, near.streak)
         stars, others = near.centroids, extraction.centroids
         if len(others):
             distance = np.linalg.norm(others.uv[:, None] - stars.uv, axis=-1).min(axis=1)
@@ -127,17 +145,18 @@ class ExtractionStage:
         return (not self._search_period_ns or self._searched_ns is None
                 or not 0 <= stamp_ns - self._searched_ns < self._search_period_ns)
 
-    def _learn(self, extraction: Extraction, motion: Streak, uv: np.ndarray,
-               streak: Streak | None, speed_px_s: float) -> None:
+    def _learn(self, extraction: Extraction, expected: _Expected, streak: Streak | None) -> None:
         """Learn the exposure time, and the share of the predicted stars that are seen."""
         if len(extraction.centroids) < LEAST_PREDICTED:
             return
-        distance = np.linalg.norm(uv[:, None] - extraction.centroids.uv, axis=-1).min(axis=1)
+        distance = np.linalg.norm(
+            expected.uv[:, None] - extraction.centroids.uv, axis=-1).min(axis=1)
         self._seen_share = float(np.mean(distance < MAX_GATE_PX))
         if extraction.streak is None:
-            self._point_speed_px_s = max(self._point_speed_px_s, speed_px_s)
+            self._point_speed_px_s = max(self._point_speed_px_s, expected.speed_px_s)
         elif streak is None:
-            self._exposure_s = extraction.streak.longest_px() / max(motion.longest_px(), 1e-9)
+            self._exposure_s = extraction.streak.longest_px() / max(
+                expected.motion.longest_px(), 1e-9)
 
 
 def _refused(status: str, reason: str) -> Extraction:

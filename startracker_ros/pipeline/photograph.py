@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.astro.aberration import apparent_directions
-from startracker_ros.astro.constants import SPEED_OF_LIGHT_M_S
 from startracker_ros.astro.observer_motion import AT_REST, Observer
-from startracker_ros.attitude.result import AttitudeEstimate
+from startracker_ros.attitude.result import AttitudeEstimate, with_velocity_error
 from startracker_ros.calibration.learnt_lens import learn_lens, LearntLens
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids, ROUND
@@ -19,7 +18,7 @@ from startracker_ros.identify.blind import BlindIdentifier, COARSEST_PIXEL_DEG, 
 from startracker_ros.identify.identification import Identification, IdentificationOptions
 from startracker_ros.identify.ladder import Attempt, ATTEMPTS, LadderIdentifier
 from startracker_ros.maths.rotation import (
-    matrix_from_quaternion, pointing_from_quaternion, quaternion_from_matrix)
+    matrix_from_quaternion, pointing_from_quaternion, quaternion_from_axes)
 from startracker_ros.pipeline.solution import MIN_STARS, Solution
 
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
@@ -138,21 +137,24 @@ def _identification(attempt: Attempt, lens: LearntLens, attempts: int,
     hip = np.where(known, onboard.hip[lens.star], 0).astype(np.int32)
     magnitude = np.where(known, onboard.magnitude[lens.star], np.nan)
     false_alarm = attempt.identification.false_alarm_probability * attempts
+    centroids = attempt.centroids.select(known)
+    attitude = _apparent(lens.attitude, observer, lens.camera.unproject(centroids.uv),
+                         np.hypot(centroids.sigma_px, lens.sigma_px))
     return Identification('identified', f'{lens.matched} stars', hip, magnitude,
-                          lens.residual_px, _apparent(lens.attitude, observer), lens.focal_ratio,
-                          min(false_alarm, 1.0))
+                          lens.residual_px, attitude, lens.focal_ratio, min(false_alarm, 1.0))
 
 
-def _apparent(attitude: AttitudeEstimate, observer: Observer) -> AttitudeEstimate:
-    """Return an attitude that was fitted to directions without aberration, with it."""
+def _apparent(attitude: AttitudeEstimate, observer: Observer, sensor: np.ndarray,
+              sigma: np.ndarray) -> AttitudeEstimate:
+    """
+    Return an attitude that was fitted to directions without aberration, with it.
+
+    sensor (N, 3) and sigma (N,) are those of with_velocity_error().
+    """
     if observer.vantage is None:
         return attitude
     axes = matrix_from_quaternion(attitude.quaternion)
     z, y = apparent_directions(
         np.stack([axes[:, 2], axes[:, 2] + _SMALL_RAD * axes[:, 1]]), observer.vantage)
-    y = y - z * (z @ y)
-    y /= np.linalg.norm(y)
-    sigma_rad = observer.velocity_sigma_m_s / SPEED_OF_LIGHT_M_S
-    return replace(
-        attitude, quaternion=quaternion_from_matrix(np.stack([np.cross(y, z), y, z], -1)),
-        covariance_sensor=attitude.covariance_sensor + sigma_rad ** 2 * np.diag([1.0, 1.0, 0.0]))
+    return with_velocity_error(replace(attitude, quaternion=quaternion_from_axes(z, y)),
+                               observer.velocity_sigma_m_s, sensor, sigma)

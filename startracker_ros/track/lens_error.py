@@ -35,9 +35,11 @@ class LensError:
         root = np.repeat(1 / np.sqrt(variance), 2)
         flow, residual = stars.flow.reshape(-1, 3), stars.residual.reshape(-1)
         basis = np.linalg.qr(flow * root[:, None])[0]
-        rest = np.eye(len(root)) - (basis / root[:, None]) @ (basis * root[:, None]).T
-        residual = (rest @ residual).reshape(-1, 2)
-        left = np.square(rest).sum(axis=1).reshape(-1, 2).mean(axis=1)
+        # Of the residuals, I - out into^T leaves what is no rotation.
+        out, into = basis / root[:, None], basis * root[:, None]
+        residual = (residual - out @ (into.T @ residual)).reshape(-1, 2)
+        left = 1 - 2 * np.sum(out * into, axis=1) + np.sum(out @ (into.T @ into) * out, axis=1)
+        left = left.reshape(-1, 2).mean(axis=1)
         _, now, before = np.intersect1d(star_index, self._star_index, assume_unique=True,
                                         return_indices=True)
         if len(now):
