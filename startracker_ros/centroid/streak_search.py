@@ -31,6 +31,7 @@ AGREEING_SHARE = 0.3  # of the light of all spots
 FITTED = 12  # spots, the brightest that agree
 FIT_ITERATIONS = 12
 MAX_MISFIT = 0.2  # share of the light that the model does not explain
+CHANCE_SIGMAS = 2.0
 SIGMA_FLOOR_PX = 0.05
 MOST_PEAKS = 1000
 NOISE_SAMPLES = 7  # one pixel of so many along each axis
@@ -81,8 +82,13 @@ def estimate_streak(image: np.ndarray, mesh: Mesh, pixel_noise_dn: float, full_s
 
 def misfit(chi2: np.ndarray, dof: np.ndarray, flux: np.ndarray, variance: np.ndarray
            ) -> np.ndarray:
-    """Return the share (K,) of the light, squared over noise, that the model leaves."""
-    return np.maximum(chi2 - dof, 0.0) / (flux ** 2 / variance)
+    """
+    Return the share (K,) of the light, squared over noise, that the model leaves.
+
+    What chi-square has by chance is no part of it: of a faint star that would be most.
+    """
+    by_chance = dof + CHANCE_SIGMAS * np.sqrt(2.0 * dof)
+    return np.maximum(chi2 - by_chance, 0.0) / (flux ** 2 / variance)
 
 
 def search_streaks(image: np.ndarray, level: np.ndarray, streak: Streak, sigma_px: float,

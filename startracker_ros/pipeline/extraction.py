@@ -21,6 +21,7 @@ MAX_GATE_PX = 8.0
 SAME_PX = 3.0  # two centroids closer than this are of one star
 REPEATED_PX = 0.5  # motion from which on an equal image is that of the frame before
 MAX_ASTRAY, MAX_ASTRAY_PX = 0.5, 2.0  # of a streak, across the motion of the stars
+MAX_EXPOSURE = 1.2  # of the interval between images, with the error of its estimate
 FASTER = 2.0  # times the speed at which stars were points: they may be streaks
 
 
@@ -38,20 +39,39 @@ class _Expected(NamedTuple):
     """
     The predicted stars at the time of an image.
 
-    uv (K, 2) px and radius_px (K,) of where they are; motion is that in a second, over the image.
+    uv (K, 2) px and radius_px (K,) of where they are; motion is that in a second, over the image;
+    interval_s is the time since the image before.
     """
 
     uv: np.ndarray
     radius_px: np.ndarray
     motion: Streak
     speed_px_s: float
+    interval_s: float
 
     @classmethod
-    def at(cls, stamp_ns: int, predicted: PredictedStars, shape: tuple[int, int]) -> '_Expected':
+    def at(cls, stamp_ns: int, predicted: PredictedStars, shape: tuple[int, int],
+           interval_s: float) -> '_Expected':
         """Return the predicted stars at a time."""
         return cls(predicted.at(stamp_ns),
                    np.minimum(GATE_SIGMAS * predicted.sigma_px + GATE_PX, MAX_GATE_PX),
-                   predicted.motion(shape), float(np.hypot(*predicted.velocity.T).max()))
+                   predicted.motion(shape), float(np.hypot(*predicted.velocity.T).max()),
+                   interval_s)
+
+    def exposure_s(self, streak: Streak | None) -> float:
+        """Return the time in which the stars move by a streak; 0 where it is not their motion."""
+        if streak is None or not self.agrees(streak):
+            return 0.0
+        seen, moved = _motion_px(streak), _motion_px(self.motion)
+        exposure_s = abs(seen @ moved) / max(float(moved @ moved), 1e-9)
+        return exposure_s if exposure_s < MAX_EXPOSURE * self.interval_s else 0.0
+
+    def agrees(self, streak: Streak) -> bool:
+        """Return whether a streak of the image, whose sign is unknown, lies along the motion."""
+        seen, moved = _motion_px(streak), _motion_px(self.motion)
+        along = (seen @ moved) / max(float(moved @ moved), 1e-9) * moved
+        limit_px = max(MAX_ASTRAY * float(np.linalg.norm(seen)), MAX_ASTRAY_PX)
+        return bool(np.linalg.norm(seen - along) < limit_px)
 
 
 class ExtractionStage:
@@ -78,6 +98,7 @@ class ExtractionStage:
         self._seen_share = 1.0
         self._exposure_s = 0.0
         self._point_speed_px_s = 0.0
+        self._streak: Streak | None = None
         self._stale_rows = StaleRows()
 
     def extract(self, stamp_ns: int, image: np.ndarray, predicted: PredictedStars | None = None
@@ -96,8 +117,12 @@ class ExtractionStage:
         if (predicted is None or len(predicted) < LEAST_PREDICTED
                 or not 0 < stamp_ns - predicted.stamp_ns <= MAX_AGE_S * 1e9):
             self._searched_ns = None
-            return self.extractor.extract(image)
-        expected = _Expected.at(stamp_ns, predicted, image.shape)
+            searched = self.extractor.extract(image)
+            self._streak = searched.streak
+            return searched
+        expected = _Expected.at(stamp_ns, predicted, image.shape, interval_s)
+        self._exposure_s = self._exposure_s or expected.exposure_s(self._streak)
+        self._streak = None
         moved_px = expected.speed_px_s * (stamp_ns - predicted.stamp_ns) * 1e-9
         if repeated and moved_px > REPEATED_PX:
             return _refused('repeated', 'the image is that of the frame before, though the stars '
@@ -113,8 +138,7 @@ class ExtractionStage:
         self._searched_ns = stamp_ns
         spoilt, known = self.extractor.spoilt, None if unknown else streak
         searched = self.extractor.extract(image, known)
-        if unknown and searched.streak is not None and not _agree(
-                searched.streak, expected.motion):
+        if unknown and searched.streak is not None and not expected.agrees(searched.streak):
             return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
                             'direction than the stars move')
         if near is not None and self.extractor.spoilt != spoilt:
@@ -131,9 +155,9 @@ class ExtractionStage:
         if near is None or len(near.centroids) < LEAST_PREDICTED:
             if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
                 extraction = self.extractor.extract(image)
-            self._learn(extraction, expected, streak)
+            self._learn(extraction, expected)
             return extraction
-        self._learn(near, expected, near.streak)
+        self._learn(near, expected)
         stars, others = near.centroids, extraction.centroids
         if len(others):
             distance = np.linalg.norm(others.uv[:, None] - stars.uv, axis=-1).min(axis=1)
@@ -145,7 +169,7 @@ class ExtractionStage:
         return (not self._search_period_ns or self._searched_ns is None
                 or not 0 <= stamp_ns - self._searched_ns < self._search_period_ns)
 
-    def _learn(self, extraction: Extraction, expected: _Expected, streak: Streak | None) -> None:
+    def _learn(self, extraction: Extraction, expected: _Expected) -> None:
         """Learn the exposure time, and the share of the predicted stars that are seen."""
         if len(extraction.centroids) < LEAST_PREDICTED:
             return
@@ -154,9 +178,8 @@ class ExtractionStage:
         self._seen_share = float(np.mean(distance < MAX_GATE_PX))
         if extraction.streak is None:
             self._point_speed_px_s = max(self._point_speed_px_s, expected.speed_px_s)
-        elif streak is None:
-            self._exposure_s = extraction.streak.longest_px() / max(
-                expected.motion.longest_px(), 1e-9)
+        elif not self._exposure_s:
+            self._exposure_s = expected.exposure_s(extraction.streak)
 
 
 def _refused(status: str, reason: str) -> Extraction:
@@ -164,10 +187,6 @@ def _refused(status: str, reason: str) -> Extraction:
     return Extraction(Centroids.empty(), status, reason)
 
 
-def _agree(streak: Streak, motion: Streak) -> bool:
-    """Return whether a streak of the image, whose sign is unknown, lies along a motion."""
-    far = float(np.hypot(streak.u0, streak.v0))
-    seen, moved = (np.array([way.u_px, way.v_px, far * way.roll]) for way in (streak, motion))
-    along = (seen @ moved) / (moved @ moved) * moved
-    limit_px = max(MAX_ASTRAY * float(np.linalg.norm(seen)), MAX_ASTRAY_PX)
-    return bool(np.linalg.norm(seen - along) < limit_px)
+def _motion_px(streak: Streak) -> np.ndarray:
+    """Return the motion (3,) of the middle of an image in px, and of its corner by the roll."""
+    return np.array([streak.u_px, streak.v_px, np.hypot(streak.u0, streak.v0) * streak.roll])

@@ -137,12 +137,14 @@ def test_command_line_runs(install):
     assert __version__ in output([install.command, '--version'], env=install.environment)
 
 
-def test_node_starts_and_ends_cleanly(install):
+def test_node_starts_and_ends_cleanly(install, tmp_path):
+    # A node without compiled functions: these would be compiled anew for each install.
     node = subprocess.Popen(
-        [install.prefix / LIB / 'centroid_extractor'], env=install.environment, text=True,
+        [install.prefix / LIB / 'bag_recorder', '--ros-args', '-p', f'folder:={tmp_path / "bag"}'],
+        env=install.environment, text=True,
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     # A node that hangs ends the test by its exit code.
-    watchdog = Timer(300.0, node.kill)
+    watchdog = Timer(60.0, node.kill)
     watchdog.start()
     with node:
         lines = []
