@@ -44,6 +44,11 @@ def test_images_with_artefacts_give_right_attitudes(name):
     assert 100 * tally.available >= condition.needed_percent * tally.due
 
 
+def test_faint_streaks_of_a_short_exposure_are_tracked():
+    tally = image_run(replace(IMAGE_CONDITIONS['smear 5 deg/s, 20 ms'], frames=16), 174219522660)
+    assert tally.wrong == 0 and tally.available >= 0.9 * tally.due
+
+
 def test_images_with_a_wrong_stamp_are_counted_as_wrong():
     tally = small_run('stamp at the end', frames=6)
     assert tally.available == tally.due == tally.wrong == tally.beyond_5_sigma == 4

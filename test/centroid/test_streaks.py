@@ -76,6 +76,22 @@ def test_a_known_streak_needs_no_search_of_the_image():
     assert np.sqrt((error ** 2).mean()) < 0.5
 
 
+def test_chance_does_not_reject_faint_streaks():
+    seen = visible = 0
+    for seed in range(8):
+        frame = taken((8.0, -6.0, 0.0), seed, DetectorOptions(motion_smear=True, exposure_s=0.02))
+        extraction = CentroidExtractor().extract(frame.image)
+        # The light of a streak is spread over its length times 2 sqrt(pi) sigma.
+        area_px = 8.5 * 2 * np.sqrt(np.pi) * extraction.psf_sigma_px
+        snr = frame.flux_dn / (extraction.noise_dn * np.sqrt(area_px))
+        inside = ((frame.stars.uv > 15) & (frame.stars.uv < 496)).all(axis=1)
+        stars = frame.stars.uv[inside & (snr > 7) & (snr < 15)]
+        distance = np.linalg.norm(stars[:, None] - extraction.centroids.uv, axis=-1)
+        seen += np.count_nonzero((distance < 2).any(axis=1))
+        visible += len(stars)
+    assert visible > 40 and seen > 0.85 * visible
+
+
 def test_points_near_predictions_are_those_of_the_search():
     frame = taken((0.01, 0.0, 0.0))
     extractor = CentroidExtractor()
