@@ -25,7 +25,7 @@ from startracker_ros.ros.messages.image import image_message_from_cdr
 
 _SOURCE = 'image_publisher'
 _SENT = f'{_SOURCE} sends'
-_START_TIMEOUT_S = 30.0
+_START_TIMEOUT_S = 120.0
 _STALL_S = 2.0
 _STAGE_ENDPOINTS = {
     'transport and decoding': f'{STAGES[0]} image_raw',

@@ -48,7 +48,8 @@ class IdentificationOptions(Options):
     false_alarm_max: float = option(
         1e-5, 'largest probability that an accepted result is chance', low=1e-30, high=0.1)
     time_limit_s: float = option(
-        1.0, 'longest time of a search', unit='s', low=0.001, high=600.0)
+        1.0, 'longest processor time of a search, so that other load changes no result',
+        unit='s', low=0.001, high=600.0)
 
 
 @dataclass(frozen=True)
@@ -199,7 +200,7 @@ class CandidateIdentifier(Identifier):
         field = self.field_stars(centroids)
         if len(field) < self.min_stars:
             return self.too_few(centroids, len(field))
-        deadline_s = time.perf_counter() + self.options.time_limit_s
+        deadline_s = time.thread_time() + self.options.time_limit_s
         false_alarm = 1.0
         tested = 0
         for found in self.candidates(field):
@@ -214,7 +215,7 @@ class CandidateIdentifier(Identifier):
                 false_alarm = min(false_alarm, matches[0].false_alarm)
                 if false_alarm <= self.options.false_alarm_max:
                     return self._decide(centroids, field, matches)
-            if time.perf_counter() > deadline_s:
+            if time.thread_time() > deadline_s:
                 return self.time_limit(centroids, tested, false_alarm)
         return self.no_candidate(centroids, len(field), tested, false_alarm)
 

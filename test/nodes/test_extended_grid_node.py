@@ -48,7 +48,8 @@ def test_attitudes_of_two_and_three_stars(nodes, probe):
     nodes.start('star_identifier', {
         **OPTIONS, 'qos_overrides./centroids.subscription.depth': 50})
     nodes.start('attitude_estimator', {
-        'source': 'stars', 'min_stars': 2, 'aberration': 'none'})
+        'source': 'stars', 'min_stars': 2, 'aberration': 'none',
+        'qos_overrides./stars.subscription.depth': 50})
     for topic, kind in (('attitude', QuaternionStamped), ('truth/attitude', QuaternionStamped),
                         ('truth/stars', PointCloud2), ('stars', PointCloud2),
                         ('centroids', PointCloud2)):
