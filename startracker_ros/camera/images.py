@@ -4,10 +4,11 @@ from collections.abc import Sequence
 import glob
 from pathlib import Path
 import struct
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from startracker_ros.camera.exif import read_exif, upright
+from startracker_ros.camera.exif import read_exif, Taken, upright
 from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera, CameraError
 
@@ -24,17 +25,29 @@ class ImageError(ValueError):
     """A file that is not a star image; the text names it."""
 
 
+class Photograph(NamedTuple):
+    """
+    An image (H, W) uint8 or uint16, and what its file says.
+
+    fov_deg is the field of view of the long side, taken the time; None where unknown.
+    """
+
+    image: np.ndarray
+    fov_deg: float | None
+    taken: Taken | None
+
+
 def read_image(path: str | Path) -> np.ndarray:
     """
     Return an image file as (H, W) uint8 or uint16, upright by its EXIF orientation.
 
     Colours are averaged to grey.
     """
-    return read_image_and_field(path)[0]
+    return read_photograph(path).image
 
 
-def read_image_and_field(path: str | Path) -> tuple[np.ndarray, float | None]:
-    """Return the image as read_image, and the field of view of its long side by EXIF in deg."""
+def read_photograph(path: str | Path) -> Photograph:
+    """Return the image as read_image, and field of view and time by EXIF."""
     path = Path(path)
     try:
         with path.open('rb') as file:
@@ -56,7 +69,7 @@ def read_image_and_field(path: str | Path) -> tuple[np.ndarray, float | None]:
         # The mean of the channels is less noisy than the weights of human vision.
         image = image[..., :3].mean(axis=2).round().astype(image.dtype)
     exif = read_exif(content.tobytes())
-    return upright(image, exif.orientation), exif.fov_deg
+    return Photograph(upright(image, exif.orientation), exif.fov_deg, exif.taken)
 
 
 def image_paths(paths: Sequence[Path]) -> list[Path]:
@@ -147,15 +160,21 @@ def _ideal_camera(width: int, height: int, fov_deg: float | None) -> Camera:
 
 def read_image_with_camera(path: Path, camera: Camera | None, fov_deg: float | None
                            ) -> tuple[np.ndarray, Camera]:
-    """
-    Return an image and its camera: the given one, or an ideal one of fov_deg.
-
-    ImageError also when the given camera has another image size.
-    """
+    """Return an image and its camera, as camera_of(); ImageError."""
     image = read_image(path)
+    return image, camera_of(path, image, camera, fov_deg)
+
+
+def camera_of(path: Path, image: np.ndarray, camera: Camera | None, fov_deg: float | None
+              ) -> Camera:
+    """
+    Return the camera of an image (H, W): the given one, or an ideal one of fov_deg.
+
+    ImageError when the given camera has another image size.
+    """
     height, width = image.shape
     camera = camera or _ideal_camera(width, height, fov_deg)
     if (camera.width, camera.height) != (width, height):
         raise ImageError(f'{path}: {width} x {height} px, the camera has '
                          f'{camera.width} x {camera.height}')
-    return image, camera
+    return camera

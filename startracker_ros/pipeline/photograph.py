@@ -40,10 +40,8 @@ class PhotographSolver:
     """Solves photographs at one epoch; the lens is fitted to each."""
 
     def __init__(self, camera: Camera | None, epoch_year: float,
-                 options: IdentificationOptions = IdentificationOptions(),
-                 observer: Observer = AT_REST) -> None:
+                 options: IdentificationOptions = IdentificationOptions()) -> None:
         """Solve images of a nominal camera, or of any field of view without one."""
-        self._observer = observer
         self._search: Callable[[tuple[int, int], float], _Search]
         if camera is None:
             self._search = partial(_any_field, BlindIdentifier(epoch_year, options))
@@ -51,12 +49,13 @@ class PhotographSolver:
             known = _known_field(camera, epoch_year, options)
             self._search = lambda shape, likely_deg: known
 
-    def solve(self, image: np.ndarray, likely_deg: float = LIKELY_DEG) -> Solution:
+    def solve(self, image: np.ndarray, observer: Observer = AT_REST,
+              likely_deg: float = LIKELY_DEG) -> Solution:
         """
         Return the attitude and the lens of image (H, W) uint8 or uint16, or why not.
 
-        likely_deg is the field of view of the long side that is searched first where the camera
-        is unknown.
+        observer is how the camera moved; likely_deg is the field of view of the long side that is
+        searched first where the camera is unknown.
         """
         height, width = image.shape
         detections, search = Detections(image), self._search((height, width), likely_deg)
@@ -70,7 +69,7 @@ class PhotographSolver:
         solved, rejected = _first_lens(search.identify(detections), search.fov_error)
         if solved is not None:
             attempt, lens = solved
-            found = _identification(attempt, lens, search.attempts, self._observer)
+            found = _identification(attempt, lens, search.attempts, observer)
             return Solution(attempt.centroids, found, lens.camera, lens.sigma_px)
         status, reason = 'no_candidate', _mirrored(detections, search, width)
         if reason:

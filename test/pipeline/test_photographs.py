@@ -191,7 +191,7 @@ def any_field():
 def test_an_image_without_a_told_field_is_solved(any_field, sky_data):
     paths = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[2:8:2]
     for path in paths:
-        solution = any_field.solve(read_image(path), 12.0)
+        solution = any_field.solve(read_image(path), likely_deg=12.0)
         assert solution.quaternion is not None, solution.identification.reason
         assert np.degrees(solution.camera.seen_x_rad) == pytest.approx(11.425, abs=0.02)
         assert solution.identification.false_alarm_probability < 1e-5

@@ -4,11 +4,14 @@ import csv
 
 import cv2
 import numpy as np
+from PIL import Image
 import pytest
+from startracker_ros.astro.ground_site import Site
 from startracker_ros.camera.files import save_camera
 from startracker_ros.camera.images import ImageError, read_image
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, quaternion_from_pointing
+from startracker_ros.pipeline.occasion import Standpoint
 from startracker_ros.pipeline.solve import solve_files
 
 
@@ -79,6 +82,50 @@ def test_a_calibrated_camera_must_fit_the_image(sky_data, tmp_path):
     assert '1024 x 768 px, the camera has 640 x 480' in row['reason']
     with pytest.raises(CameraError):
         solve_files([image], fov_deg=400.0)
+
+
+@pytest.fixture
+def taken_with_zone(sky_data, tmp_path):
+    """Return one image with the time of its EXIF, with and without the time zone."""
+    folder = sky_data / 'night-sky-11deg'
+    with Image.open(folder / known_rows(folder)[2]['file']) as picture:
+        for name, details in (('zone.png', {0x9011: '+02:00'}), ('none.png', {})):
+            exif = Image.Exif()
+            exif[0x0112] = 1
+            exif.get_ifd(0x8769).update({0x9003: '2019:07:29 22:47:26', **details})
+            picture.save(tmp_path / name, exif=exif)
+    return tmp_path / 'zone.png', tmp_path / 'none.png'
+
+
+def test_the_epoch_is_that_of_exif_unless_there_is_an_option(taken_with_zone):
+    zone, none = taken_with_zone
+    result = solve_files([zone, none], fov_deg=11.4)
+    first, second = result.rows
+    assert (first['epoch_from'], second['epoch_from']) == ('EXIF', 'EXIF, UTC assumed')
+    assert first['epoch'] == pytest.approx(2019.573, abs=1e-3)
+    assert second['epoch'] - first['epoch'] == pytest.approx(2 / 24 / 365.25, rel=1e-5)
+    assert result.conditions['epoch'] == first['epoch']
+    assert result.conditions['epoch_from'] == 'EXIF; EXIF, UTC assumed'
+    assert result.conditions['aberration'] == 'earth_only'
+    told = solve_files([zone], fov_deg=11.4, epoch_year=2021.0)
+    assert (told.conditions['epoch'], told.conditions['epoch_from']) == (2021.0, 'option')
+    # Half a year of the motion of the Earth: 40 arcsec at most.
+    turn = attitude_error(quaternion_of(told.rows[0]), quaternion_of(first)) / ARCSEC
+    assert 5 < np.hypot(*turn[:2]) < 41
+
+
+def test_refraction_needs_the_hour(taken_with_zone):
+    site = Standpoint(site=Site(52.2, 4.4, 0.0))
+    zone, none = solve_files(taken_with_zone, fov_deg=11.4, standpoint=site).conditions[
+        'aberration'].split('; ')
+    assert zone == 'full' and none.startswith('earth_only (no time zone in EXIF')
+
+
+def test_without_a_time_the_epoch_is_today(sky_data):
+    folder = sky_data / 'night-sky-11deg'
+    result = solve_files([folder / known_rows(folder)[2]['file']], fov_deg=11.4)
+    assert result.rows[0]['epoch_from'] == result.conditions['epoch_from'] == 'today'
+    assert result.conditions['aberration'] == 'none (no --epoch)'
 
 
 @pytest.mark.parametrize('content', [b'', b'GIF89a not quite', b'\x89PNG\r\n\x1a\n'])
