@@ -105,10 +105,12 @@ def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
 @_observer_options('time of EXIF, else today, without aberration')
 @click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path),
               help='Folder for a PNG of each image with the identified stars.')
+@click.option('--wcs', 'wcs_folder', type=click.Path(path_type=Path),
+              help='Folder for a FITS header of each solved image, TAN-SIP.')
 @json_option
 def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
           fov_error_percent: float | None, epoch_year: float | None, annotate_folder: Path | None,
-          as_json: bool, **standpoint: Any) -> None:
+          wcs_folder: Path | None, as_json: bool, **standpoint: Any) -> None:
     """
     Attitude of star IMAGES: right ascension, declination, roll, stars, residual.
 
@@ -117,6 +119,7 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     from startracker_ros.camera.images import image_paths
     from startracker_ros.camera.model import CameraError
     from startracker_ros.identify.identification import IdentificationOptions
+    from startracker_ros.pipeline.outputs import Outputs
     from startracker_ros.pipeline.solve import solve_files
     if fov_deg is not None and camera_file is not None:
         raise click.UsageError('give either --fov-deg or --camera')
@@ -128,7 +131,7 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     with usage_error_on(CameraError):
         result = solve_files(paths, fov_deg=fov_deg, camera_file=camera_file,
                              epoch_year=epoch_year, standpoint=_standpoint(**standpoint),
-                             annotate_folder=annotate_folder,
+                             outputs=Outputs(annotate_folder, wcs_folder),
                              options=IdentificationOptions(
                                  fov_error_percent=fov_error_percent, time_limit_s=_TIME_LIMIT_S))
     print_result(result, as_json)

@@ -1,9 +1,5 @@
 """Star images as a person wants to see them: stretched, with marks and names."""
 
-from collections import Counter
-from collections.abc import Sequence
-from pathlib import Path
-
 import cv2
 import numpy as np
 from startracker_ros.catalog.names import BRIGHT_STARS
@@ -64,20 +60,3 @@ def _label(picture: np.ndarray, text: str, centre: tuple[int, int], size: float,
             cv2.putText(picture, text, (left, centre[1]), cv2.FONT_HERSHEY_SIMPLEX, 0.35 * size,
                         _IDENTIFIED, 1, cv2.LINE_AA)
             return
-
-
-def save_annotated(file: Path, image: np.ndarray, uv: np.ndarray, hip: np.ndarray) -> None:
-    """Write annotate() as PNG, and the folder of the file if need be."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(file), annotate(image, uv, hip)[..., ::-1])
-
-
-def picture_names(paths: Sequence[Path]) -> list[str]:
-    """Return a name of a PNG for each image, numbered where several have the same."""
-    used: Counter[str] = Counter()
-    names = []
-    for path in paths:
-        used[path.stem] += 1
-        number = used[path.stem]
-        names.append(f'{path.stem}.png' if number == 1 else f'{path.stem}-{number}.png')
-    return names

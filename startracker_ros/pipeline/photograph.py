@@ -19,7 +19,7 @@ from startracker_ros.identify.identification import Identification, Identificati
 from startracker_ros.identify.ladder import Attempt, ATTEMPTS, LadderIdentifier
 from startracker_ros.maths.rotation import (
     matrix_from_quaternion, pointing_from_quaternion, quaternion_from_axes)
-from startracker_ros.pipeline.solution import MIN_STARS, Solution
+from startracker_ros.pipeline.solution import MIN_STARS, SkyMapping, Solution
 
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
@@ -70,7 +70,8 @@ class PhotographSolver:
         if solved is not None:
             attempt, lens = solved
             found = _identification(attempt, lens, search.attempts, observer)
-            return Solution(attempt.centroids, found, lens.camera, lens.sigma_px)
+            return Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
+                            SkyMapping(lens.camera, lens.axis_quaternion))
         status, reason = 'no_candidate', _mirrored(detections, search, width)
         if reason:
             status = 'mirrored'

@@ -19,11 +19,11 @@ from startracker_ros.identify.blind import LIKELY_DEG
 from startracker_ros.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.maths.rotation import ARCSEC, pointing_from_quaternion
-from startracker_ros.pipeline.annotate import picture_names, save_annotated
 from startracker_ros.pipeline.icrf import icrf_identification
 from startracker_ros.pipeline.occasion import Occasion, occasion, OPTION, Standpoint
+from startracker_ros.pipeline.outputs import output_names, Outputs
 from startracker_ros.pipeline.photograph import PhotographSolver
-from startracker_ros.pipeline.solution import MIN_STARS, Solution
+from startracker_ros.pipeline.solution import MIN_STARS, SkyMapping, Solution
 from startracker_ros.table import Result
 
 DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
@@ -40,13 +40,15 @@ def solve_image(image: np.ndarray, extractor: CentroidExtractor, identifier: Ide
         return Solution.none(identifier.camera, centroids, extraction.status, extraction.reason)
     identification = icrf_identification(
         identifier.identify(centroids), centroids, identifier.camera, sky, identifier.options)
-    return Solution(centroids, identification,
-                    identifier.camera.with_focal_ratio(identification.focal_ratio))
+    camera = identifier.camera.with_focal_ratio(identification.focal_ratio)
+    mapping = None if identification.attitude is None else SkyMapping(
+        camera, identification.attitude.quaternion, sky.observer.vantage)
+    return Solution(centroids, identification, camera, sky=mapping)
 
 
 def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 camera_file: Path | None = None, epoch_year: float | None = None,
-                standpoint: Standpoint = Standpoint(), annotate_folder: Path | None = None,
+                standpoint: Standpoint = Standpoint(), outputs: Outputs = Outputs(),
                 options: IdentificationOptions = IdentificationOptions()) -> Result:
     """
     Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
@@ -57,7 +59,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     """
     solvers = _Solvers(fov_deg, camera_file, options)
     rows, whens, observers = [], [], []
-    for path, name in zip(_progress(paths), picture_names(paths)):
+    for path, name in zip(_progress(paths), output_names(paths)):
         try:
             photograph = read_photograph(path)
             when = occasion(epoch_year, photograph.taken)
@@ -71,9 +73,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         observers.append(observer)
         rows.append({**_row(path, solution, solve_ms), 'epoch': when.year,
                      'epoch_from': when.source})
-        if annotate_folder is not None:
-            save_annotated(annotate_folder / name, photograph.image, solution.centroids.uv,
-                           solution.identification.hip)
+        outputs.write(name, photograph, solution)
     whens = whens or [occasion(epoch_year)]
     observers = observers or [standpoint.observer(whens[0])]
     return Result('solve', rows, {

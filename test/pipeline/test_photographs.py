@@ -12,6 +12,7 @@ from startracker_ros.campaign.lenses import draw_lens_field, solve_lens_fields
 from startracker_ros.centroid.photograph import Detections
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.ladder import LadderIdentifier
+from startracker_ros.pipeline.outputs import Outputs
 from startracker_ros.pipeline.photograph import PhotographSolver
 from startracker_ros.pipeline.solve import solve_files
 
@@ -178,7 +179,7 @@ def test_pictures_of_one_name_do_not_overwrite_each_other(tmp_path):
         (tmp_path / folder).mkdir()
         cv2.imwrite(str(tmp_path / folder / 'same.png'), image)
     rows = solve_files([tmp_path / 'a' / 'same.png', tmp_path / 'b' / 'same.png'], fov_deg=20,
-                       epoch_year=2020.0, annotate_folder=tmp_path / 'out').rows
+                       epoch_year=2020.0, outputs=Outputs(tmp_path / 'out')).rows
     assert {file.name for file in (tmp_path / 'out').iterdir()} == {'same.png', 'same-2.png'}
     assert all(row['status'] == 'blank' and 'all pixels' in row['reason'] for row in rows)
 

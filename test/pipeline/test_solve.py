@@ -1,7 +1,10 @@
 """Real photographs from the files on: all that can be solved, nothing wrong."""
 
 import csv
+import warnings
 
+from astropy.io import fits
+from astropy.wcs import WCS
 import cv2
 import numpy as np
 from PIL import Image
@@ -10,8 +13,10 @@ from startracker_ros.astro.ground_site import Site
 from startracker_ros.camera.files import save_camera
 from startracker_ros.camera.images import ImageError, read_image
 from startracker_ros.camera.model import Camera, CameraError
-from startracker_ros.maths.rotation import ARCSEC, attitude_error, quaternion_from_pointing
+from startracker_ros.maths.rotation import (
+    ARCSEC, attitude_error, quaternion_from_pointing, rotate, unit_from_radec)
 from startracker_ros.pipeline.occasion import Standpoint
+from startracker_ros.pipeline.outputs import Outputs
 from startracker_ros.pipeline.solve import solve_files
 
 
@@ -29,7 +34,7 @@ def test_night_sky_of_11_degrees(sky_data, tmp_path):
     folder = sky_data / 'night-sky-11deg'
     known = known_rows(folder)
     result = solve_files([folder / row['file'] for row in known], fov_deg=11.4,
-                         epoch_year=2019.57, annotate_folder=tmp_path)
+                         epoch_year=2019.57, outputs=Outputs(tmp_path, tmp_path))
     for row, truth in zip(result.rows, known):
         assert row['solved'], (row['file'], row['reason'])
         q = np.array([float(truth[name]) for name in ('qx', 'qy', 'qz', 'qw')])
@@ -38,7 +43,12 @@ def test_night_sky_of_11_degrees(sky_data, tmp_path):
         assert abs(error[2]) < 100
         assert row['fov_deg'] == pytest.approx(float(truth['hfov_deg']), abs=0.02)
         assert row['residual_arcsec'] < 12
-    assert len(list(tmp_path.glob('*.png'))) == len(known)
+        # The known answers are the places of the catalogue, as the header has them.
+        with warnings.catch_warnings(action='ignore'):
+            header = WCS(fits.getheader((tmp_path / row['file']).with_suffix('.wcs')))
+        seen = unit_from_radec(*np.radians(header.all_pix2world(511.5, 383.5, 0)))
+        assert np.linalg.norm(seen - rotate(q, [0.0, 0.0, 1.0])) < 12 * ARCSEC
+    assert len(list(tmp_path.glob('*.png'))) == len(list(tmp_path.glob('*.wcs'))) == len(known)
 
 
 def test_hard_night_sky_of_6_degrees(sky_data):

@@ -1,0 +1,50 @@
+"""Files that solve writes for each image."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from startracker_ros.camera.images import Photograph
+from startracker_ros.camera.sip import fit_sip, wcs_header
+from startracker_ros.pipeline.annotate import annotate
+from startracker_ros.pipeline.solution import SkyMapping, Solution
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Folders of annotated pictures and of FITS headers, None for no such files."""
+
+    annotate_folder: Path | None = None
+    wcs_folder: Path | None = None
+
+    def write(self, name: str, photograph: Photograph, solution: Solution) -> None:
+        """Write the files of one image under a name without a suffix."""
+        if self.annotate_folder is not None:
+            picture = annotate(photograph.image, solution.centroids.uv,
+                               solution.identification.hip)
+            self.annotate_folder.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(self.annotate_folder / f'{name}.png'), picture[..., ::-1])
+        if self.wcs_folder is not None and solution.sky is not None:
+            self.wcs_folder.mkdir(parents=True, exist_ok=True)
+            (self.wcs_folder / f'{name}.wcs').write_bytes(image_wcs(solution.sky))
+
+
+def image_wcs(sky: SkyMapping) -> bytes:
+    """Return the FITS header of an image whose first row is its first row in FITS."""
+    camera = sky.camera
+    sip = fit_sip(sky.directions, camera.width, camera.height, np.array([camera.cx, camera.cy]))
+    return wcs_header(sip, camera.width, camera.height)
+
+
+def output_names(paths: Sequence[Path]) -> list[str]:
+    """Return a name of the files for each image, numbered where several have the same."""
+    used: Counter[str] = Counter()
+    names = []
+    for path in paths:
+        used[path.stem] += 1
+        number = used[path.stem]
+        names.append(path.stem if number == 1 else f'{path.stem}-{number}')
+    return names
