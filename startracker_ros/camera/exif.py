@@ -15,7 +15,8 @@ _PIXELS = 0xa002
 _TIME_ORIGINAL, _OFFSET_ORIGINAL = 0x9003, 0x9011
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
 _FULL_FRAME_DIAGONAL_MM = 43.27
-_FIELDS_DEG = (0.1, 160.0)
+FIELDS_DEG = (0.1, 160.0)
+"""Fields of view that a file may state."""
 
 
 class Taken(NamedTuple):
@@ -34,13 +35,17 @@ class Exif(NamedTuple):
     taken: Taken | None
 
 
-def read_exif(content: bytes) -> Exif:
-    """Return what an image file says; the defaults where it says nothing or nonsense."""
+def read_exif(content: bytes, size: tuple[int, int] | None = None) -> Exif:
+    """
+    Return what an image file says; the defaults where it says nothing or nonsense.
+
+    size is the width and height in px where Pillow sees only the preview of a RAW file.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
             with Image.open(io.BytesIO(content)) as image:
-                size, tags = image.size, image.getexif()
+                size, tags = size or image.size, image.getexif()
                 orientation, details = tags.get(_ORIENTATION, 1), tags.get_ifd(_SUBFOLDER)
         return Exif(orientation if orientation in range(1, 9) else 1, _fov_deg(details, size),
                     _taken(details))
@@ -62,7 +67,7 @@ def _fov_deg(details: dict[int, Any], size: tuple[int, int]) -> float | None:
             return None
         half = float(details.get(_PIXELS, max(size))) / per_mm / 2 / focal_mm
     fov_deg = float(np.degrees(2 * np.arctan(half)))
-    return fov_deg if _FIELDS_DEG[0] < fov_deg < _FIELDS_DEG[1] else None
+    return fov_deg if FIELDS_DEG[0] < fov_deg < FIELDS_DEG[1] else None
 
 
 def _taken(details: dict[int, Any]) -> Taken | None:

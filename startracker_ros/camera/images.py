@@ -8,9 +8,11 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from startracker_ros.camera import fits_image, raw_image
 from startracker_ros.camera.exif import read_exif, Taken, upright
 from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera, CameraError
+from startracker_ros.extras import MissingLibraryError
 
 # More than any image of a star camera in any format.
 _LARGEST_FILE_BYTES = 500_000_000
@@ -18,7 +20,8 @@ _LARGEST_FILE_BYTES = 500_000_000
 _CHECKED_BYTES, _END_BYTES = 1 << 20, 1 << 16
 # An image of so many needs some 2 GB while it is solved.
 _MOST_PIXELS = 120_000_000
-_SUFFIXES = ('.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff', '.webp')
+_SUFFIXES = ('.bmp', '.fit', '.fits', '.fts', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff',
+             '.webp', *raw_image.SUFFIXES)
 
 
 class ImageError(ValueError):
@@ -29,25 +32,27 @@ class Photograph(NamedTuple):
     """
     An image (H, W) uint8 or uint16, and what its file says.
 
-    fov_deg is the field of view of the long side, taken the time; None where unknown.
+    fov_deg is the field of view of the long side, taken the time; None where unknown. bottom_up
+    is whether the file has the lowest row of the image first.
     """
 
     image: np.ndarray
-    fov_deg: float | None
-    taken: Taken | None
+    fov_deg: float | None = None
+    taken: Taken | None = None
+    bottom_up: bool = False
 
 
 def read_image(path: str | Path) -> np.ndarray:
     """
     Return an image file as (H, W) uint8 or uint16, upright by its EXIF orientation.
 
-    Colours are averaged to grey.
+    Colours are averaged to grey. FITS and camera RAW need the extras fits and raw.
     """
     return read_photograph(path).image
 
 
 def read_photograph(path: str | Path) -> Photograph:
-    """Return the image as read_image, and field of view and time by EXIF."""
+    """Return the image as read_image, and what EXIF or a FITS header has of it."""
     path = Path(path)
     try:
         with path.open('rb') as file:
@@ -56,7 +61,27 @@ def read_photograph(path: str | Path) -> Photograph:
         raise ImageError(f'{path}: {error.strerror}') from error
     if len(content) > _LARGEST_FILE_BYTES:
         raise ImageError(f'{path}: more than {_LARGEST_FILE_BYTES // 1_000_000} MB')
-    _check_content(path, content[:_CHECKED_BYTES].tobytes(), content[-_END_BYTES:].tobytes())
+    begin = content[:_CHECKED_BYTES].tobytes()
+    try:
+        if begin.startswith(fits_image.BEGIN):
+            return Photograph(*fits_image.read_fits(content.tobytes(), _MOST_PIXELS))
+        if path.suffix.lower() in raw_image.SUFFIXES:
+            return _read_raw(content.tobytes())
+    except (ValueError, MissingLibraryError) as error:
+        raise ImageError(f'{path}: {error}') from error
+    _check_content(path, begin, content[-_END_BYTES:].tobytes())
+    return _decode(path, content)
+
+
+def _read_raw(content: bytes) -> Photograph:
+    image = raw_image.read_raw(content, _MOST_PIXELS)
+    # LibRaw has turned it upright.
+    exif = read_exif(content, (2 * image.shape[1], 2 * image.shape[0]))
+    return Photograph(image, exif.fov_deg, exif.taken)
+
+
+def _decode(path: Path, content: np.ndarray) -> Photograph:
+    """Return an image in a format of OpenCV; ImageError."""
     try:
         image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if len(content) else None
     except cv2.error as error:
@@ -92,9 +117,7 @@ def image_paths(paths: Sequence[Path]) -> list[Path]:
 
 
 def _check_content(path: Path, begin: bytes, end: bytes) -> None:
-    """Raise ImageError for images too large to decode, truncated JPEG, and FITS."""
-    if begin.startswith(b'SIMPLE  ='):
-        raise ImageError(f'{path}: FITS is not read; save one plane as PNG or TIFF of 16 bit')
+    """Raise ImageError for images too large to decode and truncated JPEG."""
     if begin.startswith(b'\xff\xd8') and b'\xff\xd9' not in end:
         raise ImageError(f'{path}: a truncated JPEG')
     width, height = _size(begin)

@@ -29,13 +29,19 @@ class Outputs:
             cv2.imwrite(str(self.annotate_folder / f'{name}.png'), picture[..., ::-1])
         if self.wcs_folder is not None and solution.sky is not None:
             self.wcs_folder.mkdir(parents=True, exist_ok=True)
-            (self.wcs_folder / f'{name}.wcs').write_bytes(image_wcs(solution.sky))
+            (self.wcs_folder / f'{name}.wcs').write_bytes(
+                image_wcs(solution.sky, photograph.bottom_up))
 
 
-def image_wcs(sky: SkyMapping) -> bytes:
-    """Return the FITS header of an image whose first row is its first row in FITS."""
+def image_wcs(sky: SkyMapping, bottom_up: bool = False) -> bytes:
+    """Return the FITS header of an image; bottom_up for a file that has the lowest row first."""
     camera = sky.camera
-    sip = fit_sip(sky.directions, camera.width, camera.height, np.array([camera.cx, camera.cy]))
+    centre = np.array([camera.cx, camera.cy])
+    # One map is the inverse of itself.
+    sign, shift = ([1.0, -1.0], [0.0, camera.height - 1.0]) if bottom_up else (
+        [1.0, 1.0], [0.0, 0.0])
+    sip = fit_sip(lambda pixels: sky.directions(pixels * sign + shift), camera.width,
+                  camera.height, centre * sign + shift)
     return wcs_header(sip, camera.width, camera.height)
 
 

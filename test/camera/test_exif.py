@@ -47,7 +47,7 @@ def test_damaged_files_have_no_exif(content):
 
 def test_an_image_without_exif(tmp_path):
     cv2.imwrite(str(tmp_path / 'a.png'), np.ones((4, 6), np.uint8))
-    assert read_photograph(tmp_path / 'a.png')[1:] == (None, None)
+    assert read_photograph(tmp_path / 'a.png')[1:] == (None, None, False)
 
 
 def test_folders_and_patterns_are_lists_of_images(tmp_path):

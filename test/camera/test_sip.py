@@ -105,3 +105,11 @@ def test_cards_are_of_fixed_format():
     header = fits.Header.fromstring(content.decode())
     for card in header.cards:
         card.verify('exception')
+
+
+def test_files_with_the_lowest_row_first():
+    sky = SkyMapping(camera(11.4, (0.1,), (5, 9)), quaternion_from_pointing(1.0, 0.5, 0.2))
+    upright, turned = astropy_wcs(image_wcs(sky)), astropy_wcs(image_wcs(sky, bottom_up=True))
+    for u, v in ((0, 0), (1000, 20), (300, 700)):
+        np.testing.assert_allclose(turned.all_pix2world(u, 767 - v, 0),
+                                   upright.all_pix2world(u, v, 0), atol=2e-6)

@@ -164,8 +164,7 @@ def test_unreadable_images_are_named_before_they_are_decoded(tmp_path):
     jpeg = cv2.imencode('.jpg', np.random.default_rng(1).integers(
         0, 255, (200, 300), dtype=np.uint8))[1].tobytes()
     for name, content, words in (
-            ('huge.png', huge, '25000 x 20000 px'), ('part.jpg', jpeg[:3000], 'truncated JPEG'),
-            ('cube.fits', b'SIMPLE  =                    T', 'FITS is not read')):
+            ('huge.png', huge, '25000 x 20000 px'), ('part.jpg', jpeg[:3000], 'truncated JPEG')):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(ImageError, match=words):
             read_image(tmp_path / name)
