@@ -41,6 +41,10 @@ class Photograph(NamedTuple):
     taken: Taken | None = None
     bottom_up: bool = False
 
+    def mirrored(self) -> 'Photograph':
+        """Return the photograph flipped from left to right."""
+        return self._replace(image=np.ascontiguousarray(self.image[:, ::-1]))
+
 
 def read_image(path: str | Path) -> np.ndarray:
     """

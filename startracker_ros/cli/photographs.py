@@ -103,14 +103,17 @@ def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
 @click.option('--fov-error-percent', type=click.FloatRange(0, 5),
               help='How far the field of view may be off.  [default: 5, with --camera 0.5]')
 @_observer_options('time of EXIF, else today, without aberration')
+@click.option('--mirror', is_flag=True, help='Flip images from left to right first: those of a '
+              'telescope with one mirror too many.')
 @click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path),
               help='Folder for a PNG of each image with the identified stars.')
 @click.option('--wcs', 'wcs_folder', type=click.Path(path_type=Path),
               help='Folder for a FITS header of each solved image, TAN-SIP.')
 @json_option
 def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
-          fov_error_percent: float | None, epoch_year: float | None, annotate_folder: Path | None,
-          wcs_folder: Path | None, as_json: bool, **standpoint: Any) -> None:
+          fov_error_percent: float | None, epoch_year: float | None, mirror: bool,
+          annotate_folder: Path | None, wcs_folder: Path | None, as_json: bool,
+          **standpoint: Any) -> None:
     """
     Attitude of star IMAGES: right ascension, declination, roll, stars, residual.
 
@@ -131,6 +134,7 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     with usage_error_on(CameraError):
         result = solve_files(paths, fov_deg=fov_deg, camera_file=camera_file,
                              epoch_year=epoch_year, standpoint=_standpoint(**standpoint),
+                             mirror=mirror,
                              outputs=Outputs(annotate_folder, wcs_folder),
                              options=IdentificationOptions(
                                  fov_error_percent=fov_error_percent, time_limit_s=_TIME_LIMIT_S))

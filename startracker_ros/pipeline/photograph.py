@@ -92,7 +92,7 @@ def _mirrored(detections: Detections, search: _Search, width: int) -> str:
     _, lens = solved
     ra_deg, dec_deg, _ = np.degrees(pointing_from_quaternion(lens.attitude.quaternion))
     return (f'mirrored: flipped from left to right it shows {lens.matched} stars about right '
-            f'ascension {ra_deg:.2f}, declination {dec_deg:.2f} deg; flip the image')
+            f'ascension {ra_deg:.2f}, declination {dec_deg:.2f} deg; flip it with --mirror')
 
 
 def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], likely_deg: float) -> _Search:

@@ -48,20 +48,24 @@ def solve_image(image: np.ndarray, extractor: CentroidExtractor, identifier: Ide
 
 def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 camera_file: Path | None = None, epoch_year: float | None = None,
-                standpoint: Standpoint = Standpoint(), outputs: Outputs = Outputs(),
+                standpoint: Standpoint = Standpoint(), mirror: bool = False,
+                outputs: Outputs = Outputs(),
                 options: IdentificationOptions = IdentificationOptions()) -> Result:
     """
     Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
 
     The lens of the latter is fitted to each image. Without both, EXIF has the field of view or
     all from 1 to 120 deg are searched. epoch_year None is the time of each image by EXIF, else
-    today. CameraError for an impossible camera; an unreadable image is a row of its own.
+    today. mirror flips each image from left to right first; pixels and headers are those of the
+    flipped image. CameraError for an impossible camera; an unreadable image is a row of its own.
     """
     solvers = _Solvers(fov_deg, camera_file, options)
     rows, whens, observers = [], [], []
     for path, name in zip(_progress(paths), output_names(paths)):
         try:
             photograph = read_photograph(path)
+            if mirror:
+                photograph = photograph.mirrored()
             when = occasion(epoch_year, photograph.taken)
             observer = standpoint.observer(when)
             solution, solve_ms = solvers.solve(path, photograph, when, observer)
@@ -77,7 +81,8 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     whens = whens or [occasion(epoch_year)]
     observers = observers or [standpoint.observer(whens[0])]
     return Result('solve', rows, {
-        'epoch': whens[0].year, 'epoch_from': _different(when.source for when in whens),
+        **({'mirror': True} if mirror else {}), 'epoch': whens[0].year,
+        'epoch_from': _different(when.source for when in whens),
         'aberration': _different(observer.condition for observer in observers)}, DETAILS)
 
 

@@ -203,7 +203,7 @@ def test_a_mirrored_image_is_named(sky_data):
     solution = PhotographSolver(Camera.from_fov(1024, 768, 11.4), 2019.57, WIDE).solve(image)
     assert solution.quaternion is None
     assert solution.identification.status == 'mirrored'
-    assert 'mirrored' in solution.identification.reason
+    assert 'flip it with --mirror' in solution.identification.reason
 
 
 @pytest.mark.parametrize('draw', [city, random_spots])

@@ -82,6 +82,12 @@ def test_mirrored_photographs_have_no_attitude(sky_data, tmp_path):
         cv2.imwrite(str(tmp_path / name), image[:, ::-1])
     result = solve_files([tmp_path / name for name in names], fov_deg=11.4, epoch_year=2019.57)
     assert not any(row['solved'] for row in result.rows)
+    flipped = solve_files([tmp_path / name for name in names], fov_deg=11.4, epoch_year=2019.57,
+                          mirror=True)
+    straight = solve_files([folder / name for name in names], fov_deg=11.4, epoch_year=2019.57)
+    for one, other in zip(flipped.rows, straight.rows):
+        assert one['solved'] and one['quaternion'] == other['quaternion']
+    assert flipped.conditions['mirror'] and 'mirror' not in straight.conditions
 
 
 def test_a_calibrated_camera_must_fit_the_image(sky_data, tmp_path):
