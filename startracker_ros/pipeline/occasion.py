@@ -4,11 +4,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.astro.bodies import bodies_from_earth
 from startracker_ros.astro.earth import EpochError, in_range
 from startracker_ros.astro.epoch import epoch_year_from_stamp, epoch_year_now
 from startracker_ros.astro.ground_site import Site
 from startracker_ros.astro.observer_motion import EARTH_SIGMA_M_S, Observer, observer_at
 from startracker_ros.camera.exif import Taken
+from startracker_ros.pipeline.bodies import Bodies
 
 OPTION, TODAY = 'option', 'today'
 UTC_ASSUMED = ', UTC assumed'
@@ -68,3 +70,10 @@ class Standpoint:
                                self.site.air(when.year))
         except EpochError as error:
             return Observer(None, EARTH_SIGMA_M_S, 'none', str(error))
+
+    def bodies(self, when: Occasion) -> Bodies:
+        """Return planets, Moon and Sun, none where the hour of the image is unknown."""
+        if not (when.hour_known and in_range(when.year)):
+            return Bodies()
+        return Bodies(bodies_from_earth(
+            when.year, None if self.site is None else self.site.position_m(when.year)))

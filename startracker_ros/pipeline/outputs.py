@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 from startracker_ros.camera.images import Photograph
 from startracker_ros.camera.sip import fit_sip, wcs_header
-from startracker_ros.pipeline.annotate import annotate
-from startracker_ros.pipeline.solution import SkyMapping, Solution
+from startracker_ros.pipeline.annotate import annotate, Labels
+from startracker_ros.pipeline.sky_mapping import SkyMapping
+from startracker_ros.pipeline.sky_marks import mark_bodies, mark_named_stars, mark_scale
+from startracker_ros.pipeline.solution import Solution
 
 
 @dataclass(frozen=True)
@@ -20,17 +22,28 @@ class Outputs:
     annotate_folder: Path | None = None
     wcs_folder: Path | None = None
 
-    def write(self, name: str, photograph: Photograph, solution: Solution) -> None:
-        """Write the files of one image under a name without a suffix."""
+    def write(self, name: str, photograph: Photograph, solution: Solution, year: float) -> None:
+        """Write the files of one image of a Julian year under a name without a suffix."""
         if self.annotate_folder is not None:
-            picture = annotate(photograph.image, solution.centroids.uv,
-                               solution.identification.hip)
+            picture = annotated(photograph.image, solution, year)
             self.annotate_folder.mkdir(parents=True, exist_ok=True)
             cv2.imwrite(str(self.annotate_folder / f'{name}.png'), picture[..., ::-1])
         if self.wcs_folder is not None and solution.sky is not None:
             self.wcs_folder.mkdir(parents=True, exist_ok=True)
             (self.wcs_folder / f'{name}.wcs').write_bytes(
                 image_wcs(solution.sky, photograph.bottom_up))
+
+
+def annotated(image: np.ndarray, solution: Solution, year: float) -> np.ndarray:
+    """Return an image (H, W) as (H, W, 3) uint8 RGB with what is in it, and where north is."""
+    labels, hip = Labels(image.shape), solution.identification.hip
+    # Names come first, so that no number covers them.
+    overlay = np.zeros((*image.shape, 3), np.uint8)
+    if solution.sky is not None:
+        mark_bodies(overlay, solution.bodies, labels)
+        mark_named_stars(overlay, solution.sky, year, hip, labels)
+        mark_scale(overlay, solution.sky, labels.size)
+    return np.maximum(annotate(image, solution.centroids.uv, hip, labels=labels), overlay)
 
 
 def image_wcs(sky: SkyMapping, bottom_up: bool = False) -> bytes:

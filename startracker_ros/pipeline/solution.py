@@ -3,42 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.astro.aberration import apparent_directions, natural_directions, Vantage
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.identification import Identification
-from startracker_ros.maths.rotation import matrix_from_quaternion, rotate
+from startracker_ros.pipeline.bodies import BodyInImage
+from startracker_ros.pipeline.sky_mapping import SkyMapping
 
 MIN_STARS = 4
-_BEYOND_CORNER = 1.05
-
-
-@dataclass(frozen=True)
-class SkyMapping:
-    """
-    Pixels of an image to directions on ICRS axes as the catalogue has them, and back.
-
-    quaternion is q_icrf_from_sensor of the optical axis. With a vantage it was fitted to apparent
-    directions; without one to those of the catalogue.
-    """
-
-    camera: Camera
-    quaternion: np.ndarray
-    vantage: Vantage | None = None
-
-    def pixels(self, directions: np.ndarray) -> np.ndarray:
-        """Return pixels (N, 2) of unit vectors (N, 3), NaN for those far outside the image."""
-        apparent = directions if self.vantage is None else apparent_directions(
-            directions, self.vantage)
-        sensor = apparent @ matrix_from_quaternion(self.quaternion)
-        # Beyond the corners a distortion may fold back into the image.
-        beyond = sensor[:, 2] < np.cos(min(_BEYOND_CORNER * self.camera.corner_angle_rad, 1.57))
-        return np.where(beyond[:, None], np.nan, self.camera.project(sensor))
-
-    def directions(self, pixels: np.ndarray) -> np.ndarray:
-        """Return unit vectors (N, 3) of pixels (N, 2)."""
-        apparent = rotate(self.quaternion, self.camera.unproject(pixels))
-        return apparent if self.vantage is None else natural_directions(apparent, self.vantage)
 
 
 @dataclass(frozen=True)
@@ -47,7 +18,7 @@ class Solution:
     What one image shows.
 
     camera has the fitted lens where identified, lens_px its error per axis; sky is None unless
-    identified. For an uncalibrated
+    identified, and bodies, which are no centroids of it, are known only then. For an uncalibrated
     camera +z of the attitude is the middle of the image, else the optical axis of the camera.
     """
 
@@ -56,6 +27,7 @@ class Solution:
     camera: Camera
     lens_px: float = float('nan')
     sky: SkyMapping | None = None
+    bodies: tuple[BodyInImage, ...] = ()
 
     @classmethod
     def none(cls, camera: Camera, centroids: Centroids, status: str, reason: str) -> 'Solution':

@@ -1,6 +1,7 @@
 """Attitude of image files: extraction, identification, pointing."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 import sys
@@ -14,36 +15,51 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.identify.blind import LIKELY_DEG
 from startracker_ros.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.maths.rotation import ARCSEC, pointing_from_quaternion
+from startracker_ros.pipeline.bodies import Bodies
 from startracker_ros.pipeline.icrf import icrf_identification
 from startracker_ros.pipeline.occasion import Occasion, occasion, OPTION, Standpoint
 from startracker_ros.pipeline.outputs import output_names, Outputs
 from startracker_ros.pipeline.photograph import PhotographSolver
-from startracker_ros.pipeline.solution import MIN_STARS, SkyMapping, Solution
+from startracker_ros.pipeline.sky_mapping import SkyMapping
+from startracker_ros.pipeline.solution import MIN_STARS, Solution
 from startracker_ros.table import Result
 
 DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
-           'detected', 'lens', 'epoch', 'epoch_from')
+           'detected', 'lens', 'epoch', 'epoch_from', 'bodies')
 """Columns that are too wide for the terminal."""
 
 
 def solve_image(image: np.ndarray, extractor: CentroidExtractor, identifier: Identifier,
-                sky: ApparentCatalog) -> Solution:
+                sky: ApparentCatalog, bodies: Bodies = Bodies()) -> Solution:
     """Return the attitude of one image (H, W) of a calibrated camera, or why there is none."""
     extraction = extractor.extract(image)
     centroids = extraction.centroids
     if len(centroids) < MIN_STARS:
         return Solution.none(identifier.camera, centroids, extraction.status, extraction.reason)
-    identification = icrf_identification(
+    solution = _solve_centroids(centroids, identifier, sky)
+    if solution.sky is None:
+        return solution
+    found = solution.identification
+    seen, spots = bodies.in_image(solution.sky, centroids, found.magnitude)
+    if (spots & (found.hip > 0)).any():
+        solution = _solve_centroids(centroids.select(~spots), identifier, sky)
+    return replace(solution, bodies=seen if solution.sky else ())
+
+
+def _solve_centroids(centroids: Centroids, identifier: Identifier, sky: ApparentCatalog
+                     ) -> Solution:
+    found = icrf_identification(
         identifier.identify(centroids), centroids, identifier.camera, sky, identifier.options)
-    camera = identifier.camera.with_focal_ratio(identification.focal_ratio)
-    mapping = None if identification.attitude is None else SkyMapping(
-        camera, identification.attitude.quaternion, sky.observer.vantage)
-    return Solution(centroids, identification, camera, sky=mapping)
+    camera = identifier.camera.with_focal_ratio(found.focal_ratio)
+    mapping = None if found.attitude is None else SkyMapping(
+        camera, found.attitude.quaternion, sky.observer.vantage)
+    return Solution(centroids, found, camera, sky=mapping)
 
 
 def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
@@ -68,7 +84,8 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 photograph = photograph.mirrored()
             when = occasion(epoch_year, photograph.taken)
             observer = standpoint.observer(when)
-            solution, solve_ms = solvers.solve(path, photograph, when, observer)
+            solution, solve_ms = solvers.solve(
+                path, photograph, when, observer, standpoint.bodies(when))
         except ImageError as error:
             rows.append({**_row(path, None, float('nan')), 'status': 'unreadable',
                          'reason': str(error)})
@@ -77,7 +94,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         observers.append(observer)
         rows.append({**_row(path, solution, solve_ms), 'epoch': when.year,
                      'epoch_from': when.source})
-        outputs.write(name, photograph, solution)
+        outputs.write(name, photograph, solution, when.year)
     whens = whens or [occasion(epoch_year)]
     observers = observers or [standpoint.observer(whens[0])]
     return Result('solve', rows, {
@@ -103,8 +120,8 @@ class _Solvers:
         self._photographs = lru_cache(maxsize=4)(self._photograph_solver)
         self._calibrations = lru_cache(maxsize=4)(self._calibrated_solver)
 
-    def solve(self, path: Path, photograph: Photograph, when: Occasion, observer: Observer
-              ) -> tuple[Solution, float]:
+    def solve(self, path: Path, photograph: Photograph, when: Occasion, observer: Observer,
+              bodies: Bodies) -> tuple[Solution, float]:
         """Return the solution of an image and its time in ms; ImageError."""
         image, camera = photograph.image, None
         if not self._blind:
@@ -113,7 +130,8 @@ class _Solvers:
             # Identifiers round epochs to years.
             solver = self._photographs(camera, round(when.year))
             start_s = time.perf_counter()
-            solution = solver.solve(image, observer, photograph.fov_deg or LIKELY_DEG)
+            solution = solver.solve(image, observer, photograph.fov_deg or LIKELY_DEG,
+                                    bodies)
         else:
             # In 9 days no bright star moves by 0.1 arcsec.
             year = when.year if when.source == OPTION else round(20 * when.year) / 20
@@ -121,7 +139,7 @@ class _Solvers:
             sky = ApparentCatalog(onboard)
             sky.look_from(observer)
             start_s = time.perf_counter()
-            solution = solve_image(image, extractor, identifier, sky)
+            solution = solve_image(image, extractor, identifier, sky, bodies)
         return solution, 1e3 * (time.perf_counter() - start_s)
 
     def _photograph_solver(self, camera: Camera | None, year: int) -> PhotographSolver:
@@ -152,6 +170,8 @@ def _row(path: Path, solution: Solution | None, solve_ms: float) -> dict[str, ob
     found, camera = solution.identification, solution.camera
     row.update(reason=found.reason, status=found.status, detected=len(solution.centroids),
                false_alarm_probability=found.false_alarm_probability)
+    row['bodies'] = [{key: value for key, value in body._asdict().items() if key != 'radius_px'}
+                     for body in solution.bodies]
     if found.attitude is not None:
         ra_deg, dec_deg, roll_deg = np.degrees(
             pointing_from_quaternion(found.attitude.quaternion))

@@ -12,7 +12,7 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.camera.sip import fit_sip
 from startracker_ros.maths.rotation import quaternion_from_pointing, unit_from_radec
 from startracker_ros.pipeline.outputs import image_wcs
-from startracker_ros.pipeline.solution import SkyMapping
+from startracker_ros.pipeline.sky_mapping import SkyMapping
 
 YEAR = 2026.4
 ORBIT = vantage_near_earth(YEAR, np.array([0.0, 6499.0, 3752.0]))
