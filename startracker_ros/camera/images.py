@@ -33,17 +33,20 @@ class Photograph(NamedTuple):
     An image (H, W) uint8 or uint16, and what its file says.
 
     fov_deg is the field of view of the long side, taken the time; None where unknown. bottom_up
-    is whether the file has the lowest row of the image first.
+    is whether the file has the lowest row of the image first, mirrored whether its first column
+    is the last one of the image.
     """
 
     image: np.ndarray
     fov_deg: float | None = None
     taken: Taken | None = None
     bottom_up: bool = False
+    mirrored: bool = False
 
-    def mirrored(self) -> 'Photograph':
+    def mirror(self) -> 'Photograph':
         """Return the photograph flipped from left to right."""
-        return self._replace(image=np.ascontiguousarray(self.image[:, ::-1]))
+        return self._replace(image=np.ascontiguousarray(self.image[:, ::-1]),
+                             mirrored=not self.mirrored)
 
 
 def read_image(path: str | Path) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Files that solve writes for each image."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain, count
 from pathlib import Path
 
 import cv2
@@ -31,7 +31,7 @@ class Outputs:
         if self.wcs_folder is not None and solution.sky is not None:
             self.wcs_folder.mkdir(parents=True, exist_ok=True)
             (self.wcs_folder / f'{name}.wcs').write_bytes(
-                image_wcs(solution.sky, photograph.bottom_up))
+                image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up))
 
 
 def annotated(image: np.ndarray, solution: Solution, year: float) -> np.ndarray:
@@ -46,24 +46,25 @@ def annotated(image: np.ndarray, solution: Solution, year: float) -> np.ndarray:
     return np.maximum(annotate(image, solution.centroids.uv, hip, labels=labels), overlay)
 
 
-def image_wcs(sky: SkyMapping, bottom_up: bool = False) -> bytes:
-    """Return the FITS header of an image; bottom_up for a file that has the lowest row first."""
+def image_wcs(sky: SkyMapping, mirrored: bool = False, bottom_up: bool = False) -> bytes:
+    """Return the FITS header of an image with columns and rows in the order of its file."""
     camera = sky.camera
-    centre = np.array([camera.cx, camera.cy])
-    # One map is the inverse of itself.
-    sign, shift = ([1.0, -1.0], [0.0, camera.height - 1.0]) if bottom_up else (
-        [1.0, 1.0], [0.0, 0.0])
-    sip = fit_sip(lambda pixels: sky.directions(pixels * sign + shift), camera.width,
-                  camera.height, centre * sign + shift)
+    turned = np.array([mirrored, bottom_up])
+    last = np.array([camera.width, camera.height]) - 1.0
+
+    def other(pixels: np.ndarray) -> np.ndarray:
+        """Return pixels of the file as those of the image, or the other way."""
+        return np.where(turned, last - pixels, pixels)
+
+    sip = fit_sip(lambda pixels: sky.directions(other(pixels)), camera.width, camera.height,
+                  other(np.array([camera.cx, camera.cy])))
     return wcs_header(sip, camera.width, camera.height)
 
 
 def output_names(paths: Sequence[Path]) -> list[str]:
     """Return a name of the files for each image, numbered where several have the same."""
-    used: Counter[str] = Counter()
-    names = []
+    names: dict[str, None] = {}
     for path in paths:
-        used[path.stem] += 1
-        number = used[path.stem]
-        names.append(path.stem if number == 1 else f'{path.stem}-{number}')
-    return names
+        numbered = (f'{path.stem}-{number}' for number in count(2))
+        names[next(name for name in chain([path.stem], numbered) if name not in names)] = None
+    return [*names]

@@ -72,8 +72,8 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
 
     The lens of the latter is fitted to each image. Without both, EXIF has the field of view or
     all from 1 to 120 deg are searched. epoch_year None is the time of each image by EXIF, else
-    today. mirror flips each image from left to right first; pixels and headers are those of the
-    flipped image. CameraError for an impossible camera; an unreadable image is a row of its own.
+    today. mirror flips each image from left to right first; the result is that of the flipped
+    image. CameraError for an impossible camera; an unreadable image is a row of its own.
     """
     solvers = _Solvers(fov_deg, camera_file, options)
     rows, whens, observers = [], [], []
@@ -81,7 +81,7 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         try:
             photograph = read_photograph(path)
             if mirror:
-                photograph = photograph.mirrored()
+                photograph = photograph.mirror()
             when = occasion(epoch_year, photograph.taken)
             observer = standpoint.observer(when)
             solution, solve_ms = solvers.solve(

@@ -107,9 +107,14 @@ def test_cards_are_of_fixed_format():
         card.verify('exception')
 
 
-def test_files_with_the_lowest_row_first():
+@pytest.mark.parametrize('mirrored', [False, True])
+@pytest.mark.parametrize('bottom_up', [False, True])
+def test_headers_count_rows_and_columns_as_the_file_does(mirrored, bottom_up):
     sky = SkyMapping(camera(11.4, (0.1,), (5, 9)), quaternion_from_pointing(1.0, 0.5, 0.2))
-    upright, turned = astropy_wcs(image_wcs(sky)), astropy_wcs(image_wcs(sky, bottom_up=True))
+    upright, turned = astropy_wcs(image_wcs(sky)), astropy_wcs(image_wcs(sky, mirrored, bottom_up))
     for u, v in ((0, 0), (1000, 20), (300, 700)):
-        np.testing.assert_allclose(turned.all_pix2world(u, 767 - v, 0),
+        there = 1023 - u if mirrored else u, 767 - v if bottom_up else v
+        np.testing.assert_allclose(turned.all_pix2world(*there, 0),
                                    upright.all_pix2world(u, v, 0), atol=2e-6)
+    # One flip changes the handedness.
+    assert (np.linalg.det(turned.wcs.cd) > 0) == (mirrored == bottom_up)

@@ -1,6 +1,7 @@
 """Photographs of uncalibrated cameras: lenses that are learnt, and images that show no stars."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ from startracker_ros.campaign.lenses import draw_lens_field, solve_lens_fields
 from startracker_ros.centroid.photograph import Detections
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.ladder import LadderIdentifier
-from startracker_ros.pipeline.outputs import Outputs
+from startracker_ros.pipeline.outputs import output_names, Outputs
 from startracker_ros.pipeline.photograph import PhotographSolver
 from startracker_ros.pipeline.solve import solve_files
 
@@ -181,6 +182,11 @@ def test_pictures_of_one_name_do_not_overwrite_each_other(tmp_path):
                        epoch_year=2020.0, outputs=Outputs(tmp_path / 'out')).rows
     assert {file.name for file in (tmp_path / 'out').iterdir()} == {'same.png', 'same-2.png'}
     assert all(row['status'] == 'blank' and 'all pixels' in row['reason'] for row in rows)
+
+
+def test_names_of_files_are_unique():
+    paths = [Path(name) for name in ('b/a.png', 'c/a.png', 'c/a-2.png', 'c/a.jpg')]
+    assert output_names(paths) == ['a', 'a-2', 'a-2-2', 'a-3']
 
 
 @pytest.fixture(scope='module')
