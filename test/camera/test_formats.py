@@ -115,9 +115,10 @@ def test_the_extra_is_named(tmp_path, monkeypatch, name, content, library, extra
             monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setitem(sys.modules, library, None)
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(ImageError, match=rf"{name}: .* needs {library}: pip install "
-                       rf"'startracker_ros\[{extra}\]'"):
+    with pytest.raises(ImageError) as raised:
         read_image(tmp_path / name)
+    assert str(raised.value).startswith(f'{tmp_path / name}: ')
+    assert f"needs {library}: pip install 'startracker_ros[{extra}]'" in str(raised.value)
 
 
 def dng(mosaic):
@@ -166,9 +167,8 @@ def test_raw_is_the_mean_of_the_cells_of_the_mosaic(tmp_path):
     grey = (red + green + blue) / 3
     ratio = photograph.image[10, 20] / grey[10, 20]
     np.testing.assert_allclose(photograph.image[2:-2, 2:-2], ratio * grey[2:-2, 2:-2], rtol=0.03)
-    turned = dng(mosaic).replace(struct.pack('<HHIHH', 274, 3, 1, 1, 0),
-                                       struct.pack('<HHIHH', 274, 3, 1, 6, 0))
-    (tmp_path / 'b.dng').write_bytes(turned)
+    orientations = (struct.pack('<HHIHH', 274, 3, 1, turn, 0) for turn in (1, 6))
+    (tmp_path / 'b.dng').write_bytes(dng(mosaic).replace(*orientations))
     np.testing.assert_array_equal(read_image(tmp_path / 'b.dng'),
                                   np.rot90(photograph.image, -1))
 

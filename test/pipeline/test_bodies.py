@@ -24,7 +24,7 @@ from startracker_ros.pipeline.solve import solve_files
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.sky.sources import SkyOptions
-from startracker_ros.table import show, Result
+from startracker_ros.table import Result, show
 
 CAMERA, YEAR = Camera.from_fov(1024, 768, 14.0), 2026.5
 WIDE = IdentificationOptions(fov_error_percent=5.0)
