@@ -137,6 +137,27 @@ def test_refraction_needs_the_hour(taken_with_zone):
     assert zone == 'full' and none.startswith('earth_only (no time zone in EXIF')
 
 
+@pytest.mark.parametrize('mirror', [False, True])
+def test_a_fits_image_and_the_header_of_its_pixels(sky_data, tmp_path, mirror):
+    """Altair is the brightest spot of the file, wherever rows and columns begin."""
+    folder = sky_data / 'night-sky-11deg'
+    rows = read_image(folder / known_rows(folder)[2]['file'])[::-1]
+    pixels = (rows[:, ::-1] if mirror else rows) / np.float32(4096)
+    fits.PrimaryHDU(pixels, fits.Header([('DATE-OBS', '2019-07-29T20:47:26')])).writeto(
+        tmp_path / 'a.fits')
+    result = solve_files([tmp_path / 'a.fits'], fov_deg=11.4, mirror=mirror,
+                         outputs=Outputs(wcs_folder=tmp_path))
+    assert result.rows[0]['solved'], result.rows[0]['reason']
+    assert result.rows[0]['epoch_from'] == 'DATE-OBS'
+    v, u = np.unravel_index(cv2.GaussianBlur(pixels, (0, 0), 3).argmax(), pixels.shape)
+    with warnings.catch_warnings(action='ignore'):
+        header = WCS(fits.getheader(tmp_path / 'a.wcs'))
+    seen = unit_from_radec(*np.radians(header.all_pix2world(u, v, 0)))
+    altair = unit_from_radec(*np.radians([297.6958, 8.8683]))
+    # A pixel is 40 arcsec.
+    assert np.linalg.norm(seen - altair) < 60 * ARCSEC
+
+
 def test_without_a_time_the_epoch_is_today(sky_data):
     folder = sky_data / 'night-sky-11deg'
     result = solve_files([folder / known_rows(folder)[2]['file']], fov_deg=11.4)
