@@ -102,7 +102,7 @@ def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
               help='Camera YAML as camera_calibration writes it, instead of --fov-deg.')
 @click.option('--fov-error-percent', type=click.FloatRange(0, 5),
               help='How far the field of view may be off.  [default: 5, with --camera 0.5]')
-@_observer_options('time of EXIF, else today, without aberration')
+@_observer_options('time in the file, EXIF or DATE-OBS, else today without aberration')
 @click.option('--mirror', is_flag=True, help='Flip images from left to right first: those of a '
               'telescope with one mirror too many.')
 @click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path),
