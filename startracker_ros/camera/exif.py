@@ -1,7 +1,8 @@
-"""What a camera writes beside its pixels: orientation and focal length (EXIF 2.32)."""
+"""What a camera writes beside its pixels: orientation, focal length, time (EXIF 2.32)."""
 
+from datetime import datetime, UTC
 import io
-from typing import NamedTuple
+from typing import Any, NamedTuple
 import warnings
 
 import numpy as np
@@ -11,33 +12,49 @@ _ORIENTATION, _SUBFOLDER = 0x0112, 0x8769
 _FOCAL_LENGTH, _EQUIVALENT = 0x920a, 0xa405
 _PLANE_RESOLUTION, _PLANE_UNIT = 0xa20e, 0xa210
 _PIXELS = 0xa002
+_TIME_ORIGINAL, _OFFSET_ORIGINAL = 0x9003, 0x9011
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
 _FULL_FRAME_DIAGONAL_MM = 43.27
-_FIELDS_DEG = (0.1, 160.0)
+FIELDS_DEG = (0.1, 160.0)
+"""Fields of view that a file may state."""
+
+
+class Taken(NamedTuple):
+    """UNIX time in ns at which an image was taken; zone_known False: UTC is assumed."""
+
+    stamp_ns: int
+    zone_known: bool
+    source: str = 'EXIF'
 
 
 class Exif(NamedTuple):
-    """Orientation 1 to 8, and the field of view of the long side in deg, None if unknown."""
+    """Orientation 1 to 8, field of view of the long side in deg and time, None if unknown."""
 
     orientation: int
     fov_deg: float | None
+    taken: Taken | None
 
 
-def read_exif(content: bytes) -> Exif:
-    """Return what an image file says; the defaults where it says nothing or nonsense."""
+def read_exif(content: bytes, size: tuple[int, int] | None = None) -> Exif:
+    """
+    Return what an image file says; the defaults where it says nothing or nonsense.
+
+    size is the width and height in px where Pillow sees only the preview of a RAW file.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
             with Image.open(io.BytesIO(content)) as image:
-                size, tags = image.size, image.getexif()
+                size, tags = size or image.size, image.getexif()
                 orientation, details = tags.get(_ORIENTATION, 1), tags.get_ifd(_SUBFOLDER)
-        return Exif(orientation if orientation in range(1, 9) else 1, _fov_deg(details, size))
+        return Exif(orientation if orientation in range(1, 9) else 1, _fov_deg(details, size),
+                    _taken(details))
     # Pillow raises errors of many types for damaged files; OpenCV names them.
     except Exception:  # noqa: B902
-        return Exif(1, None)
+        return Exif(1, None, None)
 
 
-def _fov_deg(details: dict[int, float], size: tuple[int, int]) -> float | None:
+def _fov_deg(details: dict[int, Any], size: tuple[int, int]) -> float | None:
     """Return the field of view of the long side, by the equivalent focal length or the sensor."""
     equivalent = float(details.get(_EQUIVALENT, 0))
     if equivalent > 0:
@@ -50,7 +67,22 @@ def _fov_deg(details: dict[int, float], size: tuple[int, int]) -> float | None:
             return None
         half = float(details.get(_PIXELS, max(size))) / per_mm / 2 / focal_mm
     fov_deg = float(np.degrees(2 * np.arctan(half)))
-    return fov_deg if _FIELDS_DEG[0] < fov_deg < _FIELDS_DEG[1] else None
+    return fov_deg if FIELDS_DEG[0] < fov_deg < FIELDS_DEG[1] else None
+
+
+def _taken(details: dict[int, Any]) -> Taken | None:
+    """Return DateTimeOriginal with OffsetTimeOriginal, None if there is no valid time."""
+    text, offset = (str(details.get(tag, '')).strip(' \0')
+                    for tag in (_TIME_ORIGINAL, _OFFSET_ORIGINAL))
+    try:
+        local = datetime.strptime(text, '%Y:%m:%d %H:%M:%S')
+    except ValueError:
+        return None
+    try:
+        zone = datetime.strptime(offset, '%z').tzinfo
+    except ValueError:
+        zone = None
+    return Taken(round(local.replace(tzinfo=zone or UTC).timestamp()) * 10 ** 9, bool(zone))
 
 
 def upright(image: np.ndarray, orientation: int) -> np.ndarray:

@@ -4,12 +4,15 @@ from collections.abc import Sequence
 import glob
 from pathlib import Path
 import struct
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from startracker_ros.camera.exif import read_exif, upright
+from startracker_ros.camera import fits_image, raw_image
+from startracker_ros.camera.exif import read_exif, Taken, upright
 from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera, CameraError
+from startracker_ros.extras import MissingLibraryError
 
 # More than any image of a star camera in any format.
 _LARGEST_FILE_BYTES = 500_000_000
@@ -17,24 +20,46 @@ _LARGEST_FILE_BYTES = 500_000_000
 _CHECKED_BYTES, _END_BYTES = 1 << 20, 1 << 16
 # An image of so many needs some 2 GB while it is solved.
 _MOST_PIXELS = 120_000_000
-_SUFFIXES = ('.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff', '.webp')
+_SUFFIXES = ('.bmp', '.fit', '.fits', '.fts', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff',
+             '.webp', *raw_image.SUFFIXES)
 
 
 class ImageError(ValueError):
     """A file that is not a star image; the text names it."""
 
 
+class Photograph(NamedTuple):
+    """
+    An image (H, W) uint8 or uint16, and what its file says.
+
+    fov_deg is the field of view of the long side, taken the time; None where unknown. bottom_up
+    is whether the file has the lowest row of the image first, mirrored whether its first column
+    is the last one of the image.
+    """
+
+    image: np.ndarray
+    fov_deg: float | None = None
+    taken: Taken | None = None
+    bottom_up: bool = False
+    mirrored: bool = False
+
+    def mirror(self) -> 'Photograph':
+        """Return the photograph flipped from left to right."""
+        return self._replace(image=np.ascontiguousarray(self.image[:, ::-1]),
+                             mirrored=not self.mirrored)
+
+
 def read_image(path: str | Path) -> np.ndarray:
     """
     Return an image file as (H, W) uint8 or uint16, upright by its EXIF orientation.
 
-    Colours are averaged to grey.
+    Colours are averaged to grey. FITS and camera RAW need the extras fits and raw.
     """
-    return read_image_and_field(path)[0]
+    return read_photograph(path).image
 
 
-def read_image_and_field(path: str | Path) -> tuple[np.ndarray, float | None]:
-    """Return the image as read_image, and the field of view of its long side by EXIF in deg."""
+def read_photograph(path: str | Path) -> Photograph:
+    """Return the image as read_image, and what EXIF or a FITS header has of it."""
     path = Path(path)
     try:
         with path.open('rb') as file:
@@ -43,7 +68,27 @@ def read_image_and_field(path: str | Path) -> tuple[np.ndarray, float | None]:
         raise ImageError(f'{path}: {error.strerror}') from error
     if len(content) > _LARGEST_FILE_BYTES:
         raise ImageError(f'{path}: more than {_LARGEST_FILE_BYTES // 1_000_000} MB')
-    _check_content(path, content[:_CHECKED_BYTES].tobytes(), content[-_END_BYTES:].tobytes())
+    begin = content[:_CHECKED_BYTES].tobytes()
+    try:
+        if begin.startswith(fits_image.BEGIN):
+            return Photograph(*fits_image.read_fits(content.tobytes(), _MOST_PIXELS))
+        if path.suffix.lower() in raw_image.SUFFIXES:
+            return _read_raw(content.tobytes())
+    except (ValueError, MissingLibraryError) as error:
+        raise ImageError(f'{path}: {error}') from error
+    _check_content(path, begin, content[-_END_BYTES:].tobytes())
+    return _decode(path, content)
+
+
+def _read_raw(content: bytes) -> Photograph:
+    image = raw_image.read_raw(content, _MOST_PIXELS)
+    # LibRaw has turned it upright.
+    exif = read_exif(content, (2 * image.shape[1], 2 * image.shape[0]))
+    return Photograph(image, exif.fov_deg, exif.taken)
+
+
+def _decode(path: Path, content: np.ndarray) -> Photograph:
+    """Return an image in a format of OpenCV; ImageError."""
     try:
         image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if len(content) else None
     except cv2.error as error:
@@ -56,7 +101,7 @@ def read_image_and_field(path: str | Path) -> tuple[np.ndarray, float | None]:
         # The mean of the channels is less noisy than the weights of human vision.
         image = image[..., :3].mean(axis=2).round().astype(image.dtype)
     exif = read_exif(content.tobytes())
-    return upright(image, exif.orientation), exif.fov_deg
+    return Photograph(upright(image, exif.orientation), exif.fov_deg, exif.taken)
 
 
 def image_paths(paths: Sequence[Path]) -> list[Path]:
@@ -79,9 +124,7 @@ def image_paths(paths: Sequence[Path]) -> list[Path]:
 
 
 def _check_content(path: Path, begin: bytes, end: bytes) -> None:
-    """Raise ImageError for images too large to decode, truncated JPEG, and FITS."""
-    if begin.startswith(b'SIMPLE  ='):
-        raise ImageError(f'{path}: FITS is not read; save one plane as PNG or TIFF of 16 bit')
+    """Raise ImageError for images too large to decode and truncated JPEG."""
     if begin.startswith(b'\xff\xd8') and b'\xff\xd9' not in end:
         raise ImageError(f'{path}: a truncated JPEG')
     width, height = _size(begin)
@@ -147,15 +190,21 @@ def _ideal_camera(width: int, height: int, fov_deg: float | None) -> Camera:
 
 def read_image_with_camera(path: Path, camera: Camera | None, fov_deg: float | None
                            ) -> tuple[np.ndarray, Camera]:
-    """
-    Return an image and its camera: the given one, or an ideal one of fov_deg.
-
-    ImageError also when the given camera has another image size.
-    """
+    """Return an image and its camera, as camera_of(); ImageError."""
     image = read_image(path)
+    return image, camera_of(path, image, camera, fov_deg)
+
+
+def camera_of(path: Path, image: np.ndarray, camera: Camera | None, fov_deg: float | None
+              ) -> Camera:
+    """
+    Return the camera of an image (H, W): the given one, or an ideal one of fov_deg.
+
+    ImageError when the given camera has another image size.
+    """
     height, width = image.shape
     camera = camera or _ideal_camera(width, height, fov_deg)
     if (camera.width, camera.height) != (width, height):
         raise ImageError(f'{path}: {width} x {height} px, the camera has '
                          f'{camera.width} x {camera.height}')
-    return image, camera
+    return camera

@@ -4,13 +4,15 @@ from collections.abc import Callable
 from datetime import datetime, UTC
 from pathlib import Path
 import sys
-from typing import Any, TYPE_CHECKING
+from typing import Any, TYPE_CHECKING, TypeVar
 
 import click
 from startracker_ros.cli.shared import exit_1_on, json_option, print_result, usage_error_on
 
 if TYPE_CHECKING:
-    from startracker_ros.astro.observer_motion import Observer
+    from startracker_ros.pipeline.occasion import Standpoint
+
+_Command = TypeVar('_Command', bound=Callable[..., Any])
 
 
 class _Epoch(click.ParamType):
@@ -35,57 +37,50 @@ class _Epoch(click.ParamType):
         return epoch_year_from_stamp(round(utc.timestamp() * 1e9))
 
 
-def _observer_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add when the images were taken, and from where."""
-    for option in (
-            click.option('--temperature-c', type=float, default=10.0, show_default=True,
-                         help='Temperature of the air at the site.'),
-            click.option('--pressure-hpa', type=click.FloatRange(0, 1200), default=None,
-                         help='Pressure of the air at the site, 0 for no refraction.  '
-                         '[default: standard atmosphere at its height]'),
-            click.option('--velocity', 'velocity_km_s', type=float, nargs=3,
-                         help='Velocity of the camera about the Earth, x y z in km/s on ICRF '
-                         'axes, for aberration.'),
-            click.option('--site', type=float, nargs=3,
-                         help='Latitude and longitude in deg, east positive, and height in m of '
-                         'a camera on the ground, for aberration and refraction.'),
-            click.option('--epoch', 'epoch_year', type=_Epoch(),
-                         help='Julian year or UTC (2026-11-23T01:30) of the images, for proper '
-                         'motion and aberration.  [default: today, without aberration]')):
-        function = option(function)
-    return function
+def _observer_options(epoch_default: str) -> Callable[[_Command], _Command]:
+    """Return options for when the images were taken, and from where."""
+    def add(function: _Command) -> _Command:
+        for option in (
+                click.option('--temperature-c', type=float, default=10.0, show_default=True,
+                             help='Temperature of the air at the site.'),
+                click.option('--pressure-hpa', type=click.FloatRange(0, 1200), default=None,
+                             help='Pressure of the air at the site, 0 for no refraction.  '
+                             '[default: standard atmosphere at its height]'),
+                click.option('--velocity', 'velocity_km_s', type=float, nargs=3,
+                             help='Velocity of the camera about the Earth, x y z in km/s on '
+                             'ICRF axes, for aberration.'),
+                click.option('--site', type=float, nargs=3,
+                             help='Latitude and longitude in deg, east positive, and height in '
+                             'm of a camera on the ground, for aberration and refraction.'),
+                click.option('--epoch', 'epoch_year', type=_Epoch(),
+                             help='Julian year or UTC (2026-11-23T01:30) of the images, for '
+                             f'proper motion and aberration.  [default: {epoch_default}]')):
+            function = option(function)
+        return function
+    return add
 
 
-def _observer(epoch_year: float | None, site: tuple[float, float, float] | None,
-              velocity_km_s: tuple[float, float, float] | None, pressure_hpa: float | None,
-              temperature_c: float) -> 'Observer':
-    """Return how the camera moved; UsageError for options that do not go together."""
+def _standpoint(site: tuple[float, float, float] | None,
+                velocity_km_s: tuple[float, float, float] | None, pressure_hpa: float | None,
+                temperature_c: float) -> 'Standpoint':
+    """Return where the camera was; UsageError for options that do not go together."""
     import numpy as np
-    from startracker_ros.astro.earth import EpochError
-    from startracker_ros.astro.observer_motion import (
-        EARTH_SIGMA_M_S, MAX_SPEED_M_S, observer_at, Observer)
     from startracker_ros.astro.ground_site import Site
+    from startracker_ros.astro.observer_motion import MAX_SPEED_M_S
+    from startracker_ros.pipeline.occasion import Standpoint
     if site is not None and velocity_km_s is not None:
         raise click.UsageError('give either --site or --velocity')
-    if epoch_year is None:
-        if site is not None or velocity_km_s is not None:
-            raise click.UsageError('--site and --velocity need --epoch')
-        return Observer(None, EARTH_SIGMA_M_S, 'none', 'no --epoch')
-    velocity_m_s, air = None, None
-    try:
-        if site is not None:
-            if not (abs(site[0]) <= 90 and abs(site[1]) <= 360 and -500 <= site[2] <= 100e3):
-                raise click.UsageError(f'--site {site}: no latitude, longitude and height in m')
-            ground = Site(*site, pressure_hpa, temperature_c)
-            velocity_m_s, air = ground.velocity_m_s(epoch_year), ground.air(epoch_year)
-        elif velocity_km_s is not None:
-            velocity_m_s = 1e3 * np.array(velocity_km_s)
-            if not np.linalg.norm(velocity_m_s) <= MAX_SPEED_M_S:
-                raise click.UsageError(f'--velocity: more than {MAX_SPEED_M_S / 1e3:g} km/s '
-                                       'about the Earth')
-        return observer_at(epoch_year, velocity_m_s, air)
-    except EpochError as error:
-        return Observer(None, EARTH_SIGMA_M_S, 'none', str(error))
+    if site is not None:
+        if not (abs(site[0]) <= 90 and abs(site[1]) <= 360 and -500 <= site[2] <= 100e3):
+            raise click.UsageError(f'--site {site}: no latitude, longitude and height in m')
+        return Standpoint(site=Site(*site, pressure_hpa, temperature_c))
+    if velocity_km_s is None:
+        return Standpoint()
+    velocity_m_s = 1e3 * np.array(velocity_km_s)
+    if not np.linalg.norm(velocity_m_s) <= MAX_SPEED_M_S:
+        raise click.UsageError(f'--velocity: more than {MAX_SPEED_M_S / 1e3:g} km/s '
+                               'about the Earth')
+    return Standpoint(velocity_m_s=velocity_m_s)
 
 
 # What a person knows of the field of view of a photograph, and of a calibrated camera.
@@ -107,13 +102,18 @@ def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
               help='Camera YAML as camera_calibration writes it, instead of --fov-deg.')
 @click.option('--fov-error-percent', type=click.FloatRange(0, 5),
               help='How far the field of view may be off.  [default: 5, with --camera 0.5]')
-@_observer_options
+@_observer_options('time in the file, EXIF or DATE-OBS, else today without aberration')
+@click.option('--mirror', is_flag=True, help='Flip images from left to right first: those of a '
+              'telescope with one mirror too many.')
 @click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path),
               help='Folder for a PNG of each image with the identified stars.')
+@click.option('--wcs', 'wcs_folder', type=click.Path(path_type=Path),
+              help='Folder for a FITS header of each solved image, TAN-SIP.')
 @json_option
 def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
-          fov_error_percent: float | None, epoch_year: float | None, annotate_folder: Path | None,
-          as_json: bool, **observer: Any) -> None:
+          fov_error_percent: float | None, epoch_year: float | None, mirror: bool,
+          annotate_folder: Path | None, wcs_folder: Path | None, as_json: bool,
+          **standpoint: Any) -> None:
     """
     Attitude of star IMAGES: right ascension, declination, roll, stars, residual.
 
@@ -122,6 +122,7 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     from startracker_ros.camera.images import image_paths
     from startracker_ros.camera.model import CameraError
     from startracker_ros.identify.identification import IdentificationOptions
+    from startracker_ros.pipeline.outputs import Outputs
     from startracker_ros.pipeline.solve import solve_files
     if fov_deg is not None and camera_file is not None:
         raise click.UsageError('give either --fov-deg or --camera')
@@ -132,8 +133,9 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
         fov_error_percent = _UNCALIBRATED_PERCENT if camera_file is None else _CALIBRATED_PERCENT
     with usage_error_on(CameraError):
         result = solve_files(paths, fov_deg=fov_deg, camera_file=camera_file,
-                             epoch_year=epoch_year, observer=_observer(epoch_year, **observer),
-                             annotate_folder=annotate_folder,
+                             epoch_year=epoch_year, standpoint=_standpoint(**standpoint),
+                             mirror=mirror,
+                             outputs=Outputs(annotate_folder, wcs_folder),
                              options=IdentificationOptions(
                                  fov_error_percent=fov_error_percent, time_limit_s=_TIME_LIMIT_S))
     print_result(result, as_json)
@@ -148,21 +150,25 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
 @click.option('--fov-deg', type=float, help='Horizontal field of view, within 5 %.')
 @click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
               help='Camera YAML to start from, instead of --fov-deg.')
-@_observer_options
+@_observer_options('today, without aberration')
 @click.option('--free', 'terms', multiple=True,
               type=click.Choice(['k1', 'centre', 'tangential', 'k2', 'k3']),
               help='Estimate just these beside the focal length.  [default: the data decide]')
 @json_option
 def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
               camera_file: Path | None, epoch_year: float | None, terms: tuple[str, ...],
-              as_json: bool, **observer: Any) -> None:
+              as_json: bool, **standpoint: Any) -> None:
     """Focal length, principal point and distortion out of star IMAGES of one camera."""
     from startracker_ros.calibration.adjustment import CalibrationError
     from startracker_ros.calibration.files import calibrate_files
     from startracker_ros.camera.model import CameraError
+    from startracker_ros.pipeline.occasion import occasion
     _check_one_camera(fov_deg, camera_file)
+    where = _standpoint(**standpoint)
+    if epoch_year is None and where.known:
+        raise click.UsageError('--site and --velocity need --epoch')
     with usage_error_on(CameraError), exit_1_on(CalibrationError, output=output):
         result = calibrate_files(images, output, fov_deg=fov_deg, camera_file=camera_file,
-                                 epoch_year=epoch_year, observer=_observer(epoch_year, **observer),
-                                 terms=terms)
+                                 epoch_year=epoch_year,
+                                 observer=where.observer(occasion(epoch_year)), terms=terms)
     print_result(result, as_json)

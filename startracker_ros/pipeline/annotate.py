@@ -1,9 +1,5 @@
 """Star images as a person wants to see them: stretched, with marks and names."""
 
-from collections import Counter
-from collections.abc import Sequence
-from pathlib import Path
-
 import cv2
 import numpy as np
 from startracker_ros.catalog.names import BRIGHT_STARS
@@ -26,58 +22,48 @@ def stretch(image: np.ndarray) -> np.ndarray:
 
 
 def annotate(image: np.ndarray, uv: np.ndarray, hip: np.ndarray | None = None,
-             rejected: np.ndarray | None = None) -> np.ndarray:
+             rejected: np.ndarray | None = None, labels: 'Labels | None' = None) -> np.ndarray:
     """
     Return (H, W, 3) uint8 RGB of an image with a circle on each pixel uv (N, 2).
 
     Stars with a Hipparcos number in hip (N,) are drawn in green with their name or number, others
-    in orange; a label that would cover another is left out. Small crosses in red are on spots
-    rejected (M, 2).
+    in orange; a label that would cover another one of labels is left out. Small crosses in red are
+    on spots rejected (M, 2).
     """
     picture = cv2.cvtColor(stretch(image), cv2.COLOR_GRAY2RGB)
     hip = np.zeros(len(uv), int) if hip is None else hip
-    size = max(1.0, max(image.shape) / 1024)
+    labels = labels or Labels(image.shape)
+    size = labels.size
     for u, v in np.empty((0, 2)) if rejected is None else rejected:
         cv2.drawMarker(picture, (round(float(u)), round(float(v))), _REJECTED,
                        cv2.MARKER_TILTED_CROSS, round(5 * size))
-    taken: list[tuple[int, int, int, int]] = []
     for (u, v), number in zip(uv, hip):
         centre = (round(float(u)), round(float(v)))
         colour = _IDENTIFIED if number else _FOUND
         cv2.circle(picture, centre, round(9 * size), colour, 1, cv2.LINE_AA)
         if number:
-            _label(picture, BRIGHT_STARS.get(int(number), str(number)), centre, size, taken)
+            labels.write(picture, BRIGHT_STARS.get(int(number), str(number)), centre, colour)
     return picture
 
 
-def _label(picture: np.ndarray, text: str, centre: tuple[int, int], size: float,
-           taken: list[tuple[int, int, int, int]]) -> None:
-    """Write a label right or left of a star, in the picture and clear of those in taken."""
-    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.35 * size, 1)
-    right = centre[0] + round(12 * size)
-    for left in (right, centre[0] - round(12 * size) - width):
-        box = (left, centre[1] - height, left + width, centre[1])
-        if (left >= 0 and box[2] < picture.shape[1] and box[1] >= 0
-                and not any(box[0] < other[2] and other[0] < box[2] and box[1] < other[3]
-                            and other[1] < box[3] for other in taken)):
-            taken.append(box)
-            cv2.putText(picture, text, (left, centre[1]), cv2.FONT_HERSHEY_SIMPLEX, 0.35 * size,
-                        _IDENTIFIED, 1, cv2.LINE_AA)
-            return
+class Labels:
+    """Texts of one picture, none of which covers another; size is the scale of the marks."""
 
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.size = max(1.0, max(shape) / 1024)
+        self._taken: list[tuple[int, int, int, int]] = []
 
-def save_annotated(file: Path, image: np.ndarray, uv: np.ndarray, hip: np.ndarray) -> None:
-    """Write annotate() as PNG, and the folder of the file if need be."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(file), annotate(image, uv, hip)[..., ::-1])
-
-
-def picture_names(paths: Sequence[Path]) -> list[str]:
-    """Return a name of a PNG for each image, numbered where several have the same."""
-    used: Counter[str] = Counter()
-    names = []
-    for path in paths:
-        used[path.stem] += 1
-        number = used[path.stem]
-        names.append(f'{path.stem}.png' if number == 1 else f'{path.stem}-{number}.png')
-    return names
+    def write(self, picture: np.ndarray, text: str, centre: tuple[int, int],
+              colour: tuple[int, int, int], radius: int = 0) -> None:
+        """Write a label beside a mark, unless it would leave the picture or cover one."""
+        size, aside = self.size, max(round(12 * self.size), radius + round(4 * self.size))
+        (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.35 * size, 1)
+        for left in (centre[0] + aside, centre[0] - aside - width):
+            box = (left, centre[1] - height, left + width, centre[1])
+            if (left >= 0 and box[2] < picture.shape[1] and box[1] >= 0
+                    and not any(box[0] < other[2] and other[0] < box[2] and box[1] < other[3]
+                                and other[1] < box[3] for other in self._taken)):
+                self._taken.append(box)
+                cv2.putText(picture, text, (left, centre[1]), cv2.FONT_HERSHEY_SIMPLEX,
+                            0.35 * size, colour, 1, cv2.LINE_AA)
+                return

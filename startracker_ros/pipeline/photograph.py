@@ -19,6 +19,8 @@ from startracker_ros.identify.identification import Identification, Identificati
 from startracker_ros.identify.ladder import Attempt, ATTEMPTS, LadderIdentifier
 from startracker_ros.maths.rotation import (
     matrix_from_quaternion, pointing_from_quaternion, quaternion_from_axes)
+from startracker_ros.pipeline.bodies import Bodies, BodyInImage
+from startracker_ros.pipeline.sky_mapping import SkyMapping
 from startracker_ros.pipeline.solution import MIN_STARS, Solution
 
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
@@ -40,10 +42,8 @@ class PhotographSolver:
     """Solves photographs at one epoch; the lens is fitted to each."""
 
     def __init__(self, camera: Camera | None, epoch_year: float,
-                 options: IdentificationOptions = IdentificationOptions(),
-                 observer: Observer = AT_REST) -> None:
+                 options: IdentificationOptions = IdentificationOptions()) -> None:
         """Solve images of a nominal camera, or of any field of view without one."""
-        self._observer = observer
         self._search: Callable[[tuple[int, int], float], _Search]
         if camera is None:
             self._search = partial(_any_field, BlindIdentifier(epoch_year, options))
@@ -51,12 +51,13 @@ class PhotographSolver:
             known = _known_field(camera, epoch_year, options)
             self._search = lambda shape, likely_deg: known
 
-    def solve(self, image: np.ndarray, likely_deg: float = LIKELY_DEG) -> Solution:
+    def solve(self, image: np.ndarray, observer: Observer = AT_REST,
+              likely_deg: float = LIKELY_DEG, bodies: Bodies = Bodies()) -> Solution:
         """
         Return the attitude and the lens of image (H, W) uint8 or uint16, or why not.
 
-        likely_deg is the field of view of the long side that is searched first where the camera
-        is unknown.
+        observer is how the camera moved; likely_deg is the field of view of the long side that is
+        searched first where the camera is unknown; bodies are no stars.
         """
         height, width = image.shape
         detections, search = Detections(image), self._search((height, width), likely_deg)
@@ -69,9 +70,12 @@ class PhotographSolver:
             return Solution.none(search.camera, extraction.centroids, 'too_small', search.coarse)
         solved, rejected = _first_lens(search.identify(detections), search.fov_error)
         if solved is not None:
-            attempt, lens = solved
-            found = _identification(attempt, lens, search.attempts, self._observer)
-            return Solution(attempt.centroids, found, lens.camera, lens.sigma_px)
+            attempt, lens, seen = _without_bodies(*solved, bodies, search.fov_error)
+            if not lens.rejected:
+                found = _identification(attempt, lens, search.attempts, observer)
+                return Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
+                                SkyMapping(lens.camera, lens.axis_quaternion), seen)
+            rejected = lens.rejected
         status, reason = 'no_candidate', _mirrored(detections, search, width)
         if reason:
             status = 'mirrored'
@@ -92,7 +96,7 @@ def _mirrored(detections: Detections, search: _Search, width: int) -> str:
     _, lens = solved
     ra_deg, dec_deg, _ = np.degrees(pointing_from_quaternion(lens.attitude.quaternion))
     return (f'mirrored: flipped from left to right it shows {lens.matched} stars about right '
-            f'ascension {ra_deg:.2f}, declination {dec_deg:.2f} deg; flip the image')
+            f'ascension {ra_deg:.2f}, declination {dec_deg:.2f} deg; flip it with --mirror')
 
 
 def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], likely_deg: float) -> _Search:
@@ -128,6 +132,23 @@ def _first_lens(attempts: Iterable[Attempt], fov_error: float
             return (attempt, lens), rejected
         rejected = lens.rejected
     return None, rejected
+
+
+def _without_bodies(attempt: Attempt, lens: LearntLens, bodies: Bodies, fov_error: float
+                    ) -> tuple[Attempt, LearntLens, tuple[BodyInImage, ...]]:
+    """Return the lens fitted without the spots of bodies, which may be near a catalogue star."""
+    matched = lens.star >= 0
+    magnitude = np.where(matched, attempt.identifier.onboard.magnitude[lens.star], np.nan)
+    seen, spots = bodies.in_image(SkyMapping(lens.camera, lens.axis_quaternion),
+                                  attempt.centroids, magnitude)
+    if (spots & matched).any():
+        found = attempt.identification
+        attempt = attempt._replace(
+            centroids=attempt.centroids.select(~spots),
+            identification=replace(found, hip=found.hip[~spots], magnitude=found.magnitude[~spots],
+                                   residual_px=found.residual_px[~spots]))
+        lens = learn_lens(attempt, fov_error)
+    return attempt, lens, seen
 
 
 def _identification(attempt: Attempt, lens: LearntLens, attempts: int,

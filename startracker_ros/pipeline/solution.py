@@ -6,6 +6,8 @@ import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.identification import Identification
+from startracker_ros.pipeline.bodies import BodyInImage
+from startracker_ros.pipeline.sky_mapping import SkyMapping
 
 MIN_STARS = 4
 
@@ -15,7 +17,8 @@ class Solution:
     """
     What one image shows.
 
-    camera has the fitted lens where identified, lens_px its error per axis. For an uncalibrated
+    camera has the fitted lens where identified, lens_px its error per axis; sky is None unless
+    identified, and bodies, which are no centroids of it, are known only then. For an uncalibrated
     camera +z of the attitude is the middle of the image, else the optical axis of the camera.
     """
 
@@ -23,6 +26,8 @@ class Solution:
     identification: Identification
     camera: Camera
     lens_px: float = float('nan')
+    sky: SkyMapping | None = None
+    bodies: tuple[BodyInImage, ...] = ()
 
     @classmethod
     def none(cls, camera: Camera, centroids: Centroids, status: str, reason: str) -> 'Solution':

@@ -1,107 +1,154 @@
 """Attitude of image files: extraction, identification, pointing."""
 
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 import sys
 import time
 
 import numpy as np
-from startracker_ros.astro.epoch import epoch_year_now
-from startracker_ros.astro.observer_motion import AT_REST, Observer
+from startracker_ros.astro.observer_motion import Observer
 from startracker_ros.camera.images import (
-    calibrated_camera, ImageError, read_image_and_field, read_image_with_camera)
+    calibrated_camera, camera_of, ImageError, Photograph, read_photograph)
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.deep import camera_catalog
-from startracker_ros.catalog.onboard import onboard_catalog
+from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.identify.blind import LIKELY_DEG
 from startracker_ros.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.maths.rotation import ARCSEC, pointing_from_quaternion
-from startracker_ros.pipeline.annotate import picture_names, save_annotated
+from startracker_ros.pipeline.bodies import Bodies
 from startracker_ros.pipeline.icrf import icrf_identification
+from startracker_ros.pipeline.occasion import Occasion, occasion, OPTION, Standpoint
+from startracker_ros.pipeline.outputs import output_names, Outputs
 from startracker_ros.pipeline.photograph import PhotographSolver
+from startracker_ros.pipeline.sky_mapping import SkyMapping
 from startracker_ros.pipeline.solution import MIN_STARS, Solution
 from startracker_ros.table import Result
 
-Solve = Callable[[np.ndarray], Solution]
-
 DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
-           'detected', 'lens')
+           'detected', 'lens', 'epoch', 'epoch_from', 'bodies')
 """Columns that are too wide for the terminal."""
 
 
 def solve_image(image: np.ndarray, extractor: CentroidExtractor, identifier: Identifier,
-                sky: ApparentCatalog) -> Solution:
+                sky: ApparentCatalog, bodies: Bodies = Bodies()) -> Solution:
     """Return the attitude of one image (H, W) of a calibrated camera, or why there is none."""
     extraction = extractor.extract(image)
     centroids = extraction.centroids
     if len(centroids) < MIN_STARS:
         return Solution.none(identifier.camera, centroids, extraction.status, extraction.reason)
-    identification = icrf_identification(
+    solution = _solve_centroids(centroids, identifier, sky)
+    if solution.sky is None:
+        return solution
+    found = solution.identification
+    seen, spots = bodies.in_image(solution.sky, centroids, found.magnitude)
+    if (spots & (found.hip > 0)).any():
+        solution = _solve_centroids(centroids.select(~spots), identifier, sky)
+    return replace(solution, bodies=seen if solution.sky else ())
+
+
+def _solve_centroids(centroids: Centroids, identifier: Identifier, sky: ApparentCatalog
+                     ) -> Solution:
+    found = icrf_identification(
         identifier.identify(centroids), centroids, identifier.camera, sky, identifier.options)
-    return Solution(centroids, identification,
-                    identifier.camera.with_focal_ratio(identification.focal_ratio))
+    camera = identifier.camera.with_focal_ratio(found.focal_ratio)
+    mapping = None if found.attitude is None else SkyMapping(
+        camera, found.attitude.quaternion, sky.observer.vantage)
+    return Solution(centroids, found, camera, sky=mapping)
 
 
 def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 camera_file: Path | None = None, epoch_year: float | None = None,
-                observer: Observer = AT_REST, annotate_folder: Path | None = None,
+                standpoint: Standpoint = Standpoint(), mirror: bool = False,
+                outputs: Outputs = Outputs(),
                 options: IdentificationOptions = IdentificationOptions()) -> Result:
     """
     Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
 
     The lens of the latter is fitted to each image. Without both, EXIF has the field of view or
-    all from 1 to 120 deg are searched. epoch_year None is today; observer is how the
-    camera moved then. CameraError for an impossible camera; an unreadable image is a row of its
-    own.
+    all from 1 to 120 deg are searched. epoch_year None is the time of each image by EXIF, else
+    today. mirror flips each image from left to right first; the result is that of the flipped
+    image. CameraError for an impossible camera; an unreadable image is a row of its own.
     """
-    if epoch_year is None:
-        epoch_year = epoch_year_now()
-    blind = fov_deg is None and camera_file is None
-    calibrated = None if blind else calibrated_camera(camera_file, fov_deg)
-    any_field = PhotographSolver(None, epoch_year, options, observer) if blind else None
-    solvers: dict[Camera, Solve] = {}
-    rows = []
-    for path, name in zip(_progress(paths), picture_names(paths)):
+    solvers = _Solvers(fov_deg, camera_file, options)
+    rows, whens, observers = [], [], []
+    for path, name in zip(_progress(paths), output_names(paths)):
         try:
-            if any_field is None:
-                image, camera = read_image_with_camera(path, calibrated, fov_deg)
-            else:
-                image, exif_deg = read_image_and_field(path)
+            photograph = read_photograph(path)
+            if mirror:
+                photograph = photograph.mirror()
+            when = occasion(epoch_year, photograph.taken)
+            observer = standpoint.observer(when)
+            solution, solve_ms = solvers.solve(
+                path, photograph, when, observer, standpoint.bodies(when))
         except ImageError as error:
             rows.append({**_row(path, None, float('nan')), 'status': 'unreadable',
                          'reason': str(error)})
             continue
-        solve: Solve
-        if any_field is not None:
-            solve = partial(any_field.solve, likely_deg=exif_deg or LIKELY_DEG)
+        whens.append(when)
+        observers.append(observer)
+        rows.append({**_row(path, solution, solve_ms), 'epoch': when.year,
+                     'epoch_from': when.source})
+        outputs.write(name, photograph, solution, when.year)
+    whens = whens or [occasion(epoch_year)]
+    observers = observers or [standpoint.observer(whens[0])]
+    return Result('solve', rows, {
+        **({'mirror': True} if mirror else {}), 'epoch': whens[0].year,
+        'epoch_from': _different(when.source for when in whens),
+        'aberration': _different(observer.condition for observer in observers)}, DETAILS)
+
+
+def _different(texts: Iterable[str]) -> str:
+    return '; '.join(dict.fromkeys(texts))
+
+
+class _Solvers:
+    """What solves the images of one call, by camera and epoch."""
+
+    def __init__(self, fov_deg: float | None, camera_file: Path | None,
+                 options: IdentificationOptions) -> None:
+        self._blind = fov_deg is None and camera_file is None
+        self._fov_deg = fov_deg
+        self._calibrated = None if self._blind else calibrated_camera(camera_file, fov_deg)
+        self._options = options
+        # Images of one camera and one night mostly follow each other.
+        self._photographs = lru_cache(maxsize=4)(self._photograph_solver)
+        self._calibrations = lru_cache(maxsize=4)(self._calibrated_solver)
+
+    def solve(self, path: Path, photograph: Photograph, when: Occasion, observer: Observer,
+              bodies: Bodies) -> tuple[Solution, float]:
+        """Return the solution of an image and its time in ms; ImageError."""
+        image, camera = photograph.image, None
+        if not self._blind:
+            camera = camera_of(path, image, self._calibrated, self._fov_deg)
+        if camera is None or self._calibrated is None:
+            # Identifiers round epochs to years.
+            solver = self._photographs(camera, round(when.year))
+            start_s = time.perf_counter()
+            solution = solver.solve(image, observer, photograph.fov_deg or LIKELY_DEG,
+                                    bodies)
         else:
-            if camera not in solvers:
-                solvers[camera] = _solver(camera, calibrated is not None, epoch_year, options,
-                                          observer)
-            solve = solvers[camera]
-        start_s = time.perf_counter()
-        solution = solve(image)
-        rows.append(_row(path, solution, 1e3 * (time.perf_counter() - start_s)))
-        if annotate_folder is not None:
-            save_annotated(annotate_folder / name, image, solution.centroids.uv,
-                           solution.identification.hip)
-    return Result('solve', rows, {'epoch': epoch_year, 'aberration': observer.condition},
-                  DETAILS)
+            # In 9 days no bright star moves by 0.1 arcsec.
+            year = when.year if when.source == OPTION else round(20 * when.year) / 20
+            extractor, identifier, onboard = self._calibrations(camera, year)
+            sky = ApparentCatalog(onboard)
+            sky.look_from(observer)
+            start_s = time.perf_counter()
+            solution = solve_image(image, extractor, identifier, sky, bodies)
+        return solution, 1e3 * (time.perf_counter() - start_s)
 
+    def _photograph_solver(self, camera: Camera | None, year: int) -> PhotographSolver:
+        return PhotographSolver(camera, year, self._options)
 
-def _solver(camera: Camera, calibrated: bool, epoch_year: float, options: IdentificationOptions,
-            observer: Observer) -> Solve:
-    """Return what solves the images of a camera."""
-    if not calibrated:
-        return PhotographSolver(camera, epoch_year, options, observer).solve
-    extractor, identifier = CentroidExtractor(), make_identifier(camera, epoch_year, options)
-    sky = ApparentCatalog(onboard_catalog(camera_catalog(camera), camera, epoch_year))
-    sky.look_from(observer)
-    return lambda image: solve_image(image, extractor, identifier, sky)
+    def _calibrated_solver(self, camera: Camera, year: float
+                           ) -> tuple[CentroidExtractor, Identifier, OnboardCatalog]:
+        return (CentroidExtractor(), make_identifier(camera, year, self._options),
+                onboard_catalog(camera_catalog(camera), camera, year))
 
 
 def _progress(paths: Sequence[Path]) -> Iterable[Path]:
@@ -123,6 +170,8 @@ def _row(path: Path, solution: Solution | None, solve_ms: float) -> dict[str, ob
     found, camera = solution.identification, solution.camera
     row.update(reason=found.reason, status=found.status, detected=len(solution.centroids),
                false_alarm_probability=found.false_alarm_probability)
+    row['bodies'] = [{key: value for key, value in body._asdict().items() if key != 'radius_px'}
+                     for body in solution.bodies]
     if found.attitude is not None:
         ra_deg, dec_deg, roll_deg = np.degrees(
             pointing_from_quaternion(found.attitude.quaternion))

@@ -12,13 +12,13 @@ from typing import Any
 
 import cv2
 import numpy as np
+from startracker_ros.astro.bodies import BODIES, bodies_from_earth
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import radec_from_unit
 from startracker_ros.sky.artefacts import ArtefactOptions
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
-from startracker_ros.sky.planets import PLANETS, planets_from_earth
 from startracker_ros.sky.presets import PRESETS
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.sky.sources import SkyOptions
@@ -62,8 +62,8 @@ _EVEN = {'stray_light_e': 200.0, 'stray_light_falloff_deg': 1000.0, **_QUIET}
 
 
 def _planet(name: str) -> Options:
-    ra_deg, dec_deg = np.degrees(radec_from_unit(planets_from_earth(_EPOCH_YEAR)[0][
-        PLANETS.index(name)]))
+    ra_deg, dec_deg = np.degrees(radec_from_unit(bodies_from_earth(_EPOCH_YEAR).direction[
+        BODIES.index(name)]))
     return {'ra_deg': float(ra_deg), 'dec_deg': float(dec_deg)}
 
 

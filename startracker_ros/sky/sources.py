@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.astro.aberration import apparent_directions, vantage_near_earth
+from startracker_ros.astro.bodies import bodies_from_earth, PLANETS
 from startracker_ros.astro.constants import YEAR_S
 from startracker_ros.astro.earth import earth_position_au, in_range
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.maths.rotation import rotate
 from startracker_ros.options import option, Options
 from startracker_ros.sky.motion import Motion, MotionState
-from startracker_ros.sky.planets import planets_from_earth
 from startracker_ros.sky.satellites import SatelliteTraffic
 from startracker_ros.sky.target import Target
 
@@ -73,8 +73,9 @@ class Sky:
         near = np.flatnonzero(self._directions @ boresight >= np.cos(radius_rad))
         hip, direction = self._catalog.hip[near], self._directions[near]
         magnitude = self._catalog.magnitude[near]
-        if options.planets:
-            planets, planet_magnitude = planets_from_earth(year)
+        if options.planets and in_range(year):
+            planets, planet_magnitude, _ = (
+                column[:len(PLANETS)] for column in bodies_from_earth(year))
             hip = np.concatenate([hip, np.zeros(len(planets), hip.dtype)])
             direction = np.concatenate([direction, planets])
             magnitude = np.concatenate([magnitude, planet_magnitude])

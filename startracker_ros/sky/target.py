@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.astro.aberration import aberrate
+from startracker_ros.astro.bodies import sun_direction
 from startracker_ros.astro.constants import EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
 from startracker_ros.astro.orbit import Elements, propagate, state_from_elements
-from startracker_ros.astro.planets import heliocentric_au
 from startracker_ros.options import option, Options
 from startracker_ros.sky.motion import MotionState
 
@@ -54,8 +54,7 @@ class Target:
         self._start = state_from_elements(Elements(
             perigee_m / (1 - options.target_eccentricity), options.target_eccentricity, *angles))
         self._magnitude = options.target_magnitude
-        sun = -heliocentric_au(epoch_year)[-1]
-        self._sun = sun / np.linalg.norm(sun)
+        self._sun = sun_direction(epoch_year)
 
     def at(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Return position (3,) in m and velocity (3,) in m/s."""

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from skyfield.api import EarthSatellite, load
 from startracker_ros.astro.aberration import (
-    aberrate, apparent_directions, vantage_near_earth)
+    aberrate, apparent_directions, natural_directions, vantage_near_earth)
 from startracker_ros.astro.earth import (
     earth_position_au, earth_state, earth_velocity_m_s, EpochError)
 from startracker_ros.astro.elements import KeplerOrbit, TwoLineOrbit
 from startracker_ros.astro.epoch import epoch_year_from_stamp, stamp_from_epoch_year
+from startracker_ros.astro.ground_site import Site
 from startracker_ros.astro.orbit import Elements, OrbitError, state_from_elements
 from startracker_ros.maths.rotation import ARCSEC
 
@@ -112,3 +113,14 @@ def test_old_elements_are_not_used():
     with pytest.raises(OrbitError, match='days off'):
         TwoLineOrbit(*TLE).velocity_m_s(epoch_ns)
     assert epoch_year_from_stamp(epoch_ns) == pytest.approx(2026.5, abs=1e-12)
+
+
+def test_natural_directions_are_the_inverse_of_apparent_ones():
+    rng = np.random.default_rng(8)
+    direction = rng.standard_normal((200, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    site = Site(-33.0, 151.0, 300.0)
+    vantage = vantage_near_earth(2026.4, site.velocity_m_s(2026.4))._replace(air=site.air(2026.4))
+    up = direction[direction @ vantage.air.zenith > 0.2]
+    back = natural_directions(apparent_directions(up, vantage), vantage)
+    assert np.abs(back - up).max() < 1e-4 * ARCSEC

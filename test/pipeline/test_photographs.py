@@ -1,6 +1,7 @@
 """Photographs of uncalibrated cameras: lenses that are learnt, and images that show no stars."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from startracker_ros.campaign.lenses import draw_lens_field, solve_lens_fields
 from startracker_ros.centroid.photograph import Detections
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.ladder import LadderIdentifier
+from startracker_ros.pipeline.outputs import output_names, Outputs
 from startracker_ros.pipeline.photograph import PhotographSolver
 from startracker_ros.pipeline.solve import solve_files
 
@@ -163,8 +165,7 @@ def test_unreadable_images_are_named_before_they_are_decoded(tmp_path):
     jpeg = cv2.imencode('.jpg', np.random.default_rng(1).integers(
         0, 255, (200, 300), dtype=np.uint8))[1].tobytes()
     for name, content, words in (
-            ('huge.png', huge, '25000 x 20000 px'), ('part.jpg', jpeg[:3000], 'truncated JPEG'),
-            ('cube.fits', b'SIMPLE  =                    T', 'FITS is not read')):
+            ('huge.png', huge, '25000 x 20000 px'), ('part.jpg', jpeg[:3000], 'truncated JPEG')):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(ImageError, match=words):
             read_image(tmp_path / name)
@@ -178,9 +179,14 @@ def test_pictures_of_one_name_do_not_overwrite_each_other(tmp_path):
         (tmp_path / folder).mkdir()
         cv2.imwrite(str(tmp_path / folder / 'same.png'), image)
     rows = solve_files([tmp_path / 'a' / 'same.png', tmp_path / 'b' / 'same.png'], fov_deg=20,
-                       epoch_year=2020.0, annotate_folder=tmp_path / 'out').rows
+                       epoch_year=2020.0, outputs=Outputs(tmp_path / 'out')).rows
     assert {file.name for file in (tmp_path / 'out').iterdir()} == {'same.png', 'same-2.png'}
     assert all(row['status'] == 'blank' and 'all pixels' in row['reason'] for row in rows)
+
+
+def test_names_of_files_are_unique():
+    paths = [Path(name) for name in ('b/a.png', 'c/a.png', 'c/a-2.png', 'c/a.jpg')]
+    assert output_names(paths) == ['a', 'a-2', 'a-2-2', 'a-3']
 
 
 @pytest.fixture(scope='module')
@@ -191,7 +197,7 @@ def any_field():
 def test_an_image_without_a_told_field_is_solved(any_field, sky_data):
     paths = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[2:8:2]
     for path in paths:
-        solution = any_field.solve(read_image(path), 12.0)
+        solution = any_field.solve(read_image(path), likely_deg=12.0)
         assert solution.quaternion is not None, solution.identification.reason
         assert np.degrees(solution.camera.seen_x_rad) == pytest.approx(11.425, abs=0.02)
         assert solution.identification.false_alarm_probability < 1e-5
@@ -203,7 +209,7 @@ def test_a_mirrored_image_is_named(sky_data):
     solution = PhotographSolver(Camera.from_fov(1024, 768, 11.4), 2019.57, WIDE).solve(image)
     assert solution.quaternion is None
     assert solution.identification.status == 'mirrored'
-    assert 'mirrored' in solution.identification.reason
+    assert 'flip it with --mirror' in solution.identification.reason
 
 
 @pytest.mark.parametrize('draw', [city, random_spots])

@@ -1,14 +1,22 @@
 """Real photographs from the files on: all that can be solved, nothing wrong."""
 
 import csv
+import warnings
 
+from astropy.io import fits
+from astropy.wcs import WCS
 import cv2
 import numpy as np
+from PIL import Image
 import pytest
+from startracker_ros.astro.ground_site import Site
 from startracker_ros.camera.files import save_camera
 from startracker_ros.camera.images import ImageError, read_image
 from startracker_ros.camera.model import Camera, CameraError
-from startracker_ros.maths.rotation import ARCSEC, attitude_error, quaternion_from_pointing
+from startracker_ros.maths.rotation import (
+    ARCSEC, attitude_error, quaternion_from_pointing, rotate, unit_from_radec)
+from startracker_ros.pipeline.occasion import Standpoint
+from startracker_ros.pipeline.outputs import Outputs
 from startracker_ros.pipeline.solve import solve_files
 
 
@@ -26,7 +34,7 @@ def test_night_sky_of_11_degrees(sky_data, tmp_path):
     folder = sky_data / 'night-sky-11deg'
     known = known_rows(folder)
     result = solve_files([folder / row['file'] for row in known], fov_deg=11.4,
-                         epoch_year=2019.57, annotate_folder=tmp_path)
+                         epoch_year=2019.57, outputs=Outputs(tmp_path, tmp_path))
     for row, truth in zip(result.rows, known):
         assert row['solved'], (row['file'], row['reason'])
         q = np.array([float(truth[name]) for name in ('qx', 'qy', 'qz', 'qw')])
@@ -35,7 +43,12 @@ def test_night_sky_of_11_degrees(sky_data, tmp_path):
         assert abs(error[2]) < 100
         assert row['fov_deg'] == pytest.approx(float(truth['hfov_deg']), abs=0.02)
         assert row['residual_arcsec'] < 12
-    assert len(list(tmp_path.glob('*.png'))) == len(known)
+        # The known answers are the places of the catalogue, as the header has them.
+        with warnings.catch_warnings(action='ignore'):
+            header = WCS(fits.getheader((tmp_path / row['file']).with_suffix('.wcs')))
+        seen = unit_from_radec(*np.radians(header.all_pix2world(511.5, 383.5, 0)))
+        assert np.linalg.norm(seen - rotate(q, [0.0, 0.0, 1.0])) < 12 * ARCSEC
+    assert len(list(tmp_path.glob('*.png'))) == len(list(tmp_path.glob('*.wcs'))) == len(known)
 
 
 def test_hard_night_sky_of_6_degrees(sky_data):
@@ -69,6 +82,12 @@ def test_mirrored_photographs_have_no_attitude(sky_data, tmp_path):
         cv2.imwrite(str(tmp_path / name), image[:, ::-1])
     result = solve_files([tmp_path / name for name in names], fov_deg=11.4, epoch_year=2019.57)
     assert not any(row['solved'] for row in result.rows)
+    flipped = solve_files([tmp_path / name for name in names], fov_deg=11.4, epoch_year=2019.57,
+                          mirror=True)
+    straight = solve_files([folder / name for name in names], fov_deg=11.4, epoch_year=2019.57)
+    for one, other in zip(flipped.rows, straight.rows):
+        assert one['solved'] and one['quaternion'] == other['quaternion']
+    assert flipped.conditions['mirror'] and 'mirror' not in straight.conditions
 
 
 def test_a_calibrated_camera_must_fit_the_image(sky_data, tmp_path):
@@ -79,6 +98,71 @@ def test_a_calibrated_camera_must_fit_the_image(sky_data, tmp_path):
     assert '1024 x 768 px, the camera has 640 x 480' in row['reason']
     with pytest.raises(CameraError):
         solve_files([image], fov_deg=400.0)
+
+
+@pytest.fixture
+def taken_with_zone(sky_data, tmp_path):
+    """Return one image with the time of its EXIF, with and without the time zone."""
+    folder = sky_data / 'night-sky-11deg'
+    with Image.open(folder / known_rows(folder)[2]['file']) as picture:
+        for name, details in (('zone.png', {0x9011: '+02:00'}), ('none.png', {})):
+            exif = Image.Exif()
+            exif[0x0112] = 1
+            exif.get_ifd(0x8769).update({0x9003: '2019:07:29 22:47:26', **details})
+            picture.save(tmp_path / name, exif=exif)
+    return tmp_path / 'zone.png', tmp_path / 'none.png'
+
+
+def test_the_epoch_is_that_of_exif_unless_there_is_an_option(taken_with_zone):
+    zone, none = taken_with_zone
+    result = solve_files([zone, none], fov_deg=11.4)
+    first, second = result.rows
+    assert (first['epoch_from'], second['epoch_from']) == ('EXIF', 'EXIF, UTC assumed')
+    assert first['epoch'] == pytest.approx(2019.573, abs=1e-3)
+    assert second['epoch'] - first['epoch'] == pytest.approx(2 / 24 / 365.25, rel=1e-5)
+    assert result.conditions['epoch'] == first['epoch']
+    assert result.conditions['epoch_from'] == 'EXIF; EXIF, UTC assumed'
+    assert result.conditions['aberration'] == 'earth_only'
+    told = solve_files([zone], fov_deg=11.4, epoch_year=2021.0)
+    assert (told.conditions['epoch'], told.conditions['epoch_from']) == (2021.0, 'option')
+    # Half a year of the motion of the Earth: 40 arcsec at most.
+    turn = attitude_error(quaternion_of(told.rows[0]), quaternion_of(first)) / ARCSEC
+    assert 5 < np.hypot(*turn[:2]) < 41
+
+
+def test_refraction_needs_the_hour(taken_with_zone):
+    site = Standpoint(site=Site(52.2, 4.4, 0.0))
+    zone, none = solve_files(taken_with_zone, fov_deg=11.4, standpoint=site).conditions[
+        'aberration'].split('; ')
+    assert zone == 'full' and none.startswith('earth_only (no time zone in EXIF')
+
+
+@pytest.mark.parametrize('mirror', [False, True])
+def test_a_fits_image_and_the_header_of_its_pixels(sky_data, tmp_path, mirror):
+    """Altair is the brightest spot of the file, wherever rows and columns begin."""
+    folder = sky_data / 'night-sky-11deg'
+    rows = read_image(folder / known_rows(folder)[2]['file'])[::-1]
+    pixels = (rows[:, ::-1] if mirror else rows) / np.float32(4096)
+    fits.PrimaryHDU(pixels, fits.Header([('DATE-OBS', '2019-07-29T20:47:26')])).writeto(
+        tmp_path / 'a.fits')
+    result = solve_files([tmp_path / 'a.fits'], fov_deg=11.4, mirror=mirror,
+                         outputs=Outputs(wcs_folder=tmp_path))
+    assert result.rows[0]['solved'], result.rows[0]['reason']
+    assert result.rows[0]['epoch_from'] == 'DATE-OBS'
+    v, u = np.unravel_index(cv2.GaussianBlur(pixels, (0, 0), 3).argmax(), pixels.shape)
+    with warnings.catch_warnings(action='ignore'):
+        header = WCS(fits.getheader(tmp_path / 'a.wcs'))
+    seen = unit_from_radec(*np.radians(header.all_pix2world(u, v, 0)))
+    altair = unit_from_radec(*np.radians([297.6958, 8.8683]))
+    # A pixel is 40 arcsec.
+    assert np.linalg.norm(seen - altair) < 60 * ARCSEC
+
+
+def test_without_a_time_the_epoch_is_today(sky_data):
+    folder = sky_data / 'night-sky-11deg'
+    result = solve_files([folder / known_rows(folder)[2]['file']], fov_deg=11.4)
+    assert result.rows[0]['epoch_from'] == result.conditions['epoch_from'] == 'today'
+    assert result.conditions['aberration'] == 'none (no --epoch)'
 
 
 @pytest.mark.parametrize('content', [b'', b'GIF89a not quite', b'\x89PNG\r\n\x1a\n'])

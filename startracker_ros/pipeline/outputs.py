@@ -1,0 +1,70 @@
+"""Files that solve writes for each image."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain, count
+from pathlib import Path
+
+import cv2
+import numpy as np
+from startracker_ros.camera.images import Photograph
+from startracker_ros.camera.sip import fit_sip, wcs_header
+from startracker_ros.pipeline.annotate import annotate, Labels
+from startracker_ros.pipeline.sky_mapping import SkyMapping
+from startracker_ros.pipeline.sky_marks import mark_bodies, mark_named_stars, mark_scale
+from startracker_ros.pipeline.solution import Solution
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Folders of annotated pictures and of FITS headers, None for no such files."""
+
+    annotate_folder: Path | None = None
+    wcs_folder: Path | None = None
+
+    def write(self, name: str, photograph: Photograph, solution: Solution, year: float) -> None:
+        """Write the files of one image of a Julian year under a name without a suffix."""
+        if self.annotate_folder is not None:
+            picture = annotated(photograph.image, solution, year)
+            self.annotate_folder.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(self.annotate_folder / f'{name}.png'), picture[..., ::-1])
+        if self.wcs_folder is not None and solution.sky is not None:
+            self.wcs_folder.mkdir(parents=True, exist_ok=True)
+            (self.wcs_folder / f'{name}.wcs').write_bytes(
+                image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up))
+
+
+def annotated(image: np.ndarray, solution: Solution, year: float) -> np.ndarray:
+    """Return an image (H, W) as (H, W, 3) uint8 RGB with what is in it, and where north is."""
+    labels, hip = Labels(image.shape), solution.identification.hip
+    # Names come first, so that no number covers them.
+    overlay = np.zeros((*image.shape, 3), np.uint8)
+    if solution.sky is not None:
+        mark_bodies(overlay, solution.bodies, labels)
+        mark_named_stars(overlay, solution.sky, year, hip, labels)
+        mark_scale(overlay, solution.sky, labels.size)
+    return np.maximum(annotate(image, solution.centroids.uv, hip, labels=labels), overlay)
+
+
+def image_wcs(sky: SkyMapping, mirrored: bool = False, bottom_up: bool = False) -> bytes:
+    """Return the FITS header of an image with columns and rows in the order of its file."""
+    camera = sky.camera
+    turned = np.array([mirrored, bottom_up])
+    last = np.array([camera.width, camera.height]) - 1.0
+
+    def other(pixels: np.ndarray) -> np.ndarray:
+        """Return pixels of the file as those of the image, or the other way."""
+        return np.where(turned, last - pixels, pixels)
+
+    sip = fit_sip(lambda pixels: sky.directions(other(pixels)), camera.width, camera.height,
+                  other(np.array([camera.cx, camera.cy])))
+    return wcs_header(sip, camera.width, camera.height)
+
+
+def output_names(paths: Sequence[Path]) -> list[str]:
+    """Return a name of the files for each image, numbered where several have the same."""
+    names: dict[str, None] = {}
+    for path in paths:
+        numbered = (f'{path.stem}-{number}' for number in count(2))
+        names[next(name for name in chain([path.stem], numbered) if name not in names)] = None
+    return [*names]

@@ -1,0 +1,79 @@
+"""What an annotated picture has beside its stars: named stars, bodies, scale, north and east."""
+
+import cv2
+import numpy as np
+from startracker_ros.astro.earth import earth_position_au
+from startracker_ros.catalog.names import BRIGHT_STARS
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.pipeline.annotate import Labels
+from startracker_ros.pipeline.bodies import BodyInImage
+from startracker_ros.pipeline.sky_mapping import SkyMapping
+
+_BODY, _NAMED, _SCALE = (255, 235, 90), (150, 190, 255), (235, 235, 235)
+_STEPS_DEG = (30, 20, 10, 5, 2, 1, 1 / 2, 1 / 3, 1 / 6, 1 / 12, 1 / 30, 1 / 60)
+_LONGEST, _ARROW, _MARGIN = 0.25, 0.06, 0.03  # of the width, of the shorter side
+_SMALL_RAD = 1e-5
+
+
+def mark_bodies(picture: np.ndarray, bodies: tuple[BodyInImage, ...], labels: Labels) -> None:
+    """Draw a circle around each body, as large as its disc, and its name."""
+    for body in bodies:
+        radius = round(max(body.radius_px, 12 * labels.size))
+        centre = (round(body.u), round(body.v))
+        cv2.circle(picture, centre, radius, _BODY, max(1, round(labels.size)), cv2.LINE_AA)
+        labels.write(picture, body.name, centre, _BODY, radius)
+
+
+def mark_named_stars(picture: np.ndarray, sky: SkyMapping, year: float, hip: np.ndarray,
+                     labels: Labels) -> None:
+    """Write the names of bright stars that are not among the identified ones hip (N,)."""
+    catalog = load_catalog().brighter_than(4.0)
+    named = np.isin(catalog.hip, [*BRIGHT_STARS]) & ~np.isin(catalog.hip, hip)
+    uv = sky.pixels(catalog.directions(year, earth_position_au(year))[named])
+    for number, pixel in zip(catalog.hip[named], uv):
+        if sky.camera.contains(pixel):
+            labels.write(picture, BRIGHT_STARS[int(number)], tuple(map(round, pixel.tolist())),
+                         _NAMED)
+
+
+def mark_scale(picture: np.ndarray, sky: SkyMapping, size: float) -> None:
+    """Draw a bar of a round number of degrees, and arrows to north and east, in the corners."""
+    height, width = picture.shape[:2]
+    margin = round(_MARGIN * min(width, height))
+    middle = np.array([(width - 1) / 2, (height - 1) / 2])
+    left, right = sky.directions(np.stack([middle - [0.5, 0], middle + [0.5, 0]]))
+    deg_per_px = float(np.degrees(np.linalg.norm(right - left)))
+    length_deg = next((step for step in _STEPS_DEG if step < _LONGEST * width * deg_per_px),
+                      _STEPS_DEG[-1])
+    length, row = round(length_deg / deg_per_px), height - margin
+    thick = max(1, round(size))
+    cv2.line(picture, (margin, row), (margin + length, row), _SCALE, thick, cv2.LINE_AA)
+    for end in (margin, margin + length):
+        cv2.line(picture, (end, row - round(4 * size)), (end, row + round(4 * size)), _SCALE,
+                 thick, cv2.LINE_AA)
+    text = f'{length_deg:g} deg' if length_deg >= 1 else f'{60 * length_deg:.0f} arcmin'
+    cv2.putText(picture, text, (margin, row - round(8 * size)), cv2.FONT_HERSHEY_SIMPLEX,
+                0.4 * size, _SCALE, thick, cv2.LINE_AA)
+    arrow = _ARROW * min(width, height)
+    foot = np.array([width, height]) - 2 * margin - arrow
+    for name, way in compass(sky, middle).items():
+        head, letter = foot + arrow * way, foot + 1.35 * arrow * way
+        cv2.arrowedLine(picture, _point(foot), _point(head), _SCALE, thick, cv2.LINE_AA,
+                        tipLength=0.25)
+        cv2.putText(picture, name, _point(letter + [-4 * size, 4 * size]),
+                    cv2.FONT_HERSHEY_SIMPLEX, 0.4 * size, _SCALE, thick, cv2.LINE_AA)
+
+
+def compass(sky: SkyMapping, pixel: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the unit vectors (2,) in px towards north and east at a pixel (2,)."""
+    z, = sky.directions(pixel[None])
+    east = np.cross([0.0, 0.0, 1.0], z)
+    east /= max(float(np.linalg.norm(east)), 1e-12)
+    ways = sky.pixels(z + _SMALL_RAD * np.stack([np.cross(z, east), east])) - pixel
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    return dict(zip('NE', ways))
+
+
+def _point(pixel: np.ndarray) -> tuple[int, int]:
+    u, v = pixel.round().astype(int).tolist()
+    return u, v
