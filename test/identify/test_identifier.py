@@ -295,9 +295,9 @@ def test_thousands_of_centroids_are_bounded_work():
     part, fewer = searched(0.001)
     assert part.status == 'time_limit' and fewer < tested / 2
     assert part.reason == f'not identified within time_limit_s = 0.001, {fewer} candidates tested'
-    start_s = time.perf_counter()
+    start_s = time.thread_time()
     assert searched(0.3, 500)[0].status == 'time_limit'
-    assert time.perf_counter() - start_s < 1.0
+    assert time.thread_time() - start_s < 1.0
 
 
 def test_two_skies_in_one_image_are_ambiguous_or_one_of_them(identifier, onboard):
