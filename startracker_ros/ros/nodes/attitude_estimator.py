@@ -12,6 +12,7 @@ from startracker_ros.options import option, Options
 from startracker_ros.pipeline.attitude import AttitudeStage
 from startracker_ros.ros import qos
 from startracker_ros.ros.attitude_output import AttitudeImuOptions, AttitudeOutput
+from startracker_ros.ros.body_output import MountOptions
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import ExtraFrameOptions, FrameOptions
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
@@ -38,7 +39,7 @@ class AttitudeEstimatorNode(CameraNode):
     """Publishes the attitude of each frame that has a trusted one, in ICRF."""
 
     option_classes = (SourceOptions, ValidationOptions, FrameOptions, ExtraFrameOptions,
-                      AttitudeImuOptions, AberrationOptions)
+                      MountOptions, AttitudeImuOptions, AberrationOptions)
     task = 'attitude'
 
     def __init__(self) -> None:
@@ -59,6 +60,7 @@ class AttitudeEstimatorNode(CameraNode):
 
     def rebuild(self) -> None:
         self._observer.rebuild()
+        self._output.rebuild()
         if self.camera is not None:
             self._tracked.clear()
             self._waiting = None
