@@ -60,6 +60,15 @@ class CameraNode(PipelineNode):
         self._thread.start()
         self._warm_up_timer = self.create_steady_timer(0.02, self._check_warm_up)
 
+    def activate(self) -> None:
+        # The time without frames is no gap of the source.
+        self._cadence = Cadence()
+
+    def cleanup(self) -> None:
+        self.camera = None
+        self._newest_ns.clear()
+        self._restarted = False
+
     @property
     def preparing(self) -> bool:
         """Whether the thread that loads the code is running."""
@@ -74,7 +83,8 @@ class CameraNode(PipelineNode):
 
     def subscribe_camera_info(self) -> None:
         """Subscribe to camera_info: sources take a subscriber for a stage that is ready."""
-        self.subscribe(CameraInfo, 'camera_info', self._on_camera_info, qos.LIST)
+        self.subscribe(CameraInfo, 'camera_info', self._on_camera_info, qos.LIST,
+                       while_inactive=True)
 
     def _warm_up(self) -> None:
         try:

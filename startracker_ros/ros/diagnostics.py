@@ -15,6 +15,7 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 _TICKS = 2
 _TICK_S = 1.0 / _TICKS
 _MAX_EVENTS = 5
+_NOTHING = 'nothing received yet'
 # A timer tick that is later means that the process was busy or stopped.
 _LATE_S = 0.4
 
@@ -38,13 +39,14 @@ class Diagnostics:
         self._node = node
         self._name = f'{node.get_name()}: {task}'
         self._hardware_id = hardware_id
-        self._condition = self._worst = (WARN, 'nothing received yet')
+        self._condition = self._worst = (WARN, _NOTHING)
         self._events: list[str] = []
         self._transitions = Transitions()
         self.counts: Counter[str] = Counter()
         self.values: dict[str, object] = {}
         self.checks: list[Callable[[], None]] = []
         self._logged_event = ''
+        self._held = False
         self._ticks = 0
         self._tick_s: float | None = None
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -52,9 +54,21 @@ class Diagnostics:
         self._timer = node.create_timer(_TICK_S, self._tick, clock=Clock(
             clock_type=ClockType.STEADY_TIME))
 
+    def hold(self, message: str) -> None:
+        """Report why the node is not active, and nothing else until release()."""
+        self._held = False
+        self.report(WARN, message)
+        self._held = True
+
+    def release(self) -> None:
+        """Report again what the node reports."""
+        if self._held:
+            self._held = False
+            self.report(WARN, _NOTHING)
+
     def report(self, level: bytes, message: str) -> None:
         """Set the condition; a change is logged once, repeats with other numbers are not."""
-        if (level, message) == self._condition:
+        if self._held or (level, message) == self._condition:
             return
         self._condition = level, message
         # The newer one of two with the same level.
@@ -72,6 +86,8 @@ class Diagnostics:
 
     def report_event(self, message: str) -> None:
         """Warn once, in the next publication; the condition does not change."""
+        if self._held:
+            return
         if message not in self._events:
             self._events = [*self._events, message][-_MAX_EVENTS:]
         if message != self._logged_event:
