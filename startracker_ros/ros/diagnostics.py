@@ -5,16 +5,21 @@ from collections.abc import Callable
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from startracker_ros.ros.transitions import Transitions
 from std_msgs.msg import Header
+
+TaskResult = tuple[bytes, str, dict[str, object]]
+"""Level, message and values of a status."""
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 _TICKS = 2
 _TICK_S = 1.0 / _TICKS
 _MAX_EVENTS = 5
+_USE_FQN = 'diagnostic_updater.use_fqn'
 _NOTHING = 'nothing received yet'
 # A timer tick that is later means that the process was busy or stopped.
 _LATE_S = 0.4
@@ -32,12 +37,14 @@ class Diagnostics:
     """
     Collects the condition, events, counters and values of one node and publishes them.
 
-    The functions in checks are called before each publication.
+    The functions in checks are called before each publication; tasks are further statuses by
+    name.
     """
 
     def __init__(self, node: Node, task: str, hardware_id: str) -> None:
         self._node = node
-        self._name = f'{node.get_name()}: {task}'
+        self._task = task
+        self._node_name = self._declare_node_name()
         self._hardware_id = hardware_id
         self._condition = self._worst = (WARN, _NOTHING)
         self._events: list[str] = []
@@ -45,6 +52,7 @@ class Diagnostics:
         self.counts: Counter[str] = Counter()
         self.values: dict[str, object] = {}
         self.checks: list[Callable[[], None]] = []
+        self.tasks: dict[str, Callable[[], TaskResult]] = {}
         self._logged_event = ''
         self._held = False
         self._ticks = 0
@@ -53,6 +61,14 @@ class Diagnostics:
         # The steady clock: diagnostics continue while simulated time is stopped.
         self._timer = node.create_timer(_TICK_S, self._tick, clock=Clock(
             clock_type=ClockType.STEADY_TIME))
+
+    def _declare_node_name(self) -> str:
+        """Return the first part of each name, with the namespace where diagnostic_updater has."""
+        use_fqn = self._node.declare_parameter(_USE_FQN, False, ParameterDescriptor(
+            name=_USE_FQN, read_only=True, description='names of diagnostics begin with the '
+            'namespace of the node, for an aggregator of several star trackers'))
+        return (self._node.get_fully_qualified_name() if use_fqn.value
+                else self._node.get_name())
 
     def hold(self, message: str) -> None:
         """Report why the node is not active, and nothing else until release()."""
@@ -114,7 +130,13 @@ class Diagnostics:
         if events:
             message = '; '.join(events if level == OK else [message, *events])
             level = max(level, WARN)
-        status = status_message(self._name, self._hardware_id, level, message,
-                                {**self.counts, **self.values})
+        results = {self._task: (level, message, {**self.counts, **self.values})}
+        for task, run in self.tasks.items():
+            # It runs in any case, to begin its next window.
+            task_level, task_message, values = run()
+            results[task] = (*self._condition, {}) if self._held else (
+                task_level, task_message, values)
         self._publisher.publish(DiagnosticArray(
-            header=Header(stamp=self._node.get_clock().now().to_msg()), status=[status]))
+            header=Header(stamp=self._node.get_clock().now().to_msg()),
+            status=[status_message(f'{self._node_name}: {task}', self._hardware_id, *result)
+                    for task, result in results.items()]))
