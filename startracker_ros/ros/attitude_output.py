@@ -29,7 +29,8 @@ class AttitudeImuOptions(Options):
 
     attitude_imu_valid_only: bool = option(
         False, 'publish attitude_imu only for frames with an attitude, for filters that fuse a '
-        'message without looking at orientation_covariance[0] = -1, as robot_localization does')
+        'message without looking at orientation_covariance[0] = -1, as robot_localization does',
+        live=True)
 
 
 class AttitudeOutput:

@@ -115,6 +115,9 @@ class PipelineNode(ManagedNode):
     def rebuild(self) -> None:
         """Build the core from the options; state is lost."""
 
+    def set_live_options(self) -> None:
+        """Use options that have changed, of those that are live, without loss of state."""
+
     def close(self) -> None:
         """Close files, before the node is destroyed."""
 
@@ -207,8 +210,11 @@ class PipelineNode(ManagedNode):
         before = self._options
         try:
             self._options = before | {cls: parameters.read(self, cls, changes) for cls in touched}
-            if touched:
+            if touched and self._are_live(changes):
+                self.set_live_options()
+            elif touched:
                 self._rebuild_configured()
+            if touched:
                 self.get_logger().info('parameters changed: ' + ', '.join(
                     f'{name} = {value}' for name, value in changes.items()))
         except (ValueError, StartError) as error:
@@ -216,6 +222,10 @@ class PipelineNode(ManagedNode):
             self._rebuild_configured()
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def _are_live(self, changes: dict[str, object]) -> bool:
+        return self.configured and all(
+            row.live for cls in self.option_classes for row in cls.table() if row.name in changes)
 
     def _rebuild_configured(self) -> None:
         """Rebuild a configured node; configure() builds another."""

@@ -68,6 +68,10 @@ class AttitudeEstimatorNode(CameraNode):
                 self.camera, self.epoch_year, self.options(ValidationOptions),
                 self._observer.motion)
 
+    def set_live_options(self) -> None:
+        if self.camera is not None:
+            self._stage.set_limits(self.options(ValidationOptions))
+
     def warm_up(self) -> None:
         AttitudeStage(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, motion=ObserverMotion(
             self.options(AberrationOptions))).warm_up()
@@ -96,12 +100,9 @@ class AttitudeEstimatorNode(CameraNode):
             self._use_tracks(stamp_ns, message)
 
     def _use_tracks(self, stamp_ns: int, message: PointCloud2) -> None:
-        tracks = tracks_from_message(message)
-        if stamp_ns in self._tracked:
-            tracked = self._tracked[stamp_ns]
-            result = self._stage.from_tracks(stamp_ns, tracks, tracked)
-        else:
-            tracked, result = None, self._stage.from_tracks_alone(stamp_ns, tracks)
+        tracks, tracked = tracks_from_message(message), self._tracked.get(stamp_ns)
+        result = (self._stage.from_tracks(stamp_ns, tracks, tracked) if stamp_ns in self._tracked
+                  else self._stage.from_tracks_alone(stamp_ns, tracks))
         self._output.publish(stamp_ns, result, tracked)
 
     def _on_stars(self, message: PointCloud2) -> None:
