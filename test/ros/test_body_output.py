@@ -44,6 +44,7 @@ class RecordingNode:
         self.profiles[topic] = profile
 
         class Recorder:
+
             def publish(self, message):
                 assert type(message) is message_type
                 messages.append(message)

@@ -12,9 +12,9 @@ from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages.header import stamp_from_ns
 from startracker_ros.ros.messages.message_types import message_class
 from startracker_ros.ros.node import main_of, PipelineNode
+from startracker_ros.ros.playable import open_playable
 from startracker_ros.ros.playback_controls import (
     advertise_controls, summary, wait_for_subscribers)
-from startracker_ros.ros.playable import open_playable
 
 
 class BagPlayerNode(PipelineNode):
