@@ -15,7 +15,11 @@ import yaml
 
 @dataclass(frozen=True)
 class Option:
-    """One row of a parameter table; low and high are inclusive, None means unbounded."""
+    """
+    One row of a parameter table; low and high are inclusive, None means unbounded.
+
+    live: a change does not reset the algorithm.
+    """
 
     name: str
     default: Any
@@ -24,6 +28,7 @@ class Option:
     high: float | None
     choices: tuple[str, ...]
     read_only: bool
+    live: bool
     description: str
 
     @property
@@ -76,10 +81,10 @@ class Option:
 
 def option(default: Any, description: str, *, unit: str = '', low: float | None = None,
            high: float | None = None, choices: tuple[str, ...] = (),
-           read_only: bool = False) -> Any:
+           read_only: bool = False, live: bool = False) -> Any:
     """Return a dataclass field for a subclass of Options."""
     return field(default=default, metadata={'option': (
-        unit, low, high, choices, read_only, description)})
+        unit, low, high, choices, read_only, live, description)})
 
 
 @dataclass(frozen=True)

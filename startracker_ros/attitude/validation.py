@@ -21,14 +21,15 @@ class ValidationOptions(Options):
     solver: str = option(
         'quest', 'quest, davenport and svd find the same best fit of all stars, triad takes the '
         'two that determine the attitude best',
-        choices=SOLVERS)
+        choices=SOLVERS, live=True)
     min_stars: int = option(
         4, 'fewest stars of a trusted attitude; three or fewer leave no room to notice a wrong '
         'one',
-        low=2, high=100)
+        low=2, high=100, live=True)
     max_residual_px: float = option(
         1.0, 'largest rms residual of the stars, measured minus catalogue; '
-        'raise it for a lens that is not calibrated', unit='px', low=0.01, high=100.0)
+        'raise it for a lens that is not calibrated', unit='px', low=0.01, high=100.0,
+        live=True)
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,10 @@ class AttitudeValidator:
         self._sky = sky
         self._options = options
         self.reset()
+
+    def set_limits(self, options: ValidationOptions) -> None:
+        """Use other options from the next frame on."""
+        self._options = options
 
     def reset(self) -> None:
         """Forget the sign of the last quaternion."""

@@ -1,6 +1,10 @@
 """Unpacks what bags hold compressed, in bounded memory."""
 
+import os
+import shutil
 import struct
+import tempfile
+from typing import BinaryIO
 
 import lz4.frame
 from mcap.exceptions import McapError
@@ -8,6 +12,10 @@ import zstandard
 
 MAX_RECORD_BYTES = 2 ** 28
 """Larger records, and chunks that unpack to more, are treated as damage, to bound the memory."""
+
+ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
+_PIECE_BYTES = 2 ** 20
+_SHARE_OF_FREE_SPACE = 0.5
 
 # lz4 raises RuntimeErrors.
 DECODING_ERRORS = (McapError, zstandard.ZstdError, ValueError, KeyError, RuntimeError, MemoryError,
@@ -37,4 +45,29 @@ def unpack(data: bytes | memoryview, compression: str, size: int | None = None) 
         raise ValueError(f'compression {compression!r} is not known')
     if size is not None and len(unpacked) != size:
         raise ValueError(f'{len(unpacked)} bytes unpacked instead of {size}')
+    return unpacked
+
+
+def unpack_file(packed: BinaryIO) -> BinaryIO:
+    """
+    Return a temporary file with a zstd file unpacked, as far as that goes, at its begin.
+
+    ZstdError on malformed bytes, OSError if the disk fails, ValueError if half of its free space
+    is not enough: a few bytes may declare any size.
+    """
+    folder = tempfile.gettempdir()
+    limit = int(_SHARE_OF_FREE_SPACE * shutil.disk_usage(folder).free)
+    unpacked = tempfile.TemporaryFile(dir=folder)
+    try:
+        with zstandard.ZstdDecompressor().stream_reader(
+                packed, read_across_frames=True, closefd=False) as stream:
+            while piece := stream.read(_PIECE_BYTES):
+                if unpacked.tell() + len(piece) > limit:
+                    raise ValueError(f'more than {limit / 1e9:.1f} GB unpacked, half of the free '
+                                     f'space of {folder}')
+                unpacked.write(piece)
+        unpacked.seek(0, os.SEEK_SET)
+    except BaseException:
+        unpacked.close()
+        raise
     return unpacked

@@ -9,6 +9,7 @@ from startracker_ros.bag.errors import BagError, CONVERT
 from startracker_ros.bag.yaml_text import load_yaml
 
 _MAX_METADATA_BYTES = 2 ** 24
+_PACKED = '.zstd'
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,8 @@ def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
     """
     if not bag.is_dir():
         return BagFiles((bag,))
-    found = tuple(sorted(bag.glob('*.mcap'), key=lambda path: (len(path.name), path.name)))
+    found = tuple(sorted(bag.glob('*.mcap'), key=_order) or sorted(
+        bag.glob(f'*.mcap{_PACKED}'), key=_order))
     metadata = bag / 'metadata.yaml'
     if metadata.is_file():
         try:
@@ -40,6 +42,11 @@ def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
     if not found:
         raise BagError(f'{bag} holds no .mcap file')
     return BagFiles(found)
+
+
+def _order(path: Path) -> tuple[int, str]:
+    """Return the key of the order of recording: run_2 before run_10."""
+    return len(path.name), path.name
 
 
 class _MetadataError(ValueError):
@@ -76,12 +83,17 @@ def _named_files(bag: Path, information: dict[str, Any]) -> BagFiles:
     for name in names:
         # Before version 4 the name of the folder stood before that of the file.
         path = bag / name if (bag / name).exists() else bag / Path(name).name
+        if not path.exists():
+            # Unpacked by hand, or compressed by hand.
+            path = next((other for other in (
+                path.with_name(path.name.removesuffix(_PACKED)),
+                path.with_name(path.name + _PACKED)) if other.exists()), path)
         if not path.resolve().is_relative_to(bag.resolve()):
             raise BagError(f'{bag}: metadata.yaml names {name!r}, outside of the folder')
         if not path.is_file():
             raise _MetadataError(f'{name!r} is not there')
         paths.append(path)
-    if mode == 'file':
-        raise BagError(f'{bag} was compressed by rosbag2 as whole files: unpack them first '
-                       f'(unzstd {paths[0].name}) and play the .mcap file')
+    if mode == 'file' and compression != 'zstd':
+        raise BagError(f'{bag} was compressed by rosbag2 as whole files with {compression}, only '
+                       'zstd can be read: unpack them first')
     return BagFiles(tuple(paths), compression if mode == 'message' else '')

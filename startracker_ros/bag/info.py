@@ -50,12 +50,14 @@ def _row(topic: BagTopic, duration_s: float) -> dict[str, object]:
 
 
 def _compression(files: BagFiles) -> str:
-    """Return what chunks, or single messages by rosbag2, are compressed with."""
+    """Return what chunks, or single messages or whole files by rosbag2, are compressed with."""
     if files.message_compression:
         return f'{files.message_compression}, each message'
     names: set[str] = set()
     for path in files.paths:
         with McapFile(path) as file:
+            if file.compressed_file:
+                return 'zstd, whole files'
             names |= file.compressions
     return ', '.join(sorted(name or 'none' for name in names)) or 'none'
 

@@ -12,13 +12,16 @@ from io import BytesIO
 from pathlib import Path
 import struct
 from types import TracebackType
+from typing import BinaryIO
 import zlib
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
-from startracker_ros.bag.compression import DECODING_ERRORS, MAX_RECORD_BYTES, unpack
+from startracker_ros.bag.compression import (
+    DECODING_ERRORS, MAX_RECORD_BYTES, unpack, unpack_file, ZSTD_MAGIC)
 from startracker_ros.bag.errors import BagError, CONVERT, UnfinishedBagError
+import zstandard
 
 _MAX_PENDING_BYTES = 2 ** 30
 _SQLITE = b'SQLite format 3'
@@ -70,16 +73,22 @@ class McapFile:
     An open MCAP file, indexed by one pass over the heads of its records.
 
     schemas and channels by id; statistics is the file's own record, None if absent;
-    compressions are those of its chunks.
+    compressions are those of its chunks. A file that rosbag2 has compressed as a whole (zstd) is
+    unpacked into a temporary one; compressed_file says so.
     """
 
     def __init__(self, path: Path) -> None:
         """Open the file; BagError if it cannot be read or is no MCAP file."""
         self.path = Path(path)
         try:
-            self._file = open(self.path, 'rb')
+            self._file: BinaryIO = open(self.path, 'rb')
             magic = self._file.read(len(_MAGIC))
+            self.compressed_file = magic.startswith(ZSTD_MAGIC)
+            if self.compressed_file:
+                magic = self._unpack()
             self.size = self._file.seek(0, 2)
+        except BagError:
+            raise
         except OSError as error:
             raise BagError(f'cannot read {path}: {error.strerror}') from error
         if magic != _MAGIC:
@@ -100,6 +109,16 @@ class McapFile:
         except BaseException:
             self._file.close()
             raise
+
+    def _unpack(self) -> bytes:
+        """Go on with the unpacked file; return its first bytes."""
+        with self._file as packed:
+            packed.seek(0)
+            try:
+                self._file = unpack_file(packed)
+            except (zstandard.ZstdError, ValueError) as error:
+                raise BagError(f'cannot unpack {self.path}: {error}') from error
+        return self._file.read(len(_MAGIC))
 
     def __enter__(self) -> 'McapFile':
         return self

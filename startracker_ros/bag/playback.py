@@ -45,8 +45,8 @@ class PlayOptions(Options):
     topics: tuple[str, ...] = option(('*',), 'patterns of full topic names, * for any characters',
                                      read_only=True)
     exclude: tuple[str, ...] = option(
-        ('/parameter_events', '/rosout'), 'patterns of topics left out; these two would pass for '
-        'those of running nodes', read_only=True)
+        ('/parameter_events', '/rosout', '*/transition_event'), 'patterns of topics left out; '
+        'these would pass for those of running nodes', read_only=True)
     wait_for_subscribers: int = option(
         1, 'matched subscribers of each topic to wait for before the first message, 0 not to wait',
         low=0, high=100, read_only=True)

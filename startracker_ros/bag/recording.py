@@ -25,8 +25,9 @@ class RecordOptions(Options):
     topics: tuple[str, ...] = option(('*',), 'patterns of full topic names, * for any characters',
                                      read_only=True)
     exclude: tuple[str, ...] = option(
-        ('*/image_annotated',), 'patterns of topics left out; image_annotated is drawn only for '
-        'subscribers and can be drawn again', read_only=True)
+        ('*/image_annotated', '*/transition_event'), 'patterns of topics left out; '
+        'image_annotated is drawn only for subscribers and can be drawn again, the states of the '
+        'nodes are in /diagnostics', read_only=True)
     queue_depth: int = option(100, 'messages of a topic that wait for the recorder', low=1,
                               high=10000, read_only=True)
     queue_size_mb: float = option(

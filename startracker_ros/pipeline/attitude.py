@@ -31,6 +31,10 @@ class AttitudeStage:
             onboard_catalog(camera_catalog(camera), camera, epoch_year))
         self._validator = AttitudeValidator(camera, self.sky, options)
 
+    def set_limits(self, options: ValidationOptions) -> None:
+        """Use other options from the next frame on."""
+        self._validator.set_limits(options)
+
     def reset(self) -> None:
         """Forget the sign of the last quaternion."""
         self._validator.reset()

@@ -1,4 +1,4 @@
-"""The attitude on its four topics."""
+"""The attitude on its topics."""
 
 from dataclasses import dataclass, replace
 
@@ -10,11 +10,12 @@ from startracker_ros.attitude.validation import TrustedAttitude
 from startracker_ros.maths.rotation import ARCSEC
 from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
+from startracker_ros.ros.body_output import BodyOutput
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.frames_output import FramesOutput
 from startracker_ros.ros.messages.attitude import (
-    attitude_to_imu, attitude_to_pose, attitude_to_transform, quaternion_to_message,
+    attitude_to_imu, attitude_to_pose, quaternion_to_message, rotation_to_transform,
     tracked_attitude_to_imu)
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import PipelineNode
@@ -28,11 +29,12 @@ class AttitudeImuOptions(Options):
 
     attitude_imu_valid_only: bool = option(
         False, 'publish attitude_imu only for frames with an attitude, for filters that fuse a '
-        'message without looking at orientation_covariance[0] = -1, as robot_localization does')
+        'message without looking at orientation_covariance[0] = -1, as robot_localization does',
+        live=True)
 
 
 class AttitudeOutput:
-    """Publishes trusted attitudes as attitude, attitude_cov, attitude_transform, attitude_imu."""
+    """Publishes trusted attitudes in four message types, and those of body and other frames."""
 
     def __init__(self, node: PipelineNode, observer: OdometryInput) -> None:
         self._node = node
@@ -43,6 +45,11 @@ class AttitudeOutput:
         self._imu = node.advertise(Imu, 'attitude_imu', qos.LIST)
         self._transform = node.advertise(TransformStamped, 'attitude_transform', qos.LIST)
         self._frames = FramesOutput(node)
+        self._body = BodyOutput(node)
+
+    def rebuild(self) -> None:
+        """Publish what does not change with the frames."""
+        self._body.rebuild()
 
     def publish(self, stamp_ns: int, result: TrustedAttitude, tracked: TrackedAttitude | None
                 ) -> None:
@@ -64,10 +71,12 @@ class AttitudeOutput:
         # First, as a control loop may depend on it.
         self._quaternion.publish(quaternion_to_message(attitude.quaternion, header))
         self._pose.publish(attitude_to_pose(attitude, header))
-        self._transform.publish(attitude_to_transform(attitude, header, frames.sensor_frame_id))
+        self._transform.publish(rotation_to_transform(
+            attitude.quaternion, header, frames.sensor_frame_id))
         self._imu.publish(
             attitude_to_imu(attitude, sensor_header) if tracked is None else
             tracked_attitude_to_imu(replace(tracked, attitude=attitude), sensor_header))
+        self._body.publish(stamp_ns, attitude.quaternion)
         self._frames.publish(
             stamp_ns, attitude.quaternion, self._observer.motion.geocentric(stamp_ns))
         self._diagnostics.counts['attitudes'] += 1

@@ -16,6 +16,7 @@ from startracker_ros.ros.cadence import Cadence
 from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.messages.gyro import rate_from_imu
 from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.topic_status import TopicStatus
 
 _EARLY = 'camera_info before ready'
 _LOADING = 'loading code'
@@ -50,15 +51,28 @@ class CameraNode(PipelineNode):
         self._cadence = Cadence()
         self._newest_ns: dict[str, int] = {}
         self._restarted = False
+        self._topic_status = TopicStatus(self.get_clock())
         self.diagnostics.checks.append(self._check_silence)
 
     def prepare(self) -> None:
         """Load the code in a thread, then subscribe to the source."""
+        if self.frame_topic:
+            self.diagnostics.tasks[f'{self.frame_topic} topic status'] = self._topic_status.run
         self._text, self._slow_s = self._loading(), time.monotonic() + _SLOW_LOADING_S
         self.diagnostics.report(WARN, self._text)
         self.diagnostics.publish()
         self._thread.start()
         self._warm_up_timer = self.create_steady_timer(0.02, self._check_warm_up)
+
+    def activate(self) -> None:
+        # The time without frames is no gap of the source.
+        self._cadence = Cadence()
+        self._topic_status.restart()
+
+    def cleanup(self) -> None:
+        self.camera = None
+        self._newest_ns.clear()
+        self._restarted = False
 
     @property
     def preparing(self) -> bool:
@@ -74,7 +88,8 @@ class CameraNode(PipelineNode):
 
     def subscribe_camera_info(self) -> None:
         """Subscribe to camera_info: sources take a subscriber for a stage that is ready."""
-        self.subscribe(CameraInfo, 'camera_info', self._on_camera_info, qos.LIST)
+        self.subscribe(CameraInfo, 'camera_info', self._on_camera_info, qos.LIST,
+                       while_inactive=True)
 
     def _warm_up(self) -> None:
         try:
@@ -161,6 +176,7 @@ class CameraNode(PipelineNode):
     def _follow_cadence(self, stamp_ns: int) -> None:
         topic = self.frame_topic
         missing, ahead_s = self._cadence.arrived(stamp_ns, time.monotonic())
+        self._topic_status.arrived(stamp_ns, missing)
         if missing:
             self.diagnostics.counts[f'{topic} missing'] += missing
             self.diagnostics.report_event(f'{topic}: frames are missing')

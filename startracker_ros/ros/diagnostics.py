@@ -5,16 +5,22 @@ from collections.abc import Callable
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from startracker_ros.ros.transitions import Transitions
 from std_msgs.msg import Header
+
+TaskResult = tuple[bytes, str, dict[str, object]]
+"""Level, message and values of a status."""
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 _TICKS = 2
 _TICK_S = 1.0 / _TICKS
 _MAX_EVENTS = 5
+_USE_FQN = 'diagnostic_updater.use_fqn'
+_NOTHING = 'nothing received yet'
 # A timer tick that is later means that the process was busy or stopped.
 _LATE_S = 0.4
 
@@ -31,20 +37,24 @@ class Diagnostics:
     """
     Collects the condition, events, counters and values of one node and publishes them.
 
-    The functions in checks are called before each publication.
+    The functions in checks are called before each publication; tasks are further statuses by
+    name.
     """
 
     def __init__(self, node: Node, task: str, hardware_id: str) -> None:
         self._node = node
-        self._name = f'{node.get_name()}: {task}'
+        self._task = task
+        self._node_name = self._declare_node_name()
         self._hardware_id = hardware_id
-        self._condition = self._worst = (WARN, 'nothing received yet')
+        self._condition = self._worst = (WARN, _NOTHING)
         self._events: list[str] = []
         self._transitions = Transitions()
         self.counts: Counter[str] = Counter()
         self.values: dict[str, object] = {}
         self.checks: list[Callable[[], None]] = []
+        self.tasks: dict[str, Callable[[], TaskResult]] = {}
         self._logged_event = ''
+        self._held = False
         self._ticks = 0
         self._tick_s: float | None = None
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -52,9 +62,29 @@ class Diagnostics:
         self._timer = node.create_timer(_TICK_S, self._tick, clock=Clock(
             clock_type=ClockType.STEADY_TIME))
 
+    def _declare_node_name(self) -> str:
+        """Return the first part of each name, with the namespace where diagnostic_updater has."""
+        use_fqn = self._node.declare_parameter(_USE_FQN, False, ParameterDescriptor(
+            name=_USE_FQN, read_only=True, description='names of diagnostics begin with the '
+            'namespace of the node, for an aggregator of several star trackers'))
+        return (self._node.get_fully_qualified_name() if use_fqn.value
+                else self._node.get_name())
+
+    def hold(self, message: str) -> None:
+        """Report why the node is not active, and nothing else until release()."""
+        self._held = False
+        self.report(WARN, message)
+        self._held = True
+
+    def release(self) -> None:
+        """Report again what the node reports."""
+        if self._held:
+            self._held = False
+            self.report(WARN, _NOTHING)
+
     def report(self, level: bytes, message: str) -> None:
         """Set the condition; a change is logged once, repeats with other numbers are not."""
-        if (level, message) == self._condition:
+        if self._held or (level, message) == self._condition:
             return
         self._condition = level, message
         # The newer one of two with the same level.
@@ -72,6 +102,8 @@ class Diagnostics:
 
     def report_event(self, message: str) -> None:
         """Warn once, in the next publication; the condition does not change."""
+        if self._held:
+            return
         if message not in self._events:
             self._events = [*self._events, message][-_MAX_EVENTS:]
         if message != self._logged_event:
@@ -98,7 +130,13 @@ class Diagnostics:
         if events:
             message = '; '.join(events if level == OK else [message, *events])
             level = max(level, WARN)
-        status = status_message(self._name, self._hardware_id, level, message,
-                                {**self.counts, **self.values})
+        results = {self._task: (level, message, {**self.counts, **self.values})}
+        for task, run in self.tasks.items():
+            # It runs in any case, to begin its next window.
+            task_level, task_message, values = run()
+            results[task] = (*self._condition, {}) if self._held else (
+                task_level, task_message, values)
         self._publisher.publish(DiagnosticArray(
-            header=Header(stamp=self._node.get_clock().now().to_msg()), status=[status]))
+            header=Header(stamp=self._node.get_clock().now().to_msg()),
+            status=[status_message(f'{self._node_name}: {task}', self._hardware_id, *result)
+                    for task, result in results.items()]))

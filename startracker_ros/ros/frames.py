@@ -19,10 +19,10 @@ class ExtraFrameOptions(Options):
     publish_frames: bool = option(
         False, 'publish the attitude also with respect to the mean equator and equinox of J2000 '
         '(attitude_j2000), the Earth (attitude_itrf) and, with odometry, the orbit frame '
-        '(attitude_orbit)')
+        '(attitude_orbit)', live=True)
     ut1_utc_s: float = option(
         0.0, 'UT1 - UTC of the day for attitude_itrf, from IERS Bulletin A; each 0.1 s turn it by '
-        '1.5 arcsec', unit='s', low=-1.0, high=1.0)
+        '1.5 arcsec', unit='s', low=-1.0, high=1.0, live=True)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from rcl_interfaces.msg import SetParametersResult
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -28,6 +27,7 @@ from startracker_ros.ros import parameters, qos
 from startracker_ros.ros.composition import Composition
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR
 from startracker_ros.ros.forced_exit import exit_after
+from startracker_ros.ros.managed import LifecycleOptions, ManagedNode, StartError
 from startracker_ros.ros.shared_memory import remove_left_behind
 from startracker_ros.ros.shutdown import Shutdown
 from std_srvs.srv import Trigger
@@ -45,17 +45,14 @@ EXIT_TIMEOUT_S = 5.0
 """Time for DDS to remove a node that has closed its files."""
 
 
-class StartError(RuntimeError):
-    """A node that cannot start with its parameters; the text says what to change."""
-
-
-class PipelineNode(Node):
+class PipelineNode(ManagedNode):
     """
-    A node with options from parameters and a status on /diagnostics.
+    A managed node with options from parameters and a status on /diagnostics.
 
     Subclasses name their options classes in `option_classes`, their diagnostics task in
-    `task`, and build the core in rebuild(), which runs at the start and after each change
-    of a parameter.
+    `task`, and build the core in rebuild(), which runs at configuration and after each change
+    of a parameter. Until a node is active it drops what it receives, as if that had been lost in
+    transport.
     """
 
     option_classes: tuple[type[Options], ...] = ()
@@ -69,20 +66,41 @@ class PipelineNode(Node):
     uses_message_info = False
     """Whether callbacks take the message info, which says when a message was sent."""
 
+    def __init_subclass__(cls) -> None:
+        """Add the options of every node to those that a class names."""
+        if 'option_classes' in vars(cls):
+            cls.option_classes = (*cls.option_classes, LifecycleOptions)
+
     def __init__(self, name: str) -> None:
         super().__init__(name)
+        self._prepared = False
         self._options = parameters.declare(self, self.option_classes)
         self.hardware_id = self.get_namespace().strip('/') or 'star_tracker'
         self.diagnostics = Diagnostics(self, self.task, self.hardware_id)
 
     def begin(self) -> None:
-        """Build the core and accept changes of parameters."""
-        self.rebuild()
+        """Configure and activate unless a manager does, and accept changes of parameters."""
+        if self.options(LifecycleOptions).autostart:
+            self.autostart()
+        else:
+            self.on_state(self.state_label)
         # Last: rclpy sets the parameters that the last callback has accepted.
         self.add_on_set_parameters_callback(self._on_change)
 
+    def configure(self) -> None:
+        self.rebuild()
+        if not self._prepared:
+            self._prepared = True
+            self.prepare()
+
+    def on_state(self, label: str) -> None:
+        if label == 'active':
+            self.diagnostics.release()
+        else:
+            self.diagnostics.hold(label)
+
     def prepare(self) -> None:
-        """Get ready for messages; runs last, when the executor has the node."""
+        """Get ready for messages, once, after the first rebuild()."""
         self.get_logger().info('ready')
 
     @property
@@ -97,19 +115,26 @@ class PipelineNode(Node):
     def rebuild(self) -> None:
         """Build the core from the options; state is lost."""
 
+    def set_live_options(self) -> None:
+        """Use options that have changed, of those that are live, without loss of state."""
+
     def close(self) -> None:
         """Close files, before the node is destroyed."""
 
     def subscribe(self, message_type: type, topic: str, callback: Callable,
-                  profile: QoSProfile, *, last: bool = False,
+                  profile: QoSProfile, *, last: bool = False, while_inactive: bool = False,
                   decode: Callable[[bytes], Any] | None = None) -> None:
         """
         Subscribe to a topic; messages that the callback rejects are reported and counted.
 
         last: among several nodes of a process, after all that the attitude depends on.
+        while_inactive: also in the state inactive.
         decode: a deserialization that is faster than that of rclpy.
         """
         def guarded(message: Any) -> None:
+            if not (self.active or while_inactive and self.configured):
+                self.diagnostics.counts[f'{topic} while not active'] += 1
+                return
             self.diagnostics.counts[f'{topic} received'] += 1
             try:
                 # Within a process messages are not serialized.
@@ -157,6 +182,8 @@ class PipelineNode(Node):
     def advertise_reset(self) -> None:
         """Advertise the service ~/reset."""
         def reset() -> tuple[bool, str]:
+            if not self.configured:
+                return False, 'not configured'
             self.rebuild()
             self.get_logger().info('reset: state forgotten')
             return True, 'state forgotten'
@@ -183,15 +210,27 @@ class PipelineNode(Node):
         before = self._options
         try:
             self._options = before | {cls: parameters.read(self, cls, changes) for cls in touched}
+            if touched and self._are_live(changes):
+                self.set_live_options()
+            elif touched:
+                self._rebuild_configured()
             if touched:
-                self.rebuild()
                 self.get_logger().info('parameters changed: ' + ', '.join(
                     f'{name} = {value}' for name, value in changes.items()))
         except (ValueError, StartError) as error:
             self._options = before
-            self.rebuild()
+            self._rebuild_configured()
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def _are_live(self, changes: dict[str, object]) -> bool:
+        return self.configured and all(
+            row.live for cls in self.option_classes for row in cls.table() if row.name in changes)
+
+    def _rebuild_configured(self) -> None:
+        """Rebuild a configured node; configure() builds another."""
+        if self.configured:
+            self.rebuild()
 
 
 def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = None) -> int:
@@ -212,15 +251,14 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
         for node_class in node_classes:
             nodes.append(node_class())  # type: ignore[call-arg]  # each sets its name
         parameters.reject_unknown(nodes)
+        if PipelineNode.composition is not None:
+            PipelineNode.composition.connect()
+        for node in nodes:
+            executor.add_node(node)
         for node in nodes:
             node_class = type(node)
             node.begin()
-        if PipelineNode.composition is not None:
-            PipelineNode.composition.connect()
         _collect_between_frames(nodes[0])
-        for node in nodes:
-            executor.add_node(node)
-            node.prepare()
         with shutdown.while_spinning(wake=partial(executor.create_task, bool)):
             # spin() of the events executor of rclpy 7.1.6 runs no callback.
             while not shutdown.requested:

@@ -1,12 +1,33 @@
 """Which topics of a bag are published."""
 
 from collections.abc import Callable, Iterable
+from pathlib import Path
 
+from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.patterns import selected
 from startracker_ros.bag.playback import PlayOptions
 from startracker_ros.bag.reader import BagTopic
 from startracker_ros.bag.schemas import message_schema
+from startracker_ros.bag.tolerant import TolerantBag
+from startracker_ros.ros.managed import StartError
 from startracker_ros.ros.messages.message_types import message_class
+
+
+def open_playable(options: PlayOptions, *, own_clock: bool, warn: Callable[[str], object],
+                  on_damage: Callable[[str], None]
+                  ) -> tuple[TolerantBag, tuple[int, int], list[BagTopic]]:
+    """Return a bag, its span in ns and what is played of it; StartError without anything."""
+    if not options.path:
+        raise StartError('path is empty: name a bag folder or an .mcap file')
+    try:
+        bag = TolerantBag(Path(options.path), on_damage)
+    except BagError as error:
+        raise StartError(str(error)) from error
+    chosen = playable_topics(bag.topics.values(), options, own_clock=own_clock, warn=warn)
+    if bag.span_ns is None or not chosen:
+        raise StartError(f'{options.path}: nothing to play among '
+                         f'{", ".join(sorted(bag.topics)) or "no topics"}')
+    return bag, bag.span_ns, chosen
 
 
 def playable_topics(topics: Iterable[BagTopic], options: PlayOptions, *, own_clock: bool,

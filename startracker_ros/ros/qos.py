@@ -11,6 +11,8 @@ LIST = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 IMU = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                    durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# As the broadcasters of tf2; /tf_static is as STATE.
+TF = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def overridable() -> QoSOverridingOptions:

@@ -76,6 +76,8 @@ class SourceNode(PipelineNode):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self._timer: Timer | None = None
+        self._begin_ns: int | None = None
+        self._inactive_ns: int | None = None
         self._published_camera: Camera | None = None
         self._image = self.advertise(Image, 'image_raw', qos.IMAGE)
         self._camera_info = self.advertise(CameraInfo, 'camera_info', qos.LIST)
@@ -91,9 +93,17 @@ class SourceNode(PipelineNode):
         if self._timer is not None:
             self.destroy_timer(self._timer)
         self._next_index = 0
-        self._begin_ns: int | None = None
+        self._begin_ns = self._inactive_ns = None
         self._timer = self.create_timer(
             1 / self.options(SourceOptions).frame_rate_hz, self._tick)
+
+    def activate(self) -> None:
+        # The simulated sky and the order of the files stand still while the node is inactive.
+        if self._begin_ns is not None and self._inactive_ns is not None:
+            self._begin_ns += self.get_clock().now().nanoseconds - self._inactive_ns
+
+    def deactivate(self) -> None:
+        self._inactive_ns = self.get_clock().now().nanoseconds
 
     def publish_image(self, image: np.ndarray, camera: Camera, header: Header) -> None:
         """Publish an image (H, W) and the camera that took it."""
@@ -115,6 +125,8 @@ class SourceNode(PipelineNode):
         return make_header(stamp_ns, self.options(FrameOptions).sensor_frame_id)
 
     def _tick(self) -> None:
+        if not self.active:
+            return
         options = self.options(SourceOptions)
         now_ns = self.get_clock().now().nanoseconds
         if self._begin_ns is None:

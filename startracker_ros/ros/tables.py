@@ -19,8 +19,12 @@ def node_rows(node: str) -> list[Option]:
     return [row for options in node_class_of(node).option_classes for row in options.table()]
 
 
+def _change(row: Option) -> str:
+    return 'read only' if row.read_only else 'live' if row.live else ''
+
+
 def _facts(row: Option) -> str:
-    facts = [row.unit, row.range_text, 'read only' if row.read_only else '']
+    facts = [row.unit, row.range_text, _change(row)]
     return '; '.join(fact for fact in facts if fact)
 
 
@@ -42,13 +46,14 @@ def markdown_text() -> str:
         f'Made by `{_COMMAND}` from the option tables in the code. A value out of range, of the',
         'wrong type or with an unknown name stops the node at its start with a message that names',
         'it; a change at run time is rejected with the same message. An accepted change takes',
-        'effect with the next frame and resets a stateful node. The value that a parameter has is',
-        'no change: `ros2 param load` of the own dump of a node resets nothing.']
+        'effect with the next frame. It resets a stateful node unless the parameter is marked',
+        'live. The value that a parameter has is no change: `ros2 param load` of the own dump of',
+        'a node resets nothing.']
     for node in NODES:
         lines += ['', f'## {node}', '', '| name | default | unit | range | meaning |',
                   '|---|---|---|---|---|']
         for row in node_rows(node):
-            meaning = row.description + (' (read only)' if row.read_only else '')
+            meaning = row.description + (f' ({_change(row)})' if _change(row) else '')
             lines.append(f'| `{row.name}` | `{yaml_value(row.default)}` | {row.unit} | '
                          f'{row.range_text} | {meaning} |')
     return '\n'.join(lines) + '\n'

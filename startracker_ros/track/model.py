@@ -63,6 +63,10 @@ class StarModel(ABC):
             options.detection_probability, float(camera.width * camera.height))
         self.bank = TrackBank.empty()
 
+    def set_limits(self, options: TrackerOptions) -> None:
+        """Use live options; the others must be those of before."""
+        self._options = options
+
     @abstractmethod
     def start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
         """Begin at the second frame with the mean rate since the first, without tracks."""

@@ -102,6 +102,11 @@ class StarTracker:
         self.frames_since_fix = 0
         self._enter(TrackerState.LOST, 'waiting for an identified frame')
 
+    def set_limits(self, options: TrackerOptions) -> None:
+        """Use live options, without loss of lock; the others must be those of before."""
+        self._options = options
+        self._model.set_limits(options)
+
     @property
     def attitude(self) -> TrackedAttitude | None:
         """Return the attitude of the newest frame, None unless its stars agree on one."""

@@ -202,7 +202,7 @@ def check_topics_and_reset(probe, places, folder):
         where = space.rstrip('/') or '/'
 
         def names(topics, space=space):
-            own = {name for name, _ in topics} - {
+            own = {name for name, _ in topics if not name.endswith('/transition_event')} - {
                 '/diagnostics', '/rosout', '/parameter_events', '/clock'}
             return {re.sub('^tracker_[12]/', '', name.removeprefix(space)) for name in own}
 

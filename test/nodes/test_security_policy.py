@@ -51,9 +51,11 @@ def profiles(file: str) -> dict[str, dict[tuple[str, str], set[str]]]:
 
 
 def opened(node: PipelineNode) -> dict[tuple[str, str], set[str]]:
-    """Return what a node has opened, by full name; rcl itself opens the log, /rosout."""
+    """Return what a node has opened, by full name; rcl opens the log and the transitions."""
     return {
-        ('topics', 'publish'): {'/rosout', *(one.topic_name for one in node.publishers)},
+        ('topics', 'publish'): {
+            '/rosout', f'/{node.get_name()}/transition_event',
+            *(one.topic_name for one in node.publishers)},
         ('topics', 'subscribe'): {one.topic_name for one in node.subscriptions},
         ('services', 'reply'): {service.service_name for service in node.services},
         ('services', 'request'): {client.service_name for client in node.clients}}
@@ -76,7 +78,6 @@ def start(name: str, parameters: dict[str, object]) -> dict[tuple[str, str], set
         node.begin()
         if isinstance(node, CameraNode):
             # It subscribes to its source once its code is loaded.
-            node.prepare()
             node._thread.join()
             node._check_warm_up()
             node._on_camera_info(camera_to_message(

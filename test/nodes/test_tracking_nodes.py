@@ -9,6 +9,8 @@ from geometry_msgs.msg import QuaternionStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
 from startracker_ros.astro.aberration import apparent_directions, vantage_near_earth
@@ -168,6 +170,30 @@ def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
     assert set(np.diff(identified_ns())) == {CHECK_NS}
     flight.frames(2, frame_id='base_link')
     probe.wait_diagnostic("imu: frame 'base_link' is not that of the centroids")
+
+
+def test_limits_change_without_loss_of_lock(nodes, probe):
+    flight = Flight(nodes, probe)
+    flight.until('TRACKING')
+    flight.frames(5)
+    states = probe.received['tracker_state']
+    tracking = len(states)
+
+    def set_parameter(node, name, value):
+        """Set a parameter; repeated, it is no change."""
+        assert probe.call(SetParameters, f'/{node}/set_parameters', SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()])).results[0].successful
+    set_parameter('star_tracker', 'max_gap_s', 2.0)
+    set_parameter('star_tracker', 'min_stars', 5)
+    set_parameter('attitude_estimator', 'min_stars', 100)
+    assert all(tracked_attitude_from_imu(answer) is None for answer in flight.frames(3))
+    set_parameter('attitude_estimator', 'min_stars', 4)
+    errors = flight.errors(flight.frames(10))
+    assert len(errors) == 10 and np.abs(errors).max() < 5
+    assert {state.message for state in states[tracking:]} == {'TRACKING'}
+    # A limit that the frames do not keep has its effect.
+    set_parameter('star_tracker', 'min_stars', 100)
+    flight.until('LOST')
 
 
 def test_a_gyro_in_degrees_is_named_and_not_used(nodes, probe):

@@ -72,6 +72,13 @@ def test_every_import_has_a_rosdep_key_or_is_listed_as_pip_only():
     assert depends <= keys
 
 
+def test_the_docker_image_installs_what_has_no_rosdep_key():
+    needed, = re.findall('Noble, pip only: (.*?)\\.? -->', (SOURCE / 'package.xml').read_text())
+    image = (SOURCE / 'docs' / 'examples' / 'Dockerfile').read_text().replace('\\\n', '')
+    installed, = re.findall('--break-system-packages (.*)', image)
+    assert installed.split() == needed.split(', ')
+
+
 def test_every_import_is_a_dependency_or_of_an_extra_in_setup_py(monkeypatch):
     monkeypatch.chdir(SOURCE)
     setup = run_setup('setup.py', stop_after='init')

@@ -253,6 +253,19 @@ def test_short_dropout_is_bridged_a_long_one_is_not(model):
     assert len(tracks) == 0 and tracker.stars_matched == 0 and np.isnan(tracker.residual_px)
 
 
+def test_limits_change_without_loss_of_lock():
+    motion = Motion(ONBOARD, (0.1, 0.2, 0.0))
+    tracker = tracking(motion, 30, max_gap_s=5.0)
+    before = tracker.update(*motion.frame(30)[:2])
+    tracker.set_limits(TrackerOptions(max_gap_s=0.5, max_missed=200))
+    after = tracker.update(*motion.frame(31)[:2])
+    assert tracker.state is TrackerState.TRACKING
+    assert len(set(after.track_id) & set(before.track_id)) > 20
+    for k in range(32, 38):
+        tracker.update(START_NS + k * STEP_NS, Centroids.empty())
+    assert tracker.state is TrackerState.LOST and 'no stars for 0.6 s' in tracker.reason
+
+
 def test_star_that_disappears_is_dropped_and_acquired_again():
     motion = Motion(ONBOARD, (0.0, 0.1, 0.0))
     tracker = tracking(motion, 20, max_missed=4, confirm_frames=3)

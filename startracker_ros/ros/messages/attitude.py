@@ -99,9 +99,9 @@ def tracked_attitude_from_imu(message: Imu) -> TrackedAttitude | None:
         np.reshape(message.angular_velocity_covariance, (3, 3)))
 
 
-def attitude_to_transform(attitude: AttitudeEstimate, header: Header,
-                          sensor_frame_id: str) -> TransformStamped:
-    """Return `attitude_transform`, inertial to sensor frame, no translation."""
-    message = TransformStamped(header=header, child_frame_id=sensor_frame_id)
-    message.transform.rotation = quaternion_to_geometry(attitude.quaternion)
+def rotation_to_transform(q_parent_from_child: np.ndarray, header: Header,
+                          child_frame_id: str) -> TransformStamped:
+    """Return the transform of a child frame, (4,) without translation, in that of the header."""
+    message = TransformStamped(header=header, child_frame_id=child_frame_id)
+    message.transform.rotation = quaternion_to_geometry(q_parent_from_child)
     return message

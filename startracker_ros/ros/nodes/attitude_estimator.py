@@ -12,6 +12,7 @@ from startracker_ros.options import option, Options
 from startracker_ros.pipeline.attitude import AttitudeStage
 from startracker_ros.ros import qos
 from startracker_ros.ros.attitude_output import AttitudeImuOptions, AttitudeOutput
+from startracker_ros.ros.body_output import MountOptions
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import ExtraFrameOptions, FrameOptions
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
@@ -38,7 +39,7 @@ class AttitudeEstimatorNode(CameraNode):
     """Publishes the attitude of each frame that has a trusted one, in ICRF."""
 
     option_classes = (SourceOptions, ValidationOptions, FrameOptions, ExtraFrameOptions,
-                      AttitudeImuOptions, AberrationOptions)
+                      MountOptions, AttitudeImuOptions, AberrationOptions)
     task = 'attitude'
 
     def __init__(self) -> None:
@@ -59,12 +60,17 @@ class AttitudeEstimatorNode(CameraNode):
 
     def rebuild(self) -> None:
         self._observer.rebuild()
+        self._output.rebuild()
         if self.camera is not None:
             self._tracked.clear()
             self._waiting = None
             self._stage = AttitudeStage(
                 self.camera, self.epoch_year, self.options(ValidationOptions),
                 self._observer.motion)
+
+    def set_live_options(self) -> None:
+        if self.camera is not None:
+            self._stage.set_limits(self.options(ValidationOptions))
 
     def warm_up(self) -> None:
         AttitudeStage(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, motion=ObserverMotion(
@@ -94,12 +100,9 @@ class AttitudeEstimatorNode(CameraNode):
             self._use_tracks(stamp_ns, message)
 
     def _use_tracks(self, stamp_ns: int, message: PointCloud2) -> None:
-        tracks = tracks_from_message(message)
-        if stamp_ns in self._tracked:
-            tracked = self._tracked[stamp_ns]
-            result = self._stage.from_tracks(stamp_ns, tracks, tracked)
-        else:
-            tracked, result = None, self._stage.from_tracks_alone(stamp_ns, tracks)
+        tracks, tracked = tracks_from_message(message), self._tracked.get(stamp_ns)
+        result = (self._stage.from_tracks(stamp_ns, tracks, tracked) if stamp_ns in self._tracked
+                  else self._stage.from_tracks_alone(stamp_ns, tracks))
         self._output.publish(stamp_ns, result, tracked)
 
     def _on_stars(self, message: PointCloud2) -> None:

@@ -1,26 +1,20 @@
 """bag_player: an MCAP bag -> what it holds, and /clock."""
 
 from functools import partial
-from pathlib import Path
 import sys
-import time
 
-from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock as ClockMessage
-from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.playback import Playback, PlaybackOptions, PlayOptions
 from startracker_ros.bag.reader import BagMessage
-from startracker_ros.bag.tolerant import TolerantBag
 from startracker_ros.ros.awaited_subscribers import AwaitedSubscribers
 from startracker_ros.ros.bag_qos import playback_qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages.header import stamp_from_ns
 from startracker_ros.ros.messages.message_types import message_class
-from startracker_ros.ros.node import main_of, PipelineNode, StartError
-from startracker_ros.ros.playable import playable_topics
-
-# For subscribers to acknowledge the last messages.
-_LAST_MESSAGES_S = 2.0
+from startracker_ros.ros.node import main_of, PipelineNode
+from startracker_ros.ros.playable import open_playable
+from startracker_ros.ros.playback_controls import (
+    advertise_controls, summary, wait_for_subscribers)
 
 
 class BagPlayerNode(PipelineNode):
@@ -32,21 +26,14 @@ class BagPlayerNode(PipelineNode):
     def __init__(self) -> None:
         super().__init__('bag_player')
         self._playback: Playback | None = None
-        self._damaged = False
+        self._damaged = self._deactivated = False
+        advertise_controls(self, lambda: self._playback)
 
     def rebuild(self) -> None:
         options, timing = self.options(PlayOptions), self.options(PlaybackOptions)
-        if not options.path:
-            raise StartError('path is empty: name a bag folder or an .mcap file')
-        try:
-            bag = TolerantBag(Path(options.path), self._on_damage)
-        except BagError as error:
-            raise StartError(str(error)) from error
-        chosen = playable_topics(bag.topics.values(), options, warn=self.get_logger().warning,
-                                 own_clock=timing.clock_rate_hz > 0)
-        if bag.span_ns is None or not chosen:
-            raise StartError(f'{options.path}: nothing to play among '
-                             f'{", ".join(sorted(bag.topics)) or "no topics"}')
+        bag, span_ns, chosen = open_playable(
+            options, on_damage=self._on_damage, warn=self.get_logger().warning,
+            own_clock=timing.clock_rate_hz > 0)
         self._players = {
             topic.name: self.create_publisher(
                 message_class(topic.type_name), topic.name, playback_qos(topic.qos))
@@ -54,23 +41,33 @@ class BagPlayerNode(PipelineNode):
         if timing.clock_rate_hz:
             self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
         playback = self._playback = Playback(
-            partial(bag.messages, tuple(self._players)), bag.span_ns, timing,
+            partial(bag.messages, tuple(self._players)), span_ns, timing,
             publish=self._publish_message, tick=self._publish_clock, finished=self._on_end)
-        self.advertise_trigger('pause', lambda: (playback.pause(), 'paused'))
-        self.advertise_trigger('resume', lambda: (playback.resume(), 'playing'))
-        self.advertise_trigger('step', lambda: (
-            (True, 'one message more') if playback.step() else (False, 'not paused: pause first')))
-        self._start_timer = self.create_steady_timer(0.01, partial(
+        self._timer = self.create_steady_timer(0.01, partial(
             self._start, playback, AwaitedSubscribers(self._players, options, self)))
+
+    def activate(self) -> None:
+        if self._deactivated and self._playback is not None:
+            self._playback.resume()
+
+    def deactivate(self) -> None:
+        # Not resumed if ~/pause has paused it.
+        self._deactivated = self._playback is not None and self._playback.pause()
+
+    def cleanup(self) -> None:
+        if self._playback is not None:
+            self._playback.stop()
+        self._playback, self._deactivated = None, False
+        self.destroy_timer(self._timer)
+        for publisher in self._players.values():
+            self.destroy_publisher(publisher)
 
     def close(self) -> None:
         """Stop the playback."""
         if self._playback is not None:
             self._playback.stop()
-            median, p95, worst = self._playback.pacing_ms()
-            print(f'[bag_player] {self.options(PlayOptions).path}: {self._playback.published} '
-                  f'messages of {len(self._players)} topics; late by {median:.2f} ms median, '
-                  f'{p95:.2f} ms p95, {worst:.2f} ms at most', file=sys.stderr, flush=True)
+            print(f'[bag_player] {self.options(PlayOptions).path}: '
+                  f'{summary(self._playback, len(self._players))}', file=sys.stderr, flush=True)
 
     def _on_damage(self, problem: str) -> None:
         """Report the first damage as the condition of the node, more in the log."""
@@ -81,9 +78,9 @@ class BagPlayerNode(PipelineNode):
             self.diagnostics.report(ERROR, problem)
 
     def _start(self, playback: Playback, awaited: AwaitedSubscribers) -> None:
-        if awaited.are_there():
-            self.destroy_timer(self._start_timer)
-            self.create_steady_timer(0.5, partial(self._report, playback))
+        if self.active and awaited.are_there():
+            self.destroy_timer(self._timer)
+            self._timer = self.create_steady_timer(0.5, partial(self._report, playback))
             playback.start()
 
     def _publish_message(self, message: BagMessage) -> None:
@@ -108,9 +105,9 @@ class BagPlayerNode(PipelineNode):
         """End the node with the bag; runs in the thread of the playback."""
         if failure is not None:
             self.get_logger().error(str(failure))
-        end_s = time.monotonic() + _LAST_MESSAGES_S
-        for publisher in self._players.values():
-            publisher.wait_for_all_acked(Duration(seconds=max(0.0, end_s - time.monotonic())))
+        if not self.configured:
+            return
+        wait_for_subscribers(self._players.values())
         self.shutdown.request()
 
 

@@ -80,8 +80,8 @@ class BagRecorderNode(PipelineNode):
     def _subscribe(self, topic: str, message_type: type,
                    publishers: list[TopicEndpointInfo]) -> Subscription:
         def write(message: bytes, info: dict) -> None:
-            if self._recording.write(topic, message, info['received_timestamp'],
-                                     info['source_timestamp']):
+            if self.active and self._recording.write(
+                    topic, message, info['received_timestamp'], info['source_timestamp']):
                 self.diagnostics.counts['messages'] += 1
 
         profile = recording_qos(publishers, self.options(RecordOptions).queue_depth)

@@ -56,6 +56,10 @@ class StarTrackerNode(CameraNode):
                 self._observer.motion)
             self._state.publish(self._tracker)
 
+    def set_live_options(self) -> None:
+        if self.camera is not None:
+            self._tracker.set_limits(self.options(TrackerOptions))
+
     def warm_up(self) -> None:
         make_star_tracker(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR,
                           self.options(TrackerOptions)).warm_up()

@@ -107,7 +107,7 @@ class TargetLocatorNode(PipelineNode):
 
     def _report_silence(self) -> None:
         """Report what is missing if neither observer sent anything new."""
-        if not self._results:
+        if not self._results and self.active:
             self.diagnostics.report(WARN, f'no position: {self._locator.missing_inputs()}')
         self._results = 0
 
