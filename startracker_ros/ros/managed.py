@@ -8,6 +8,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from startracker_ros.options import option, Options
+from startracker_ros.ros.messages.rclpy_internals import intercept_change_state, lifecycle_state
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,7 @@ class ManagedNode(LifecycleNode):
         self.configured = self.active = False
         self._failure: Exception | None = None
         # The callback of rclpy 7.1.6 ends the process at a transition that the state has not.
-        self._change_state = self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
+        intercept_change_state(self, self._on_change_state)
 
     def configure(self) -> None:
         """Build what the node needs, out of its parameters."""
@@ -65,7 +65,7 @@ class ManagedNode(LifecycleNode):
     @property
     def state_label(self) -> str:
         """Return the state: unconfigured, inactive, active or finalized."""
-        return self._state_machine.current_state[1]
+        return lifecycle_state(self)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure."""
@@ -124,11 +124,11 @@ class ManagedNode(LifecycleNode):
             return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
 
-    def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response
-                         ) -> ChangeState.Response:
+    def _on_change_state(self, change_state: Callable, request: ChangeState.Request,
+                         response: ChangeState.Response) -> ChangeState.Response:
         """Change the state; a transition that is not possible changes nothing."""
         try:
-            response = self._change_state(request, response)
+            response = change_state(request, response)
         except rclpy_implementation.RCLError:
             # rcl has logged the state and the transition.
             response.success = False

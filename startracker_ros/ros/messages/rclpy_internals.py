@@ -1,12 +1,15 @@
 """
 What rclpy keeps private and the nodes need: tried with rclpy 7.1, each with a way around.
 
-Where a later rclpy has renamed an attribute, images are copied once more and misspelt parameters
-are ignored, as in any other node.
+Where a later rclpy has renamed an attribute, images are copied once more, misspelt parameters
+are ignored and transitions answered as in any other node.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 
@@ -31,3 +34,16 @@ def parameter_overrides(node: Node) -> dict[str, Any]:
 def declared_parameters(node: Node) -> list[str]:
     """Return the names of the parameters that a node declared."""
     return list(getattr(node, '_parameters', {}))
+
+
+def intercept_change_state(node: LifecycleNode, intercept: Callable) -> None:
+    """Let intercept(change_state, request, response) answer the requests of ~/change_state."""
+    service = getattr(node, '_service_change_state', None)
+    if service is not None:
+        service.callback = partial(intercept, service.callback)
+
+
+def lifecycle_state(node: LifecycleNode) -> str:
+    """Return the label of the state that a managed node is in, empty where it is not known."""
+    machine = getattr(node, '_state_machine', None)
+    return '' if machine is None else machine.current_state[1]
