@@ -5,7 +5,7 @@ import numpy as np
 from PIL import Image, ImageOps
 import pytest
 from startracker_ros.camera.exif import read_exif
-from startracker_ros.camera.images import image_paths, read_image, read_photograph
+from startracker_ros.camera.images import image_paths, Photograph, read_image, read_photograph
 
 
 def save(path, tags=(), details=(), size=(60, 40)):
@@ -47,7 +47,9 @@ def test_damaged_files_have_no_exif(content):
 
 def test_an_image_without_exif(tmp_path):
     cv2.imwrite(str(tmp_path / 'a.png'), np.ones((4, 6), np.uint8))
-    assert read_photograph(tmp_path / 'a.png')[1:] == (None, None, False)
+    photograph = read_photograph(tmp_path / 'a.png')
+    assert photograph[1:] == Photograph(photograph.image)[1:]
+    assert photograph.fov_deg is None and photograph.taken is None
 
 
 def test_folders_and_patterns_are_lists_of_images(tmp_path):
