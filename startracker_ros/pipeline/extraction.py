@@ -98,7 +98,8 @@ class ExtractionStage:
         self._seen_share = 1.0
         self._exposure_s = 0.0
         self._point_speed_px_s = 0.0
-        self._streak: Streak | None = None
+        self._exposure_stars = 0
+        self._start: Extraction | None = None
         self._stale_rows = StaleRows()
 
     def extract(self, stamp_ns: int, image: np.ndarray, predicted: PredictedStars | None = None
@@ -117,12 +118,12 @@ class ExtractionStage:
         if (predicted is None or len(predicted) < LEAST_PREDICTED
                 or not 0 < stamp_ns - predicted.stamp_ns <= MAX_AGE_S * 1e9):
             self._searched_ns = None
-            searched = self.extractor.extract(image)
-            self._streak = searched.streak
-            return searched
+            self._start = self.extractor.extract(image)
+            return self._start
         expected = _Expected.at(stamp_ns, predicted, image.shape, interval_s)
-        self._exposure_s = self._exposure_s or expected.exposure_s(self._streak)
-        self._streak = None
+        if self._start is not None:
+            self._learn_exposure(self._start, expected)
+            self._start = None
         moved_px = expected.speed_px_s * (stamp_ns - predicted.stamp_ns) * 1e-9
         if repeated and moved_px > REPEATED_PX:
             return _refused('repeated', 'the image is that of the frame before, though the stars '
@@ -154,10 +155,10 @@ class ExtractionStage:
         """Return the stars of a searched image; what was measured near the predictions stays."""
         if near is None or len(near.centroids) < LEAST_PREDICTED:
             if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
-                extraction = self.extractor.extract(image)
-            self._learn(extraction, expected)
+                extraction, streak = self.extractor.extract(image), None
+            self._learn(extraction, expected, streak)
             return extraction
-        self._learn(near, expected)
+        self._learn(near, expected, near.streak)
         stars, others = near.centroids, extraction.centroids
         if len(others):
             distance = np.linalg.norm(others.uv[:, None] - stars.uv, axis=-1).min(axis=1)
@@ -169,8 +170,8 @@ class ExtractionStage:
         return (not self._search_period_ns or self._searched_ns is None
                 or not 0 <= stamp_ns - self._searched_ns < self._search_period_ns)
 
-    def _learn(self, extraction: Extraction, expected: _Expected) -> None:
-        """Learn the exposure time, and the share of the predicted stars that are seen."""
+    def _learn(self, extraction: Extraction, expected: _Expected, streak: Streak | None) -> None:
+        """Learn from stars that were measured with this streak, None where it was not known."""
         if len(extraction.centroids) < LEAST_PREDICTED:
             return
         distance = np.linalg.norm(
@@ -178,8 +179,14 @@ class ExtractionStage:
         self._seen_share = float(np.mean(distance < MAX_GATE_PX))
         if extraction.streak is None:
             self._point_speed_px_s = max(self._point_speed_px_s, expected.speed_px_s)
-        elif not self._exposure_s:
-            self._exposure_s = expected.exposure_s(extraction.streak)
+        elif streak is None or not self._exposure_s:
+            self._learn_exposure(extraction, expected)
+
+    def _learn_exposure(self, extraction: Extraction, expected: _Expected) -> None:
+        """Learn the exposure time from a streak that the image shows; few stars may err."""
+        exposure_s, stars = expected.exposure_s(extraction.streak), len(extraction.centroids)
+        if exposure_s and stars >= self._exposure_stars / 2:
+            self._exposure_s, self._exposure_stars = exposure_s, stars
 
 
 def _refused(status: str, reason: str) -> Extraction:
