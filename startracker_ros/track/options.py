@@ -41,8 +41,9 @@ class TrackerOptions(Options):
         5, 'frames in a row without a centroid after which a star is dropped, unless the whole '
         'image is dark', unit='frames', low=0, high=200, live=True)
     confirm_frames: int = option(
-        3, 'frames in a row in which a newly found star must be seen, or a gyro agree with the '
-        'stars, before it counts', unit='frames', low=1, high=100, live=True)
+        3, 'frames after which a newly found star counts if it was missed in no more than half of '
+        'them, and frames in a row in which a gyro must agree with the stars before it is used',
+        unit='frames', low=1, high=100, live=True)
     magnitude_tolerance: float = option(
         1.0, 'largest difference of brightness between a newly found star and the catalogue',
         unit='mag', low=0.05, high=20.0, live=True)

@@ -334,7 +334,8 @@ class StarTracker:
         outlier = (fit.normalised > OUTLIER_SIGMA) & (bank.missed == 0)
         bank = bank.select(~(self._missed_too_often(frame) | outlier))
         self._model.bank = replace(
-            bank, confirmed=bank.confirmed | (bank.age >= self._options.confirm_frames))
+            bank, confirmed=bank.confirmed | (
+                (bank.age >= self._options.confirm_frames) & (bank.missed == 0)))
 
     def _contradiction(self, result: FrameUpdate, frame: Centroids) -> str:
         """Return why not all of a frame shows the attitude that was found, empty if it does."""
@@ -360,10 +361,10 @@ class StarTracker:
                 f'last one, residual {self.residual_px:.2f} px')
 
     def _missed_too_often(self, frame: Centroids) -> np.ndarray:
-        """Return the tracks (N,) to drop; those not confirmed may not be missed once."""
+        """Return the tracks (N,) to drop; unconfirmed ones may be missed in half of their frames."""
         bank = self._model.bank
         most = np.inf if self._model.is_dark(frame) else self._options.max_missed
-        return bank.missed > np.where(bank.confirmed, most, 0)
+        return bank.missed > np.where(bank.confirmed, most, bank.age // 2)
 
     def _add_tracks(self, star_index: np.ndarray, centroids: Centroids, *,
                     confirmed: bool) -> None:
