@@ -361,7 +361,7 @@ class StarTracker:
                 f'last one, residual {self.residual_px:.2f} px')
 
     def _missed_too_often(self, frame: Centroids) -> np.ndarray:
-        """Return the tracks (N,) to drop; unconfirmed ones may be missed in half of their frames."""
+        """Return the tracks (N,) to drop; unconfirmed ones may be missed in half of the frames."""
         bank = self._model.bank
         most = np.inf if self._model.is_dark(frame) else self._options.max_missed
         return bank.missed > np.where(bank.confirmed, most, bank.age // 2)
