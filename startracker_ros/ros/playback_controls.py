@@ -8,7 +8,7 @@ from rclpy.publisher import Publisher
 from startracker_ros.bag.playback import Playback
 from startracker_ros.ros.node import PipelineNode
 
-_LAST_MESSAGES_S = 2.0
+_LAST_MESSAGES_S = 10.0
 
 
 def advertise_controls(node: PipelineNode, playback: Callable[[], Playback | None]) -> None:

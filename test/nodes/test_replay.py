@@ -13,8 +13,9 @@ from startracker_ros.ros.messages.message_types import message_class
 BAGS = Path(__file__).parents[2] / 'bags'
 # As replay.launch.py starts the player and the extractor.
 INPUTS = ('image_raw', 'camera_info', 'imu', 'odometry')
+# On a busy machine a subscriber may find a topic long after the player has found the subscriber.
 PLAYER = {'topics': [f'*/{topic}' for topic in INPUTS], 'wait_for_camera_users': len(STAGES),
-          'wait_limit_s': 300.0}
+          'wait_limit_s': 300.0, 'start_delay_s': 2.0}
 REMAPPINGS = [word for topic in INPUTS for word in ('-r', f'/{topic}:={topic}')]
 
 
