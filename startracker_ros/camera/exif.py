@@ -15,8 +15,7 @@ _PIXELS = 0xa002
 _TIME_ORIGINAL, _OFFSET_ORIGINAL = 0x9003, 0x9011
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
 _FULL_FRAME_DIAGONAL_MM = 43.27
-FIELDS_DEG = (0.1, 160.0)
-"""Fields of view that a file may state."""
+_FIELDS_DEG = (0.1, 160.0)
 
 
 class Taken(NamedTuple):
@@ -66,8 +65,13 @@ def _fov_deg(details: dict[int, Any], size: tuple[int, int]) -> float | None:
         if not (focal_mm > 0 and per_mm > 0):
             return None
         half = float(details.get(_PIXELS, max(size))) / per_mm / 2 / focal_mm
+    return stated_fov_deg(half)
+
+
+def stated_fov_deg(half: float) -> float | None:
+    """Return the field of view by the tangent of its half, None where no file may state it."""
     fov_deg = float(np.degrees(2 * np.arctan(half)))
-    return fov_deg if FIELDS_DEG[0] < fov_deg < FIELDS_DEG[1] else None
+    return fov_deg if _FIELDS_DEG[0] < fov_deg < _FIELDS_DEG[1] else None
 
 
 def _taken(details: dict[int, Any]) -> Taken | None:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import warnings
 
 import numpy as np
-from startracker_ros.camera.exif import FIELDS_DEG, Taken
+from startracker_ros.camera.exif import stated_fov_deg, Taken
 from startracker_ros.camera.levels import sixteen_bit
 from startracker_ros.extras import extra
 
@@ -89,5 +89,4 @@ def _fov_deg(header: Any, side_px: int) -> float | None:
         half = side_px * 1e-3 * float(header['XPIXSZ']) / 2 / float(header['FOCALLEN'])
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         return None
-    fov_deg = float(np.degrees(2 * np.arctan(half)))
-    return fov_deg if FIELDS_DEG[0] < fov_deg < FIELDS_DEG[1] else None
+    return stated_fov_deg(half)

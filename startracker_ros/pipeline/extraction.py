@@ -62,16 +62,20 @@ class _Expected(NamedTuple):
         """Return the time in which the stars move by a streak; 0 where it is not their motion."""
         if streak is None or not self.agrees(streak):
             return 0.0
-        seen, moved = _motion_px(streak), _motion_px(self.motion)
-        exposure_s = abs(seen @ moved) / max(float(moved @ moved), 1e-9)
+        exposure_s = abs(self._seconds(streak))
         return exposure_s if exposure_s < MAX_EXPOSURE * self.interval_s else 0.0
 
     def agrees(self, streak: Streak) -> bool:
         """Return whether a streak of the image, whose sign is unknown, lies along the motion."""
-        seen, moved = _motion_px(streak), _motion_px(self.motion)
-        along = (seen @ moved) / max(float(moved @ moved), 1e-9) * moved
+        seen = _motion_px(streak)
         limit_px = max(MAX_ASTRAY * float(np.linalg.norm(seen)), MAX_ASTRAY_PX)
+        along = self._seconds(streak) * _motion_px(self.motion)
         return bool(np.linalg.norm(seen - along) < limit_px)
+
+    def _seconds(self, streak: Streak) -> float:
+        """Return the time in which the motion comes nearest to a streak, or its opposite."""
+        moved = _motion_px(self.motion)
+        return float(_motion_px(streak) @ moved) / max(float(moved @ moved), 1e-9)
 
 
 class ExtractionStage:
