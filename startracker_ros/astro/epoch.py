@@ -1,5 +1,6 @@
 """Stamps, UNIX time in ns, and Julian years."""
 
+from datetime import datetime, UTC
 import time
 
 from startracker_ros.astro.constants import YEAR_S
@@ -23,6 +24,12 @@ def epoch_year_from_stamp(stamp_ns: int) -> float:
 def stamp_from_epoch_year(year: float) -> int:
     """Return the UNIX time in ns of a Julian year, the inverse of epoch_year_from_stamp()."""
     return _J2000_NS + round((year - 2000.0) * _YEAR_NS)
+
+
+def stamp_from_datetime(moment: datetime) -> int:
+    """Return the UNIX time in ns, to 1 us, of a time that is UTC where it names no zone."""
+    utc = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    return round(utc.timestamp() * 1e6) * 1000
 
 
 def epoch_year_now() -> float:

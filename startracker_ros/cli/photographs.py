@@ -1,7 +1,7 @@
 """Commands that take image files: solve, calibrate."""
 
 from collections.abc import Callable
-from datetime import datetime, UTC
+from datetime import datetime
 from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING, TypeVar
@@ -32,9 +32,8 @@ class _Epoch(click.ParamType):
             time = datetime.fromisoformat(value)
         except ValueError:
             self.fail(f'{value!r} is neither a year nor a time like 2026-11-23T01:30:00')
-        from startracker_ros.astro.epoch import epoch_year_from_stamp
-        utc = time if time.tzinfo else time.replace(tzinfo=UTC)
-        return epoch_year_from_stamp(round(utc.timestamp() * 1e9))
+        from startracker_ros.astro.epoch import epoch_year_from_stamp, stamp_from_datetime
+        return epoch_year_from_stamp(stamp_from_datetime(time))
 
 
 def _observer_options(epoch_default: str) -> Callable[[_Command], _Command]:

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime, UTC
+from datetime import datetime
 
 import numpy as np
 from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo, Image
+from startracker_ros.astro.epoch import stamp_from_datetime
 from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera
 from startracker_ros.options import option, Options
@@ -43,9 +44,7 @@ class SourceOptions(Options):
         except ValueError as error:
             raise StartError(f'start_time_utc = {self.start_time_utc!r} is not an ISO 8601 '
                              'time like 2019-07-29T20:47:26') from error
-        if moment.tzinfo is None:
-            moment = moment.replace(tzinfo=UTC)
-        return round(moment.timestamp() * 1e6) * 1000
+        return stamp_from_datetime(moment)
 
 
 @dataclass(frozen=True)
