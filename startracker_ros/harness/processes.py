@@ -1,10 +1,12 @@
 """Nodes as processes, with the environment that DDS needs for images."""
 
 from collections.abc import Sequence
+import functools
 import os
 from pathlib import Path
 import signal
 import site
+import socket
 import subprocess
 import sys
 
@@ -13,6 +15,10 @@ from startracker_ros.options import yaml_value
 
 _ROOT = Path(__file__).parents[2]
 """Where the package is imported from."""
+_DOMAINS = 100
+"""1 to 100: with the ports of a higher one those of Linux for outgoing connections begin."""
+_CLAIMS: list[socket.socket] = []
+"""What holds the domains that this process has taken."""
 
 
 class HarnessError(RuntimeError):
@@ -56,15 +62,40 @@ def node_environment() -> dict[str, str]:
             'AMENT_PREFIX_PATH': os.pathsep.join(filter(None, prefixes))}
 
 
+def take_domain() -> str:
+    """
+    Return the id of a ROS domain that no other process on this machine has taken.
+
+    It is this process's until it ends; RuntimeError where all are taken.
+    """
+    for offset in range(_DOMAINS):
+        domain = 1 + (os.getpid() + offset) % _DOMAINS
+        # A name without a file: the kernel gives it to one socket and frees it with the process.
+        claim = socket.socket(socket.AF_UNIX)
+        try:
+            claim.bind(f'\0startracker_ros/domain/{domain}')
+        except OSError:
+            claim.close()
+            continue
+        _CLAIMS.append(claim)
+        return str(domain)
+    raise RuntimeError(f'all {_DOMAINS} ROS domains are taken: end some processes of the tests')
+
+
+@functools.cache
+def _own_domain() -> str:
+    return take_domain()
+
+
 def set_environment(*, isolated: bool) -> None:
     """
     Set the environment of the nodes in this process, which runs its own ones with it.
 
     Discovery is limited to this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE is set. isolated
-    selects a ROS domain by the process id.
+    selects a ROS domain that is this process's alone.
     """
     if isolated:
-        os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+        os.environ['ROS_DOMAIN_ID'] = _own_domain()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.update(node_environment())
 

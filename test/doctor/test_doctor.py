@@ -12,6 +12,7 @@ from startracker_ros.camera.files import save_camera
 from startracker_ros.camera.model import Camera
 from startracker_ros.doctor import camera, dds, install, storage
 from startracker_ros.executables import EXECUTABLES
+from startracker_ros.harness.processes import take_domain
 
 ROOT = Path(__file__).parents[2]
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
@@ -23,7 +24,7 @@ def doctor(*arguments, **environment):
         [sys.executable, '-m', 'startracker_ros', 'doctor', *arguments], text=True,
         capture_output=True, timeout=300,
         env={**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-             'ROS_DOMAIN_ID': str(1 + os.getpid() % 100), **environment})
+             'ROS_DOMAIN_ID': take_domain(), **environment})
 
 
 @pytest.mark.long

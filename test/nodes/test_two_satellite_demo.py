@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
+from startracker_ros.harness.processes import take_domain
 
 FRAMES = 24
 
@@ -21,7 +22,7 @@ def demo(tmp_path_factory):
     done = subprocess.run(
         [sys.executable, '-m', 'startracker_ros', 'demo', 'two-satellite', '--seconds',
          str(FRAMES / 2), '--output', str(output), '--json'],
-        env={**os.environ, 'ROS_DOMAIN_ID': str(1 + (os.getpid() + 25) % 100)},
+        env={**os.environ, 'ROS_DOMAIN_ID': take_domain()},
         capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     return output, json.loads(done.stdout.splitlines()[-1])

@@ -15,6 +15,7 @@ import venv
 import pytest
 from startracker_ros import __version__
 from startracker_ros.executables import EXECUTABLES
+from startracker_ros.harness.processes import take_domain
 
 SOURCE = Path(__file__).parents[2]
 PARTS = ('LICENSE', 'config', 'launch', 'package.xml', 'pyproject.toml', 'resource', 'setup.cfg',
@@ -48,7 +49,7 @@ def environment_of(prefix: Path, scripts: Path, python_path: str) -> dict[str, s
     return {**os.environ, 'AMENT_PREFIX_PATH': str(prefix), 'PYTHONPATH': python_path,
             'PATH': f'{scripts}{os.pathsep}{os.environ["PATH"]}',
             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'ROS_DOMAIN_ID': str(1 + os.getpid() % 101)}
+            'ROS_DOMAIN_ID': take_domain()}
 
 
 def copy_source(folder: Path) -> Path:
