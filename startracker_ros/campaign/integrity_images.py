@@ -118,7 +118,7 @@ IMAGE_CONDITIONS = {
     '300 spots': _spots(300),
     'start with 100 spots': ImageCondition(
         artefacts=ArtefactOptions(star_like_spots=100), start=True, frames=START_FRAMES,
-        needed_percent=90.0),
+        needed_percent=95.0),
     'Moon in the field': ImageCondition(
         detector=DetectorOptions(blooming=True),
         artefacts=ArtefactOptions(moon_e=40_000.0, moon_distance_deg=2.0)),

@@ -126,6 +126,7 @@ class CentroidExtractor:
         """Forget the images before."""
         self._reference: tuple[Frame, float] | None = None
         self.spoilt = NOT_SPOILT
+        self.most_stars = self._options.max_stars
 
     def extract(self, image: np.ndarray, streak: Streak | None = None) -> Extraction:
         """
@@ -213,7 +214,7 @@ class CentroidExtractor:
     def _result(self, centroids: Centroids, frame: Frame, sigma_px: float,
                 rejections: Rejections, streak: Streak | None) -> Extraction:
         """Return the brightest centroids, with the delays of their rows."""
-        order = np.argsort(-centroids.flux, kind='stable')[:self._options.max_stars]
+        order = np.argsort(-centroids.flux, kind='stable')[:self.most_stars]
         centroids = centroids.select(order)
         if self._line_time_s:
             middle = (frame.image.shape[0] - 1) / 2
@@ -266,7 +267,7 @@ class CentroidExtractor:
             peaks.uv, hot_pixel=hit & single, cosmic_ray=hit))
         chosen, others = self._brightest(peaks, frame.image.shape), Rejections()
         centroids, smeared = self._measure(frame, chosen, sigma_px, others)
-        if len(centroids) < self._options.max_stars / 2 and len(chosen.uv) < len(peaks.uv):
+        if len(centroids) < self.most_stars / 2 and len(chosen.uv) < len(peaks.uv):
             # What is no star fills the list of the brightest: all peaks are fitted.
             others = Rejections()
             centroids, smeared = self._measure(frame, peaks, sigma_px, others)
@@ -296,13 +297,13 @@ class CentroidExtractor:
         """Return the stars of a smeared frame."""
         found = search_streaks(frame.image, over_image(frame.mesh.level, frame.image.shape),
                                streak, sigma_px, self._threshold.sigmas)
-        chosen = _chosen(found, frame.image.shape, SPARE_PEAKS * self._options.max_stars)
+        chosen = _chosen(found, frame.image.shape, SPARE_PEAKS * self.most_stars)
         return measure_streaks(frame, found[chosen], streak, sigma_px, self._threshold.sigmas,
                                rejections)
 
     def _brightest(self, peaks: Peaks, shape: tuple[int, ...]) -> Peaks:
         """Return the peaks that are fitted, brightest first."""
-        return peaks.select(_chosen(peaks.uv, shape, SPARE_PEAKS * self._options.max_stars))
+        return peaks.select(_chosen(peaks.uv, shape, SPARE_PEAKS * self.most_stars))
 
 
 def _many_elongated(stars: int, rejections: Rejections) -> bool:

@@ -22,6 +22,7 @@ SAME_PX = 3.0  # two centroids closer than this are of one star
 REPEATED_PX = 0.5  # motion from which on an equal image is that of the frame before
 MAX_ASTRAY, MAX_ASTRAY_PX = 0.5, 2.0  # of a streak, across the motion of the stars
 MAX_EXPOSURE = 1.2  # of the interval between images, with the error of its estimate
+IMAGES_TO_ACQUIRE = 2  # a star tracker needs the identifications of two
 FASTER = 2.0  # times the speed at which stars were points: they may be streaks
 
 
@@ -33,6 +34,10 @@ class SearchOptions(Options):
         1.0, 'time between two images that are searched as a whole while the star tracker '
         'predicts where its stars are; in the others only these are measured; 0: every image '
         'is searched', unit='s', low=0.0, high=3600.0)
+    max_stars_lost: int = option(
+        160, 'maximum number of stars while no star tracker predicts any: max_stars in the first '
+        'two images, then twice as many in every further two, for stars among brighter spots',
+        low=1, high=5000)
 
 
 class _Expected(NamedTuple):
@@ -91,6 +96,8 @@ class ExtractionStage:
         self.extractor = CentroidExtractor(options)
         self._line_time_s = options.line_time_us * 1e-6
         self._search_period_ns = round(search.search_period_s * 1e9)
+        self._max_stars = options.max_stars
+        self._max_stars_lost = max(search.max_stars_lost, options.max_stars)
         self.reset()
 
     def reset(self) -> None:
@@ -104,6 +111,7 @@ class ExtractionStage:
         self._point_speed_px_s = 0.0
         self._exposure_stars = 0
         self._start: Extraction | None = None
+        self._unpredicted = 0
         self._stale_rows = StaleRows()
 
     def extract(self, stamp_ns: int, image: np.ndarray, predicted: PredictedStars | None = None
@@ -122,8 +130,10 @@ class ExtractionStage:
         if (predicted is None or len(predicted) < LEAST_PREDICTED
                 or not 0 < stamp_ns - predicted.stamp_ns <= MAX_AGE_S * 1e9):
             self._searched_ns = None
-            self._start = self.extractor.extract(image)
+            self._start = self._extract_lost(image)
             return self._start
+        self._unpredicted = 0
+        self.extractor.most_stars = self._max_stars
         expected = _Expected.at(stamp_ns, predicted, image.shape, interval_s)
         if self._start is not None:
             self._learn_exposure(self._start, expected)
@@ -149,6 +159,13 @@ class ExtractionStage:
         if near is not None and self.extractor.spoilt != spoilt:
             near = self._near(image, expected, streak)
         return self._joined(image, searched, near, expected, known)
+
+    def _extract_lost(self, image: np.ndarray) -> Extraction:
+        """Return the stars of an image without predictions: more of them, the longer it lasts."""
+        doublings = min(self._unpredicted // IMAGES_TO_ACQUIRE, 10)
+        self.extractor.most_stars = min(self._max_stars << doublings, self._max_stars_lost)
+        self._unpredicted += 1
+        return self.extractor.extract(image)
 
     def _near(self, image: np.ndarray, expected: _Expected, streak: Streak) -> Extraction | None:
         """Measure the stars near where they are expected."""

@@ -7,7 +7,7 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.extraction import ExtractionOptions
 from startracker_ros.figures.correctness import error_over_bound
-from startracker_ros.pipeline.extraction import ExtractionStage
+from startracker_ros.pipeline.extraction import ExtractionStage, SearchOptions
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
 from startracker_ros.sky.artefacts import ArtefactOptions
 from startracker_ros.sky.detector import DetectorOptions
@@ -46,6 +46,28 @@ def test_one_image_a_second_is_searched_while_tracking():
     directed = [pipeline.extraction.directed for pipeline, *_ in run(25, (0.1, 0.0, 0.0))]
     assert not any(directed[:3]) and 16 <= sum(directed) <= 22
     assert not all(directed[5:])
+
+
+def test_stars_among_brighter_spots_are_acquired():
+    """Most of the 40 brightest spots are false: only more of them hold enough stars."""
+    spots = ArtefactOptions(star_like_spots=150)
+    results = [(result, frame) for _, result, frame in run(10, (0.1, 0.0, 0.0), artefacts=spots)]
+    assert results[-1][0].trusted.attitude is not None
+    assert all(over_bound(result, frame) < 1 for result, frame in results
+               if result.trusted.attitude is not None)
+
+
+def test_more_stars_are_extracted_the_longer_none_is_predicted():
+    sky = SkySimulator(CAMERA, turning((0.1, 0.0, 0.0)), load_catalog(), 2026.5,
+                       artefact_options=ArtefactOptions(star_like_spots=200), frame_rate_hz=10.0)
+    images = [sky.frame(index / 10).image for index in range(7)]
+
+    def counts(**search):
+        stage = ExtractionStage(ExtractionOptions(max_stars=30), SearchOptions(**search))
+        return [len(stage.extract(START_NS + index * STEP_NS, image).centroids)
+                for index, image in enumerate(images)]
+    assert counts(max_stars_lost=100) == [30, 30, 60, 60, 100, 100, 100]
+    assert counts(max_stars_lost=10) == [30] * 7
 
 
 def test_smeared_stars_are_tracked_at_three_degrees_a_second():
