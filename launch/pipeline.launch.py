@@ -1,6 +1,9 @@
 """
 Star tracker for a camera: image_raw and camera_info of its namespace -> attitude.
 
+pipeline_manager configures and activates the stages. A stage whose process has ended is started
+again, and the manager brings it up again.
+
 For your own camera copy the parameter files, change them and pass their folder as
 `config:=...`, or write what differs into one file and pass it as `params_file:=...`. Focal length
 and distortion come from the camera_info of the camera.
@@ -11,7 +14,7 @@ from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from startracker_ros.executables import STAGES
-from startracker_ros.harness.launching import node, shared_arguments
+from startracker_ros.harness.launching import node, RESPAWN, shared_arguments
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -21,6 +24,7 @@ def generate_launch_description() -> LaunchDescription:
     topic = PathJoinSubstitution(['/', LaunchConfiguration('namespace'), 'image_raw'])
     image_depth = [{('qos_overrides.', topic, '.subscription.depth'):
                     LaunchConfiguration('image_depth')}]
+    managed = {'autostart': False}
     return LaunchDescription([
         *shared_arguments(),
         DeclareLaunchArgument(
@@ -30,9 +34,12 @@ def generate_launch_description() -> LaunchDescription:
             'have in its queue'),
         node('bag_recorder', name='bag_recorder',
              condition=IfCondition(LaunchConfiguration('record'))),
-        *(node(name, name=name, condition=UnlessCondition(composed),
-               parameters=image_depth if name == STAGES[0] else ()) for name in STAGES),
+        *(node(name, name=name, condition=UnlessCondition(composed), **RESPAWN,
+               parameters=[managed, *(image_depth if name == STAGES[0] else ())])
+          for name in STAGES),
         # Without a name: it would rename all nodes of the process.
-        node('composed_pipeline', files=STAGES, condition=IfCondition(composed),
-             parameters=image_depth),
+        node('composed_pipeline', files=STAGES, condition=IfCondition(composed), **RESPAWN,
+             parameters=[managed, *image_depth]),
+        node('pipeline_manager', name='pipeline_manager', **RESPAWN,
+             condition=IfCondition(LaunchConfiguration('manager'))),
     ])

@@ -11,6 +11,7 @@ NODES = {name: f'startracker_ros.ros.nodes.{name}' for name in (
     'camera_calibrator',
     'bag_recorder',
     'bag_player',
+    'pipeline_manager',
 )}
 
 EXECUTABLES = {**NODES, 'composed_pipeline': 'startracker_ros.ros.composed_pipeline'}

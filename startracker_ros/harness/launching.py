@@ -14,6 +14,9 @@ from startracker_ros.harness.processes import node_environment
 
 PACKAGE = 'startracker_ros'
 
+RESPAWN = {'respawn': True, 'respawn_delay': 1.0}
+"""Options of a node that is started again when its process ends."""
+
 
 def shared_arguments() -> list[DeclareLaunchArgument]:
     """Return the arguments of every launch file, which it passes to those that it includes."""
@@ -27,6 +30,8 @@ def shared_arguments() -> list[DeclareLaunchArgument]:
         'log_level': ('info', 'debug, info, warn, error or fatal'),
         'use_sim_time': ('false', 'use /clock, for example that of a bag'),
         'composed': ('false', 'run the four stages in one process: faster, but a crash ends all'),
+        'manager': ('true', 'start pipeline_manager, which configures and activates the stages; '
+                    'false: another lifecycle manager does'),
     }
     return [DeclareLaunchArgument(name, default_value=default, description=description)
             for name, (default, description) in defaults.items()]

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import pytest
 import rclpy
 from startracker_ros.camera.model import Camera
-from startracker_ros.executables import NODES
+from startracker_ros.executables import NODES, STAGES
 from startracker_ros.harness.processes import parameter_arguments
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.messages.camera_info import camera_to_message
@@ -140,10 +140,12 @@ def test_each_topic_of_the_pipeline_has_one_source():
     assert all(topic.startswith(('/tracker_1/', '/tracker_2/')) for topic in elsewhere)
 
 
-def test_only_the_operator_changes_anything():
+def test_only_the_operator_changes_anything_and_the_manager_states():
     flight = profiles(FLIGHT)
     asking = {node for node, rules in flight.items() if ('services', 'request') in rules}
-    assert asking == {'operator'}
+    assert asking == {'operator', 'pipeline_manager'}
+    assert flight['pipeline_manager']['services', 'request'] == {
+        f'/{stage}/{service}' for stage in STAGES for service in ('change_state', 'get_state')}
     offered = set().union(*(flight[node]['services', 'reply']
                             for node in set(flight) - OTHERS))
     assert flight['operator']['services', 'request'] == offered

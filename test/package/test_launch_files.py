@@ -14,8 +14,8 @@ import pytest
 from startracker_ros.executables import EXECUTABLES, STAGES
 
 SOURCE = Path(__file__).parents[2]
-PIPELINE = ['bag_recorder', *STAGES, 'composed_pipeline']
-SHARED = {'namespace', 'config', 'params_file', 'log_level', 'use_sim_time', 'composed'}
+PIPELINE = ['bag_recorder', *STAGES, 'composed_pipeline', 'pipeline_manager']
+SHARED = {'namespace', 'config', 'params_file', 'log_level', 'use_sim_time', 'composed', 'manager'}
 CLASSES = {
     'launch': ['LaunchDescription'],
     'launch.actions': ['DeclareLaunchArgument', 'GroupAction', 'IncludeLaunchDescription'],
@@ -132,6 +132,13 @@ def test_pipeline(launched):
     assert {conditions[name].value.value for name in (*STAGES, 'composed_pipeline')} == {
         'composed'}
     assert conditions['bag_recorder'].value.value == 'record'
+    assert conditions['pipeline_manager'].value.value == 'manager'
+    for node in launch.nodes:
+        stage = node['executable'] in (*STAGES, 'composed_pipeline')
+        # A recorder that is started again would begin a bag nobody asked for.
+        assert node.get('respawn', False) == (node['executable'] != 'bag_recorder')
+        # The manager brings the stages up, the first time as well.
+        assert ({'autostart': False} in node['parameters']) == stage
     check_nodes(launch)
 
 
@@ -146,7 +153,7 @@ def test_demo_is_the_pipeline_under_a_simulated_sky(launched):
 
 
 GIVEN = {'namespace': '/trk', 'params_file': 'mine.yaml', 'log_level': 'debug',
-         'use_sim_time': 'true', 'composed': 'true'}
+         'use_sim_time': 'true', 'composed': 'true', 'manager': 'false'}
 
 
 @pytest.mark.parametrize('name', ['demo', 'replay', 'two_satellites'])
@@ -190,6 +197,7 @@ def test_replay_is_the_pipeline_behind_a_bag(launched):
     assert pipeline.arguments['namespace'] == '/trk'
     for node in pipeline.nodes:
         depths = [{pipeline.text(name): pipeline.text(value) for name, value in given.items()}
-                  for given in node['parameters'][1:] if isinstance(given, dict)]
+                  for given in node['parameters'][1:]
+                  if isinstance(given, dict) and given != {'autostart': False}]
         assert depths == ([{'qos_overrides./trk/image_raw.subscription.depth': '10'}] if
                           node['executable'] in (STAGES[0], 'composed_pipeline') else [])

@@ -107,7 +107,9 @@ class TargetLocatorNode(PipelineNode):
 
     def _report_silence(self) -> None:
         """Report what is missing if neither observer sent anything new."""
-        if not self._results and self.active:
+        if not self.active:
+            return
+        if not self._results:
             self.diagnostics.report(WARN, f'no position: {self._locator.missing_inputs()}')
         self._results = 0
 

@@ -1,0 +1,54 @@
+"""pipeline_manager with real processes: brought up, killed, started again, deactivated."""
+
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import GetParameters
+
+NODES = ('attitude_estimator', 'target_locator')
+NAMESPACE = 'trk'
+
+
+def state(probe, node):
+    return probe.call(GetState, f'/{NAMESPACE}/{node}/get_state',
+                      GetState.Request()).current_state.label
+
+
+def test_nodes_are_brought_up_and_again_after_they_were_killed(nodes, probe):
+    def start(node):
+        nodes.start(node, {'autostart': False}, namespace=NAMESPACE)
+
+    def restarts():
+        return probe.diagnostic_value('pipeline_manager: nodes', f'restarts of {NODES[0]}')
+    nodes.start('pipeline_manager', {'node_names': NODES, 'heartbeat_period_s': 0.2,
+                                     'response_timeout_s': 1.5}, namespace=NAMESPACE)
+    start(NODES[1])
+    probe.wait_diagnostic(f'{NODES[0]} does not respond, {NODES[1]} is unconfigured')
+    start(NODES[0])
+    probe.wait_diagnostic('all 2 nodes are active')
+    log = (nodes.log_folder / f'{NAMESPACE}.pipeline_manager.log').read_text()
+    wanted = [f'{transition} {node}' for transition in ('configure', 'activate')
+              for node in NODES]
+    assert [line.partition(']: ')[2] for line in log.splitlines()
+            if line.endswith(NODES)] == wanted
+    assert {state(probe, node) for node in NODES} == {'active'}
+    # As launch does with respawn: the first time it is missed, the second time hardly.
+    for missed in (True, False):
+        before = restarts()
+        nodes.kill(f'{NAMESPACE}.{NODES[0]}')
+        if missed:
+            probe.forget()
+            probe.wait_diagnostic(f'{NODES[0]} does not respond')
+        start(NODES[0])
+        probe.wait(lambda before=before: restarts() not in (None, before), 'a restart')
+        probe.wait(lambda: state(probe, NODES[0]) == 'active', 'active again')
+    assert restarts() == '2'
+    # Somebody deactivates the other one: that is left alone, and reported.
+    request = ChangeState.Request(transition=Transition(
+        id=Transition.TRANSITION_DEACTIVATE))
+    assert probe.call(ChangeState, f'/{NAMESPACE}/{NODES[1]}/change_state', request).success
+    probe.forget()
+    probe.wait_diagnostic(f'{NODES[1]} is inactive')
+    assert state(probe, NODES[1]) == 'inactive'
+    # The heartbeat continues beside other requests.
+    assert probe.call(GetParameters, f'/{NAMESPACE}/{NODES[0]}/get_parameters',
+                      GetParameters.Request(names=['autostart'])).values
