@@ -2,19 +2,18 @@
 
 from array import array
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 import threading
 import time
 
 import numpy as np
+from startracker_ros.bag.latched import DISORDER_NS
 from startracker_ros.bag.reader import BagMessage
 from startracker_ros.options import option, Options
 
 _AHEAD_BYTES = 2 ** 26
 _AHEAD_MESSAGES = 1000
-# Unfinished bags are read in the order of writing, which is nearly that of time.
-_DISORDER_NS = 10 ** 9
 # Bounds the memory of errors_s: 1000 s at 1 kHz.
 _MAX_ERRORS = 10 ** 6
 
@@ -27,6 +26,9 @@ class PlaybackOptions(Options):
     start_offset_s: float = option(
         0.0, 'recorded time left out at the beginning', unit='s', low=0.0, high=1e9,
         read_only=True)
+    latched: bool = option(
+        False, 'publish first what latched (transient local) topics held at start_offset_s, as a '
+        'subscriber of that time would have received it', read_only=True)
     duration_s: float = option(
         0.0, 'recorded time that is played, 0 for all', unit='s', low=0.0, high=1e9,
         read_only=True)
@@ -67,19 +69,22 @@ class Playback:
     Calls publish(message) when each message is due and tick(time_ns) as a clock, in a thread.
 
     read(start_ns) yields the messages from a log time on, once for each pass; span_ns is the
-    first and last log time of the bag. finished is called at the end, with the exception that
+    first and last log time of the bag. held(start_ns) returns what is published first, before the
+    pace of the recording begins. finished is called at the end, with the exception that
     ended it or None. published counts messages; errors_s is the lateness of each one.
     """
 
     def __init__(self, read: Callable[[int], Iterator[BagMessage]], span_ns: tuple[int, int],
                  options: PlaybackOptions, *, publish: Callable[[BagMessage], None],
                  tick: Callable[[int], None],
-                 finished: Callable[[Exception | None], None]) -> None:
+                 finished: Callable[[Exception | None], None],
+                 held: Callable[[int], Iterable[BagMessage]] = lambda start_ns: ()) -> None:
         self._read = read
         self._options = options
         self._publish = publish
         self._tick = tick
         self._finished = finished
+        self._held = held
         self._begin_ns = span_ns[0] + round(options.start_offset_s * 1e9)
         self._end_ns = (self._begin_ns + round(options.duration_s * 1e9)
                         if options.duration_s else span_ns[1])
@@ -166,6 +171,9 @@ class Playback:
 
     def _play_once(self) -> bool:
         """Play from begin to end; return whether a message was published."""
+        for message in self._held(self._begin_ns):
+            self._publish(message)
+            self.published += 1
         before = self.published
         ahead = _ReadAhead(self._read(self._begin_ns), self._end_ns)
         try:
@@ -260,7 +268,7 @@ class _ReadAhead:
         try:
             for message in self._messages:
                 if message.log_time_ns > self._end_ns:
-                    if message.log_time_ns > self._end_ns + _DISORDER_NS:
+                    if message.log_time_ns > self._end_ns + DISORDER_NS:
                         return
                     continue
                 with self._changed:

@@ -50,6 +50,8 @@ def _full_names(patterns: tuple[str, ...]) -> tuple[str, ...]:
               help='Times as fast as recorded.')
 @click.option('--start-offset-s', type=click.FloatRange(0), default=0.0,
               help='Recorded time left out at the beginning.')
+@click.option('--latched', is_flag=True,
+              help='Publish first what latched topics held at the offset.')
 @click.option('--duration-s', type=click.FloatRange(0), default=0.0,
               help='Recorded time that is played.')
 @click.option('--loop', is_flag=True, help='Begin again after the end.')

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from startracker_ros.bag.latched import held_messages, MAX_DEPTH
 from startracker_ros.bag.qos import INFINITE_NS, QosProfile
 
 # DDS does not announce history and depth.
 _DEFAULT_DEPTH = 100
-# A bag may ask for more; memory is allocated as messages come.
-_MAX_DEPTH = 10_000
 
 
 def bag_qos(profile: QoSProfile) -> QosProfile:
@@ -45,7 +44,9 @@ def playback_qos(offers: Sequence[QosProfile]) -> QoSProfile:
     if not offers:
         return profile
     known = [offer.depth for offer in offers if offer.history == 'keep_last' and offer.depth]
-    profile.depth = min(max(1, *known), _MAX_DEPTH) if known else _DEFAULT_DEPTH
+    # One publisher holds for late subscribers what several have held.
+    profile.depth = (min(max(*known, held_messages(offers)), MAX_DEPTH) if known
+                     else _DEFAULT_DEPTH)
     if all(offer.history == 'keep_all' for offer in offers):
         profile.history = HistoryPolicy.KEEP_ALL
     if all(offer.reliability == 'best_effort' for offer in offers):

@@ -4,9 +4,10 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from startracker_ros.bag.errors import BagError
+from startracker_ros.bag.latched import held_before, held_messages
 from startracker_ros.bag.patterns import selected
 from startracker_ros.bag.playback import PlayOptions
-from startracker_ros.bag.reader import BagTopic
+from startracker_ros.bag.reader import BagMessage, BagTopic
 from startracker_ros.bag.schemas import message_schema
 from startracker_ros.bag.tolerant import TolerantBag
 from startracker_ros.ros.managed import StartError
@@ -28,6 +29,15 @@ def open_playable(options: PlayOptions, *, own_clock: bool, warn: Callable[[str]
         raise StartError(f'{options.path}: nothing to play among '
                          f'{", ".join(sorted(bag.topics)) or "no topics"}')
     return bag, bag.span_ns, chosen
+
+
+def held_by_latched(bag: TolerantBag, topics: Iterable[BagTopic], wanted: bool, start_ns: int
+                    ) -> list[BagMessage]:
+    """Return what the latched ones of topics held at a log time, nothing where not wanted."""
+    held = {topic.name: count for topic in topics if (count := held_messages(topic.qos))}
+    if not wanted or not held:
+        return []
+    return held_before(bag.messages(tuple(held), 0), held, start_ns)
 
 
 def playable_topics(topics: Iterable[BagTopic], options: PlayOptions, *, own_clock: bool,

@@ -105,6 +105,24 @@ def test_subscribers_that_wait_miss_nothing(nodes, probe, tmp_path):
     assert 'f0' in texts(probe, '/fast')
 
 
+def test_what_latched_topics_held_at_the_offset_is_played_first(nodes, probe, tmp_path):
+    write_bag(tmp_path / 'bag')
+    player = nodes.start('bag_player', {
+        'path': str(tmp_path / 'bag'), 'start_offset_s': 0.5, 'latched': True,
+        'start_paused': True, 'wait_for_subscribers': 0})
+    probe.wait(lambda: probe.count_publishers('/state'), 'the player')
+    probe.spin_for(1.0)
+    # The subscriber comes late, and the volatile topic has said nothing.
+    probe.collect(String, '/fast', BEST_EFFORT)
+    probe.collect(String, '/state', LATCHED)
+    held = [f's{number}' for number in range(18, 25)]
+    probe.wait(lambda: texts(probe, '/state') == held, 'the last seven before the offset')
+    assert texts(probe, '/fast') == []
+    assert ask(probe, 'resume').success
+    probe.wait(lambda: player.poll() is not None, 'the end of the bag')
+    assert texts(probe, '/state') == [f's{number}' for number in range(18, COUNT)]
+
+
 def test_without_subscribers_the_bag_is_played_after_the_limit(nodes, probe, tmp_path):
     write_bag(tmp_path / 'bag')
     probe.collect(String, '/state', 100)

@@ -12,7 +12,7 @@ from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages.header import stamp_from_ns
 from startracker_ros.ros.messages.message_types import message_class
 from startracker_ros.ros.node import main_of, PipelineNode
-from startracker_ros.ros.playable import open_playable
+from startracker_ros.ros.playable import held_by_latched, open_playable
 from startracker_ros.ros.playback_controls import (
     advertise_controls, summary, wait_for_subscribers)
 
@@ -42,7 +42,8 @@ class BagPlayerNode(PipelineNode):
             self._clock_publisher = self.create_publisher(ClockMessage, '/clock', 10)
         playback = self._playback = Playback(
             partial(bag.messages, tuple(self._players)), span_ns, timing,
-            publish=self._publish_message, tick=self._publish_clock, finished=self._on_end)
+            publish=self._publish_message, tick=self._publish_clock, finished=self._on_end,
+            held=partial(held_by_latched, bag, chosen, timing.latched))
         self._timer = self.create_steady_timer(0.01, partial(
             self._start, playback, AwaitedSubscribers(self._players, options, self)))
 
