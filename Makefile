@@ -46,7 +46,6 @@ test-core: .venv/package
 .venv/package: .venv/requirements $(SOURCES)
 	rm -rf build/lib
 	$(PIP_INSTALL) --no-deps --no-build-isolation .
-	$(RUN) -m startracker_ros.warm_up
 	touch $@
 
 clean:

@@ -1,26 +1,35 @@
 """
 How functions are compiled.
 
-The first call on a machine compiles, which takes seconds; warm_up.py does it beforehand.
+The first call on a machine compiles, which takes seconds; warm_up.py does it beforehand. A change
+of this file compiles everything anew.
 """
 
+from collections.abc import Callable
 from typing import Any
 
-from numba import config, njit
-from startracker_ros.machine_code import machine_code_folder
+from numba import njit
+from startracker_ros.machine_code_cache import MachineCodeCache
 
-# Numba gives its settings their names when it is loaded.
-settings: Any = config
-# What the user has set stays. Where nothing can be written each process compiles anew.
-if not settings.CACHE_DIR:
-    settings.CACHE_DIR = machine_code_folder()
-_kept = bool(settings.CACHE_DIR)
 
-# Division by zero gives infinity or NaN, as in NumPy: without checks code is smaller and faster.
-compiled = njit(cache=_kept, error_model='numpy')
+def _compiler(**options: Any) -> Callable[[Callable], Any]:
+    """Return the decorator of functions that are compiled with options of numba."""
+    # Division by zero gives infinity or NaN, as in NumPy: without checks code is smaller, faster.
+    jit = njit(error_model='numpy', **options)
+
+    def compile_with_cache(function: Callable) -> Any:
+        dispatcher = jit(function)
+        # With NUMBA_DISABLE_JIT it is the function itself.
+        if hasattr(dispatcher, '_cache'):
+            dispatcher._cache = MachineCodeCache(function)
+        return dispatcher
+    return compile_with_cache
+
+
+compiled = _compiler()
 # A product and a sum may be one instruction, rounded once: faster, but the last bits may differ
 # between machines.
-fused = njit(cache=_kept, error_model='numpy', fastmath={'contract'})
+fused = _compiler(fastmath={'contract'})
 # Nor is the order of a sum fixed, so that several of its terms are added at once.
-reordered = njit(cache=_kept, error_model='numpy', fastmath={'contract', 'reassoc'})
-inlined = njit(cache=_kept, error_model='numpy', inline='always')
+reordered = _compiler(fastmath={'contract', 'reassoc'})
+inlined = _compiler(inline='always')

@@ -1,9 +1,19 @@
-"""Compile what is compiled at its first use, so that no node has to wait for it."""
+"""
+Compile what is compiled at its first use, so that no node has to wait for it.
+
+python -m startracker_ros.warm_up [FOLDER] copies the machine code into a folder as well, which the
+build does for the install.
+"""
 
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+import hashlib
 import os
+from pathlib import Path
+import sys
 
+from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
+import numba
 import numpy as np
 from startracker_ros.astro.orbit import propagate
 from startracker_ros.attitude.estimate import estimate_attitude
@@ -18,6 +28,7 @@ from startracker_ros.identify.identification import IdentificationOptions, METHO
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.locate.line_of_sight import line_of_sight
 from startracker_ros.locate.location import locate
+from startracker_ros.machine_code import copy_code, imported_code, machine_code_folder
 from startracker_ros.maths.rotation import quaternion_from_pointing
 from startracker_ros.sky.detector import Detector, DetectorOptions
 from startracker_ros.track.in_view import StarsInView
@@ -83,11 +94,24 @@ def location() -> None:
 STAGES = (identification, extraction, tracking, rendering, location)
 
 
-def main() -> None:
-    """Warm all stages up, on all cores at once."""
-    with ProcessPoolExecutor(os.cpu_count(), get_context('spawn')) as pool:
-        for stage in [pool.submit(stage) for stage in STAGES]:
-            stage.result()
+def main(arguments: list[str] = sys.argv[1:]) -> None:
+    """Warm all stages up, on all cores at once, unless that was done for the same sources."""
+    done = Path(machine_code_folder(), f'complete-{_digest()}')
+    if not done.exists():
+        with ProcessPoolExecutor(os.cpu_count(), get_context('spawn')) as pool:
+            for stage in [pool.submit(stage) for stage in STAGES]:
+                stage.result()
+        if machine_code_folder():
+            done.touch()
+    for folder in arguments:
+        copy_code(Path(folder))
+
+
+def _digest() -> str:
+    """Return a digest of the sources, the compiler and the processor."""
+    made_for = (sorted(imported_code()), numba.__version__, sys.version, get_host_cpu_name(),
+                get_host_cpu_features().flatten())
+    return hashlib.sha256(repr(made_for).encode()).hexdigest()[:16]
 
 
 if __name__ == '__main__':

@@ -20,7 +20,7 @@ from startracker_ros.extras import MissingLibraryError
 from startracker_ros.harness.probe import Progress
 from startracker_ros.harness.processes import HarnessError, module_command, node_environment
 from startracker_ros.harness.rig import Rig
-from startracker_ros.machine_code import cached_functions, machine_code_folder
+from startracker_ros.machine_code import cached_share, machine_code_folder, package_code
 from startracker_ros.ros import qos
 
 
@@ -114,8 +114,7 @@ def start_time_s() -> float:
 
     That is the start of this process, or the end of the compilation where it runs first.
     """
-    folder = machine_code_folder()
-    if not folder or cached_functions(folder):
+    if not machine_code_folder() or cached_share(package_code()):
         return psutil.Process().create_time()
     print('compiling for this machine, for a minute, and only once', file=sys.stderr)
     # When this fails, the nodes compile for themselves.

@@ -10,7 +10,7 @@ from sensor_msgs.msg import CameraInfo, Imu
 from startracker_ros.astro.epoch import epoch_year_from_stamp, RESTART_NS
 from startracker_ros.bag.layouts import camera_from_message, MessageError, ns_from_stamp
 from startracker_ros.camera.model import Camera, CameraError
-from startracker_ros.machine_code import cached_functions, machine_code_folder
+from startracker_ros.machine_code import cached_share, imported_code, machine_code_folder
 from startracker_ros.ros import qos
 from startracker_ros.ros.cadence import Cadence
 from startracker_ros.ros.diagnostics import WARN
@@ -22,6 +22,7 @@ _EARLY = 'camera_info before ready'
 _LOADING = 'loading code'
 # Cached code is loaded in two seconds.
 _SLOW_LOADING_S = 10.0
+_MOSTLY = 0.5
 
 
 class CameraNode(PipelineNode):
@@ -116,11 +117,11 @@ class CameraNode(PipelineNode):
     @staticmethod
     def _loading() -> str:
         """Return whether the code is loaded or, for the first time on a machine, compiled."""
-        folder = machine_code_folder()
-        if not folder:
+        if not machine_code_folder():
             return ('compiling for this machine, for a minute, at each start: no folder to keep '
                     'it in can be written, set NUMBA_CACHE_DIR')
-        if not cached_functions(folder):
+        # Some modules are only used by other commands.
+        if cached_share(imported_code()) < _MOSTLY:
             return ('compiling for this machine, for a minute, and only once: next time '
                     '`python -m startracker_ros.warm_up` does it beforehand')
         return _LOADING

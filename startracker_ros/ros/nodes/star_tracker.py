@@ -1,5 +1,6 @@
 """star_tracker: centroids, stars, imu, camera_info -> tracks, attitude, state, predictions."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -61,8 +62,8 @@ class StarTrackerNode(CameraNode):
             self._tracker.set_limits(self.options(TrackerOptions))
 
     def warm_up(self) -> None:
-        make_star_tracker(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR,
-                          self.options(TrackerOptions)).warm_up()
+        options = replace(self.options(TrackerOptions), magnitude_limit=5.0)
+        make_star_tracker(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, options).warm_up()
 
     def _add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         return self.camera is None or self._tracker.add_rate(stamp_ns, rate_rad_s)
