@@ -6,18 +6,20 @@ of this file compiles everything anew.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from numba import njit
 from startracker_ros.machine_code_cache import MachineCodeCache
 
+_Function = TypeVar('_Function', bound=Callable)
 
-def _compiler(**options: Any) -> Callable[[Callable], Any]:
+
+def _compiler(**options: Any) -> Callable[[_Function], _Function]:
     """Return the decorator of functions that are compiled with options of numba."""
     # Division by zero gives infinity or NaN, as in NumPy: without checks code is smaller, faster.
     jit = njit(error_model='numpy', **options)
 
-    def compile_with_cache(function: Callable) -> Any:
+    def compile_with_cache(function: _Function) -> _Function:
         dispatcher = jit(function)
         # With NUMBA_DISABLE_JIT it is the function itself.
         if hasattr(dispatcher, '_cache'):
