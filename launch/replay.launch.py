@@ -12,7 +12,7 @@ from launch.substitutions import LaunchConfiguration
 from startracker_ros.executables import STAGES
 from startracker_ros.harness.launching import node, pipeline, shared_arguments
 
-TOPICS = ('image_raw', 'camera_info', 'imu', 'odometry')
+TOPICS = ('image_raw', 'image_raw/compressed', 'camera_info', 'imu', 'odometry')
 # The first run on a machine compiles.
 WAIT_LIMIT_S = 300.0
 

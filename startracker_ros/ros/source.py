@@ -6,16 +6,16 @@ from datetime import datetime
 
 import numpy as np
 from rclpy.timer import Timer
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo
 from startracker_ros.astro.epoch import stamp_from_datetime
 from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera
 from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
 from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.image_topic import ImageOutput
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.ros.node import PipelineNode, StartError
 from std_msgs.msg import Header
 
@@ -27,7 +27,7 @@ class SourceOptions(Options):
     frame_rate_hz: float = option(10.0, 'images a second', unit='Hz', low=0.01, high=1000.0)
     frame_count: int = option(0, 'images to publish, 0 for no end', low=0)
     wait_for_subscribers: int = option(
-        0, 'subscribers of image_raw to wait for before the first image', low=0, high=100)
+        0, 'subscribers of the images to wait for before the first image', low=0, high=100)
     wait_for_camera_users: int = option(
         0, 'subscribers of camera_info to wait for before the first image: every stage of the '
         'pipeline is one once it has loaded its code; the extractor subscribes to image_raw then, '
@@ -78,7 +78,7 @@ class SourceNode(PipelineNode):
         self._begin_ns: int | None = None
         self._inactive_ns: int | None = None
         self._published_camera: Camera | None = None
-        self._image = self.advertise(Image, 'image_raw', qos.IMAGE)
+        self._image = ImageOutput(self)
         self._camera_info = self.advertise(CameraInfo, 'camera_info', qos.LIST)
 
     def start_ns(self) -> int:
@@ -111,7 +111,7 @@ class SourceNode(PipelineNode):
         same, self._published_camera = camera == self._published_camera, camera
         if not same:
             self._publish_camera_info(camera, header)
-        self._image.publish(image_to_message(image, header))
+        self._image.publish(image, header)
         if same:
             self._publish_camera_info(camera, header)
         self.diagnostics.counts['frames'] += 1
@@ -130,7 +130,7 @@ class SourceNode(PipelineNode):
         now_ns = self.get_clock().now().nanoseconds
         if self._begin_ns is None:
             self._stamp_offset_ns = (options.start_ns() or now_ns) - now_ns
-            if (self._image.get_subscription_count() < options.wait_for_subscribers
+            if (self._image.subscriptions < options.wait_for_subscribers
                     or self._camera_info.get_subscription_count()
                     < options.wait_for_camera_users):
                 self._publish_camera_info(

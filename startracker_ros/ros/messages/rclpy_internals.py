@@ -11,10 +11,10 @@ from typing import Any
 
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CompressedImage, Image
 
 
-def set_image_data(message: Image, data: memoryview) -> None:
+def set_image_data(message: Image | CompressedImage, data: memoryview) -> None:
     """
     Let an image message show a buffer instead of a copy.
 

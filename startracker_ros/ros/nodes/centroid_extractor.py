@@ -5,7 +5,7 @@ from functools import partial
 import cv2
 import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
-from startracker_ros.bag.layouts import image_from_message, MessageError, ns_from_stamp
+from startracker_ros.bag.layouts import MessageError, ns_from_stamp
 from startracker_ros.centroid.extraction import CentroidExtractor, Extraction, ExtractionOptions
 from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.pipeline.annotate import annotate
@@ -13,8 +13,9 @@ from startracker_ros.pipeline.extraction import ExtractionStage, SearchOptions
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
+from startracker_ros.ros.image_topic import subscribe_images, TransportOptions
 from startracker_ros.ros.messages.clouds import centroids_to_message, predictions_from_message
-from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
+from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.ros.messages.image_marker import centroids_to_image_marker
 from startracker_ros.ros.node import main_of
 from std_msgs.msg import Header
@@ -24,14 +25,14 @@ from visualization_msgs.msg import ImageMarker
 class CentroidExtractorNode(CameraNode):
     """Extracts the centroids of each image; an empty list means that there are none."""
 
-    option_classes = (ExtractionOptions, SearchOptions)
+    option_classes = (ExtractionOptions, SearchOptions, TransportOptions)
     task = 'centroids'
 
     def __init__(self) -> None:
         super().__init__('centroid_extractor')
         # The nodes of a pipeline share the cores: more threads of OpenCV would only compete.
         cv2.setNumThreads(1)
-        self.frame_topic = 'image_raw'
+        self.frame_topic = self.options(TransportOptions).topic
         self._centroids = self.advertise(PointCloud2, 'centroids', qos.LIST)
         self._annotated = self.advertise(Image, 'image_annotated', qos.IMAGE)
         self._markers = self.advertise(ImageMarker, 'image_markers', qos.LIST)
@@ -48,8 +49,7 @@ class CentroidExtractorNode(CameraNode):
         CentroidExtractor(self.options(ExtractionOptions)).warm_up()
 
     def on_warm(self) -> None:
-        self.subscribe(Image, 'image_raw', self._on_image, qos.IMAGE,
-                       decode=image_message_from_cdr)
+        subscribe_images(self, self._on_image)
 
     def _on_predicted(self, message: PointCloud2) -> None:
         camera = self.camera_or_drop()
@@ -58,20 +58,18 @@ class CentroidExtractorNode(CameraNode):
             self._predicted = None
             self._predicted = predictions_from_message(message, camera)
 
-    def _on_image(self, message: Image) -> None:
-        image = image_from_message(message)
+    def _on_image(self, image: np.ndarray, header: Header) -> None:
         camera = self.camera_or_drop()
-        if camera is None or not self.in_order('image_raw', message.header.stamp):
+        if camera is None or not self.in_order(self.frame_topic, header.stamp):
             return
         if image.shape != (camera.height, camera.width):
             raise MessageError(
-                f'image of {message.width} x {message.height} px does not fit camera_info of '
+                f'image of {image.shape[1]} x {image.shape[0]} px does not fit camera_info of '
                 f'{camera.width} x {camera.height} px')
-        extraction = self._stage.extract(ns_from_stamp(message.header.stamp), image,
-                                         self._predicted)
+        extraction = self._stage.extract(ns_from_stamp(header.stamp), image, self._predicted)
         self._centroids.publish(centroids_to_message(
-            extraction.centroids, camera, message.header, self._stage.directed))
-        self.defer(partial(self._report, message.header, image, extraction))
+            extraction.centroids, camera, header, self._stage.directed))
+        self.defer(partial(self._report, header, image, extraction))
 
     def _report(self, header: Header, image: np.ndarray, extraction: Extraction) -> None:
         """Publish the centroids for viewers, and the status."""

@@ -9,6 +9,7 @@ from startracker_ros.camera.images import ImageError, read_image
 from startracker_ros.options import option, Options
 from startracker_ros.ros.diagnostics import ERROR, OK
 from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.image_topic import TransportOptions
 from startracker_ros.ros.node import main_of, StartError
 from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
 
@@ -47,7 +48,7 @@ class ImagePublisherNode(SourceNode):
     pipeline.
     """
 
-    option_classes = (SourceOptions, CameraOptions, FileOptions, FrameOptions)
+    option_classes = (SourceOptions, CameraOptions, FileOptions, FrameOptions, TransportOptions)
     task = 'images'
 
     def __init__(self) -> None:

@@ -8,6 +8,7 @@ from startracker_ros.catalog.deep import camera_catalog, DEEP_LIMIT
 from startracker_ros.options import option, Options
 from startracker_ros.ros.diagnostics import OK
 from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.image_topic import TransportOptions
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.simulator_output import GyroOutput, NavigationOutput, TruthOutput
@@ -46,7 +47,7 @@ class SkySimulatorNode(SourceNode):
 
     option_classes = (SourceOptions, CameraOptions, MotionOptions, SkyOptions, TargetOptions,
                       DetectorOptions, ArtefactOptions, GyroOptions, NavigationOptions,
-                      SceneOptions, FrameOptions)
+                      SceneOptions, FrameOptions, TransportOptions)
     task = 'simulation'
 
     def __init__(self) -> None:
