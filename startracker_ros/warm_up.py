@@ -12,8 +12,8 @@ import os
 from pathlib import Path
 import sys
 
-from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 import numba
+from numba.core.registry import cpu_target
 import numpy as np
 from startracker_ros.astro.orbit import propagate
 from startracker_ros.attitude.estimate import estimate_attitude
@@ -109,8 +109,8 @@ def main(arguments: list[str] = sys.argv[1:]) -> None:
 
 def _digest() -> str:
     """Return a digest of the sources, the compiler and the processor."""
-    made_for = (sorted(imported_code()), numba.__version__, sys.version, get_host_cpu_name(),
-                get_host_cpu_features().flatten())
+    made_for = (sorted(imported_code()), numba.__version__, sys.version,
+                cpu_target.target_context.codegen().magic_tuple())
     return hashlib.sha256(repr(made_for).encode()).hexdigest()[:16]
 
 

@@ -12,6 +12,7 @@ import sys
 from catkin_pkg.package import parse_package
 import startracker_ros
 from startracker_ros.executables import EXECUTABLES
+import yaml
 
 SOURCE = Path(__file__).parents[2]
 # Packages of ROS 2 are named as their modules.
@@ -72,11 +73,31 @@ def test_every_import_has_a_rosdep_key_or_is_listed_as_pip_only():
     assert depends <= keys
 
 
-def test_the_docker_image_installs_what_has_no_rosdep_key():
+def test_docker_image_and_workflow_install_what_has_no_rosdep_key():
     needed, = re.findall('Noble, pip only: (.*?)\\.? -->', (SOURCE / 'package.xml').read_text())
-    image = (SOURCE / 'docs' / 'examples' / 'Dockerfile').read_text().replace('\\\n', '')
-    installed, = re.findall('--break-system-packages (.*)', image)
-    assert installed.split() == needed.split(', ')
+    for path in ('docs/examples/Dockerfile', '.github/workflows/ros.yaml'):
+        text = (SOURCE / path).read_text().replace('\\\n', '')
+        installed, = re.findall('--break-system-packages (.*)', text)
+        assert installed.split() == needed.split(', '), path
+
+
+def test_the_workflow_runs_what_there_is():
+    workflow = yaml.safe_load((SOURCE / '.github' / 'workflows' / 'ros.yaml').read_text())
+    commands = '\n'.join(step.get('run', '') for job in workflow['jobs'].values()
+                         for step in job['steps'])
+    assert (SOURCE / '.ci' / 'run').is_file() and '.ci/run' in commands
+    launched = re.findall(r'ros2 launch startracker_ros (\S+)', commands)
+    assert launched and all((SOURCE / 'launch' / name).is_file() for name in launched)
+
+
+def test_rosdoc2_has_its_configuration():
+    name, = [one.content for one in parse_package(SOURCE / 'package.xml').exports
+             if one.tagname == 'rosdoc2']
+    kind, configuration = yaml.safe_load_all((SOURCE / name).read_text())
+    assert kind == {'type': 'rosdoc2 config', 'version': 1}
+    assert configuration.keys() == {'settings', 'builders'}
+    sphinx, = [builder['sphinx'] for builder in configuration['builders']]
+    assert (SOURCE / sphinx['user_doc_dir']).is_dir()
 
 
 def test_every_import_is_a_dependency_or_of_an_extra_in_setup_py(monkeypatch):
