@@ -45,7 +45,8 @@ class ClosedLoop:
     """
     Basilisk's spacecraft controlled by what a star tracker sees.
 
-    fault_of returns what is wrong with a frame by its time in s, besides the Sun.
+    fault_of returns what is wrong with a frame by its time in s, besides the Sun. torque_n_m (3,) is
+    that of the wheels on the body, commanded before the newest frame.
     """
 
     def __init__(self, spacecraft: Spacecraft, camera: LoopCamera, navigation: Navigation,
@@ -58,7 +59,7 @@ class ClosedLoop:
         self._fault_of = fault_of
         self._motion = SampledMotion()
         self._index = 0
-        self._torque_n_m = np.zeros(3)
+        self.torque_n_m = np.zeros(3)
 
     def step(self) -> Step:
         """Go to the next frame: see, navigate, command."""
@@ -68,10 +69,10 @@ class ClosedLoop:
         truth = spacecraft.step_to(time_ns)
         self._motion.add(time_ns * 1e-9, sensor_state(truth))
         # The last command came into effect LATENCY_NS after the last frame.
-        before_n_m, self._torque_n_m = self._torque_n_m, spacecraft.body_torque_n_m()
+        before_n_m, self.torque_n_m = self.torque_n_m, spacecraft.body_torque_n_m()
         momentum = spacecraft.wheel_momentum_n_m_s()
         navigation.propagate(time_ns - CONTROL_NS + LATENCY_NS, before_n_m, momentum)
-        navigation.propagate(time_ns, self._torque_n_m, momentum)
+        navigation.propagate(time_ns, self.torque_n_m, momentum)
         fault = self._fault_of(time_ns * 1e-9)
         if plan.phase is Phase.BLINDED:
             fault = FrameFault(True, fault.dropped, fault.torn, fault.offset_s)
@@ -107,7 +108,7 @@ class ClosedLoop:
             spacecraft.command(at_ns, rest, spacecraft.gyro_rad_s(),
                                Plan().reference(at_ns * 1e-9, rest))
             return
-        ahead = self.navigation.predicted(at_ns, self._torque_n_m, momentum)
+        ahead = self.navigation.predicted(at_ns, self.torque_n_m, momentum)
         spacecraft.command(at_ns, ahead.q_icrf_from_body, ahead.rate_rad_s,
                            self.plan.reference(at_ns * 1e-9, ahead.q_icrf_from_body))
 

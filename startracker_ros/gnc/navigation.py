@@ -16,7 +16,8 @@ class NavigationOptions:
     Errors of the model, the measurements, and how long an attitude is propagated.
 
     acceleration_rad_s2 is the white noise of the angular acceleration in rad/s^2 * sqrt(s),
-    disturbance_rad_s3 that of its unknown part. The errors of a tracker that filters are
+    disturbance_rad_s3 that of its unknown part; torque_error is the part of the known torques that
+    acts as noise, for an inertia that is not known better. The errors of a tracker that filters are
     correlated from frame to frame: inflation multiplies its variances. time_sigma_s is the
     error of the time tags; the rate times it is added to the error of the attitude. A propagated
     attitude ends with sigma_max_rad on any axis or after hold_max_s. After rejected_max
@@ -25,6 +26,7 @@ class NavigationOptions:
 
     acceleration_rad_s2: float = 2e-6
     disturbance_rad_s3: float = 1e-7
+    torque_error: float = 0.01
     inflation: float = 4.0
     sigma_floor_rad: float = 0.3 * ARCSEC
     time_sigma_s: float = 0.02
@@ -92,14 +94,16 @@ class Navigation:
         dt_s = (time_ns - state.time_ns) * 1e-9
         before = state.rate_rad_s
         middle = before + self._acceleration(state, before, torque_n_m, momentum_n_m_s) * dt_s / 2
-        rate = before + self._acceleration(state, middle, torque_n_m, momentum_n_m_s) * dt_s
+        acceleration = self._acceleration(state, middle, torque_n_m, momentum_n_m_s)
+        rate = before + acceleration * dt_s
         turn = quaternion_from_rotation_vector(middle * dt_s)
         transition = np.eye(9)
         transition[:3, :3] = matrix_from_quaternion(turn).T
         transition[:3, 3:6] = transition[3:6, 6:] = dt_s * np.eye(3)
         transition[:3, 6:] = dt_s ** 2 / 2 * np.eye(3)
         covariance = transition @ state.covariance @ transition.T
-        covariance[range(3, 6), range(3, 6)] += options.acceleration_rad_s2 ** 2 * dt_s
+        covariance[range(3, 6), range(3, 6)] += dt_s * (
+            options.acceleration_rad_s2 ** 2 + np.square(options.torque_error * acceleration))
         covariance[range(6, 9), range(6, 9)] += options.disturbance_rad_s3 ** 2 * dt_s
         return NavigationState(time_ns, _normalised(multiply(state.q_icrf_from_body, turn)), rate,
                                state.disturbance_rad_s2, covariance)

@@ -12,10 +12,11 @@ KEPT_S = 3.0
 the frame before, the gyro that of the time between two frames."""
 
 MAX_TURN_RAD = np.radians(90.0)
+"""Largest turn between two samples; the attitude between them is unknown after a larger one."""
 
 
 class SampleError(ValueError):
-    """A sample that does not continue the motion; the text says why."""
+    """A sample that is not newer than the one before."""
 
 
 class SampledMotion:
@@ -41,30 +42,29 @@ class SampledMotion:
         Add a sample newer than all before; return how much attitudes and rates disagree.
 
         That is the angle in rad between the attitude of the sample and the one that the mean of
-        the rates of this sample and the one before gives. SampleError, without a change, for an
-        older sample and for one that turned by more than MAX_TURN_RAD.
+        the rates of this sample and the one before gives. After a turn by more than MAX_TURN_RAD
+        it is infinite, and the motion begins anew with the sample. SampleError, without a change,
+        for a sample that is not newer.
         """
         if time_s <= self.newest_s:
-            raise SampleError(f'{self.newest_s - time_s:.3f} s older than the newest')
+            raise SampleError(f'{self.newest_s - time_s:g} s older than the newest')
         disagreement_rad = 0.0
         if self._samples:
             before_s, before = self._samples[-1]
             turn = _turn(before, state)
             expected = (before.rate_rad_s + state.rate_rad_s) / 2 * (time_s - before_s)
-            if max(np.linalg.norm(turn), np.linalg.norm(expected)) > MAX_TURN_RAD:
-                raise SampleError(
-                    f'turned by {np.degrees(np.linalg.norm(expected)):.0f} deg since the one '
-                    f'before: too far for a motion between the two')
             disagreement_rad = float(np.linalg.norm(turn - expected))
+            if max(np.linalg.norm(turn), np.linalg.norm(expected)) > MAX_TURN_RAD:
+                self._samples.clear()
+                disagreement_rad = np.inf
         self._samples.append((time_s, state))
         while time_s - self._samples[0][0] > KEPT_S and len(self._samples) > 2:
             self._samples.popleft()
         return disagreement_rad
 
     def begin_anew(self) -> None:
-        """Forget all samples but the newest, which begins another motion."""
-        while len(self._samples) > 1:
-            self._samples.popleft()
+        """Forget all samples."""
+        self._samples.clear()
 
     def at(self, time_s: float) -> MotionState:
         """Return the state; IndexError without a sample."""
