@@ -28,7 +28,8 @@ class SpacecraftOptions:
     """
     A satellite of 100 kg in low orbit.
 
-    inertia_kg_m2 is the diagonal; the wheels are a pyramid of four that store no momentum
+    inertia_kg_m2 is the diagonal that the flight software knows, inertia_error the relative error
+    of it: the body has inertia_kg_m2 (1 + inertia_error). The wheels are a pyramid of four that store no momentum
     together but turn at wheel_rpm, so that none stands still; coulomb_n_m and viscous_n_m_s are
     their friction. The gains are those of mrpFeedback: with K, P and inertia J the frequency is
     sqrt(K / 4 J) and the damping P / sqrt(K J). gyro_bias_rad_s (3,) and gyro_sigma_rad_s of
@@ -36,6 +37,7 @@ class SpacecraftOptions:
     """
 
     inertia_kg_m2: tuple[float, float, float] = (11.0, 9.0, 10.0)
+    inertia_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
     wheel_max_torque_n_m: float = 0.1
     wheel_momentum_n_m_s: float = 4.0
     wheel_max_rpm: float = 6000.0
@@ -147,7 +149,8 @@ class Spacecraft:
         body.ModelTag = 'satellite'
         body.hub.mHub = 100.0
         body.hub.r_BcB_B = [[0.0], [0.0], [0.0]]
-        body.hub.IHubPntBc_B = np.diag(self.options.inertia_kg_m2).tolist()
+        body.hub.IHubPntBc_B = np.diag(np.multiply(
+            self.options.inertia_kg_m2, np.add(1.0, self.options.inertia_error))).tolist()
         position_m, velocity_m_s = self.options.orbit.at(0.0)
         body.hub.r_CN_NInit = _column(position_m)
         body.hub.v_CN_NInit = _column(velocity_m_s)

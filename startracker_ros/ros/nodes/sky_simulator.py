@@ -65,7 +65,7 @@ class SkySimulatorNode(SourceNode):
         if motion.motion == 'topic':
             if self.options(SkyOptions).satellites:
                 raise StartError('satellites need a motion that is known in advance: not topic')
-            detector = self.options(DetectorOptions)
+            detector = with_preset(self.options(DetectorOptions), scene.preset)
             self.stop()
             self._motion.rebuild(partial(self.has_users, self._camera), (
                 detector.exposure_s + 1e-6 * detector.line_time_us * self._camera.height) / 2)
