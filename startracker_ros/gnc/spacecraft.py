@@ -15,6 +15,9 @@ _NULL_SIGNS = (1, -1, 1, -1)
 _NULL_GAIN = 1e-4
 """Torque in N m for each rad/s that a wheel is away from its speed, without effect on the body."""
 
+_FIRST = 100
+"""Priority in a task of Basilisk; a higher one is executed earlier, -1 is the default."""
+
 STEP_NS = 100_000_000
 """Step of the integration (Runge-Kutta 4) and of gyro measurements."""
 
@@ -59,7 +62,7 @@ class Truth:
     What Basilisk integrated.
 
     q_icrf_from_body (4,), rate_rad_s (3,) on body axes, position_m and velocity_m_s (3,) on ICRF
-    axes; wheel_rad_s (4,) and torque_n_m (4,), commanded to the motors.
+    axes; wheel_rad_s (4,) of the wheels and torque_n_m (4,) of their motors.
     """
 
     time_ns: int
@@ -88,8 +91,8 @@ class Spacecraft:
         self._simulation = SimBaseClass()
         process = self._simulation.CreateNewProcess('spacecraft')
         process.addTask(self._simulation.CreateNewTask('dynamics', STEP_NS))
-        process.addTask(self._simulation.CreateNewTask(
-            'control', CONTROL_NS, FirstStart=LATENCY_NS))
+        # Initialised by Basilisk, executed by step_to(): a task begins at a multiple of its period.
+        process.addTask(self._simulation.CreateNewTask('control', CONTROL_NS))
         self._add_dynamics(q_icrf_from_body, rate_rad_s)
         self._add_wheels()
         self._add_gyro(seed)
@@ -97,35 +100,47 @@ class Spacecraft:
         self.time_ns = 0
         self.command(0, q_icrf_from_body, rate_rad_s, Reference.fixed(q_icrf_from_body))
         self._simulation.InitializeSimulation()
+        self._simulation.disableTask('control')
 
     def step_to(self, time_ns: int) -> Truth:
-        """Integrate up to a time, a multiple of STEP_NS, and return the state there."""
-        self._simulation.ConfigureStopTime(time_ns)
-        self._simulation.ExecuteSimulation()
-        self.time_ns = time_ns
+        """Integrate up to the next multiple of CONTROL_NS, and return the state there."""
+        control_ns = self.time_ns + LATENCY_NS
+        self._integrate_to(control_ns)
+        for module in self._software:
+            module.UpdateState(control_ns)
+        self._integrate_to(time_ns)
         state = self._body.scStateOutMsg.read()
-        count = len(self._wheels.rwList)
         return Truth(
             time_ns, quaternion_from_mrp(np.array(state.sigma_BN)), np.array(state.omega_BN_B),
             np.array(state.r_BN_N), np.array(state.v_BN_N),
-            np.array(self._wheel_effector.rwSpeedOutMsg.read().wheelSpeeds[:count]),
-            np.array(self._null_space.rwMotorTorqueOutMsg.read().motorTorque[:count]))
+            self._wheel_rad_s(), self._motor_torque_n_m())
+
+    def _integrate_to(self, time_ns: int) -> None:
+        self._simulation.ConfigureStopTime(time_ns)
+        self._simulation.ExecuteSimulation()
+        self.time_ns = time_ns
 
     def gyro_rad_s(self) -> np.ndarray:
         """Return the rate (3,) that the gyro measured last, on body axes."""
         return np.array(self._gyro.sensorOutMsg.read().AngVelPlatform)
 
     def body_torque_n_m(self) -> np.ndarray:
-        """Return the torque (3,) that the motors are commanded to exert on the body."""
-        count = len(self._wheels.rwList)
-        motor = np.array(self._null_space.rwMotorTorqueOutMsg.read().motorTorque[:count])
-        return -self._axes @ np.clip(motor, -self.options.wheel_max_torque_n_m,
-                                     self.options.wheel_max_torque_n_m)
+        """Return the torque (3,) that the motors exert on the body."""
+        return -self._axes @ self._motor_torque_n_m()
+
+    def _motor_torque_n_m(self) -> np.ndarray:
+        """Return the torque (4,) that is commanded to the motors, within their limits."""
+        command = self._null_space.rwMotorTorqueOutMsg.read().motorTorque[:self._axes.shape[1]]
+        limit = self.options.wheel_max_torque_n_m
+        return np.clip(command, -limit, limit)
 
     def wheel_momentum_n_m_s(self) -> np.ndarray:
         """Return the momentum (3,) of the wheels on body axes, of their tachometers."""
-        speeds = self._wheel_effector.rwSpeedOutMsg.read().wheelSpeeds[:self._axes.shape[1]]
-        return self._axes @ (self._wheel_inertia * np.array(speeds))
+        return self._axes @ (self._wheel_inertia * self._wheel_rad_s())
+
+    def _wheel_rad_s(self) -> np.ndarray:
+        speeds = self._wheel_effector.rwSpeedOutMsg.read().wheelSpeeds
+        return np.array(speeds[:self._axes.shape[1]])
 
     def command(self, time_ns: int, q_icrf_from_body: np.ndarray, rate_rad_s: np.ndarray,
                 reference: Reference) -> None:
@@ -186,7 +201,8 @@ class Spacecraft:
                 useRWfriction=True, fCoulomb=coulomb_n_m,
                 cViscous=options.viscous_n_m_s)
         self._wheels.addToSpacecraft('wheels', self._wheel_effector, self._body)
-        self._simulation.AddModelToTask('dynamics', self._wheel_effector)
+        # Before the body: it reads the command that the body is integrated with.
+        self._simulation.AddModelToTask('dynamics', self._wheel_effector, _FIRST)
 
     def _add_gyro(self, seed: int) -> None:
         from Basilisk.simulation import imuSensor
@@ -200,7 +216,7 @@ class Spacecraft:
     def _add_control(self) -> None:
         from Basilisk.architecture import messaging
         from Basilisk.fswAlgorithms import attTrackingError, mrpFeedback, rwMotorTorque, rwNullSpace
-        options, add = self.options, self._simulation.AddModelToTask
+        options = self.options
         self._navigation, self._reference = messaging.NavAttMsg(), messaging.AttRefMsg()
         error = self._error = attTrackingError.attTrackingError()
         error.attNavInMsg.subscribeTo(self._navigation)
@@ -241,8 +257,9 @@ class Spacecraft:
         null_space.rwDesiredSpeedsInMsg.subscribeTo(self._wanted_speeds)
         null_space.rwConfigInMsg.subscribeTo(self._constellation)
         self._wheel_effector.rwMotorCmdInMsg.subscribeTo(null_space.rwMotorTorqueOutMsg)
-        for module in (error, feedback, motors, null_space):
-            add('control', module)
+        self._software = error, feedback, motors, null_space
+        for module in self._software:
+            self._simulation.AddModelToTask('control', module)
 
 
 def _column(vector: np.ndarray) -> list[list[float]]:
