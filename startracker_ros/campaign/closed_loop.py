@@ -1,4 +1,4 @@
-"""Faults in the closed loop: is control ever lost, is a wrong attitude ever used?"""
+"""Faults in the closed loop: control must not be lost, no wrong attitude be used."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

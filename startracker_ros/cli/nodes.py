@@ -60,7 +60,7 @@ def demo_two_satellite(output: Path, seconds: float, seed: int, as_json: bool) -
 @seed_option
 @json_option
 def demo_closed_loop(output: Path, seed: int, as_json: bool) -> None:
-    """A spacecraft of Basilisk, controlled by what the star tracker sees."""
+    """Control a spacecraft of Basilisk by what the star tracker sees."""
     from startracker_ros.gnc.basilisk_messages import import_basilisk
     import_basilisk()
     from startracker_ros.harness.closed_loop_demo import run_closed_loop_demo

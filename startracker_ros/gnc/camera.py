@@ -1,7 +1,6 @@
 """What sees the sky in the loop: the pipeline behind images or star lists."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -112,10 +111,6 @@ class ImageCamera:
         self._pipeline = Pipeline(CAMERA, EPOCH_YEAR)
         self._simulators: dict[tuple[bool, bool], SkySimulator] = {}
 
-    @cached_property
-    def _catalog(self):  # type: ignore[no-untyped-def]
-        return load_catalog()
-
     def observe(self, time_ns: int, motion: SampledMotion, fault: FrameFault) -> Observation:
         """Return the report of a frame."""
         key = fault.blinded, fault.torn
@@ -127,11 +122,11 @@ class ImageCamera:
         return observation_of(self._pipeline.update_image(stamp_ns, image))
 
     def _simulator(self, motion: SampledMotion, blinded: bool, torn: bool) -> SkySimulator:
-        light = {'stray_light_e': SUN_LIGHT_E,
-                 'stray_light_falloff_deg': SUN_FALLOFF_DEG} if blinded else {}
         return SkySimulator(
-            CAMERA, motion, self._catalog, EPOCH_YEAR,
-            detector_options=DetectorOptions(motion_smear=True, **light),
+            CAMERA, motion, load_catalog(), EPOCH_YEAR,
+            detector_options=DetectorOptions(
+                motion_smear=True, stray_light_e=SUN_LIGHT_E * blinded,
+                stray_light_falloff_deg=SUN_FALLOFF_DEG),
             artefact_options=ArtefactOptions(torn_frame_probability=float(torn)),
             frame_rate_hz=self._frame_rate_hz, seed=self._seed)
 

@@ -78,7 +78,7 @@ class History:
 
     @property
     def in_control(self) -> bool:
-        """Return whether fine pointing was reached, and the boresight stayed near its reference."""
+        """Return whether the boresight came to its reference and stayed near it."""
         farthest_arcsec = np.nanmax(self.boresight_arcsec(), initial=0.0)
         return bool(self.within(Phase.FINE).any() and farthest_arcsec < LOST_DEG * 3600)
 

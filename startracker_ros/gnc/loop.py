@@ -45,8 +45,8 @@ class ClosedLoop:
     """
     Basilisk's spacecraft controlled by what a star tracker sees.
 
-    fault_of returns what is wrong with a frame by its time in s, besides the Sun. torque_n_m (3,) is
-    that of the wheels on the body, commanded before the newest frame.
+    fault_of returns what is wrong with a frame by its time in s, besides the Sun. torque_n_m
+    (3,) is that of the wheels on the body, commanded before the newest frame.
     """
 
     def __init__(self, spacecraft: Spacecraft, camera: LoopCamera, navigation: Navigation,

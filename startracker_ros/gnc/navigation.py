@@ -16,12 +16,12 @@ class NavigationOptions:
     Errors of the model, the measurements, and how long an attitude is propagated.
 
     acceleration_rad_s2 is the white noise of the angular acceleration in rad/s^2 * sqrt(s),
-    disturbance_rad_s3 that of its unknown part; torque_error is the part of the known torques that
-    acts as noise, for an inertia that is not known better. The errors of a tracker that filters are
-    correlated from frame to frame: inflation multiplies its variances. time_sigma_s is the
-    error of the time tags; the rate times it is added to the error of the attitude. A propagated
-    attitude ends with sigma_max_rad on any axis or after hold_max_s. After rejected_max
-    measurements in a row that do not fit, the filter begins anew with the next.
+    disturbance_rad_s3 that of its unknown part; torque_error is the part of the known torques
+    that acts as noise, for an inertia that is not known better. The errors of a tracker that
+    filters are correlated from frame to frame: inflation multiplies its variances. time_sigma_s
+    is the error of the time tags; the rate times it is added to the error of the attitude. A
+    propagated attitude ends with sigma_max_rad on any axis or after hold_max_s. After
+    rejected_max measurements in a row that do not fit, the filter begins anew with the next.
     """
 
     acceleration_rad_s2: float = 2e-6

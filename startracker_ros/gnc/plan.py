@@ -46,7 +46,7 @@ class Plan:
     """
     Goes from phase to phase by what the navigation knows, never by the truth.
 
-    begins_s has the time in s at which each phase began.
+    begins_s has the time in s at which each phase began; finished: the last one is over.
     """
 
     def __init__(self, options: PlanOptions = PlanOptions()) -> None:
@@ -54,6 +54,7 @@ class Plan:
         self.phase = Phase.DETUMBLE
         self.begins_s: dict[Phase, float] = {Phase.DETUMBLE: 0.0}
         self.slew: Slew | None = None
+        self.finished = False
         self._still_since_s: float | None = None
         self._attitude_since_s: float | None = None
 
@@ -62,20 +63,13 @@ class Plan:
         """Return whether only the rate is controlled."""
         return self.slew is None
 
-    @property
-    def finished(self) -> bool:
-        """Return whether the run is over, checked by update()."""
-        return self._finished
-
-    _finished = False
-
     def update(self, time_s: float, gyro_rad_s: np.ndarray, state: NavigationState | None
                ) -> bool:
         """Return whether a phase began, by the rate (3,) of the gyro and the navigation."""
         before, options = self.phase, self.options
         since_s = time_s - self.begins_s[before]
         if before is Phase.DETUMBLE:
-            still = np.linalg.norm(gyro_rad_s) < options.rate_rad_s
+            still = bool(np.linalg.norm(gyro_rad_s) < options.rate_rad_s)
             self._still_since_s = _since(still, self._still_since_s, time_s)
             if still and time_s - (self._still_since_s or 0.0) >= options.still_s:
                 self.phase = Phase.ACQUIRE
@@ -92,12 +86,12 @@ class Plan:
         elif before is Phase.SETTLE and since_s >= options.settle_s:
             self.phase = Phase.FINE
         elif before is Phase.FINE and since_s >= options.fine_s:
-            self.phase, self._finished = (
+            self.phase, self.finished = (
                 (Phase.BLINDED, False) if options.blinded_s else (before, True))
         elif before is Phase.BLINDED and since_s >= options.blinded_s:
             self.phase = Phase.RECOVERED
         elif before is Phase.RECOVERED and since_s >= options.recovered_s:
-            self._finished = True
+            self.finished = True
         if self.phase is not before:
             self.begins_s[self.phase] = time_s
         return self.phase is not before

@@ -32,10 +32,10 @@ class SpacecraftOptions:
     A satellite of 100 kg in low orbit.
 
     inertia_kg_m2 is the diagonal that the flight software knows, inertia_error the relative error
-    of it: the body has inertia_kg_m2 (1 + inertia_error). The wheels are a pyramid of four that store no momentum
-    together but turn at wheel_rpm, so that none stands still; coulomb_n_m and viscous_n_m_s are
-    their friction. The gains are those of mrpFeedback: with K, P and inertia J the frequency is
-    sqrt(K / 4 J) and the damping P / sqrt(K J). gyro_bias_rad_s (3,) and gyro_sigma_rad_s of
+    of it: the body has inertia_kg_m2 (1 + inertia_error). The wheels are a pyramid of four that
+    store no momentum together but turn at wheel_rpm, so that none stands still; coulomb_n_m (4,)
+    and viscous_n_m_s are their friction. The gains are those of mrpFeedback: with K, P and
+    inertia J the frequency is sqrt(K / 4 J) and the damping P / sqrt(K J). gyro_bias_rad_s (3,) and gyro_sigma_rad_s of
     each measurement are on body axes.
     """
 
@@ -78,8 +78,8 @@ class Spacecraft:
     """
     Steps Basilisk from one exposure to the next.
 
-    The flight software is attTrackingError, mrpFeedback, rwMotorTorque and rwNullSpace. It reads what
-    command() wrote last, LATENCY_NS after a multiple of CONTROL_NS.
+    The flight software is attTrackingError, mrpFeedback, rwMotorTorque and rwNullSpace. It reads
+    what command() wrote last, LATENCY_NS after each exposure.
     """
 
     def __init__(self, q_icrf_from_body: np.ndarray, rate_rad_s: np.ndarray,
@@ -91,7 +91,7 @@ class Spacecraft:
         self._simulation = SimBaseClass()
         process = self._simulation.CreateNewProcess('spacecraft')
         process.addTask(self._simulation.CreateNewTask('dynamics', STEP_NS))
-        # Initialised by Basilisk, executed by step_to(): a task begins at a multiple of its period.
+        # Its modules are executed by step_to(): a task runs at multiples of its period only.
         process.addTask(self._simulation.CreateNewTask('control', CONTROL_NS))
         self._add_dynamics(q_icrf_from_body, rate_rad_s)
         self._add_wheels()
@@ -215,7 +215,8 @@ class Spacecraft:
 
     def _add_control(self) -> None:
         from Basilisk.architecture import messaging
-        from Basilisk.fswAlgorithms import attTrackingError, mrpFeedback, rwMotorTorque, rwNullSpace
+        from Basilisk.fswAlgorithms import (
+            attTrackingError, mrpFeedback, rwMotorTorque, rwNullSpace)
         options = self.options
         self._navigation, self._reference = messaging.NavAttMsg(), messaging.AttRefMsg()
         error = self._error = attTrackingError.attTrackingError()

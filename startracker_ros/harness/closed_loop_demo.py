@@ -86,7 +86,7 @@ class ClosedLoopDemo(Demo):
         return len(self._steps)
 
     def run(self, loop: ClosedLoop, frames: int = 0) -> float:
-        """Step the loop to the end of its plan, or for so many frames; return the wall time in s."""
+        """Step the loop to the end of its plan or for some frames; return the wall time in s."""
         self._connect()
         begin_s = time.monotonic()
         with Live(self.table(frames), console=Console(), refresh_per_second=4) as live:
@@ -96,7 +96,8 @@ class ClosedLoopDemo(Demo):
                 live.update(self.table(frames))
         wall_s = time.monotonic() - begin_s
         self.cpu_s = sum(sum(process.cpu_times()[:2]) for process in [
-            psutil.Process(), *map(psutil.Process, map(self.processes.pid, self.processes.processes))])
+            psutil.Process(),
+            *(psutil.Process(process.pid) for process in self.processes.processes.values())])
         # Frames in flight to the recorder.
         self.probe.spin_for(1.0)
         return wall_s
@@ -141,12 +142,16 @@ class ClosedLoopDemo(Demo):
 
     def _connect(self) -> None:
         """Wait until all nodes are connected, then let the simulator subscribe to the motion."""
-        self.probe.wait(lambda: self._release_when_connected() or self._connected, 'all nodes',
+        self.probe.wait(self._is_connected, 'all nodes',
                         timeout_s=120.0)
         # The simulator and the recorder.
         self.probe.wait(lambda: self._motion.get_subscription_count() >= 2,
                         'subscribers of motion/odometry', timeout_s=120.0)
         self.probe.spin_for(0.5)
+
+    def _is_connected(self) -> bool:
+        self._release_when_connected()
+        return self._connected
 
     def _blind(self, blinded: bool) -> None:
         """Let the Sun into the images, or out of them."""
@@ -155,9 +160,10 @@ class ClosedLoopDemo(Demo):
         self._blinded = blinded
         values = {'stray_light_e': SUN_LIGHT_E if blinded else 0.0,
                   'stray_light_falloff_deg': SUN_FALLOFF_DEG}
-        results = self.probe.call(SetParameters, 'sky_simulator/set_parameters', SetParameters.Request(
-            parameters=[Parameter(name, value=value).to_parameter_msg()
-                        for name, value in values.items()])).results
+        request = SetParameters.Request(parameters=[
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()])
+        results = self.probe.call(
+            SetParameters, 'sky_simulator/set_parameters', request).results
         if not all(result.successful for result in results):
             raise HarnessError(f'sky_simulator: {"; ".join(r.reason for r in results)}')
 
@@ -182,6 +188,11 @@ class ClosedLoopDemo(Demo):
         self._answer = ns_from_stamp(message.header.stamp), seen
 
 
+def _write_report(bag: Path, page: Path) -> None:
+    from startracker_ros.report.page import write_report
+    write_report(bag, page)
+
+
 def run_closed_loop_demo(output: Path, *, seed: int) -> Result:
     """Run the loop over the nodes; HarnessError when a node fails."""
     rng = np.random.default_rng(seed)
@@ -204,8 +215,7 @@ def run_closed_loop_demo(output: Path, *, seed: int) -> Result:
                 demo.cpu_s / history.time_s[-1]), 's each simulated s')]
     picture, page = output / 'closed_loop.png', output / 'report.html'
     drawn = draw_if_possible(picture, lambda: draw(picture, history, 'closed loop, five nodes'))
-    from startracker_ros.report.page import write_report
-    written = draw_if_possible(page, lambda: write_report(demo.bag, page) and None)
+    written = draw_if_possible(page, lambda: _write_report(demo.bag, page))
     return Result('demo closed-loop', rows, {
         'spacecraft': 'Basilisk: 700 km, rigid body of 10 kg m^2, four reaction wheels of 0.1 N m '
                       'with friction, gravity gradient, gyro',

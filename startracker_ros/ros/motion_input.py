@@ -64,7 +64,7 @@ class MotionInput:
         self._has_users, self._reach_s = has_users, reach_s
         self.motion = SampledMotion()
         self._first_ns = self._newest_ns = self._index = 0
-        self._due_s = 0.0
+        self._due_from_ns = self._due_index = 0
         self._received_s = time.monotonic()
 
     def _tick(self) -> None:
@@ -126,23 +126,28 @@ class MotionInput:
         if time_s - max(before_s, 0.0) > MAX_GAP_S and not self._options.lock_step:
             events.counts[f'{TOPIC} gaps'] += 1
             events.report_event(f'{TOPIC}: nothing for {time_s - before_s:.1f} s, no images')
-            self._due_s = time_s + self._reach_s
+            self._due_from_ns, self._due_index = round((time_s + self._reach_s) * 1e9), 0
 
     def _publish_due(self, stamp_ns: int) -> None:
         """Publish the image of this message, or all that the motion is known for."""
-        time_s = (stamp_ns - self._first_ns) * 1e-9
+        since_ns = stamp_ns - self._first_ns
         if self._options.lock_step:
-            self._publish_next(stamp_ns, time_s)
+            self._publish_next(since_ns)
             return
-        step_s = 1 / self._node.options(SourceOptions).frame_rate_hz
-        while self._due_s + self._reach_s <= time_s:
-            self._publish_next(self._first_ns + round(self._due_s * 1e9), self._due_s)
-            self._due_s += step_s
+        known_ns = since_ns - round(self._reach_s * 1e9)
+        while (due_ns := self._due_ns()) <= known_ns:
+            self._publish_next(due_ns)
+            self._due_index += 1
 
-    def _publish_next(self, stamp_ns: int, time_s: float) -> None:
+    def _due_ns(self) -> int:
+        """Return when the next image is due, counted from the first message."""
+        rate_hz = self._node.options(SourceOptions).frame_rate_hz
+        return self._due_from_ns + round(self._due_index / rate_hz * 1e9)
+
+    def _publish_next(self, since_ns: int) -> None:
         count = self._node.options(SourceOptions).frame_count
         if not count or self._index < count:
-            self._publish(self._index, stamp_ns, round(time_s, 9))
+            self._publish(self._index, self._first_ns + since_ns, since_ns / 1e9)
             self._index += 1
 
     @property

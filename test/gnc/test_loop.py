@@ -20,7 +20,7 @@ TURNED_AWAY = quaternion_from_rotation_vector(np.radians([3.0, 0.0, 0.0]))
 
 
 class TruthfulCamera:
-    """Reports the truth with noise; from wrong_s on, for a second, an attitude that is 3 deg off."""
+    """Reports the truth with noise; for a second from wrong_s on it is 3 deg off."""
 
     def __init__(self, wrong_s=np.inf):
         self._rng = np.random.default_rng(1)

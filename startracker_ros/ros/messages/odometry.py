@@ -32,7 +32,7 @@ def motion_to_odometry(position_m: np.ndarray, velocity_m_s: np.ndarray, quatern
 def motion_from_odometry(message: Odometry, inertial_frame_id: str, sensor_frame_id: str
                          ) -> MotionState:
     """
-    Return the motion of `motion/odometry`, laid out as `truth/odometry`; MessageError names faults.
+    Return the motion of `motion/odometry`, as `truth/odometry` has it; MessageError names faults.
 
     The pose is that of the sensor in the inertial frame, the twist is on sensor axes.
     """
