@@ -35,8 +35,8 @@ class SpacecraftOptions:
     of it: the body has inertia_kg_m2 (1 + inertia_error). The wheels are a pyramid of four that
     store no momentum together but turn at wheel_rpm, so that none stands still; coulomb_n_m (4,)
     and viscous_n_m_s are their friction. The gains are those of mrpFeedback: with K, P and
-    inertia J the frequency is sqrt(K / 4 J) and the damping P / sqrt(K J). gyro_bias_rad_s (3,) and gyro_sigma_rad_s of
-    each measurement are on body axes.
+    inertia J the frequency is sqrt(K / 4 J) and the damping P / sqrt(K J). gyro_bias_rad_s (3,)
+    and gyro_sigma_rad_s of each measurement are on body axes.
     """
 
     inertia_kg_m2: tuple[float, float, float] = (11.0, 9.0, 10.0)

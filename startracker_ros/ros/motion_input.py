@@ -66,6 +66,7 @@ class MotionInput:
         self._first_ns = self._newest_ns = self._index = 0
         self._due_from_ns = self._due_index = 0
         self._received_s = time.monotonic()
+        self._subscribe_if_used()
 
     def _tick(self) -> None:
         """Subscribe once there are users; report silence."""
@@ -75,12 +76,17 @@ class MotionInput:
             return
         if not self._subscribed:
             self._received_s = time.monotonic()
-            if self._has_users(node.get_clock().now().nanoseconds):
-                self._subscribed = True
-                node.subscribe(Odometry, TOPIC, self._on_motion, qos.LIST)
+            self._subscribe_if_used()
         silent_s = time.monotonic() - self._received_s
         if silent_s > _SILENT_S:
             node.diagnostics.report(WARN, f'no {TOPIC} for {silent_s:.0f} s: no images')
+
+    def _subscribe_if_used(self) -> None:
+        node = self._node
+        if (self._has_users is not None and not self._subscribed
+                and self._has_users(node.get_clock().now().nanoseconds)):
+            self._subscribed = True
+            node.subscribe(Odometry, TOPIC, self._on_motion, qos.LIST)
 
     def _on_motion(self, message: Odometry) -> None:
         if self._has_users is None:
