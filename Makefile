@@ -1,4 +1,4 @@
-# make demo | test | test-core | clean. Needs Python 3.11 or 3.12 and a package index; ROS 2 comes as wheels.
+# make demo | demo-closed-loop | test | test-core | clean. Needs Python 3.11 or 3.12 and a package index; ROS 2 comes as wheels.
 
 SUPPORTED = import ensurepip, sys, venv; sys.exit(sys.version_info[:2] not in [(3, 11), (3, 12)])
 PYTHON ?= $(shell for python in python3.12 python3.11 python3; do \
@@ -17,16 +17,19 @@ unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
 	find startracker_ros config launch resource -not -path '*/__pycache__*')
 
-.PHONY: demo test test-core clean
+.PHONY: demo demo-closed-loop test test-core clean
 
 demo: .venv/package
 	$(RUN) -m startracker_ros demo
 
+demo-closed-loop: .venv/package .venv/gnc
+	$(RUN) -m startracker_ros demo closed-loop
+
 # Everything. The demos measure what they show, so they have both cores to themselves.
 PYTEST := $(RUN) -m pytest -q
 ON_BOTH_CORES := -n 2 --dist loadfile
-DEMOS := test/nodes/test_demo.py test/nodes/test_two_satellite_demo.py
-test: .venv/package
+DEMOS := $(addprefix test/nodes/,test_demo.py test_two_satellite_demo.py test_closed_loop_demo.py)
+test: .venv/package .venv/gnc
 	@$(PYTEST) $(ON_BOTH_CORES) test $(DEMOS:%=--ignore %); others=$$?; \
 		$(PYTEST) $(DEMOS) && exit $$others
 
@@ -42,6 +45,12 @@ test-core: .venv/package
 	$(PIP_INSTALL) -r requirements.txt
 	touch $@
 
+# Without what Basilisk asks for: its limits would replace matplotlib, pillow and sgp4 by older ones,
+# and the loop imports none of the others.
+.venv/gnc: .venv/requirements requirements-gnc.txt
+	$(PIP_INSTALL) --no-deps -r requirements-gnc.txt
+	touch $@
+
 # Not editable: pip leaves config, launch files and node scripts out of an editable install.
 .venv/package: .venv/requirements $(SOURCES)
 	rm -rf build/lib
@@ -49,5 +58,5 @@ test-core: .venv/package
 	touch $@
 
 clean:
-	rm -rf .venv build install log demo *.egg-info .pytest_cache .mypy_cache .hypothesis
+	rm -rf .venv build install log demo demo_closed_loop *.egg-info .pytest_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

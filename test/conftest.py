@@ -1,6 +1,9 @@
 """What tests of every room use, and which of them run where."""
 
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from hypothesis import settings
@@ -15,6 +18,7 @@ KINDS = {
     'bench': 'long',
     'campaign': 'long',
     'nodes': 'dds',
+    'nodes/test_closed_loop_demo.py': 'long',
     'nodes/test_demo.py': 'long',
     'nodes/test_faults.py': 'long',
     'nodes/test_soak.py': 'long',
@@ -24,6 +28,21 @@ KINDS = {
     'test_compiled.py': 'long',
 }
 NOT_RUN = pytest.StashKey[str]()
+
+
+def _has_chromium() -> bool:
+    from browser import find_chromium
+    return find_chromium() is not None
+
+
+# By the fixture that needs it: whether it is there, and how to get it.
+NEEDS = {
+    'page': (_has_chromium,
+             'of the report page, which need Chromium: apt-get install chromium'),
+    'basilisk': (lambda: find_spec('Basilisk') is not None,
+                 'of the closed loop, which need Basilisk: '
+                 'pip install --no-deps -r requirements-gnc.txt'),
+}
 
 # The machine that runs the tests is shared: no example fails for being slow, all are repeatable.
 settings.register_profile('startracker', deadline=None, derandomize=True, print_blob=True)
@@ -36,6 +55,12 @@ def sky_data() -> Path:
     return ROOT / 'data'
 
 
+@pytest.fixture(scope='session')
+def basilisk() -> ModuleType:
+    """Return the package of Basilisk, for the tests that need it."""
+    return import_module('Basilisk')
+
+
 def kind_of(path: Path) -> str:
     """Return the marker of a test file."""
     name = path.relative_to(ROOT).as_posix()
@@ -45,22 +70,22 @@ def kind_of(path: Path) -> str:
 
 @pytest.hookimpl(tryfirst=True, wrapper=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Any:
-    """Mark each test by its kind; then leave out what needs a browser where there is none."""
+    """Mark each test by its kind; then leave out what needs a program that is not there."""
     for item in items:
         if not any(item.get_closest_marker(kind) for kind in set(KINDS.values())):
             item.add_marker(kind_of(item.path))
     result = yield
-    pages = [item for item in items if 'page' in getattr(item, 'fixturenames', ())]
-    if pages:
-        from browser import find_chromium
-        if find_chromium() is None:
-            items[:] = [item for item in items if item not in pages]
-            config.hook.pytest_deselected(items=pages)
-            config.stash[NOT_RUN] = (
-                f'not run: {len(pages)} tests of the report page, which need Chromium: '
-                'apt-get install chromium')
-            if hasattr(config, 'workeroutput'):
-                config.workeroutput['not_run'] = config.stash[NOT_RUN]
+    lines = []
+    for fixture, (is_there, text) in NEEDS.items():
+        users = [item for item in items if fixture in getattr(item, 'fixturenames', ())]
+        if users and not is_there():
+            items[:] = [item for item in items if item not in users]
+            config.hook.pytest_deselected(items=users)
+            lines.append(f'not run: {len(users)} tests {text}')
+    if lines:
+        config.stash[NOT_RUN] = '\n'.join(lines)
+        if hasattr(config, 'workeroutput'):
+            config.workeroutput['not_run'] = config.stash[NOT_RUN]
     return result
 
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-LIBRARIES = ('dask', 'distributed', 'jinja2', 'matplotlib', 'pyarrow')
+LIBRARIES = ('Basilisk', 'dask', 'distributed', 'jinja2', 'matplotlib', 'pyarrow')
 
 
 @pytest.mark.parametrize('arguments, words', [
@@ -15,6 +15,8 @@ LIBRARIES = ('dask', 'distributed', 'jinja2', 'matplotlib', 'pyarrow')
     (['export', 'bags/slew', '-o', '{out}'], ''),
     (['report', 'bags/slew', '-o', '{out}/report.html'],
      "The page needs Jinja2: pip install 'startracker_ros[report]'"),
+    (['demo', 'closed-loop', '--output', '{out}'],
+     "The closed loop needs Basilisk: pip install 'startracker_ros[gnc]'"),
     (['campaign', 'jpdaf', '--trials', '100', '--output', '{out}'],
      "A picture needs matplotlib: pip install 'startracker_ros[report]'"),
     (['campaign', 'quad', '--scheduler', 'tcp://localhost:1', '--trials', '1'],

@@ -89,6 +89,21 @@ def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed:
            as_json)
 
 
+@campaign.command('closed-loop')
+@trials_option(100, 'Runs of 20 minutes with faults; fewer of the other conditions.')
+@click.option('--only', multiple=True, help='Conditions to run, by name.')
+@scheduler_option
+@seed_option
+@json_option
+def campaign_closed_loop(trials: int, only: tuple[str, ...], scheduler: str, seed: int,
+                         as_json: bool) -> None:
+    """Control a spacecraft of Basilisk from tumbling to fine pointing, with faults."""
+    from startracker_ros.campaign.closed_loop import CONDITIONS, run_closed_loop_campaign
+    check_names('condition', only, CONDITIONS)
+    finish(run_closed_loop_campaign(trials=trials, seed=seed, only=only, scheduler=scheduler),
+           as_json)
+
+
 @campaign.command('faults')
 @click.option('--only', multiple=True, help='Faults to do, by name.')
 @seed_option

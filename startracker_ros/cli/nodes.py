@@ -53,6 +53,23 @@ def demo_two_satellite(output: Path, seconds: float, seed: int, as_json: bool) -
     finish(result, as_json)
 
 
+@demo.command('closed-loop')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              default='demo_closed_loop', show_default=True,
+              help='Folder for bag, pictures, report page and logs.')
+@seed_option
+@json_option
+def demo_closed_loop(output: Path, seed: int, as_json: bool) -> None:
+    """Control a spacecraft of Basilisk by what the star tracker sees."""
+    from startracker_ros.gnc.basilisk_messages import import_basilisk
+    import_basilisk()
+    from startracker_ros.harness.closed_loop_demo import run_closed_loop_demo
+    from startracker_ros.harness.processes import HarnessError
+    with exit_1_on(HarnessError):
+        result = run_closed_loop_demo(output, seed=seed)
+    finish(result, as_json)
+
+
 @click.command()
 @click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
               help='Camera YAML to look at, too.')

@@ -88,13 +88,18 @@ class SourceNode(PipelineNode):
 
     def start(self, camera: Camera, publish: Callable[[int, int, float], None]) -> None:
         """Call publish(index, stamp_ns, time_s) at the frame rate; time_s counts from image 0."""
+        self.stop()
         self._waiting_camera, self._publish = camera, publish
-        if self._timer is not None:
-            self.destroy_timer(self._timer)
         self._next_index = 0
         self._begin_ns = self._inactive_ns = None
         self._timer = self.create_timer(
             1 / self.options(SourceOptions).frame_rate_hz, self._tick)
+
+    def stop(self) -> None:
+        """Call no more."""
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
+            self._timer = None
 
     def activate(self) -> None:
         # The simulated sky and the order of the files stand still while the node is inactive.
@@ -103,6 +108,15 @@ class SourceNode(PipelineNode):
 
     def deactivate(self) -> None:
         self._inactive_ns = self.get_clock().now().nanoseconds
+
+    def has_users(self, camera: Camera, stamp_ns: int) -> bool:
+        """Return whether enough subscribers are there; until then publish the camera for them."""
+        options = self.options(SourceOptions)
+        enough = (self._image.subscriptions >= options.wait_for_subscribers
+                  and self._camera_info.get_subscription_count() >= options.wait_for_camera_users)
+        if not enough:
+            self._publish_camera_info(camera, self.sensor_header(stamp_ns))
+        return enough
 
     def publish_image(self, image: np.ndarray, camera: Camera, header: Header) -> None:
         """Publish an image (H, W) and the camera that took it."""
@@ -130,11 +144,7 @@ class SourceNode(PipelineNode):
         now_ns = self.get_clock().now().nanoseconds
         if self._begin_ns is None:
             self._stamp_offset_ns = (options.start_ns() or now_ns) - now_ns
-            if (self._image.subscriptions < options.wait_for_subscribers
-                    or self._camera_info.get_subscription_count()
-                    < options.wait_for_camera_users):
-                self._publish_camera_info(
-                    self._waiting_camera, self.sensor_header(now_ns + self._stamp_offset_ns))
+            if not self.has_users(self._waiting_camera, now_ns + self._stamp_offset_ns):
                 return
             self._begin_ns = now_ns
         since_ns = now_ns - self._begin_ns

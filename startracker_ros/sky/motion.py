@@ -93,8 +93,9 @@ class MotionOptions(Options):
     motion: str = option(
         'low_earth_orbit',
         'inertial: fixed attitude; constant_rate: rotates at rate_deg_s; '
-        'low_earth_orbit: fixed in the orbit frame, one rotation per revolution',
-        choices=('inertial', 'constant_rate', 'low_earth_orbit'))
+        'low_earth_orbit: fixed in the orbit frame, one rotation per revolution; '
+        'topic: that of motion/odometry',
+        choices=('inertial', 'constant_rate', 'low_earth_orbit', 'topic'))
     ra_deg: float = option(84.0, 'right ascension of the boresight at time 0', unit='deg',
                            low=-360.0, high=360.0)
     dec_deg: float = option(0.0, 'declination of the boresight at time 0', unit='deg',
@@ -119,12 +120,16 @@ class MotionOptions(Options):
     latitude_deg: float = option(0.0, 'argument of latitude at time 0, from the ascending node',
                                  unit='deg', low=-360.0, high=360.0)
 
+    @property
+    def orbit(self) -> CircularOrbit:
+        """Return the orbit."""
+        return CircularOrbit(EARTH_RADIUS_M + 1e3 * self.altitude_km, *np.radians(
+            [self.inclination_deg, self.node_deg, self.latitude_deg]))
+
 
 def motion_from_options(options: MotionOptions = MotionOptions(), *, seed: int = 0) -> Motion:
-    """Return the motion of the options; seed is that of the jitter."""
-    orbit = CircularOrbit(EARTH_RADIUS_M + 1e3 * options.altitude_km,
-                          *np.radians([options.inclination_deg, options.node_deg,
-                                       options.latitude_deg]))
+    """Return the motion of the options, other than topic; seed is that of the jitter."""
+    orbit = options.orbit
     q_start = quaternion_from_pointing(
         *np.radians([options.ra_deg, options.dec_deg, options.roll_deg]))
     if options.motion == 'inertial':

@@ -22,6 +22,7 @@ SELF_MADE = {'sky_simulator', 'image_publisher', 'bag_player'}
 ANY = {'bag_recorder', 'bag_player'}
 # Every way of starting a node that opens other topics.
 VARIANTS = {
+    'sky_simulator': ({}, {'motion': 'topic'}),
     'star_identifier': ({}, {'method': 'extended_grid'}),
     'attitude_estimator': ({'source': 'tracks'}, {'source': 'stars'})}
 

