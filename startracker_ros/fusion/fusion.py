@@ -1,0 +1,423 @@
+"""
+Several heads, one attitude of the body: each head is checked against the others and the gyro.
+
+Frames may come late and out of order. States are stored over the horizon; a late frame corrects
+the state of its time, from which the frames after it are used again.
+"""
+
+from bisect import bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
+from startracker_ros.fusion.head import Head, HeadFrame, HeadState
+from startracker_ros.fusion.mounts import Mount, MountOptions
+from startracker_ros.fusion.options import FusionOptions
+from startracker_ros.fusion.state import BODY, FusedState, Innovation, rotation_between
+from startracker_ros.fusion.steps import MountStep, StepDetector
+from startracker_ros.maths.rotation import ARCSEC, sign_continuous
+
+GATE = 30.7
+"""Normalised innovation squared that chance exceeds once in a million frames (3 degrees)."""
+
+RETURN_GATE = 9.0
+"""The same at which a head counts again: the state then changes by 3 sigma of it at most."""
+
+MANOEUVRES = (10.0, 100.0)
+"""Accelerations tried for a single head without gyro, in units of acceleration_deg_s2."""
+
+MANOEUVRE_FRAMES = 10
+RESTART_FRAMES = 3  # in a row that no state can be compared with
+GYRO_SILENCE_S = 1.0
+GYRO_FRAMES = 3  # with whose rate a gyro has to agree before it is used
+
+_SHARP_RAD = 10 * ARCSEC  # a prediction that decides alone whether a head is right
+_ACCELERATION_S = 0.1
+_START_RAD, _START_RAD_S = 0.1, 0.1
+
+
+@dataclass(frozen=True)
+class FusedAttitude:
+    """
+    The attitude of the body at a stamp.
+
+    quaternion (4,) is q_icrf_from_body, covariance (3, 3) rad^2 about body axes; rate and drift
+    (3,) rad/s about body axes with their covariances (3, 3).
+    """
+
+    stamp_ns: int
+    quaternion: np.ndarray
+    covariance: np.ndarray
+    rate_rad_s: np.ndarray
+    rate_covariance: np.ndarray
+    drift_rad_s: np.ndarray
+    drift_covariance: np.ndarray
+
+
+class _Entry(NamedTuple):
+    """A frame and the state after it; factor is that of the acceleration before it."""
+
+    state: FusedState
+    head: Head
+    frame: HeadFrame
+    factor: float
+
+
+class AttitudeFusion:
+    """
+    Fuses the frames of heads, in any order, and rates about body axes.
+
+    mounts are those of the heads by name; the first is the reference, whose mount defines the
+    body. trouble is why there is no attitude, empty if there is one; gyro_trouble why the gyro is
+    not used; steps are the steps of mounts that were found, to be taken out by the caller.
+    """
+
+    def __init__(self, mounts: Mapping[str, Mount], options: FusionOptions = FusionOptions(),
+                 mount_options: MountOptions = MountOptions(),
+                 gyro_options: GyroErrorOptions = GyroErrorOptions()) -> None:
+        if not mounts:
+            raise ValueError('no heads')
+        self._options = options
+        self._gyro_options = gyro_options
+        self.heads: dict[str, Head] = {}
+        for name, mount in mounts.items():
+            first = max((head.columns.stop for head in self.heads.values()), default=BODY)
+            self.heads[name] = Head(name, mount, mount_options, first, not self.heads,
+                                    options.correlation_s)
+        self._walk = np.concatenate([head.walk() for head in self.heads.values()])
+        self._density = math.radians(options.acceleration_deg_s2) ** 2 * _ACCELERATION_S
+        self._needed = min(options.start_heads, len(self.heads))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget attitude, gyro and frames; the mounts are those of the file again."""
+        priors = [head.prior() for head in self.heads.values()]
+        self._coefficients = np.concatenate([mean for mean, _ in priors])
+        self._mount_covariance = np.zeros((len(self._walk), len(self._walk)))
+        for head, (_, covariance) in zip(self.heads.values(), priors):
+            own = slice(head.columns.start - BODY, head.columns.stop - BODY)
+            self._mount_covariance[own, own] = covariance
+            head.reset()
+        self._gyro = Gyro(self._gyro_options)
+        self._steps = StepDetector(tuple(self.heads))
+        self.steps: list[MountStep] = []
+        self._drop('waiting for frames')
+        self.gyro_trouble = ''
+        self._previous: np.ndarray | None = None
+
+    def _drop(self, trouble: str) -> None:
+        """Drop the attitude, not the mounts."""
+        self._history: list[_Entry] = []
+        self.trouble = trouble
+        self.uses_gyro, self._gyro_agreed, self._untested = False, 0, 0
+        self._factor, self._manoeuvre_frames = 1.0, 0
+
+    # --- input ---
+
+    def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
+        """Add a rate (3,) about body axes, in the order of stamps; False if it is rejected."""
+        return self._gyro.add(stamp_ns, rate_rad_s)
+
+    def add_frame(self, name: str, frame: HeadFrame) -> FusedAttitude | None:
+        """Add a frame of a head; return the attitude at its stamp if it counts as the newest."""
+        head = self.heads[name]
+        accepted = head.accept(frame)
+        if accepted is None:
+            head.counts['repeated stamps'] += 1
+            head.reason = 'repeats stamps'
+            return None
+        frame = accepted
+        if not self._history:
+            return self._start(head, frame)
+        newest_ns = self._history[-1].state.stamp_ns
+        late_s = (newest_ns - frame.stamp_ns) * 1e-9
+        if late_s > self._options.horizon_s or frame.stamp_ns < self._history[0].state.stamp_ns:
+            head.counts['late'] += 1
+            head.reason = f'frames {late_s:.1f} s behind the other heads'
+        elif -late_s > self._bridged_s(frame.stamp_ns):
+            head.counts['ahead'] += 1
+            head.reason = f'frames {-late_s:.1f} s ahead of the other heads'
+        else:
+            return self._test(head, frame)
+        if head.state is HeadState.USED and head.is_silent(newest_ns, self._options.max_gap_s):
+            head.enter(HeadState.CHECKED, head.reason)
+        self._untested += 1
+        return self._start(head, frame) if self._untested >= RESTART_FRAMES else None
+
+    # --- from frame to frame ---
+
+    def _bridged_s(self, stamp_ns: int) -> float:
+        return (self._options.max_gyro_gap_s if self._gyro_runs(stamp_ns)
+                else self._options.max_gap_s)
+
+    def _gyro_runs(self, stamp_ns: int) -> bool:
+        return self.uses_gyro and self._gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S
+
+    def _propagated(self, state: FusedState, to_ns: int, factor: float) -> FusedState:
+        gyro = self._gyro
+        if self._gyro_runs(to_ns):
+            return state.at_gyro_rate(gyro.steps(state.stamp_ns, to_ns), gyro.noise_density,
+                                      gyro.drift_density, self._walk)
+        return state.at_constant_rate(to_ns, factor ** 2 * self._density, gyro.drift_density,
+                                      self._walk)
+
+    def _innovation(self, state: FusedState, head: Head, frame: HeadFrame) -> Innovation:
+        own = slice(head.columns.start - BODY, head.columns.stop - BODY)
+        return state.innovation(head.measurement(frame, state.coefficients[own]))
+
+    def _test(self, head: Head, frame: HeadFrame) -> FusedAttitude | None:
+        """Compare a frame with the state of its time and use it if the head counts."""
+        index = bisect_right([entry.state.stamp_ns for entry in self._history], frame.stamp_ns)
+        before, newest = self._history[index - 1].state, index == len(self._history)
+        factor = self._factor if newest else self._history[index].factor
+        predicted = self._propagated(before, frame.stamp_ns, factor)
+        innovation = self._innovation(predicted, head, frame)
+        if innovation.nis > GATE and newest and self._is_alone(head, frame.stamp_ns):
+            for factor in MANOEUVRES:
+                predicted = self._propagated(before, frame.stamp_ns, factor)
+                innovation = self._innovation(predicted, head, frame)
+                if innovation.nis <= GATE:
+                    self._factor, self._manoeuvre_frames = factor, MANOEUVRE_FRAMES
+                    break
+        if innovation.nis > GATE:
+            head.counts['disagreeing'] += 1
+            return self._disputed(head, frame, innovation)
+        if not self._counts(head, frame, predicted, innovation):
+            head.counts['agreeing, not counted yet'] += 1
+            return None
+        head.counts['used'] += 1
+        state = predicted.updated(innovation)
+        self._insert(index, _Entry(state, head, frame, factor))
+        self._observe(head, frame, predicted, innovation)
+        head.used_ns = max(frame.stamp_ns, head.used_ns or frame.stamp_ns)
+        if not newest:
+            return None
+        self._compare_gyro(before, state)
+        return self._result()
+
+    def _counts(self, head: Head, frame: HeadFrame, predicted: FusedState,
+                innovation: Innovation) -> bool:
+        """Return whether a frame that agrees counts, and count how long its head has agreed."""
+        silent = head.is_silent(frame.stamp_ns, self._options.max_gap_s)
+        if head.state is HeadState.USED and not silent:
+            head.disagreed, head.reason = 0, ''
+            return True
+        others = any(self._is_live(other, frame.stamp_ns) for other in self.heads.values()
+                     if other is not head)
+        sigma_rad = math.sqrt(max(np.diagonal(predicted.covariance)[:3]))
+        if not others and sigma_rad > _SHARP_RAD and self._needed > 1:
+            head.enter(HeadState.CHECKED, 'no other head or prediction to check it')
+            self._untested += 1
+            if self._untested >= RESTART_FRAMES:
+                self._drop('no head that another one confirms')
+            return False
+        if head.state is HeadState.USED or head.state is HeadState.WAITING:
+            head.enter(HeadState.CHECKED, 'is checked after a time without frames')
+        head.agreed += 1
+        if head.agreed < self._options.agree_frames or innovation.nis > RETURN_GATE:
+            return False
+        head.enter(HeadState.USED)
+        return True
+
+    def _is_live(self, head: Head, stamp_ns: int) -> bool:
+        """Return whether a head counts and its last frames did."""
+        return (head.state is HeadState.USED and not head.disagreed
+                and not head.is_silent(stamp_ns, self._options.max_gap_s))
+
+    def _is_alone(self, head: Head, stamp_ns: int) -> bool:
+        """Return whether a head without gyro is the only one that counts: it may manoeuvre."""
+        return self._is_live(head, stamp_ns) and not self._gyro_runs(stamp_ns) and not any(
+            self._is_live(other, stamp_ns) for other in self.heads.values() if other is not head)
+
+    def _disputed(self, head: Head, frame: HeadFrame, innovation: Innovation
+                  ) -> FusedAttitude | None:
+        """Use no frame that disagrees, unless two heads are more than those that agree."""
+        angle_deg = math.degrees(float(np.linalg.norm(innovation.vector)))
+        head.agreed = 0
+        head.disagreed += 1
+        head.reason = f'{angle_deg:.3g} deg from what other heads and prediction have'
+        if head.state is not HeadState.USED or head.disagreed >= self._options.exclude_frames:
+            disagreed = head.disagreed
+            head.enter(HeadState.EXCLUDED, head.reason)
+            head.disagreed = disagreed
+        live = sum(self._is_live(other, frame.stamp_ns) for other in self.heads.values())
+        result = self._start(head, frame) if live < 2 else None
+        if result is None and not live and not any(
+                self._is_live(other, self._history[-1].state.stamp_ns)
+                for other in self.heads.values()):
+            self.trouble = f'{head.name} is {head.reason}, and no other head counts'
+        return result
+
+    def _insert(self, index: int, entry: _Entry) -> None:
+        """Insert a frame, use those after it again, and forget those beyond the horizon."""
+        later = self._history[index:]
+        self._history[index:] = [entry]
+        for after in later:
+            state = self._propagated(self._history[-1].state, after.frame.stamp_ns, after.factor)
+            self._history.append(after._replace(state=state.updated(
+                self._innovation(state, after.head, after.frame))))
+        oldest_ns = self._history[-1].state.stamp_ns - round(self._options.horizon_s * 1e9)
+        while len(self._history) > 1 and self._history[1].state.stamp_ns <= oldest_ns:
+            del self._history[0]
+        self._untested, self.trouble = 0, ''
+        self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
+        if not self._manoeuvre_frames:
+            self._factor = 1.0
+
+    def _result(self) -> FusedAttitude:
+        state = self._history[-1].state
+        P = state.covariance
+        self._previous = sign_continuous(state.quaternion, self._previous)
+        return FusedAttitude(state.stamp_ns, self._previous, P[:3, :3], state.rate, P[3:6, 3:6],
+                             state.drift, P[6:BODY, 6:BODY])
+
+    # --- start ---
+
+    def _start(self, head: Head, frame: HeadFrame) -> FusedAttitude | None:
+        """
+        Begin with two frames of a head and one of another that agrees, or with one head.
+
+        A state before is replaced: its mounts are used again, not its gyro.
+        """
+        trouble = ''
+        for other in ([head] if self._needed == 1 else self.heads.values()):
+            if (other is head) == (self._needed > 1) or not self._is_candidate(other, frame):
+                continue
+            entries = self._begun(other)
+            if entries is None:
+                continue
+            if other is not head:
+                state = self._propagated_freely(entries[-1].state, frame.stamp_ns)
+                innovation = self._innovation(state, head, frame)
+                if innovation.nis > GATE:
+                    angle_deg = math.degrees(float(np.linalg.norm(innovation.vector)))
+                    trouble = f'{other.name} and {head.name} disagree by {angle_deg:.3g} deg'
+                    continue
+                entries.append(_Entry(state.updated(innovation), head, frame, MANOEUVRES[-1]))
+            return self._started(entries)
+        if not self._history:
+            self.trouble = trouble or (
+                'no frames of two heads at a time' if self._needed > 1 else 'waiting for frames')
+        return None
+
+    def _is_candidate(self, other: Head, frame: HeadFrame) -> bool:
+        """Return whether another head has new frames of its own that are in use nowhere."""
+        if len(other.recent) < 2 or self._history and other.used_ns == other.recent[-1].stamp_ns:
+            return False
+        age_s = (frame.stamp_ns - other.recent[-1].stamp_ns) * 1e-9
+        step_s = (other.recent[-1].stamp_ns - other.recent[0].stamp_ns) * 1e-9
+        return 0 <= age_s <= self._options.max_gap_s and 0 < step_s <= self._options.max_gap_s
+
+    def _propagated_freely(self, state: FusedState, to_ns: int) -> FusedState:
+        return state.at_constant_rate(to_ns, MANOEUVRES[-1] ** 2 * self._density,
+                                      self._gyro.drift_density, self._walk)
+
+    def _begun(self, head: Head) -> list[_Entry] | None:
+        """Return the states after two frames of a head, by a prior that knows nothing."""
+        coefficients, covariance = self._mounts()
+        first, second = head.recent
+        own = slice(head.columns.start - BODY, head.columns.stop - BODY)
+        quaternions = [head.measurement(frame, coefficients[own]).quaternion
+                       for frame in (first, second)]
+        dt_s = (second.stamp_ns - first.stamp_ns) * 1e-9
+        P = np.zeros((BODY + len(coefficients), BODY + len(coefficients)))
+        P[:BODY, :BODY] = np.diag(np.repeat([
+            _START_RAD ** 2, _START_RAD_S ** 2, self._gyro.drift_sigma_rad_s ** 2], 3))
+        P[BODY:, BODY:] = covariance
+        state = FusedState(first.stamp_ns, quaternions[0], rotation_between(*quaternions) / dt_s,
+                           np.zeros(3), coefficients, P)
+        entries = []
+        for frame in (first, second):
+            state = self._propagated_freely(state, frame.stamp_ns)
+            state = state.updated(self._innovation(state, head, frame))
+            entries.append(_Entry(state, head, frame, MANOEUVRES[-1]))
+        return entries
+
+    def _started(self, entries: list[_Entry]) -> FusedAttitude:
+        """Use the states of a start."""
+        if self._gyro_runs(entries[-1].state.stamp_ns):
+            self.gyro_trouble = 'the heads agree with each other and not with imu'
+        self._drop('')
+        self._history = entries
+        self._factor, self._manoeuvre_frames = MANOEUVRES[-1], MANOEUVRE_FRAMES
+        for entry in entries:
+            if entry.head.state is not HeadState.USED:
+                entry.head.enter(HeadState.USED)
+            entry.head.disagreed, entry.head.reason = 0, ''
+            entry.head.used_ns = entry.frame.stamp_ns
+            entry.head.counts['used'] += 1
+        return self._result()
+
+    # --- gyro ---
+
+    def _compare_gyro(self, before: FusedState, after: FusedState) -> None:
+        """Use a gyro once its rate has agreed with that of the heads for some frames."""
+        gyro = self._gyro
+        if self.uses_gyro or gyro.silent_s(after.stamp_ns) > GYRO_SILENCE_S or (
+                after.stamp_ns <= before.stamp_ns):
+            return
+        measured, variance = gyro.mean_rate(before.stamp_ns, after.stamp_ns)
+        innovation = measured - after.rate
+        S = after.covariance[3:6, 3:6] + np.eye(3) * (variance + gyro.drift_sigma_rad_s ** 2)
+        if innovation @ np.linalg.solve(S, innovation) > GATE:
+            self._gyro_agreed = 0
+            rates = [' '.join(f'{value:.4f}' for value in np.degrees(rate))
+                     for rate in (measured, after.rate)]
+            self.gyro_trouble = (f'imu reports {rates[0]} deg/s about x, y, z of the body, the '
+                                 f'heads {rates[1]}')
+            return
+        self._gyro_agreed += 1
+        if self._gyro_agreed >= GYRO_FRAMES:
+            self.uses_gyro, self.gyro_trouble = True, ''
+
+    # --- mounts ---
+
+    def _mounts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coefficients (M,) of all mounts and their covariance (M, M)."""
+        if self._history:
+            state = self._history[-1].state
+            self._coefficients = state.coefficients
+            self._mount_covariance = state.covariance[BODY:, BODY:]
+        return self._coefficients, self._mount_covariance
+
+    def mounts(self) -> dict[str, Mount]:
+        """Return the mounts as learnt so far."""
+        coefficients, covariance = self._mounts()
+        found = {}
+        for name, head in self.heads.items():
+            own = slice(head.columns.start - BODY, head.columns.stop - BODY)
+            found[name] = head.learnt(coefficients[own], covariance[own, own])
+        return found
+
+    def misalignment(self, name: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return what a mount differs from its file (3,) rad, and its covariance (3, 3)."""
+        head = self.heads[name]
+        B = head.sensitivity(stamp_ns)
+        if B is None:
+            return np.zeros(3), np.zeros((3, 3))
+        own = slice(head.columns.start - BODY, head.columns.stop - BODY)
+        coefficients, covariance = self._mounts()
+        return B @ coefficients[own], B @ covariance[own, own] @ B.T
+
+    def _observe(self, head: Head, frame: HeadFrame, predicted: FusedState,
+                 innovation: Innovation) -> None:
+        """Look for steps of the mounts in the differences of the heads."""
+        offset = innovation.vector
+        sensitivity = head.sensitivity(frame.stamp_ns)
+        if sensitivity is not None:
+            own = slice(head.columns.start - BODY, head.columns.stop - BODY)
+            offset = offset + sensitivity @ predicted.coefficients[own]
+        for step in self._steps.add(head.name, frame.stamp_ns, offset):
+            self.steps.append(step)
+            self._history = [entry._replace(state=self._reopened(entry.state, step))
+                             for entry in self._history]
+
+    def _reopened(self, state: FusedState, step: MountStep) -> FusedState:
+        """Return a state that does not know the mount that has made a step."""
+        first, P = self.heads[step.head].columns.start, state.covariance.copy()
+        P[range(first, first + 3), range(first, first + 3)] += float(
+            step.size_rad @ step.size_rad)
+        return state._replace(covariance=P)
