@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 from startracker_ros.fusion.mounts import basis, Mount, MountOptions
-from startracker_ros.fusion.state import Measurement
+from startracker_ros.fusion.state import Measurement, product
 from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.maths.rotation import (
     ARCSEC, conjugate, matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
@@ -130,7 +130,10 @@ class Head:
         if self.is_reference:
             return None
         phi = basis(stamp_ns, self._temperature_k, self._options.orbit_period_s)[self.terms]
-        return np.kron(phi, np.eye(3))
+        matrix = np.zeros((3, 3 * len(phi)))
+        for axis in range(3):
+            matrix[axis, axis::3] = phi
+        return matrix
 
     def learnt(self, coefficients: np.ndarray, covariance: np.ndarray) -> Mount:
         """Return the mount with coefficients (3 K,) and their covariance (3 K, 3 K)."""
@@ -172,7 +175,7 @@ class Head:
 
     def measurement(self, frame: HeadFrame, coefficients: np.ndarray) -> Measurement:
         """Return the attitude of the body by a frame; coefficients (3 K,) are those of now."""
-        quaternion = multiply(frame.quaternion, self._sensor_from_body)
+        quaternion = product(frame.quaternion, self._sensor_from_body)
         sensitivity = self.sensitivity(frame.stamp_ns)
         if sensitivity is not None:
             quaternion = turned(quaternion, -(sensitivity @ coefficients))

@@ -40,13 +40,13 @@ class Innovation(NamedTuple):
     """
     What a measurement adds to a state.
 
-    vector (3,) is z; nis z^T S^-1 z of 3 degrees of freedom, covariance (3, 3) is S, cross
+    vector (3,) is z; nis z^T S^-1 z of 3 degrees of freedom, information (3, 3) is S^-1, cross
     (9 + M, 3) is P H^T.
     """
 
     vector: np.ndarray
     nis: float
-    covariance: np.ndarray
+    information: np.ndarray
     cross: np.ndarray
 
 
@@ -145,11 +145,12 @@ class FusedState(NamedTuple):
         else:
             S = cross[:3] + measured.covariance
         z = rotation_between(self.quaternion, measured.quaternion)
-        return Innovation(z, float(z @ np.linalg.solve(S, z)), S, cross)
+        information = np.linalg.inv(S)
+        return Innovation(z, float(z @ information @ z), information, cross)
 
     def updated(self, innovation: Innovation) -> 'FusedState':
         """Return the state with x <- x + K z, P <- P - K S K^T, K = P H^T S^-1."""
-        gain = np.linalg.solve(innovation.covariance, innovation.cross.T).T
+        gain = innovation.cross @ innovation.information
         change = gain @ innovation.vector
         after = self.covariance - gain @ innovation.cross.T
         return self._replace(
@@ -158,9 +159,14 @@ class FusedState(NamedTuple):
             covariance=(after + after.T) / 2)
 
 
+def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the Hamilton product a b of two quaternions (4,): first b, then a."""
+    # Python's floats: those of NumPy take ten times as long for two quaternions.
+    return np.array(quaternions.product(a.tolist(), b.tolist()))
+
+
 def rotation_between(q: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return the rotation vector (3,) about body axes from q to another attitude, both (4,)."""
-    # Python's floats: rotation.attitude_error takes ten times as long for two quaternions.
     x, y, z, w = q.tolist()
     dx, dy, dz, dw = quaternions.product((-x, -y, -z, w), other.tolist())
     if dw < 0:

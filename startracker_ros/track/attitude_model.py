@@ -11,6 +11,7 @@ from startracker_ros.attitude.gyro import Gyro
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.track.consistency import Residuals
 from startracker_ros.track.correction import correct, Correction, on_image
@@ -84,6 +85,7 @@ class AttitudeModel(StarModel):
         self._lens_error = LensError()
         self._mean_innovation = np.zeros(3)
         self._level, self._manoeuvre_frames = 1.0, 0
+        self._measured: tuple[AttitudeState, AttitudeState] | None = None
 
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
@@ -113,6 +115,7 @@ class AttitudeModel(StarModel):
                 self._mean_innovation = mean
                 self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
             before_ns = self._state.stamp_ns
+            self._measured = hypothesis.state, correction.state
             self._set_state(correction.state, hypothesis.uses_gyro)
             self._set_tracks(correction, correction.probability, frame, variance)
             self._scale.add(fit)
@@ -216,6 +219,27 @@ class AttitudeModel(StarModel):
     def predicted_attitude(self) -> AttitudeEstimate:
         return AttitudeEstimate(self._state.quaternion, self._state.covariance[:3, :3], 0,
                                 np.empty(0), 0.0)
+
+    @property
+    def measured_attitude(self) -> AttitudeEstimate | None:
+        """
+        Return the attitude that the stars of the last good frame have added to the prediction.
+
+        An update by attitude alone adds its information: Y = P+^-1 - P-^-1 of the attitude, and
+        x+ - x- = P+ y. The measured turn since the prediction is Y^-1 y, its covariance Y^-1.
+        """
+        if self._measured is None:
+            return None
+        before, after = self._measured
+        P = np.ascontiguousarray(after.covariance[:3, :3])
+        information = np.linalg.inv(P)
+        covariance = np.linalg.inv(information - np.linalg.inv(before.covariance[:3, :3]))
+        if not (np.linalg.eigvalsh(covariance + covariance.T) > 0).all():
+            return None
+        change = attitude_error(after.quaternion, before.quaternion)
+        return AttitudeEstimate(
+            turned(before.quaternion, covariance @ (information @ change)),
+            (covariance + covariance.T) / 2, 0, np.empty(0), 0.0)
 
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state

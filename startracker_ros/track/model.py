@@ -77,6 +77,11 @@ class StarModel(ABC):
         return None
 
     @property
+    def measured_attitude(self) -> AttitudeEstimate | None:
+        """Return the attitude by the stars of the last good frame alone, of a model with one."""
+        return None
+
+    @property
     def lens_error_px(self) -> float:
         """Return the error of star positions that stays from frame to frame, where it is known."""
         return 0.0

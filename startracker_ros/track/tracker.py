@@ -17,13 +17,12 @@ from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.maths.rotation import attitude_error
-from startracker_ros.track.attitude_model import AttitudeModel
 from startracker_ros.track.consistency import (
     expected_stars, PRESENT_PX, PRESENT_SIGMAS, RowPattern)
 from startracker_ros.track.identified import fit_identified, IdentifiedFrame
 from startracker_ros.track.in_view import StarsInView
-from startracker_ros.track.independent_stars import IndependentStarsModel, NeighbourhoodModel
-from startracker_ros.track.model import FrameUpdate, rate_between, StarModel
+from startracker_ros.track.model import FrameUpdate, rate_between
+from startracker_ros.track.models import make_model
 from startracker_ros.track.new_stars import match_new_stars
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.prediction import predict_stars, visible_stars
@@ -114,15 +113,25 @@ class StarTracker:
             return None
         estimate = self._history[-1][1]
         if self._icrf[0] is not estimate:
-            seen = self._model.bank.select(self._model.bank.detected)
-            sensor = self._camera.unproject(seen.uv)
-            sigma_rad = self._camera.pixel_rad * np.sqrt(seen.variance)
-            self._icrf = estimate, with_lens_error(with_velocity_error(
-                estimate, self.sky.observer.velocity_sigma_m_s, sensor, sigma_rad),
-                self._camera.pixel_rad * self._model.lens_error_px, sensor, sigma_rad)
+            self._icrf = estimate, self._with_systematic_errors(estimate)
         attitude = self._icrf[1]
         assert attitude is not None
         return TrackedAttitude(attitude, self._model.rate_rad_s, self._model.rate_covariance)
+
+    @property
+    def frame_attitude(self) -> AttitudeEstimate | None:
+        """Return the attitude of the newest frame by its stars alone, of a model that has one."""
+        measured = self._model.measured_attitude if self.attitude is not None else None
+        return None if measured is None else self._with_systematic_errors(measured)
+
+    def _with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
+        """Return an attitude of the newest frame with errors of aberration and lens."""
+        seen = self._model.bank.select(self._model.bank.detected)
+        sensor = self._camera.unproject(seen.uv)
+        sigma_rad = self._camera.pixel_rad * np.sqrt(seen.variance)
+        return with_lens_error(
+            with_velocity_error(estimate, self.sky.observer.velocity_sigma_m_s, sensor, sigma_rad),
+            self._camera.pixel_rad * self._model.lens_error_px, sensor, sigma_rad)
 
     @property
     def predicted(self) -> PredictedStars | None:
@@ -388,12 +397,3 @@ class StarTracker:
             return centroids, good
         self.rejected_centroids += rejected
         return centroids.select(good), good
-
-
-def make_model(camera: Camera, sky: ApparentCatalog, options: TrackerOptions, gyro: Gyro
-               ) -> StarModel:
-    """Return the model that the options name."""
-    if options.model == 'attitude':
-        return AttitudeModel(camera, sky, options, gyro)
-    model = NeighbourhoodModel if options.model == 'sna' else IndependentStarsModel
-    return model(camera, sky, options)
