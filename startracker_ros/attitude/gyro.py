@@ -38,7 +38,7 @@ class GyroStep(NamedTuple):
     """
     A measured rate (3,) rad/s that holds for dt_s until a time.
 
-    variance rad^2 is that of the turn about each axis, where the rate was measured at another time.
+    variance rad^2 is that of the turn about each axis, of a rate measured at another time.
     """
 
     until_ns: int

@@ -12,16 +12,15 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
+from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.fusion.head import Head, HeadFrame, HeadState
+from startracker_ros.fusion.motion import BodyMotion, GATE
 from startracker_ros.fusion.mounts import Mount, MountOptions
 from startracker_ros.fusion.options import FusionOptions
-from startracker_ros.fusion.state import BODY, FusedState, Innovation, rotation_between
+from startracker_ros.fusion.state import BODY, FusedState, Innovation, product, rotation_between
 from startracker_ros.fusion.steps import MountStep, StepDetector
-from startracker_ros.maths.rotation import ARCSEC, sign_continuous
-
-GATE = 30.7
-"""Normalised innovation squared that chance exceeds once in a million frames (3 degrees)."""
+from startracker_ros.maths.rotation import (
+    ARCSEC, quaternion_from_rotation_vector, sign_continuous)
 
 RETURN_GATE = 9.0
 """The same at which a head counts again: the state then changes by 3 sigma of it at most."""
@@ -31,11 +30,8 @@ MANOEUVRES = (10.0, 100.0)
 
 MANOEUVRE_FRAMES = 10
 RESTART_FRAMES = 3  # in a row that no state can be compared with
-GYRO_SILENCE_S = 1.0
-GYRO_FRAMES = 3  # with whose rate a gyro has to agree before it is used
 
 _SHARP_RAD = 10 * ARCSEC  # a prediction that decides alone whether a head is right
-_ACCELERATION_S = 0.1
 _START_RAD, _START_RAD_S = 0.1, 0.1
 
 
@@ -71,8 +67,8 @@ class AttitudeFusion:
     Fuses the frames of heads, in any order, and rates about body axes.
 
     mounts are those of the heads by name; the first is the reference, whose mount defines the
-    body. trouble is why there is no attitude, empty if there is one; gyro_trouble why the gyro is
-    not used; steps are the steps of mounts that were found, to be taken out by the caller.
+    body. trouble is why there is no attitude, empty if there is one; steps are the steps of mounts
+    that were found, to be taken out by the caller.
     """
 
     def __init__(self, mounts: Mapping[str, Mount], options: FusionOptions = FusionOptions(),
@@ -81,19 +77,19 @@ class AttitudeFusion:
         if not mounts:
             raise ValueError('no heads')
         self._options = options
-        self._gyro_options = gyro_options
         self.heads: dict[str, Head] = {}
         for name, mount in mounts.items():
             first = max((head.columns.stop for head in self.heads.values()), default=BODY)
             self.heads[name] = Head(name, mount, mount_options, first, not self.heads,
                                     options.correlation_s)
         self._walk = np.concatenate([head.walk() for head in self.heads.values()])
-        self._density = math.radians(options.acceleration_deg_s2) ** 2 * _ACCELERATION_S
+        self.motion = BodyMotion(options, gyro_options, self._walk)
         self._needed = min(options.start_heads, len(self.heads))
         self.reset()
 
     def reset(self) -> None:
         """Forget attitude, gyro and frames; the mounts are those of the file again."""
+        self._history: list[_Entry] = []
         priors = [head.prior() for head in self.heads.values()]
         self._coefficients = np.concatenate([mean for mean, _ in priors])
         self._mount_covariance = np.zeros((len(self._walk), len(self._walk)))
@@ -101,25 +97,26 @@ class AttitudeFusion:
             own = slice(head.columns.start - BODY, head.columns.stop - BODY)
             self._mount_covariance[own, own] = covariance
             head.reset()
-        self._gyro = Gyro(self._gyro_options)
+        self.motion.reset()
         self._steps = StepDetector(tuple(self.heads))
         self.steps: list[MountStep] = []
         self._drop('waiting for frames')
-        self.gyro_trouble = ''
         self._previous: np.ndarray | None = None
 
     def _drop(self, trouble: str) -> None:
         """Drop the attitude, not the mounts."""
-        self._history: list[_Entry] = []
+        self._mounts()
+        self._history = []
         self.trouble = trouble
-        self.uses_gyro, self._gyro_agreed, self._untested = False, 0, 0
+        self._untested = 0
+        self.motion.forget_gyro()
         self._factor, self._manoeuvre_frames = 1.0, 0
 
     # --- input ---
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
-        """Add a rate (3,) about body axes, in the order of stamps; False if it is rejected."""
-        return self._gyro.add(stamp_ns, rate_rad_s)
+        """Add a rate (3,) about body axes as BodyMotion does."""
+        return self.motion.add_rate(stamp_ns, rate_rad_s)
 
     def add_frame(self, name: str, frame: HeadFrame) -> FusedAttitude | None:
         """Add a frame of a head; return the attitude at its stamp if it counts as the newest."""
@@ -137,7 +134,7 @@ class AttitudeFusion:
         if late_s > self._options.horizon_s or frame.stamp_ns < self._history[0].state.stamp_ns:
             head.counts['late'] += 1
             head.reason = f'frames {late_s:.1f} s behind the other heads'
-        elif -late_s > self._bridged_s(frame.stamp_ns):
+        elif -late_s > self.motion.bridged_s(frame.stamp_ns):
             head.counts['ahead'] += 1
             head.reason = f'frames {-late_s:.1f} s ahead of the other heads'
         else:
@@ -149,21 +146,6 @@ class AttitudeFusion:
 
     # --- from frame to frame ---
 
-    def _bridged_s(self, stamp_ns: int) -> float:
-        return (self._options.max_gyro_gap_s if self._gyro_runs(stamp_ns)
-                else self._options.max_gap_s)
-
-    def _gyro_runs(self, stamp_ns: int) -> bool:
-        return self.uses_gyro and self._gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S
-
-    def _propagated(self, state: FusedState, to_ns: int, factor: float) -> FusedState:
-        gyro = self._gyro
-        if self._gyro_runs(to_ns):
-            return state.at_gyro_rate(gyro.steps(state.stamp_ns, to_ns), gyro.noise_density,
-                                      gyro.drift_density, self._walk)
-        return state.at_constant_rate(to_ns, factor ** 2 * self._density, gyro.drift_density,
-                                      self._walk)
-
     def _innovation(self, state: FusedState, head: Head, frame: HeadFrame) -> Innovation:
         own = slice(head.columns.start - BODY, head.columns.stop - BODY)
         return state.innovation(head.measurement(frame, state.coefficients[own]))
@@ -173,11 +155,11 @@ class AttitudeFusion:
         index = bisect_right([entry.state.stamp_ns for entry in self._history], frame.stamp_ns)
         before, newest = self._history[index - 1].state, index == len(self._history)
         factor = self._factor if newest else self._history[index].factor
-        predicted = self._propagated(before, frame.stamp_ns, factor)
+        predicted = self.motion.propagated(before, frame.stamp_ns, factor)
         innovation = self._innovation(predicted, head, frame)
         if innovation.nis > GATE and newest and self._is_alone(head, frame.stamp_ns):
             for factor in MANOEUVRES:
-                predicted = self._propagated(before, frame.stamp_ns, factor)
+                predicted = self.motion.propagated(before, frame.stamp_ns, factor)
                 innovation = self._innovation(predicted, head, frame)
                 if innovation.nis <= GATE:
                     self._factor, self._manoeuvre_frames = factor, MANOEUVRE_FRAMES
@@ -195,7 +177,7 @@ class AttitudeFusion:
         head.used_ns = max(frame.stamp_ns, head.used_ns or frame.stamp_ns)
         if not newest:
             return None
-        self._compare_gyro(before, state)
+        self.motion.compare_gyro(before, state)
         return self._result()
 
     def _counts(self, head: Head, frame: HeadFrame, predicted: FusedState,
@@ -229,7 +211,7 @@ class AttitudeFusion:
 
     def _is_alone(self, head: Head, stamp_ns: int) -> bool:
         """Return whether a head without gyro is the only one that counts: it may manoeuvre."""
-        return self._is_live(head, stamp_ns) and not self._gyro_runs(stamp_ns) and not any(
+        return self._is_live(head, stamp_ns) and not self.motion.gyro_runs(stamp_ns) and not any(
             self._is_live(other, stamp_ns) for other in self.heads.values() if other is not head)
 
     def _disputed(self, head: Head, frame: HeadFrame, innovation: Innovation
@@ -256,7 +238,8 @@ class AttitudeFusion:
         later = self._history[index:]
         self._history[index:] = [entry]
         for after in later:
-            state = self._propagated(self._history[-1].state, after.frame.stamp_ns, after.factor)
+            state = self.motion.propagated(
+                self._history[-1].state, after.frame.stamp_ns, after.factor)
             self._history.append(after._replace(state=state.updated(
                 self._innovation(state, after.head, after.frame))))
         oldest_ns = self._history[-1].state.stamp_ns - round(self._options.horizon_s * 1e9)
@@ -290,7 +273,8 @@ class AttitudeFusion:
             if entries is None:
                 continue
             if other is not head:
-                state = self._propagated_freely(entries[-1].state, frame.stamp_ns)
+                state = self.motion.at_constant_rate(
+                    entries[-1].state, frame.stamp_ns, MANOEUVRES[-1])
                 innovation = self._innovation(state, head, frame)
                 if innovation.nis > GATE:
                     angle_deg = math.degrees(float(np.linalg.norm(innovation.vector)))
@@ -311,10 +295,6 @@ class AttitudeFusion:
         step_s = (other.recent[-1].stamp_ns - other.recent[0].stamp_ns) * 1e-9
         return 0 <= age_s <= self._options.max_gap_s and 0 < step_s <= self._options.max_gap_s
 
-    def _propagated_freely(self, state: FusedState, to_ns: int) -> FusedState:
-        return state.at_constant_rate(to_ns, MANOEUVRES[-1] ** 2 * self._density,
-                                      self._gyro.drift_density, self._walk)
-
     def _begun(self, head: Head) -> list[_Entry] | None:
         """Return the states after two frames of a head, by a prior that knows nothing."""
         coefficients, covariance = self._mounts()
@@ -325,21 +305,21 @@ class AttitudeFusion:
         dt_s = (second.stamp_ns - first.stamp_ns) * 1e-9
         P = np.zeros((BODY + len(coefficients), BODY + len(coefficients)))
         P[:BODY, :BODY] = np.diag(np.repeat([
-            _START_RAD ** 2, _START_RAD_S ** 2, self._gyro.drift_sigma_rad_s ** 2], 3))
+            _START_RAD ** 2, _START_RAD_S ** 2, self.motion.drift_sigma_rad_s ** 2], 3))
         P[BODY:, BODY:] = covariance
         state = FusedState(first.stamp_ns, quaternions[0], rotation_between(*quaternions) / dt_s,
                            np.zeros(3), coefficients, P)
         entries = []
         for frame in (first, second):
-            state = self._propagated_freely(state, frame.stamp_ns)
+            state = self.motion.at_constant_rate(state, frame.stamp_ns, MANOEUVRES[-1])
             state = state.updated(self._innovation(state, head, frame))
             entries.append(_Entry(state, head, frame, MANOEUVRES[-1]))
         return entries
 
     def _started(self, entries: list[_Entry]) -> FusedAttitude:
         """Use the states of a start."""
-        if self._gyro_runs(entries[-1].state.stamp_ns):
-            self.gyro_trouble = 'the heads agree with each other and not with imu'
+        if self.motion.gyro_runs(entries[-1].state.stamp_ns):
+            self.motion.gyro_trouble = 'the heads agree with each other and not with imu'
         self._drop('')
         self._history = entries
         self._factor, self._manoeuvre_frames = MANOEUVRES[-1], MANOEUVRE_FRAMES
@@ -350,28 +330,6 @@ class AttitudeFusion:
             entry.head.used_ns = entry.frame.stamp_ns
             entry.head.counts['used'] += 1
         return self._result()
-
-    # --- gyro ---
-
-    def _compare_gyro(self, before: FusedState, after: FusedState) -> None:
-        """Use a gyro once its rate has agreed with that of the heads for some frames."""
-        gyro = self._gyro
-        if self.uses_gyro or gyro.silent_s(after.stamp_ns) > GYRO_SILENCE_S or (
-                after.stamp_ns <= before.stamp_ns):
-            return
-        measured, variance = gyro.mean_rate(before.stamp_ns, after.stamp_ns)
-        innovation = measured - after.rate
-        S = after.covariance[3:6, 3:6] + np.eye(3) * (variance + gyro.drift_sigma_rad_s ** 2)
-        if innovation @ np.linalg.solve(S, innovation) > GATE:
-            self._gyro_agreed = 0
-            rates = [' '.join(f'{value:.4f}' for value in np.degrees(rate))
-                     for rate in (measured, after.rate)]
-            self.gyro_trouble = (f'imu reports {rates[0]} deg/s about x, y, z of the body, the '
-                                 f'heads {rates[1]}')
-            return
-        self._gyro_agreed += 1
-        if self._gyro_agreed >= GYRO_FRAMES:
-            self.uses_gyro, self.gyro_trouble = True, ''
 
     # --- mounts ---
 
@@ -401,6 +359,12 @@ class AttitudeFusion:
         own = slice(head.columns.start - BODY, head.columns.stop - BODY)
         coefficients, covariance = self._mounts()
         return B @ coefficients[own], B @ covariance[own, own] @ B.T
+
+    def mount_at(self, name: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return q_body_from_sensor (4,) at a time, bent as learnt, and its covariance (3, 3)."""
+        offset, covariance = self.misalignment(name, stamp_ns)
+        mount = self.heads[name].mount.quaternion
+        return product(quaternion_from_rotation_vector(offset), mount), covariance
 
     def _observe(self, head: Head, frame: HeadFrame, predicted: FusedState,
                  innovation: Innovation) -> None:

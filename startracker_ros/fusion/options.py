@@ -4,7 +4,27 @@ from dataclasses import dataclass
 
 from startracker_ros.options import option, Options
 
-INPUTS = ('frame_attitude', 'attitude_imu', 'tracked_attitude')
+NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class HeadsOptions(Options):
+    """The heads and their mounts."""
+
+    heads: tuple[str, ...] = option(
+        ('tracker_1', 'tracker_2'), 'namespaces of the star trackers; the mount of the first '
+        'defines the body', read_only=True)
+    head_topic: str = option(
+        'frame_attitude', 'attitude of each head: frame_attitude, whose frames are independent, '
+        'or one that its tracker has filtered, with correlation_s',
+        choices=('frame_attitude', 'attitude_imu', 'tracked_attitude'), read_only=True)
+    mounts_file: str = option('', 'YAML file with the mounts of the heads')
+    output_file: str = option(
+        'mounts.yaml', 'file that ~/save_mounts writes, to be used as mounts_file',
+        read_only=True)
+    imu_quaternion: tuple[float, ...] = option(
+        NO_ROTATION, 'rotation body from imu in the order x, y, z, w: v_body = R(q) v_imu',
+        low=-1.0, high=1.0)
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,24 @@ def quaternion_from_message(message: QuaternionStamped) -> np.ndarray:
 
 def attitude_to_pose(attitude: AttitudeEstimate, header: Header) -> PoseWithCovarianceStamped:
     """Return `attitude_cov`: position zero, the rotation block about ICRF axes in rad^2."""
+    return _rotation_to_pose(attitude.quaternion, covariance_icrf(
+        attitude.quaternion, attitude.covariance_sensor), header)
+
+
+def mount_to_pose(q_body_from_sensor: np.ndarray, covariance: np.ndarray, header: Header
+                  ) -> PoseWithCovarianceStamped:
+    """Return `mount` (4,), its covariance (3, 3) rad^2 about the body axes of the header."""
+    return _rotation_to_pose(q_body_from_sensor, covariance, header)
+
+
+def _rotation_to_pose(quaternion: np.ndarray, covariance: np.ndarray, header: Header
+                      ) -> PoseWithCovarianceStamped:
+    """Return a rotation (4,) with its covariance (3, 3) about the axes of the header."""
     message = PoseWithCovarianceStamped(header=header)
-    message.pose.pose.orientation = quaternion_to_geometry(attitude.quaternion)
-    covariance = np.zeros((6, 6))
-    covariance[3:, 3:] = covariance_icrf(attitude.quaternion, attitude.covariance_sensor)
-    message.pose.covariance = covariance.ravel()
+    message.pose.pose.orientation = quaternion_to_geometry(quaternion)
+    whole = np.zeros((6, 6))
+    whole[3:, 3:] = covariance
+    message.pose.covariance = whole.ravel()
     return message
 
 

@@ -14,7 +14,7 @@ from startracker_ros.pipeline.tracking import make_star_tracker, make_trackers
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import InertialFrameOptions
-from startracker_ros.ros.messages.attitude import tracked_attitude_to_imu
+from startracker_ros.ros.messages.attitude import attitude_to_imu, tracked_attitude_to_imu
 from startracker_ros.ros.messages.clouds import (
     centroids_from_message, centroids_from_rows, predictions_to_message, tracks_to_message)
 from startracker_ros.ros.node import main_of
@@ -38,6 +38,7 @@ class StarTrackerNode(CameraNode):
         self.frame_topic = 'centroids'
         self._tracks = self.advertise(PointCloud2, 'tracks', qos.LIST)
         self._attitude = self.advertise(Imu, 'tracked_attitude', qos.LIST)
+        self._frame_attitude = self.advertise(Imu, 'frame_attitude', qos.LIST)
         self._predicted = self.advertise(PointCloud2, 'predicted_centroids', qos.LIST)
         self._target = TargetOutput(self)
         self._observer = OdometryInput(self, InertialFrameOptions)
@@ -78,6 +79,9 @@ class StarTrackerNode(CameraNode):
             return
         # Before the tracks, so that a subscriber of both has both when the tracks come.
         self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, message.header))
+        if self._frame_attitude.get_subscription_count():
+            self._frame_attitude.publish(
+                attitude_to_imu(self._tracker.frame_attitude, message.header))
         self._tracks.publish(tracks_to_message(tracks, camera, message.header))
         self.defer(partial(self._finish, message.header, camera, centroids))
 
