@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.fusion.head import Head, HeadFrame, HeadState
-from startracker_ros.fusion.motion import BodyMotion, GATE
+from startracker_ros.fusion.motion import BodyMotion
 from startracker_ros.fusion.mounts import Mount, MountOptions
 from startracker_ros.fusion.options import FusionOptions
-from startracker_ros.fusion.state import BODY, FusedState, Innovation, product, rotation_between
+from startracker_ros.fusion.state import (
+    BODY, FusedState, GATE, Innovation, product, rotation_between)
 from startracker_ros.fusion.steps import MountStep, StepDetector
 from startracker_ros.maths.rotation import (
     ARCSEC, quaternion_from_rotation_vector, sign_continuous)
@@ -29,6 +30,7 @@ MANOEUVRES = (10.0, 100.0)
 """Accelerations tried for a single head without gyro, in units of acceleration_deg_s2."""
 
 MANOEUVRE_FRAMES = 10
+_PLAUSIBLE_FRAMES = 4  # of a head from one check of its mount to the next
 RESTART_FRAMES = 3  # in a row that no state can be compared with
 
 _SHARP_RAD = 10 * ARCSEC  # a prediction that decides alone whether a head is right
@@ -90,18 +92,22 @@ class AttitudeFusion:
     def reset(self) -> None:
         """Forget attitude, gyro and frames; the mounts are those of the file again."""
         self._history: list[_Entry] = []
+        for head in self.heads.values():
+            head.reset()
+        self._forget_mounts()
+        self.motion.reset()
+        self._steps = StepDetector(tuple(self.heads))
+        self.steps: list[MountStep] = []
+        self._drop('waiting for frames')
+        self._previous: np.ndarray | None = None
+
+    def _forget_mounts(self) -> None:
         priors = [head.prior() for head in self.heads.values()]
         self._coefficients = np.concatenate([mean for mean, _ in priors])
         self._mount_covariance = np.zeros((len(self._walk), len(self._walk)))
         for head, (_, covariance) in zip(self.heads.values(), priors):
             own = slice(head.columns.start - BODY, head.columns.stop - BODY)
             self._mount_covariance[own, own] = covariance
-            head.reset()
-        self.motion.reset()
-        self._steps = StepDetector(tuple(self.heads))
-        self.steps: list[MountStep] = []
-        self._drop('waiting for frames')
-        self._previous: np.ndarray | None = None
 
     def _drop(self, trouble: str) -> None:
         """Drop the attitude, not the mounts."""
@@ -175,9 +181,11 @@ class AttitudeFusion:
         self._insert(index, _Entry(state, head, frame, factor))
         self._observe(head, frame, predicted, innovation)
         head.used_ns = max(frame.stamp_ns, head.used_ns or frame.stamp_ns)
-        if not newest:
+        if not newest or (head.counts['used'] % _PLAUSIBLE_FRAMES == 0
+                          and self._has_implausible_mounts(frame.stamp_ns)):
             return None
-        self.motion.compare_gyro(before, state)
+        if factor == 1:
+            self.motion.compare_gyro(before, state)
         return self._result()
 
     def _counts(self, head: Head, frame: HeadFrame, predicted: FusedState,
@@ -266,26 +274,35 @@ class AttitudeFusion:
         A state before is replaced: its mounts are used again, not its gyro.
         """
         trouble = ''
-        for other in ([head] if self._needed == 1 else self.heads.values()):
-            if (other is head) == (self._needed > 1) or not self._is_candidate(other, frame):
-                continue
-            entries = self._begun(other)
-            if entries is None:
-                continue
+        for other in self._candidates(head, frame):
+            # Heads that have agreed before see a manoeuvre, others may be wrong by its size.
+            known = self._history and {head.state, other.state} == {HeadState.USED}
+            factor = MANOEUVRES[-1 if known else 0]
+            entries = self._begun(other, factor)
             if other is not head:
-                state = self.motion.at_constant_rate(
-                    entries[-1].state, frame.stamp_ns, MANOEUVRES[-1])
+                state = self.motion.at_constant_rate(entries[-1].state, frame.stamp_ns, factor)
                 innovation = self._innovation(state, head, frame)
                 if innovation.nis > GATE:
                     angle_deg = math.degrees(float(np.linalg.norm(innovation.vector)))
                     trouble = f'{other.name} and {head.name} disagree by {angle_deg:.3g} deg'
                     continue
-                entries.append(_Entry(state.updated(innovation), head, frame, MANOEUVRES[-1]))
+                entries.append(_Entry(state.updated(innovation), head, frame, factor))
             return self._started(entries)
         if not self._history:
             self.trouble = trouble or (
                 'no frames of two heads at a time' if self._needed > 1 else 'waiting for frames')
         return None
+
+    def _candidates(self, head: Head, frame: HeadFrame) -> list[Head]:
+        """Return the heads that may confirm a frame, excluded ones only if there are no others."""
+        if self._needed == 1:
+            return [head] if self._is_candidate(head, frame) else []
+        gap_s = self._options.max_gap_s
+        good = [one for one in self.heads.values() if one.state is not HeadState.EXCLUDED
+                and one.has_frames(frame.stamp_ns, gap_s)]
+        heads = good if len(good) > 1 else self.heads.values()
+        return [one for one in heads if one is not head and self._is_candidate(one, frame)
+                ] if len(good) < 2 or head in good else []
 
     def _is_candidate(self, other: Head, frame: HeadFrame) -> bool:
         """Return whether another head has new frames of its own that are in use nowhere."""
@@ -295,7 +312,7 @@ class AttitudeFusion:
         step_s = (other.recent[-1].stamp_ns - other.recent[0].stamp_ns) * 1e-9
         return 0 <= age_s <= self._options.max_gap_s and 0 < step_s <= self._options.max_gap_s
 
-    def _begun(self, head: Head) -> list[_Entry] | None:
+    def _begun(self, head: Head, factor: float) -> list[_Entry]:
         """Return the states after two frames of a head, by a prior that knows nothing."""
         coefficients, covariance = self._mounts()
         first, second = head.recent
@@ -311,9 +328,9 @@ class AttitudeFusion:
                            np.zeros(3), coefficients, P)
         entries = []
         for frame in (first, second):
-            state = self.motion.at_constant_rate(state, frame.stamp_ns, MANOEUVRES[-1])
+            state = self.motion.at_constant_rate(state, frame.stamp_ns, factor)
             state = state.updated(self._innovation(state, head, frame))
-            entries.append(_Entry(state, head, frame, MANOEUVRES[-1]))
+            entries.append(_Entry(state, head, frame, factor))
         return entries
 
     def _started(self, entries: list[_Entry]) -> FusedAttitude:
@@ -322,7 +339,7 @@ class AttitudeFusion:
             self.motion.gyro_trouble = 'the heads agree with each other and not with imu'
         self._drop('')
         self._history = entries
-        self._factor, self._manoeuvre_frames = MANOEUVRES[-1], MANOEUVRE_FRAMES
+        self._factor, self._manoeuvre_frames = entries[-1].factor, MANOEUVRE_FRAMES
         for entry in entries:
             if entry.head.state is not HeadState.USED:
                 entry.head.enter(HeadState.USED)
@@ -366,6 +383,28 @@ class AttitudeFusion:
         mount = self.heads[name].mount.quaternion
         return product(quaternion_from_rotation_vector(offset), mount), covariance
 
+    def _has_implausible_mounts(self, stamp_ns: int) -> bool:
+        """
+        Drop the attitude where a mount has left what its file allows, and exclude the head.
+
+        The reference, where the mounts of two others have left theirs: all mounts are against it.
+        """
+        coefficients, _ = self._mounts()
+        wrong = [head for head in self.heads.values() if not head.is_plausible(
+            coefficients[head.columns.start - BODY:head.columns.stop - BODY], stamp_ns)]
+        if not wrong:
+            return False
+        text = ('mount of ' + ', '.join(head.name for head in wrong)
+                + ' further from mounts_file than its sigma allows')
+        self._drop(text)
+        self._history = []
+        self._forget_mounts()
+        reference = next(iter(self.heads.values()))
+        suspects = [reference] if len(wrong) > 1 else wrong
+        for head in suspects if len(self.heads) > 2 else self.heads.values():
+            head.enter(HeadState.EXCLUDED, text)
+        return True
+
     def _observe(self, head: Head, frame: HeadFrame, predicted: FusedState,
                  innovation: Innovation) -> None:
         """Look for steps of the mounts in the differences of the heads."""
@@ -376,6 +415,7 @@ class AttitudeFusion:
             offset = offset + sensitivity @ predicted.coefficients[own]
         for step in self._steps.add(head.name, frame.stamp_ns, offset):
             self.steps.append(step)
+            self.heads[step.head].stepped_rad2 += float(step.size_rad @ step.size_rad)
             self._history = [entry._replace(state=self._reopened(entry.state, step))
                              for entry in self._history]
 

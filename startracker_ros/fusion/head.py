@@ -6,8 +6,9 @@ from enum import StrEnum
 import math
 
 import numpy as np
+from startracker_ros.astro.epoch import RESTART_NS
 from startracker_ros.fusion.mounts import basis, Mount, MountOptions
-from startracker_ros.fusion.state import Measurement, product
+from startracker_ros.fusion.state import GATE, Measurement, product
 from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.maths.rotation import (
     ARCSEC, conjugate, matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
@@ -15,6 +16,7 @@ from startracker_ros.maths.rotation import (
 HOUR_S = 3600.0
 _REMEMBERED = 64  # stamps of one head
 _SILENT_RATIO = 3.0
+_ROUNDING_RAD2 = (0.01 * ARCSEC) ** 2
 
 
 class HeadState(StrEnum):
@@ -54,8 +56,8 @@ class Head:
     A head and its share of the state.
 
     columns are those of its coefficients in the error state, none for the reference, whose mount
-    defines the body. counts are of its frames by what became of them; reason is why it does not
-    count.
+    defines the body; stepped_rad2 is the square of the steps of its mount that were found. counts
+    are of its frames by what became of them; reason is why it does not count.
     """
 
     def __init__(self, name: str, mount: Mount, options: MountOptions, first_column: int,
@@ -81,6 +83,8 @@ class Head:
         self.agreed = self.disagreed = 0
         self.recent: deque[HeadFrame] = deque(maxlen=2)
         self.used_ns: int | None = None
+        self.stepped_rad2 = 0.0
+        self._first_ns = 0
         self._stamps: deque[int] = deque(maxlen=_REMEMBERED)
         self._interval_s = 0.0
 
@@ -109,6 +113,22 @@ class Head:
     def _chosen(self) -> np.ndarray:
         """Return the elements (3 K,) of the terms in the twelve of a mount."""
         return np.add.outer(3 * np.array(self.terms), np.arange(3)).ravel()
+
+    def is_plausible(self, coefficients: np.ndarray, stamp_ns: int) -> bool:
+        """
+        Return whether a mount may have come to coefficients (3 K,) from what its file has.
+
+        Frame by frame a head that is wrong by less than its gate could bend its mount to fit.
+        """
+        B = self.sensitivity(stamp_ns)
+        if B is None:
+            return True
+        mean, covariance = self.prior()
+        self._first_ns = self._first_ns or stamp_ns
+        walked = self.walk()[0] * abs(stamp_ns - self._first_ns) * 1e-9
+        difference = B @ (coefficients - mean)
+        allowed = B @ covariance @ B.T + (walked + self.stepped_rad2 + _ROUNDING_RAD2) * np.eye(3)
+        return float(difference @ np.linalg.solve(allowed, difference)) <= GATE
 
     def walk(self) -> np.ndarray:
         """Return the spectral densities (3 K,) rad^2/s of the coefficients."""
@@ -169,6 +189,8 @@ class Head:
         if self._correlation_s and self._interval_s:
             rho = math.exp(-self._interval_s / self._correlation_s)
             frame = replace(frame, covariance=frame.covariance * ((1 + rho) / (1 - rho)))
+        if self.recent and self.recent[-1].stamp_ns - frame.stamp_ns > RESTART_NS:
+            self.recent.clear()
         if not self.recent or frame.stamp_ns > self.recent[-1].stamp_ns:
             self.recent.append(frame)
         return frame
@@ -186,6 +208,10 @@ class Head:
         """Return whether the last frame that counted is too old for one that counts."""
         return self.used_ns is None or (stamp_ns - self.used_ns) * 1e-9 > max(
             gap_s, _SILENT_RATIO * self._interval_s)
+
+    def has_frames(self, stamp_ns: int, gap_s: float) -> bool:
+        """Return whether its last frame is no further than gap_s from a time."""
+        return bool(self.recent) and abs(stamp_ns - self.recent[-1].stamp_ns) * 1e-9 <= gap_s
 
     def enter(self, state: HeadState, reason: str = '') -> None:
         """Enter a state."""

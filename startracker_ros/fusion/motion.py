@@ -5,10 +5,7 @@ import math
 import numpy as np
 from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.fusion.options import FusionOptions
-from startracker_ros.fusion.state import FusedState
-
-GATE = 30.7
-"""Normalised innovation squared that chance exceeds once in a million frames (3 degrees)."""
+from startracker_ros.fusion.state import FusedState, GATE
 
 GYRO_FRAMES = 3  # with whose rate a gyro has to agree before it is used
 GYRO_SILENCE_S = 1.0

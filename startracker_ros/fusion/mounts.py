@@ -114,13 +114,19 @@ def _mount(head: str, entry: object) -> Mount:
     law_covariance = _numbers(head, entry, 'law_covariance_arcsec2', (12, 12))
     for name, matrix in (('covariance_arcsec2', covariance),
                          ('law_covariance_arcsec2', law_covariance)):
-        if matrix is not None and np.linalg.eigvalsh(matrix + matrix.T).min() < 0:
+        if matrix is not None and not _is_covariance(matrix):
             raise MountError(f'{name} of {head} is no covariance')
     return Mount(quaternion / norm, None if covariance is None else covariance * ARCSEC ** 2,
                  0.0 if offset is None else float(offset),
                  None if law is None else law * ARCSEC,
                  None if law_covariance is None else law_covariance * ARCSEC ** 2,
                  math.nan if temperature is None else float(temperature))
+
+
+def _is_covariance(matrix: np.ndarray) -> bool:
+    """Return whether a symmetric matrix has no negative eigenvalue but by rounding."""
+    eigenvalues = np.linalg.eigvalsh(matrix)
+    return bool(np.allclose(matrix, matrix.T) and eigenvalues[0] >= -1e-9 * eigenvalues[-1])
 
 
 def _numbers(head: str, entry: dict, name: str, shape: tuple[int, ...]) -> np.ndarray | None:

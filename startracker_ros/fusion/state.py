@@ -18,6 +18,9 @@ from startracker_ros.maths.compiled_rotation import matrix_from_rotation_vector,
 BODY = 9
 """Elements of the error state that are not of the mounts."""
 
+GATE = 30.7
+"""Normalised innovation squared that chance exceeds once in a million frames (3 degrees)."""
+
 _MAX_TURN_RAD, _MAX_STEP_S = 0.05, 1.0  # of one step of the covariance
 
 

@@ -10,7 +10,7 @@ BLOCK_S = 10.0
 WINDOW_S = 900.0
 
 _LEAST_FRAMES = 3  # of each head in a block
-_LEAST_BEFORE, _LEAST_AFTER = 12, 3  # blocks
+_LEAST_BEFORE, _LEAST_AFTER = 12, 6  # blocks
 _THRESHOLD = 50.0
 """Chi-square of a step about three axes: chance exceeds it in one of 1e10 blocks."""
 
@@ -98,8 +98,8 @@ class StepDetector:
 
 def _step(head: str, series: list[tuple[int, np.ndarray, np.ndarray]]) -> MountStep | None:
     """Return the most significant step of a series of block, difference and variance, if any."""
-    candidates = np.arange(_LEAST_BEFORE, len(series) - _LEAST_AFTER + 1)
-    if not len(candidates):
+    candidates = np.arange(_LEAST_BEFORE, len(series))
+    if len(candidates) < _LEAST_AFTER:
         return None
     number = np.array([entry[0] for entry in series])
     difference = np.array([entry[1] for entry in series])
@@ -114,6 +114,9 @@ def _step(head: str, series: list[tuple[int, np.ndarray, np.ndarray]]) -> MountS
     size = steps.T @ residual / square[:, None]
     chi_square = np.sum((size / sigma) ** 2, axis=1) * square
     best = int(np.argmax(chi_square))
+    if best > len(candidates) - _LEAST_AFTER:
+        # Too new to be dated.
+        return None
     if chi_square[best] < _THRESHOLD or np.linalg.norm(size[best]) < _LEAST_RAD:
         return None
     return MountStep(head, int(number[candidates[best]] * BLOCK_S * 1e9), size[best],
