@@ -173,7 +173,7 @@ def bending(law: str, runs: int, seed: int) -> np.ndarray:
         before, after = [], []
         for frame, one in enumerate(run.events(fusion)):
             if one.fused.stamp_ns > run.stamp_ns(0) + 3 * 5700e9 and not frame % 10:
-                found = np.array([fusion.misalignment(name, one.fused.stamp_ns)[0]
+                found = np.array([fusion.mounts.misalignment(name, one.fused.stamp_ns)[0]
                                   for name in NAMES])
                 before.append(np.sum(one.misalignment[1:] ** 2, axis=1))
                 after.append(np.sum((found - one.misalignment)[1:] ** 2, axis=1))

@@ -15,13 +15,13 @@ import numpy as np
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.fusion.head import Head, HeadFrame, HeadState
 from startracker_ros.fusion.motion import BodyMotion
+from startracker_ros.fusion.mount_bank import MountBank, own_coefficients, reopened
 from startracker_ros.fusion.mounts import Mount, MountOptions
 from startracker_ros.fusion.options import FusionOptions
 from startracker_ros.fusion.state import (
-    BODY, FusedState, GATE, Innovation, product, rotation_between)
+    BODY, FusedState, GATE, Innovation, rotation_between)
 from startracker_ros.fusion.steps import MountStep, StepDetector
-from startracker_ros.maths.rotation import (
-    ARCSEC, quaternion_from_rotation_vector, sign_continuous)
+from startracker_ros.maths.rotation import ARCSEC, sign_continuous
 
 RETURN_GATE = 9.0
 """The same at which a head counts again: the state then changes by 3 sigma of it at most."""
@@ -68,9 +68,10 @@ class AttitudeFusion:
     """
     Fuses the frames of heads, in any order, and rates about body axes.
 
-    mounts are those of the heads by name; the first is the reference, whose mount defines the
-    body. trouble is why there is no attitude, empty if there is one; steps are the steps of mounts
-    that were found, to be taken out by the caller.
+    mounts by name are those of the file; the first is the reference, whose mount defines the
+    body. heads are by name, mounts what is learnt of theirs, motion has the gyro. trouble is why
+    there is no attitude, empty if there is one; steps are the steps of mounts that were found, to
+    be taken out by the caller.
     """
 
     def __init__(self, mounts: Mapping[str, Mount], options: FusionOptions = FusionOptions(),
@@ -84,8 +85,9 @@ class AttitudeFusion:
             first = max((head.columns.stop for head in self.heads.values()), default=BODY)
             self.heads[name] = Head(name, mount, mount_options, first, not self.heads,
                                     options.correlation_s)
-        self._walk = np.concatenate([head.walk() for head in self.heads.values()])
-        self.motion = BodyMotion(options, gyro_options, self._walk)
+        self.mounts = MountBank(self.heads)
+        self.motion = BodyMotion(options, gyro_options, np.concatenate(
+            [head.walk() for head in self.heads.values()]))
         self._needed = min(options.start_heads, len(self.heads))
         self.reset()
 
@@ -94,24 +96,15 @@ class AttitudeFusion:
         self._history: list[_Entry] = []
         for head in self.heads.values():
             head.reset()
-        self._forget_mounts()
+        self.mounts.reset()
         self.motion.reset()
         self._steps = StepDetector(tuple(self.heads))
         self.steps: list[MountStep] = []
         self._drop('waiting for frames')
         self._previous: np.ndarray | None = None
 
-    def _forget_mounts(self) -> None:
-        priors = [head.prior() for head in self.heads.values()]
-        self._coefficients = np.concatenate([mean for mean, _ in priors])
-        self._mount_covariance = np.zeros((len(self._walk), len(self._walk)))
-        for head, (_, covariance) in zip(self.heads.values(), priors):
-            own = slice(head.columns.start - BODY, head.columns.stop - BODY)
-            self._mount_covariance[own, own] = covariance
-
     def _drop(self, trouble: str) -> None:
         """Drop the attitude, not the mounts."""
-        self._mounts()
         self._history = []
         self.trouble = trouble
         self._untested = 0
@@ -153,7 +146,7 @@ class AttitudeFusion:
     # --- from frame to frame ---
 
     def _innovation(self, state: FusedState, head: Head, frame: HeadFrame) -> Innovation:
-        own = slice(head.columns.start - BODY, head.columns.stop - BODY)
+        own = own_coefficients(head)
         return state.innovation(head.measurement(frame, state.coefficients[own]))
 
     def _test(self, head: Head, frame: HeadFrame) -> FusedAttitude | None:
@@ -253,6 +246,7 @@ class AttitudeFusion:
         oldest_ns = self._history[-1].state.stamp_ns - round(self._options.horizon_s * 1e9)
         while len(self._history) > 1 and self._history[1].state.stamp_ns <= oldest_ns:
             del self._history[0]
+        self.mounts.set(self._history[-1].state)
         self._untested, self.trouble = 0, ''
         self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
         if not self._manoeuvre_frames:
@@ -314,9 +308,9 @@ class AttitudeFusion:
 
     def _begun(self, head: Head, factor: float) -> list[_Entry]:
         """Return the states after two frames of a head, by a prior that knows nothing."""
-        coefficients, covariance = self._mounts()
+        coefficients, covariance = self.mounts.coefficients, self.mounts.covariance
         first, second = head.recent
-        own = slice(head.columns.start - BODY, head.columns.stop - BODY)
+        own = own_coefficients(head)
         quaternions = [head.measurement(frame, coefficients[own]).quaternion
                        for frame in (first, second)]
         dt_s = (second.stamp_ns - first.stamp_ns) * 1e-9
@@ -339,6 +333,7 @@ class AttitudeFusion:
             self.motion.gyro_trouble = 'the heads agree with each other and not with imu'
         self._drop('')
         self._history = entries
+        self.mounts.set(entries[-1].state)
         self._factor, self._manoeuvre_frames = entries[-1].factor, MANOEUVRE_FRAMES
         for entry in entries:
             if entry.head.state is not HeadState.USED:
@@ -350,55 +345,19 @@ class AttitudeFusion:
 
     # --- mounts ---
 
-    def _mounts(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the coefficients (M,) of all mounts and their covariance (M, M)."""
-        if self._history:
-            state = self._history[-1].state
-            self._coefficients = state.coefficients
-            self._mount_covariance = state.covariance[BODY:, BODY:]
-        return self._coefficients, self._mount_covariance
-
-    def mounts(self) -> dict[str, Mount]:
-        """Return the mounts as learnt so far."""
-        coefficients, covariance = self._mounts()
-        found = {}
-        for name, head in self.heads.items():
-            own = slice(head.columns.start - BODY, head.columns.stop - BODY)
-            found[name] = head.learnt(coefficients[own], covariance[own, own])
-        return found
-
-    def misalignment(self, name: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return what a mount differs from its file (3,) rad, and its covariance (3, 3)."""
-        head = self.heads[name]
-        B = head.sensitivity(stamp_ns)
-        if B is None:
-            return np.zeros(3), np.zeros((3, 3))
-        own = slice(head.columns.start - BODY, head.columns.stop - BODY)
-        coefficients, covariance = self._mounts()
-        return B @ coefficients[own], B @ covariance[own, own] @ B.T
-
-    def mount_at(self, name: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return q_body_from_sensor (4,) at a time, bent as learnt, and its covariance (3, 3)."""
-        offset, covariance = self.misalignment(name, stamp_ns)
-        mount = self.heads[name].mount.quaternion
-        return product(quaternion_from_rotation_vector(offset), mount), covariance
-
     def _has_implausible_mounts(self, stamp_ns: int) -> bool:
         """
         Drop the attitude where a mount has left what its file allows, and exclude the head.
 
         The reference, where the mounts of two others have left theirs: all mounts are against it.
         """
-        coefficients, _ = self._mounts()
-        wrong = [head for head in self.heads.values() if not head.is_plausible(
-            coefficients[head.columns.start - BODY:head.columns.stop - BODY], stamp_ns)]
+        wrong = self.mounts.implausible(stamp_ns)
         if not wrong:
             return False
         text = ('mount of ' + ', '.join(head.name for head in wrong)
                 + ' further from mounts_file than its sigma allows')
         self._drop(text)
-        self._history = []
-        self._forget_mounts()
+        self.mounts.reset()
         reference = next(iter(self.heads.values()))
         suspects = [reference] if len(wrong) > 1 else wrong
         for head in suspects if len(self.heads) > 2 else self.heads.values():
@@ -411,17 +370,20 @@ class AttitudeFusion:
         offset = innovation.vector
         sensitivity = head.sensitivity(frame.stamp_ns)
         if sensitivity is not None:
-            own = slice(head.columns.start - BODY, head.columns.stop - BODY)
+            own = own_coefficients(head)
             offset = offset + sensitivity @ predicted.coefficients[own]
         for step in self._steps.add(head.name, frame.stamp_ns, offset):
             self.steps.append(step)
             self.heads[step.head].stepped_rad2 += float(step.size_rad @ step.size_rad)
-            self._history = [entry._replace(state=self._reopened(entry.state, step))
-                             for entry in self._history]
+            self._history = [
+                entry._replace(state=reopened(entry.state, self.heads[step.head], step))
+                for entry in self._history]
 
-    def _reopened(self, state: FusedState, step: MountStep) -> FusedState:
-        """Return a state that does not know the mount that has made a step."""
-        first, P = self.heads[step.head].columns.start, state.covariance.copy()
-        P[range(first, first + 3), range(first, first + 3)] += float(
-            step.size_rad @ step.size_rad)
-        return state._replace(covariance=P)
+
+def warm_up() -> None:
+    """Compile and load what a frame needs."""
+    fusion = AttitudeFusion({'head': Mount(np.array([0.0, 0.0, 0.0, 1.0]))})
+    for stamp_ns in range(0, 10 ** 9, 10 ** 8):
+        fusion.add_rate(stamp_ns, np.zeros(3))
+        fusion.add_frame('head', HeadFrame(
+            stamp_ns, np.array([0.0, 0.0, 0.0, 1.0]), np.eye(3) * ARCSEC ** 2))

@@ -70,7 +70,7 @@ class FusionOutput:
         if self._mounts_ns is None or abs(fused.stamp_ns - self._mounts_ns) >= _NS:
             self._mounts_ns = fused.stamp_ns
             for name, publisher in self._mounts.items():
-                publisher.publish(mount_to_pose(*fusion.mount_at(name, fused.stamp_ns), body))
+                publisher.publish(mount_to_pose(*fusion.mounts.at(name, fused.stamp_ns), body))
         for step in fusion.steps:
             size = float(np.linalg.norm(step.size_rad)) / ARCSEC
             self._node.diagnostics.report_event(

@@ -6,7 +6,7 @@ import numpy as np
 from sensor_msgs.msg import Imu, Temperature
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.bag.layouts import MessageError, ns_from_stamp
-from startracker_ros.fusion.fusion import AttitudeFusion
+from startracker_ros.fusion.fusion import AttitudeFusion, warm_up
 from startracker_ros.fusion.head import HeadFrame
 from startracker_ros.fusion.mounts import load_mounts, Mount, MountError, MountOptions, save_mounts
 from startracker_ros.fusion.options import FusionOptions, HeadsOptions, NO_ROTATION
@@ -61,6 +61,10 @@ class AttitudeFusionNode(PipelineNode):
             mounts, self.options(FusionOptions), self.options(MountOptions),
             self.options(GyroErrorOptions))
 
+    def prepare(self) -> None:
+        warm_up()
+        super().prepare()
+
     def _on_head(self, name: str, message: Imu) -> None:
         tracked = tracked_attitude_from_imu(message)
         if self._fusion is None or tracked is None:
@@ -91,7 +95,7 @@ class AttitudeFusionNode(PipelineNode):
         if self._fusion is None:
             return False, 'no mounts_file: there are no mounts'
         try:
-            save_mounts(self._fusion.mounts(), path)
+            save_mounts(self._fusion.mounts.learnt(), path)
         except OSError as error:
             return False, f'output_file {path}: {error.strerror}'
         return True, f'mounts written to {path}'
