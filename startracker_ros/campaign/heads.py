@@ -217,15 +217,16 @@ def heads_runs(task: str, case: str, runs: int, seed: int) -> np.ndarray:
     return _TASKS[task](runs, seed)
 
 
-def run_heads_campaign(*, trials: int, seed: int, scheduler: str = '') -> Result:
-    """Fuse heads in so many runs of FRAMES frames for each figure."""
+def run_heads_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
+                       scheduler: str = '') -> Result:
+    """Fuse heads in so many runs of FRAMES frames for each figure; only names tasks."""
     long_runs = max(1, trials // _LONG_RUNS)
     cases = [('two heads', '', trials), ('snapshots', '', trials), ('dropping', '', trials),
              *(('faults', fault, trials) for fault in FAULTS),
              *(('bending', law, long_runs) for law in ('orbit', 'temperature')),
              ('steps', '', long_runs),
              *(('tracker', condition, long_runs) for condition in TRACKER_CONDITIONS)]
-    parts = [(task, case, *part) for task, case, runs in cases
+    parts = [(task, case, *part) for task, case, runs in cases if not only or task in only
              for part in split_trials(runs, _PIECE, seed)]
     figures: dict[tuple[str, str], list[np.ndarray]] = {}
     for (task, case, _, _), rows in zip(parts, parallel_map(
@@ -301,3 +302,6 @@ def _rows_tracker(case: str, rows: np.ndarray) -> list[Row]:
 _ROWS = {'two heads': _rows_two_heads, 'snapshots': _rows_snapshots, 'dropping': _rows_dropping,
          'faults': _rows_faults, 'bending': _rows_bending, 'steps': _rows_steps,
          'tracker': _rows_tracker}
+
+TASKS = tuple(_ROWS)
+"""What can be run alone."""

@@ -205,6 +205,10 @@ class AttitudeFusion:
         head.enter(HeadState.USED)
         return True
 
+    def is_missing(self, name: str, stamp_ns: int) -> bool:
+        """Return whether a head has had no frame that counts for so long that it is silent."""
+        return self.heads[name].is_silent(stamp_ns, self._options.max_gap_s)
+
     def _is_live(self, head: Head, stamp_ns: int) -> bool:
         """Return whether a head counts and its last frames did."""
         return (head.state is HeadState.USED and not head.disagreed

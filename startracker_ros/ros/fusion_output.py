@@ -9,13 +9,14 @@ from sensor_msgs.msg import Imu
 from startracker_ros.attitude.result import AttitudeEstimate
 from startracker_ros.fusion.fusion import AttitudeFusion, FusedAttitude
 from startracker_ros.fusion.head import HeadState
+from startracker_ros.fusion.hints import hint_for
 from startracker_ros.maths.rotation import ARCSEC
 from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.messages.attitude import (
-    attitude_to_imu, attitude_to_pose, mount_to_pose, quaternion_to_message,
+    attitude_to_imu, attitude_to_pose, hint_to_imu, mount_to_pose, quaternion_to_message,
     tracked_attitude_to_imu)
 from startracker_ros.ros.messages.gyro import drift_to_twist
 from startracker_ros.ros.messages.header import make_header
@@ -33,7 +34,11 @@ class BodyFrameOptions(Options):
 
 
 class FusionOutput:
-    """Publishes fused attitudes, drift and mounts, and reports the heads."""
+    """
+    Publishes fused attitudes, drift and mounts, hints for heads without stars; reports the heads.
+
+    frame_ids are the frames of the heads by name, for their hints.
+    """
 
     def __init__(self, node: PipelineNode, heads: tuple[str, ...]) -> None:
         self._node = node
@@ -43,6 +48,8 @@ class FusionOutput:
         self._drift = node.advertise(TwistWithCovarianceStamped, 'gyro_drift', qos.LIST)
         self._mounts = {name: node.advertise(PoseWithCovarianceStamped, f'{name}/mount', qos.STATE)
                         for name in heads}
+        self._hints = {name: node.advertise(Imu, f'{name}/hint', qos.LIST) for name in heads}
+        self.frame_ids = dict.fromkeys(heads, '')
         self._mounts_ns: int | None = None
         self._published = self._reported = 0
 
@@ -63,6 +70,10 @@ class FusionOutput:
         self._imu.publish(tracked_attitude_to_imu(
             TrackedAttitude(attitude, fused.rate_rad_s, fused.rate_covariance), body))
         self._drift.publish(drift_to_twist(fused.drift_rad_s, fused.drift_covariance, body))
+        for name, publisher in self._hints.items():
+            if fusion.is_missing(name, fused.stamp_ns) and publisher.get_subscription_count():
+                publisher.publish(hint_to_imu(hint_for(fusion, name, fused), make_header(
+                    fused.stamp_ns, self.frame_ids[name])))
         self._node.diagnostics.counts['attitudes'] += 1
         self._published += 1
         sigma = np.sqrt(np.diag(fused.covariance)) / ARCSEC

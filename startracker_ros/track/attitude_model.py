@@ -15,12 +15,12 @@ from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.track.consistency import Residuals
 from startracker_ros.track.correction import correct, Correction, on_image
-from startracker_ros.track.identified import IdentifiedFrame
 from startracker_ros.track.lens_error import LensError
-from startracker_ros.track.model import FrameUpdate, rate_between, StarModel
+from startracker_ros.track.model import FrameUpdate, StarModel
 from startracker_ros.track.motion_models import image_jacobian
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import median, RAYLEIGH_MEDIAN, RotationFit
+from startracker_ros.track.start import NIS_GATE, Start
 
 MANOEUVRES = (10.0, 100.0, 1000.0)
 """Accelerations tried one after the other, in units of acceleration_deg_s2, when the innovation
@@ -30,11 +30,8 @@ covariance is inflated by the same factor, as a manoeuvre is detected frames aft
 MANOEUVRE_FRAMES = 10
 """Frames for which the acceleration of a manoeuvre is assumed to last."""
 
-NIS_GATE = 25.9
-"""Normalised innovation squared that chance exceeds once in a hundred thousand frames
-(chi-square, 3 degrees of freedom). More is a manoeuvre, or a wrong gyro. A false alarm
-inflates a covariance that took a long steady turn to shrink."""
-
+# More than NIS_GATE is a manoeuvre, or a wrong gyro. A false alarm inflates a covariance that took
+# a long steady turn to shrink.
 MEMORY = 0.2
 MEAN_NIS_GATE = NIS_GATE * MEMORY / (2 - MEMORY)
 """The same gate for the exponential mean of the innovations, in which the newest has the weight
@@ -67,21 +64,18 @@ class AttitudeModel(StarModel):
         self._acceleration_rad_s2 = np.radians([across, across, roll])
         self.gyro_trouble = ''
 
-    def start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
-        dt_s = (second.stamp_ns - first.stamp_ns) * 1e-9
-        attitude = second.attitude.covariance_sensor * second.scale ** 2
+    def start(self, start: Start) -> None:
+        frame = start.frame
         covariance = np.zeros((9, 9))
-        covariance[:3, :3] = attitude
-        covariance[:3, 3:6] = covariance[3:6, :3] = attitude / dt_s
-        covariance[3:6, 3:6] = (
-            attitude + first.attitude.covariance_sensor * first.scale ** 2) / dt_s ** 2
-        rate = rate_between(first.stamp_ns, first.attitude, second.stamp_ns, second.attitude)
+        covariance[:3, :3] = frame.attitude.covariance_sensor * frame.scale ** 2
+        covariance[:3, 3:6], covariance[3:6, :3] = start.cross, start.cross.T
+        covariance[3:6, 3:6] = start.rate_covariance
         self._state = AttitudeState(
-            second.stamp_ns, second.attitude.quaternion, rate, np.zeros(3), covariance
+            frame.stamp_ns, frame.attitude.quaternion, start.rate, np.zeros(3), covariance
         ).with_new_drift(self._gyro.drift_sigma_rad_s)
         self.uses_gyro = False
         self._gyro_agreed = 0
-        self._scale = _ErrorScale(second.scale)
+        self._scale = _ErrorScale(frame.scale)
         self._lens_error = LensError()
         self._mean_innovation = np.zeros(3)
         self._level, self._manoeuvre_frames = 1.0, 0

@@ -12,7 +12,8 @@ from startracker_ros.fusion.mounts import load_mounts, Mount, save_mounts
 from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, multiply
 from startracker_ros.ros import qos
-from startracker_ros.ros.messages.attitude import attitude_to_imu, quaternion_from_message
+from startracker_ros.ros.messages.attitude import (
+    attitude_to_imu, hint_from_imu, quaternion_from_message)
 from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
 from std_srvs.srv import Trigger
@@ -78,7 +79,7 @@ def body(nodes, probe, tmp_path):
         'output_file': str(tmp_path / 'learnt.yaml')})
     for kind, topic in ((QuaternionStamped, 'attitude'), (Imu, 'attitude_imu'),
                         (PoseWithCovarianceStamped, 'attitude_cov'),
-                        (PoseWithCovarianceStamped, 'tracker_2/mount'),
+                        (PoseWithCovarianceStamped, 'tracker_2/mount'), (Imu, 'tracker_2/hint'),
                         (TwistWithCovarianceStamped, 'gyro_drift')):
         probe.collect(kind, topic, qos.STATE if 'mount' in topic else qos.LIST)
     return Body(probe)
@@ -122,6 +123,12 @@ def test_two_heads_give_the_attitude_of_the_body_and_faults_are_named(body, prob
     probe.wait(wrong, 'the excluded head')
     body.run(3, heads=(0,))
     assert probe.wait(body.has_attitude, 'the attitude of one head')
+    hint = hint_from_imu(probe.wait(
+        lambda: probe.received['tracker_2/hint'], 'a hint for the head that does not count')[-1])
+    truth = multiply(body.truth((hint.stamp_ns - START_NS) * 1e-9), body.mounts[1])
+    error = attitude_error(hint.quaternion, truth)
+    assert error @ np.linalg.solve(hint.covariance, error) < 25
+    assert np.linalg.norm(error) < 30 * ARCSEC
     answer = probe.call(Trigger, '/attitude_fusion/save_mounts', Trigger.Request())
     assert answer.success and 'learnt.yaml' in answer.message
     assert load_mounts(tmp_path / 'learnt.yaml', HEADS)['tracker_2'].covariance is not None

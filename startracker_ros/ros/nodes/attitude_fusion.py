@@ -66,6 +66,7 @@ class AttitudeFusionNode(PipelineNode):
         super().prepare()
 
     def _on_head(self, name: str, message: Imu) -> None:
+        self._output.frame_ids[name] = message.header.frame_id
         tracked = tracked_attitude_from_imu(message)
         if self._fusion is None or tracked is None:
             self.diagnostics.counts[f'{name} without attitude'] += tracked is None

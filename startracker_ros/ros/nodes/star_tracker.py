@@ -1,4 +1,4 @@
-"""star_tracker: centroids, stars, imu, camera_info -> tracks, attitude, state, predictions."""
+"""star_tracker: centroids, stars, imu, hint, camera_info -> tracks, attitude, predictions."""
 
 from functools import partial
 
@@ -14,7 +14,8 @@ from startracker_ros.pipeline.tracking import make_star_tracker, make_trackers
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import InertialFrameOptions
-from startracker_ros.ros.messages.attitude import attitude_to_imu, tracked_attitude_to_imu
+from startracker_ros.ros.messages.attitude import (
+    attitude_to_imu, hint_from_imu, tracked_attitude_to_imu)
 from startracker_ros.ros.messages.clouds import (
     centroids_from_message, centroids_from_rows, predictions_to_message, tracks_to_message)
 from startracker_ros.ros.node import main_of
@@ -45,6 +46,7 @@ class StarTrackerNode(CameraNode):
         self._state = TrackerStateOutput(self)
         self.subscribe(PointCloud2, 'centroids', self._on_centroids, qos.LIST)
         self.subscribe(PointCloud2, 'stars', self._on_stars, qos.LIST)
+        self.subscribe(Imu, 'hint', self._on_hint, qos.LIST)
         self.subscribe_rates(self._add_rate)
         self.advertise_reset()
 
@@ -67,6 +69,11 @@ class StarTrackerNode(CameraNode):
 
     def _add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         return self.camera is None or self._tracker.add_rate(stamp_ns, rate_rad_s)
+
+    def _on_hint(self, message: Imu) -> None:
+        hint = hint_from_imu(message)
+        if self.camera is not None:
+            self._tracker.add_hint(hint)
 
     def _on_centroids(self, message: PointCloud2) -> None:
         centroids = centroids_from_message(message)
