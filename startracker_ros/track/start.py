@@ -59,23 +59,23 @@ def start_of_two(first: IdentifiedFrame, second: IdentifiedFrame) -> Start:
 
 class HintedStart:
     """
-    Starts by the newest hint, where an identified frame confirms it.
+    Starts by the newest hint, None without one, where an identified frame confirms it.
 
     The stars alone give the attitude. A false hint changes nothing but the rate, and where the
     stars are lost by that, hints are ignored until a start without one.
     """
 
     def __init__(self) -> None:
-        self._hint: Hint | None = None
+        self.newest: Hint | None = None
         self._ignored = self._used = False
 
     def add(self, hint: Hint) -> None:
         """Use a hint from now on."""
-        self._hint = hint
+        self.newest = hint
 
     def start(self, frame: IdentifiedFrame, max_gap_s: float) -> Start | None:
         """Return the start at a frame that agrees with the hint; None without one."""
-        hint = self._hint
+        hint = self.newest
         if hint is None or self._ignored:
             return None
         dt_s = (frame.stamp_ns - hint.stamp_ns) * 1e-9

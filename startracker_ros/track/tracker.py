@@ -71,7 +71,7 @@ class StarTracker:
     frames since the last good one, stars_matched its inliers, residual_px is their rms residual
     (NaN without any); late_frames counts frames rejected as older than the last one,
     rejected_centroids those without a finite position or a positive sigma, checks_passed the
-    identifications that agreed with the tracks.
+    identifications that agreed with the tracks; hints has the newest hint.
     """
 
     def __init__(self, camera: Camera, onboard: OnboardCatalog,
@@ -99,7 +99,7 @@ class StarTracker:
         self._stamp_ns: int | None = None
         self._recent: deque[tuple[int, Centroids]] = deque(maxlen=RECENT_FRAMES)
         self._gyro = Gyro(self._gyro_options)
-        self._hints = HintedStart()
+        self.hints = HintedStart()
         self._history: deque[tuple[int, AttitudeEstimate]] = deque(maxlen=RECENT_FRAMES)
         self.frames_since_fix = 0
         self._enter(TrackerState.LOST, 'waiting for an identified frame')
@@ -173,7 +173,7 @@ class StarTracker:
 
     def add_hint(self, hint: Hint) -> None:
         """Use an attitude from elsewhere: one identified frame that agrees with it starts."""
-        self._hints.add(hint)
+        self.hints.add(hint)
 
     def update(self, stamp_ns: int, centroids: Centroids) -> Tracks | None:
         """
@@ -219,7 +219,7 @@ class StarTracker:
             return
         if self.state is TrackerState.TRACKING:
             self._cross_check(frame)
-        elif (hinted := self._hints.start(frame, self._options.max_gap_s)) is not None:
+        elif (hinted := self.hints.start(frame, self._options.max_gap_s)) is not None:
             self._start(hinted)
         elif self._first is None or self._gap_exceeded(self._first.stamp_ns, stamp_ns):
             self._acquire(frame, f'first identification, {len(frame.star_index)} stars')
@@ -257,7 +257,7 @@ class StarTracker:
     def _enter(self, state: TrackerState, reason: str) -> None:
         """Enter a state without tracks."""
         if state is TrackerState.LOST:
-            self._hints.lost(len(self._history))
+            self.hints.lost(len(self._history))
         self.state = state
         self.reason = reason
         self.stars_matched = 0
@@ -285,7 +285,7 @@ class StarTracker:
             self._acquire(frame, f'two identifications {rate_deg_s:.3g} deg/s apart')
             return
         self._enter(TrackerState.TRACKING, start.reason)
-        self._hints.begun(start)
+        self.hints.begun(start)
         self._model.start(start)
         most = slice(self._options.max_stars)
         self._add_tracks(frame.star_index[most], frame.centroids.select(most), confirmed=True)

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
+from startracker_ros.astro.exclusion import ExclusionOptions
 from startracker_ros.astro.observer_motion import AberrationOptions
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
@@ -31,7 +32,7 @@ class StarTrackerNode(CameraNode):
     """Tracks identified stars from frame to frame and reports its state."""
 
     option_classes = (TrackerOptions, GyroErrorOptions, TargetTrackOptions, AberrationOptions,
-                      InertialFrameOptions)
+                      ExclusionOptions, InertialFrameOptions)
     task = 'tracking'
 
     def __init__(self) -> None:
@@ -43,7 +44,7 @@ class StarTrackerNode(CameraNode):
         self._predicted = self.advertise(PointCloud2, 'predicted_centroids', qos.LIST)
         self._target = TargetOutput(self)
         self._observer = OdometryInput(self, InertialFrameOptions)
-        self._state = TrackerStateOutput(self)
+        self._state = TrackerStateOutput(self, self._observer)
         self.subscribe(PointCloud2, 'centroids', self._on_centroids, qos.LIST)
         self.subscribe(PointCloud2, 'stars', self._on_stars, qos.LIST)
         self.subscribe(Imu, 'hint', self._on_hint, qos.LIST)
@@ -97,7 +98,7 @@ class StarTrackerNode(CameraNode):
         # A target is found in whole images only: while it is searched nothing is predicted.
         self._predicted.publish(predictions_to_message(
             None if self._target.wanted else self._tracker.predicted, header))
-        self._state.publish(self._tracker)
+        self._state.publish(self._tracker, ns_from_stamp(header.stamp))
         self._observer.report(ns_from_stamp(header.stamp))
         if self._tracker.attitude is not None:
             self._target.update(self._target_tracker, self._tracker.attitude.attitude, centroids,
