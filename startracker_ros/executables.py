@@ -7,6 +7,7 @@ NODES = {name: f'startracker_ros.ros.nodes.{name}' for name in (
     'star_identifier',
     'star_tracker',
     'attitude_estimator',
+    'attitude_fusion',
     'target_locator',
     'camera_calibrator',
     'bag_recorder',

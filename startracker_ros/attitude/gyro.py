@@ -1,7 +1,9 @@
 """Measured body rates with their error model, and the propagation of an attitude by them."""
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState
@@ -32,6 +34,19 @@ class GyroErrorOptions(Options):
         'what a gap in imu costs', unit='deg/s^2', low=0.0, high=1000.0)
 
 
+class GyroStep(NamedTuple):
+    """
+    A measured rate (3,) rad/s that holds for dt_s until a time.
+
+    variance rad^2 is that of the turn about each axis, of a rate measured at another time.
+    """
+
+    until_ns: int
+    dt_s: float
+    rate_rad_s: np.ndarray
+    variance: float
+
+
 class Gyro:
     """
     The latest rates, which propagate an attitude.
@@ -45,7 +60,7 @@ class Gyro:
     def __init__(self, options: GyroErrorOptions = GyroErrorOptions()) -> None:
         self.drift_sigma_rad_s = options.gyro_drift_deg_h * _DEG_H
         self.drift_density = self.drift_sigma_rad_s ** 2 / _HOUR_S
-        self._noise_density = (options.gyro_noise_deg_sqrt_h * _DEG_SQRT_H) ** 2
+        self.noise_density = (options.gyro_noise_deg_sqrt_h * _DEG_SQRT_H) ** 2
         self._rate_change_rad_s2 = np.radians(options.gyro_rate_change_deg_s2)
         self._stamps_ns: list[int] = []
         self._rates: list[np.ndarray] = []
@@ -75,18 +90,25 @@ class Gyro:
 
     def propagate(self, state: AttitudeState, to_ns: int) -> AttitudeState:
         """Return the state at a later time, propagated by the measured rates alone."""
-        index = bisect_right(self._stamps_ns, state.stamp_ns)
-        while state.stamp_ns < to_ns:
+        for step in self.steps(state.stamp_ns, to_ns):
+            state = state.propagated_at_gyro_rate(
+                step.until_ns, step.rate_rad_s, self.noise_density, step.variance,
+                self.drift_density)
+        return state
+
+    def steps(self, from_ns: int, to_ns: int) -> Iterator[GyroStep]:
+        """Yield the measured rates that propagate an attitude from one time to another."""
+        index = bisect_right(self._stamps_ns, from_ns)
+        while from_ns < to_ns:
             last = index >= len(self._rates)
             measured_ns = self._stamps_ns[-1 if last else index]
             until_ns = to_ns if last else min(measured_ns, to_ns)
-            dt_s = (until_ns - state.stamp_ns) * 1e-9
-            away_s = max(abs(measured_ns - state.stamp_ns), abs(measured_ns - until_ns)) * 1e-9
-            state = state.propagated_at_gyro_rate(
-                until_ns, self._rates[-1 if last else index], self._noise_density,
-                (self._rate_change_rad_s2 * away_s * dt_s) ** 2, self.drift_density)
+            dt_s = (until_ns - from_ns) * 1e-9
+            away_s = max(abs(measured_ns - from_ns), abs(measured_ns - until_ns)) * 1e-9
+            yield GyroStep(until_ns, dt_s, self._rates[-1 if last else index],
+                           (self._rate_change_rad_s2 * away_s * dt_s) ** 2)
+            from_ns = until_ns
             index += 1
-        return state
 
     def filtered(self, state: AttitudeState, to_ns: int, acceleration_density: np.ndarray
                  ) -> AttitudeState:
@@ -104,7 +126,7 @@ class Gyro:
             middle_ns = max((stamp_ns + before_ns) // 2, state.stamp_ns)
             state = state.propagated_at_constant_rate(
                 middle_ns, acceleration_density, self.drift_density).with_rate(
-                self._rates[index], self._noise_density / ((stamp_ns - before_ns) * 1e-9))
+                self._rates[index], self.noise_density / ((stamp_ns - before_ns) * 1e-9))
         return state.propagated_at_constant_rate(to_ns, acceleration_density, self.drift_density)
 
     def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
@@ -113,5 +135,5 @@ class Gyro:
         # The interval of the first measurement at or after the end contains the end.
         last = min(bisect_left(self._stamps_ns, to_ns) + 1, len(self._rates))
         dt_s = (to_ns - from_ns) * 1e-9
-        variance = self._noise_density / dt_s + (self._rate_change_rad_s2 * dt_s) ** 2
+        variance = self.noise_density / dt_s + (self._rate_change_rad_s2 * dt_s) ** 2
         return np.mean(self._rates[min(first, last - 1):last], axis=0), variance

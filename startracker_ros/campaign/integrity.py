@@ -23,7 +23,7 @@ from startracker_ros.figures.correctness import WRONG_TEXT
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.maths.rotation import ARCSEC, conjugate, random_attitude, rotate
-from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
+from startracker_ros.pipeline.pipeline import Pipeline, PipelineFrame, PipelineOptions
 from startracker_ros.table import Result
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.tracker import TrackerState
@@ -212,18 +212,24 @@ def _with_point(seen: Centroids, uv: np.ndarray) -> Centroids:
                      np.append(100.0, seen.snr), np.append(SIGMA_PX, seen.sigma_px))
 
 
-def _run(condition: Condition, rng: np.random.Generator) -> Tally:
-    """Run the pipeline through one run and tally what it publishes."""
+def run_of(condition: Condition, rng: np.random.Generator
+           ) -> Iterator[tuple[Pipeline, PipelineFrame, np.ndarray]]:
+    """Run the pipeline from its start; yield it with its frame and the true attitude (4,)."""
     pipeline = _pipeline()
     pipeline.reset()
     rates = _rates(condition, rng)
     measured = _gyro(condition, rates, rng) if condition.gyro else None
-    tally, before = Tally(), TrackerState.LOST
     for index, (truth, centroids) in enumerate(_frames(condition, rates, rng)):
         if measured is not None and index:
             for k in range((index - 1) * _SUBSTEPS, index * _SUBSTEPS):
                 pipeline.add_rate(START_NS + (k + 1) * STEP_NS // _SUBSTEPS, measured[k])
-        frame = pipeline.update(START_NS + index * STEP_NS, centroids)
+        yield pipeline, pipeline.update(START_NS + index * STEP_NS, centroids), truth
+
+
+def _run(condition: Condition, rng: np.random.Generator) -> Tally:
+    """Tally what the pipeline publishes in one run."""
+    tally, before = Tally(), TrackerState.LOST
+    for _, frame, truth in run_of(condition, rng):
         tally += tally_of_frame(frame, before, truth)
         before = frame.state
     return tally

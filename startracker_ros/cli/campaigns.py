@@ -154,3 +154,17 @@ def campaign_lenses(trials: int, scheduler: str, seed: int, as_json: bool) -> No
     """Star lists of uncalibrated lenses of 5 to 70 deg, solved with the field of view alone."""
     from startracker_ros.campaign.lenses import run_lenses_campaign
     finish(run_lenses_campaign(trials=trials, seed=seed, scheduler=scheduler), as_json)
+
+
+@campaign.command('heads')
+@trials_option(50, 'Runs of 2000 frames for each figure, a 25th of them for learning mounts.')
+@click.option('--only', multiple=True, help='Tasks to run, by name.')
+@scheduler_option
+@seed_option
+@json_option
+def campaign_heads(trials: int, only: tuple[str, ...], scheduler: str, seed: int,
+                   as_json: bool) -> None:
+    """Several heads fused: bounds, consistency, mounts learnt in flight, faulty heads."""
+    from startracker_ros.campaign.heads import run_heads_campaign, TASKS
+    check_names('task', only, TASKS)
+    finish(run_heads_campaign(trials=trials, seed=seed, only=only, scheduler=scheduler), as_json)

@@ -11,15 +11,16 @@ from startracker_ros.attitude.gyro import Gyro
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.track.consistency import Residuals
 from startracker_ros.track.correction import correct, Correction, on_image
-from startracker_ros.track.identified import IdentifiedFrame
 from startracker_ros.track.lens_error import LensError
-from startracker_ros.track.model import FrameUpdate, rate_between, StarModel
+from startracker_ros.track.model import FrameUpdate, StarModel
 from startracker_ros.track.motion_models import image_jacobian
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import median, RAYLEIGH_MEDIAN, RotationFit
+from startracker_ros.track.start import NIS_GATE, Start
 
 MANOEUVRES = (10.0, 100.0, 1000.0)
 """Accelerations tried one after the other, in units of acceleration_deg_s2, when the innovation
@@ -29,11 +30,8 @@ covariance is inflated by the same factor, as a manoeuvre is detected frames aft
 MANOEUVRE_FRAMES = 10
 """Frames for which the acceleration of a manoeuvre is assumed to last."""
 
-NIS_GATE = 25.9
-"""Normalised innovation squared that chance exceeds once in a hundred thousand frames
-(chi-square, 3 degrees of freedom). More is a manoeuvre, or a wrong gyro. A false alarm
-inflates a covariance that took a long steady turn to shrink."""
-
+# More than NIS_GATE is a manoeuvre, or a wrong gyro. A false alarm inflates a covariance that took
+# a long steady turn to shrink.
 MEMORY = 0.2
 MEAN_NIS_GATE = NIS_GATE * MEMORY / (2 - MEMORY)
 """The same gate for the exponential mean of the innovations, in which the newest has the weight
@@ -66,24 +64,22 @@ class AttitudeModel(StarModel):
         self._acceleration_rad_s2 = np.radians([across, across, roll])
         self.gyro_trouble = ''
 
-    def start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
-        dt_s = (second.stamp_ns - first.stamp_ns) * 1e-9
-        attitude = second.attitude.covariance_sensor * second.scale ** 2
+    def start(self, start: Start) -> None:
+        frame = start.frame
         covariance = np.zeros((9, 9))
-        covariance[:3, :3] = attitude
-        covariance[:3, 3:6] = covariance[3:6, :3] = attitude / dt_s
-        covariance[3:6, 3:6] = (
-            attitude + first.attitude.covariance_sensor * first.scale ** 2) / dt_s ** 2
-        rate = rate_between(first.stamp_ns, first.attitude, second.stamp_ns, second.attitude)
+        covariance[:3, :3] = frame.attitude.covariance_sensor * frame.scale ** 2
+        covariance[:3, 3:6], covariance[3:6, :3] = start.cross, start.cross.T
+        covariance[3:6, 3:6] = start.rate_covariance
         self._state = AttitudeState(
-            second.stamp_ns, second.attitude.quaternion, rate, np.zeros(3), covariance
+            frame.stamp_ns, frame.attitude.quaternion, start.rate, np.zeros(3), covariance
         ).with_new_drift(self._gyro.drift_sigma_rad_s)
         self.uses_gyro = False
         self._gyro_agreed = 0
-        self._scale = _ErrorScale(second.scale)
+        self._scale = _ErrorScale(frame.scale)
         self._lens_error = LensError()
         self._mean_innovation = np.zeros(3)
         self._level, self._manoeuvre_frames = 1.0, 0
+        self._measured: tuple[AttitudeState, AttitudeState] | None = None
 
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
@@ -113,6 +109,7 @@ class AttitudeModel(StarModel):
                 self._mean_innovation = mean
                 self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
             before_ns = self._state.stamp_ns
+            self._measured = hypothesis.state, correction.state
             self._set_state(correction.state, hypothesis.uses_gyro)
             self._set_tracks(correction, correction.probability, frame, variance)
             self._scale.add(fit)
@@ -216,6 +213,27 @@ class AttitudeModel(StarModel):
     def predicted_attitude(self) -> AttitudeEstimate:
         return AttitudeEstimate(self._state.quaternion, self._state.covariance[:3, :3], 0,
                                 np.empty(0), 0.0)
+
+    @property
+    def measured_attitude(self) -> AttitudeEstimate | None:
+        """
+        Return the attitude that the stars of the last good frame have added to the prediction.
+
+        An update by attitude alone adds its information: Y = P+^-1 - P-^-1 of the attitude, and
+        x+ - x- = P+ y. The measured turn since the prediction is Y^-1 y, its covariance Y^-1.
+        """
+        if self._measured is None:
+            return None
+        before, after = self._measured
+        P = np.ascontiguousarray(after.covariance[:3, :3])
+        information = np.linalg.inv(P)
+        covariance = np.linalg.inv(information - np.linalg.inv(before.covariance[:3, :3]))
+        if not (np.linalg.eigvalsh(covariance + covariance.T) > 0).all():
+            return None
+        change = attitude_error(after.quaternion, before.quaternion)
+        return AttitudeEstimate(
+            turned(before.quaternion, covariance @ (information @ change)),
+            (covariance + covariance.T) / 2, 0, np.empty(0), 0.0)
 
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state

@@ -7,7 +7,6 @@ import numpy as np
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.centroid.centroids import Centroids, round_errors
 from startracker_ros.track.association import associate
-from startracker_ros.track.identified import IdentifiedFrame
 from startracker_ros.track.jpdaf import predict, update
 from startracker_ros.track.model import FrameUpdate, rate_between, StarModel
 from startracker_ros.track.motion_models import (
@@ -15,23 +14,18 @@ from startracker_ros.track.motion_models import (
     VELOCITY)
 from startracker_ros.track.neighbourhood import propagated, star_neighbourhood
 from startracker_ros.track.rotation_fit import fit_rotation, OUTLIER_SIGMA, RotationFit
+from startracker_ros.track.start import Start
 
 
 class IndependentStarsModel(StarModel):
     """A filter of position and velocity on the image for each star (JPDAF)."""
 
-    def start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
-        self._stamp_ns = second.stamp_ns
-        self._set_rate(first.stamp_ns, first.attitude, second.stamp_ns, second.attitude)
+    def start(self, start: Start) -> None:
+        self._stamp_ns = start.frame.stamp_ns
+        self.rate_rad_s, self.rate_covariance = start.rate, start.rate_covariance
         acceleration_rad_s2 = np.radians(self._options.acceleration_deg_s2)
         self._acceleration_px_s2 = (acceleration_rad_s2 * self._camera.fx,
                                     acceleration_rad_s2 * self._camera.fy)
-
-    def _set_rate(self, before_ns: int, before: AttitudeEstimate, after_ns: int,
-                  after: AttitudeEstimate) -> None:
-        dt_s = (after_ns - before_ns) * 1e-9
-        self.rate_rad_s = rate_between(before_ns, before, after_ns, after)
-        self.rate_covariance = (before.covariance_sensor + after.covariance_sensor) / dt_s ** 2
 
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         self._predict((stamp_ns - self._stamp_ns) * 1e-9)
@@ -103,9 +97,9 @@ class IndependentStarsModel(StarModel):
 class NeighbourhoodModel(IndependentStarsModel):
     """No filter (SNA): measured positions, propagated by the body rate of two frames."""
 
-    def start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
-        super().start(first, second)
-        self._fitted = second.stamp_ns, second.attitude
+    def start(self, start: Start) -> None:
+        super().start(start)
+        self._fitted = start.frame.stamp_ns, start.frame.attitude
 
     def _predict(self, dt_s: float) -> None:
         bank = self.bank
@@ -129,6 +123,12 @@ class NeighbourhoodModel(IndependentStarsModel):
         self.bank = bank.associated(
             bank.uv, probability, frame, sigma_px ** 2).with_state(state, covariance)
         return ~np.isin(np.arange(len(frame)), centroid)
+
+    def _set_rate(self, before_ns: int, before: AttitudeEstimate, after_ns: int,
+                  after: AttitudeEstimate) -> None:
+        dt_s = (after_ns - before_ns) * 1e-9
+        self.rate_rad_s = rate_between(before_ns, before, after_ns, after)
+        self.rate_covariance = (before.covariance_sensor + after.covariance_sensor) / dt_s ** 2
 
     def _estimate_rate(self, fit: RotationFit) -> None:
         before_ns, before = self._fitted

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.attitude.result import with_lens_error, with_velocity_error
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
@@ -12,10 +13,10 @@ from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.track.association import DetectionModel, gate_size
 from startracker_ros.track.bank import TrackBank
 from startracker_ros.track.consistency import Residuals
-from startracker_ros.track.identified import IdentifiedFrame
 from startracker_ros.track.motion_models import image_jacobian
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import RotationFit
+from startracker_ros.track.start import Start
 
 
 def rate_between(before_ns: int, before: AttitudeEstimate, after_ns: int,
@@ -68,12 +69,17 @@ class StarModel(ABC):
         self._options = options
 
     @abstractmethod
-    def start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
-        """Begin at the second frame with the mean rate since the first, without tracks."""
+    def start(self, start: Start) -> None:
+        """Begin at the identified frame of a start with its rate, without tracks."""
 
     @property
     def predicted_attitude(self) -> AttitudeEstimate | None:
         """Return the attitude at the last frame, good or not, of a model that has one."""
+        return None
+
+    @property
+    def measured_attitude(self) -> AttitudeEstimate | None:
+        """Return the attitude by the stars of the last good frame alone, of a model with one."""
         return None
 
     @property
@@ -93,6 +99,16 @@ class StarModel(ABC):
             track_id, star_index, centroids, self.sigma_px(centroids) ** 2,
             jacobian @ self.rate_rad_s,
             jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2), confirmed))
+
+    def with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
+        """Return an attitude of the last frame with the errors of aberration and lens."""
+        seen = self.bank.select(self.bank.detected)
+        sensor = self._camera.unproject(seen.uv)
+        sigma_rad = self._camera.pixel_rad * np.sqrt(seen.variance)
+        estimate = with_velocity_error(
+            estimate, self._sky.observer.velocity_sigma_m_s, sensor, sigma_rad)
+        return with_lens_error(
+            estimate, self._camera.pixel_rad * self.lens_error_px, sensor, sigma_rad)
 
     def sigma_px(self, centroids: Centroids) -> np.ndarray:
         """Return the 1-sigma errors (M,) of centroids per axis, at least sigma_floor_px."""

@@ -9,7 +9,6 @@ import numpy as np
 from startracker_ros.astro.observer_motion import AT_REST, ObserverMotion
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
-from startracker_ros.attitude.result import with_lens_error, with_velocity_error
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import OnboardCatalog
@@ -17,18 +16,18 @@ from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.maths.rotation import attitude_error
-from startracker_ros.track.attitude_model import AttitudeModel
 from startracker_ros.track.consistency import (
     expected_stars, PRESENT_PX, PRESENT_SIGMAS, RowPattern)
 from startracker_ros.track.identified import fit_identified, IdentifiedFrame
 from startracker_ros.track.in_view import StarsInView
-from startracker_ros.track.independent_stars import IndependentStarsModel, NeighbourhoodModel
-from startracker_ros.track.model import FrameUpdate, rate_between, StarModel
+from startracker_ros.track.model import FrameUpdate
+from startracker_ros.track.models import make_model
 from startracker_ros.track.new_stars import match_new_stars
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.prediction import predict_stars, visible_stars
 from startracker_ros.track.rolling_shutter import at_frame_time
 from startracker_ros.track.rotation_fit import median, OUTLIER_SIGMA, RotationFit
+from startracker_ros.track.start import Hint, HintedStart, Start, start_of_two
 from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 RECENT_FRAMES = 64
@@ -54,6 +53,7 @@ class StarTracker:
 
     LOST       -> ACQUIRING  an identified frame
     ACQUIRING  -> TRACKING   a second one within max_gap_s, at max_rate_deg_s at most
+    any        -> TRACKING   an identified frame that agrees with a hint, unless TRACKING
                -> ACQUIRING  a second one at a higher rate, which becomes the first
                -> LOST       no second one within max_gap_s
     TRACKING   -> ACQUIRING  an identified frame that contradicts the tracks
@@ -71,7 +71,7 @@ class StarTracker:
     frames since the last good one, stars_matched its inliers, residual_px is their rms residual
     (NaN without any); late_frames counts frames rejected as older than the last one,
     rejected_centroids those without a finite position or a positive sigma, checks_passed the
-    identifications that agreed with the tracks.
+    identifications that agreed with the tracks; hints has the newest hint.
     """
 
     def __init__(self, camera: Camera, onboard: OnboardCatalog,
@@ -99,6 +99,8 @@ class StarTracker:
         self._stamp_ns: int | None = None
         self._recent: deque[tuple[int, Centroids]] = deque(maxlen=RECENT_FRAMES)
         self._gyro = Gyro(self._gyro_options)
+        self.hints = HintedStart()
+        self._history: deque[tuple[int, AttitudeEstimate]] = deque(maxlen=RECENT_FRAMES)
         self.frames_since_fix = 0
         self._enter(TrackerState.LOST, 'waiting for an identified frame')
 
@@ -114,15 +116,16 @@ class StarTracker:
             return None
         estimate = self._history[-1][1]
         if self._icrf[0] is not estimate:
-            seen = self._model.bank.select(self._model.bank.detected)
-            sensor = self._camera.unproject(seen.uv)
-            sigma_rad = self._camera.pixel_rad * np.sqrt(seen.variance)
-            self._icrf = estimate, with_lens_error(with_velocity_error(
-                estimate, self.sky.observer.velocity_sigma_m_s, sensor, sigma_rad),
-                self._camera.pixel_rad * self._model.lens_error_px, sensor, sigma_rad)
+            self._icrf = estimate, self._model.with_systematic_errors(estimate)
         attitude = self._icrf[1]
         assert attitude is not None
         return TrackedAttitude(attitude, self._model.rate_rad_s, self._model.rate_covariance)
+
+    @property
+    def frame_attitude(self) -> AttitudeEstimate | None:
+        """Return the attitude of the newest frame by its stars alone, of a model that has one."""
+        measured = self._model.measured_attitude if self.attitude is not None else None
+        return None if measured is None else self._model.with_systematic_errors(measured)
 
     @property
     def predicted(self) -> PredictedStars | None:
@@ -169,6 +172,10 @@ class StarTracker:
         """Add a rate (3,) about sensor axes measured up to a time; False if it is rejected."""
         return self._gyro.add(stamp_ns, rate_rad_s)
 
+    def add_hint(self, hint: Hint) -> None:
+        """Use an attitude from elsewhere: one identified frame that agrees with it starts."""
+        self.hints.add(hint)
+
     def update(self, stamp_ns: int, centroids: Centroids) -> Tracks | None:
         """
         Process a frame of centroids and return the tracks, empty unless TRACKING.
@@ -213,10 +220,12 @@ class StarTracker:
             return
         if self.state is TrackerState.TRACKING:
             self._cross_check(frame)
+        elif (hinted := self.hints.start(frame, self._options.max_gap_s)) is not None:
+            self._start(hinted)
         elif self._first is None or self._gap_exceeded(self._first.stamp_ns, stamp_ns):
             self._acquire(frame, f'first identification, {len(frame.star_index)} stars')
         elif stamp_ns > self._first.stamp_ns:
-            self._start(self._first, frame)
+            self._start(start_of_two(self._first, frame))
 
     def acquire_new_stars(self) -> None:
         """
@@ -248,6 +257,8 @@ class StarTracker:
 
     def _enter(self, state: TrackerState, reason: str) -> None:
         """Enter a state without tracks."""
+        if state is TrackerState.LOST:
+            self.hints.lost(len(self._history))
         self.state = state
         self.reason = reason
         self.stars_matched = 0
@@ -260,31 +271,32 @@ class StarTracker:
         self._bank_stamp_ns = 0
         self._good_stamp_ns = 0
         self._bad_frames = 0
-        self._history: deque[tuple[int, AttitudeEstimate]] = deque(maxlen=RECENT_FRAMES)
+        self._history.clear()
 
     def _acquire(self, frame: IdentifiedFrame, reason: str) -> None:
         """Enter ACQUIRING with the first identified frame."""
         self._enter(TrackerState.ACQUIRING, reason)
         self._first = frame
 
-    def _start(self, first: IdentifiedFrame, second: IdentifiedFrame) -> None:
-        """Enter TRACKING at the second identified frame and process the frames since."""
-        rate_deg_s = np.degrees(np.linalg.norm(rate_between(
-            first.stamp_ns, first.attitude, second.stamp_ns, second.attitude)))
+    def _start(self, start: Start) -> None:
+        """Enter TRACKING at an identified frame and process the frames since."""
+        frame = start.frame
+        rate_deg_s = np.degrees(np.linalg.norm(start.rate))
         if rate_deg_s > self._options.max_rate_deg_s:
-            self._acquire(second, f'two identifications {rate_deg_s:.3g} deg/s apart')
+            self._acquire(frame, f'two identifications {rate_deg_s:.3g} deg/s apart')
             return
-        self._enter(TrackerState.TRACKING, f'{len(second.star_index)} stars identified twice')
-        self._model.start(first, second)
+        self._enter(TrackerState.TRACKING, start.reason)
+        self.hints.begun(start)
+        self._model.start(start)
         most = slice(self._options.max_stars)
-        self._add_tracks(second.star_index[most], second.centroids.select(most), confirmed=True)
-        self._bank_stamp_ns = self._good_stamp_ns = second.stamp_ns
-        self.stars_matched = len(second.star_index)
+        self._add_tracks(frame.star_index[most], frame.centroids.select(most), confirmed=True)
+        self._bank_stamp_ns = self._good_stamp_ns = frame.stamp_ns
+        self.stars_matched = len(frame.star_index)
         self.frames_since_fix = 0
-        self._history.append((second.stamp_ns, second.attitude))
-        for stamp_ns, frame in list(self._recent):
-            if stamp_ns > second.stamp_ns and self.state is TrackerState.TRACKING:
-                self._track(stamp_ns, frame)
+        self._history.append((frame.stamp_ns, frame.attitude))
+        for stamp_ns, recent in list(self._recent):
+            if stamp_ns > frame.stamp_ns and self.state is TrackerState.TRACKING:
+                self._track(stamp_ns, recent)
 
     def _cross_check(self, frame: IdentifiedFrame) -> None:
         """Compare an identified frame with the tracked attitude of its time, if there is one."""
@@ -384,17 +396,5 @@ class StarTracker:
         """Return the centroids with finite position and positive sigma, and their mask (N,)."""
         good = (np.isfinite(centroids.uv).all(axis=1) & np.isfinite(centroids.sigma_px)
                 & (centroids.sigma_px > 0))
-        rejected = len(good) - int(np.count_nonzero(good))
-        if not rejected:
-            return centroids, good
-        self.rejected_centroids += rejected
-        return centroids.select(good), good
-
-
-def make_model(camera: Camera, sky: ApparentCatalog, options: TrackerOptions, gyro: Gyro
-               ) -> StarModel:
-    """Return the model that the options name."""
-    if options.model == 'attitude':
-        return AttitudeModel(camera, sky, options, gyro)
-    model = NeighbourhoodModel if options.model == 'sna' else IndependentStarsModel
-    return model(camera, sky, options)
+        self.rejected_centroids += len(good) - int(np.count_nonzero(good))
+        return centroids if good.all() else centroids.select(good), good

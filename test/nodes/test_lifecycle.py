@@ -21,8 +21,8 @@ PIPELINE = ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_e
 # Slow enough that a frame is done before the next one on a busy machine, too.
 SKY = {'width': 256, 'height': 256, 'fov_deg': 20.0, 'frame_rate_hz': 2.0,
        'motion': 'constant_rate', 'faint_limit': 6.5}
-RESETTABLE = {'star_identifier', 'star_tracker', 'attitude_estimator', 'target_locator',
-              'camera_calibrator'}
+RESETTABLE = {'star_identifier', 'star_tracker', 'attitude_estimator', 'attitude_fusion',
+              'target_locator', 'camera_calibrator'}
 
 
 def start_all(nodes, probe, folder, sky_data):

@@ -156,7 +156,7 @@ GIVEN = {'namespace': '/trk', 'params_file': 'mine.yaml', 'log_level': 'debug',
          'use_sim_time': 'true', 'composed': 'true', 'manager': 'false'}
 
 
-@pytest.mark.parametrize('name', ['demo', 'replay', 'two_satellites'])
+@pytest.mark.parametrize('name', ['demo', 'replay', 'two_satellites', 'heads'])
 def test_the_shared_arguments_reach_all_nodes(launched, name):
     launch = launched(f'{name}.launch.py', **GIVEN)
     check_nodes(launch)
@@ -179,6 +179,15 @@ def test_two_satellites(launched):
         launch = launched('two_satellites.launch.py', namespace=namespace)
         assert [pipeline.arguments['namespace'] for pipeline in launch.included] == [
             f'{before}tracker_1', f'{before}tracker_2']
+
+
+def test_heads(launched):
+    launch = launched('heads.launch.py', mounts_file='mine.yaml')
+    assert [pipeline.arguments['namespace'] for pipeline in launch.included] == [
+        'tracker_1', 'tracker_2']
+    fusion, = launch.nodes
+    check_nodes(launch)
+    assert launch.text(fusion['parameters'][-1]['mounts_file']) == 'mine.yaml'
 
 
 def test_replay_is_the_pipeline_behind_a_bag(launched):

@@ -5,10 +5,11 @@ from geometry_msgs.msg import (
 import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.attitude.result import AttitudeEstimate, covariance_icrf
-from startracker_ros.bag.layouts import MessageError
+from startracker_ros.bag.layouts import MessageError, ns_from_stamp
 from startracker_ros.maths.rotation import matrix_from_quaternion
 from startracker_ros.ros.messages.geometry import (
     quaternion_to_geometry, unit_quaternion_from_geometry, vector_to_geometry)
+from startracker_ros.track.start import Hint
 from startracker_ros.track.tracks import TrackedAttitude
 from std_msgs.msg import Header
 
@@ -26,11 +27,24 @@ def quaternion_from_message(message: QuaternionStamped) -> np.ndarray:
 
 def attitude_to_pose(attitude: AttitudeEstimate, header: Header) -> PoseWithCovarianceStamped:
     """Return `attitude_cov`: position zero, the rotation block about ICRF axes in rad^2."""
+    return _rotation_to_pose(attitude.quaternion, covariance_icrf(
+        attitude.quaternion, attitude.covariance_sensor), header)
+
+
+def mount_to_pose(q_body_from_sensor: np.ndarray, covariance: np.ndarray, header: Header
+                  ) -> PoseWithCovarianceStamped:
+    """Return `mount` (4,), its covariance (3, 3) rad^2 about the body axes of the header."""
+    return _rotation_to_pose(q_body_from_sensor, covariance, header)
+
+
+def _rotation_to_pose(quaternion: np.ndarray, covariance: np.ndarray, header: Header
+                      ) -> PoseWithCovarianceStamped:
+    """Return a rotation (4,) with its covariance (3, 3) about the axes of the header."""
     message = PoseWithCovarianceStamped(header=header)
-    message.pose.pose.orientation = quaternion_to_geometry(attitude.quaternion)
-    covariance = np.zeros((6, 6))
-    covariance[3:, 3:] = covariance_icrf(attitude.quaternion, attitude.covariance_sensor)
-    message.pose.covariance = covariance.ravel()
+    message.pose.pose.orientation = quaternion_to_geometry(quaternion)
+    whole = np.zeros((6, 6))
+    whole[3:, 3:] = covariance
+    message.pose.covariance = whole.ravel()
     return message
 
 
@@ -97,6 +111,27 @@ def tracked_attitude_from_imu(message: Imu) -> TrackedAttitude | None:
                          np.nan),
         np.array([rate.x, rate.y, rate.z]),
         np.reshape(message.angular_velocity_covariance, (3, 3)))
+
+
+def hint_to_imu(hint: Hint, header: Header) -> Imu:
+    """Return `hint`: attitude and rate on sensor axes."""
+    return tracked_attitude_to_imu(TrackedAttitude(
+        AttitudeEstimate(hint.quaternion, hint.covariance, 0, np.empty(0), np.nan),
+        hint.rate, hint.rate_covariance), header)
+
+
+def hint_from_imu(message: Imu) -> Hint:
+    """Return `hint`; MessageError where it has no attitude, no rate, or no covariances."""
+    tracked = tracked_attitude_from_imu(message)
+    if tracked is None or message.angular_velocity_covariance[0] == -1:
+        raise MessageError('a hint needs orientation and angular velocity with covariances')
+    hint = Hint(ns_from_stamp(message.header.stamp), tracked.attitude.quaternion,
+                tracked.attitude.covariance_sensor, tracked.rate_rad_s, tracked.rate_covariance)
+    if not (np.isfinite(hint.rate).all() and all(
+            np.isfinite(P).all() and np.linalg.eigvalsh(P)[0] > 0
+            for P in (hint.covariance, hint.rate_covariance))):
+        raise MessageError('rate or covariances of the hint are not finite and positive definite')
+    return hint
 
 
 def rotation_to_transform(q_parent_from_child: np.ndarray, header: Header,

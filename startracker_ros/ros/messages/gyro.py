@@ -1,5 +1,6 @@
-"""The gyro on `imu`: sensor_msgs/Imu."""
+"""The gyro on `imu`, and its drift."""
 
+from geometry_msgs.msg import TwistWithCovarianceStamped
 import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.bag.layouts import MessageError
@@ -22,3 +23,14 @@ def rate_from_imu(message: Imu) -> np.ndarray:
         raise MessageError('angular_velocity_covariance[0] is -1: imu has no angular velocity')
     rate = message.angular_velocity
     return np.array([rate.x, rate.y, rate.z])
+
+
+def drift_to_twist(drift_rad_s: np.ndarray, covariance: np.ndarray, header: Header
+                   ) -> TwistWithCovarianceStamped:
+    """Return `gyro_drift` (3,) rad/s with its covariance (3, 3): linear zero."""
+    message = TwistWithCovarianceStamped(header=header)
+    message.twist.twist.angular = vector_to_geometry(drift_rad_s)
+    whole = np.zeros((6, 6))
+    whole[3:, 3:] = covariance
+    message.twist.covariance = whole.ravel()
+    return message

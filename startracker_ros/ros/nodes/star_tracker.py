@@ -1,10 +1,11 @@
-"""star_tracker: centroids, stars, imu, camera_info -> tracks, attitude, state, predictions."""
+"""star_tracker: centroids, stars, imu, hint, camera_info -> tracks, attitude, predictions."""
 
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
+from startracker_ros.astro.exclusion import ExclusionOptions
 from startracker_ros.astro.observer_motion import AberrationOptions
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
@@ -15,7 +16,8 @@ from startracker_ros.pipeline.tracking import make_star_tracker, make_trackers
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import InertialFrameOptions
-from startracker_ros.ros.messages.attitude import tracked_attitude_to_imu
+from startracker_ros.ros.messages.attitude import (
+    attitude_to_imu, hint_from_imu, tracked_attitude_to_imu)
 from startracker_ros.ros.messages.clouds import (
     centroids_from_message, centroids_from_rows, predictions_to_message, tracks_to_message)
 from startracker_ros.ros.node import main_of
@@ -31,7 +33,7 @@ class StarTrackerNode(CameraNode):
     """Tracks identified stars from frame to frame and reports its state."""
 
     option_classes = (TrackerOptions, GyroErrorOptions, TargetTrackOptions, AberrationOptions,
-                      InertialFrameOptions)
+                      ExclusionOptions, InertialFrameOptions)
     task = 'tracking'
 
     def __init__(self) -> None:
@@ -39,12 +41,14 @@ class StarTrackerNode(CameraNode):
         self.frame_topic = 'centroids'
         self._tracks = self.advertise(PointCloud2, 'tracks', qos.LIST)
         self._attitude = self.advertise(Imu, 'tracked_attitude', qos.LIST)
+        self._frame_attitude = self.advertise(Imu, 'frame_attitude', qos.LIST)
         self._predicted = self.advertise(PointCloud2, 'predicted_centroids', qos.LIST)
         self._target = TargetOutput(self)
         self._observer = OdometryInput(self, InertialFrameOptions)
-        self._state = TrackerStateOutput(self)
+        self._state = TrackerStateOutput(self, self._observer)
         self.subscribe(PointCloud2, 'centroids', self._on_centroids, qos.LIST)
         self.subscribe(PointCloud2, 'stars', self._on_stars, qos.LIST)
+        self.subscribe(Imu, 'hint', self._on_hint, qos.LIST)
         self.subscribe_rates(self._add_rate)
         self.advertise_reset()
 
@@ -68,6 +72,11 @@ class StarTrackerNode(CameraNode):
     def _add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         return self.camera is None or self._tracker.add_rate(stamp_ns, rate_rad_s)
 
+    def _on_hint(self, message: Imu) -> None:
+        hint = hint_from_imu(message)
+        if self.camera is not None:
+            self._tracker.add_hint(hint)
+
     def _on_centroids(self, message: PointCloud2) -> None:
         centroids = centroids_from_message(message)
         camera = self.camera_or_drop()
@@ -79,6 +88,9 @@ class StarTrackerNode(CameraNode):
             return
         # Before the tracks, so that a subscriber of both has both when the tracks come.
         self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, message.header))
+        if self._frame_attitude.get_subscription_count():
+            self._frame_attitude.publish(
+                attitude_to_imu(self._tracker.frame_attitude, message.header))
         self._tracks.publish(tracks_to_message(tracks, camera, message.header))
         self.defer(partial(self._finish, message.header, camera, centroids))
 
@@ -87,7 +99,7 @@ class StarTrackerNode(CameraNode):
         # A target is found in whole images only: while it is searched nothing is predicted.
         self._predicted.publish(predictions_to_message(
             None if self._target.wanted else self._tracker.predicted, header))
-        self._state.publish(self._tracker)
+        self._state.publish(self._tracker, ns_from_stamp(header.stamp))
         self._observer.report(ns_from_stamp(header.stamp))
         if self._tracker.attitude is not None:
             self._target.update(self._target_tracker, self._tracker.attitude.attitude, centroids,

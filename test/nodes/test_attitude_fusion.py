@@ -1,0 +1,154 @@
+"""A real attitude_fusion between two heads and a gyro that a test plays."""
+
+from geometry_msgs.msg import (
+    PoseWithCovarianceStamped, QuaternionStamped, TwistWithCovarianceStamped)
+import numpy as np
+import pytest
+from sensor_msgs.msg import Imu, Temperature
+from startracker_ros.attitude.result import AttitudeEstimate
+from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.campaign.heads_scene import head_mounts, START_NS
+from startracker_ros.fusion.mounts import load_mounts, Mount, save_mounts
+from startracker_ros.maths.compiled_rotation import turned
+from startracker_ros.maths.rotation import ARCSEC, attitude_error, multiply
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.attitude import (
+    attitude_to_imu, hint_from_imu, quaternion_from_message)
+from startracker_ros.ros.messages.gyro import gyro_to_imu
+from startracker_ros.ros.messages.header import make_header
+from std_srvs.srv import Trigger
+
+HEADS = ('tracker_1', 'tracker_2')
+RATE = np.radians([0.1, -0.05, 0.02])
+Q0 = np.array([0.5, -0.1, 0.7, 0.5])
+COVARIANCE = np.diag([1.0, 1.0, 100.0]) * ARCSEC ** 2
+
+
+class Body:
+    """Publishers of two heads and a gyro, a frame of each every 0.2 s."""
+
+    def __init__(self, probe):
+        self.probe, self.time_s, self.mounts = probe, 0.0, head_mounts(2)
+        self.heads = [probe.advertise(Imu, f'{name}/frame_attitude', qos.LIST) for name in HEADS]
+        self.imu = probe.advertise(Imu, 'imu', qos.IMU)
+
+    def truth(self, time_s):
+        return turned(Q0 / np.linalg.norm(Q0), RATE * time_s)
+
+    def stamp_ns(self, time_s):
+        return START_NS + round(time_s * 1e9)
+
+    def send(self, head, *, error=(0.0, 0.0, 0.0), later_s=0.0, quaternion=None):
+        q = turned(self.truth(self.time_s), np.array(error))
+        q = multiply(q, self.mounts[head]) if quaternion is None else np.array(quaternion)
+        self.heads[head].publish(attitude_to_imu(
+            AttitudeEstimate(q, COVARIANCE, 0, np.empty(0), 0.0),
+            make_header(self.stamp_ns(self.time_s + later_s), 'optical')))
+
+    def run(self, frames, heads=(0, 1), **other):
+        for _ in range(frames):
+            for _ in range(4):
+                self.time_s += 0.05
+                self.imu.publish(gyro_to_imu(RATE, 1e-5, make_header(
+                    self.stamp_ns(self.time_s), 'gyro')))
+            # Two topics have no order between them.
+            self.probe.spin_for(0.02)
+            for head in heads:
+                self.send(head, **other)
+            self.probe.spin_for(0.02)
+
+    def run_until(self, text, **other):
+        """Go on until a diagnostic has a text."""
+        def done():
+            self.run(1, **other)
+            return self.probe.find_diagnostic(text)
+        self.probe.wait(done, text)
+
+    def has_attitude(self):
+        """Return the attitude of now, None before it comes."""
+        return next((message for message in self.probe.received['attitude']
+                     if ns_from_stamp(message.header.stamp) == self.stamp_ns(self.time_s)), None)
+
+
+@pytest.fixture
+def body(nodes, probe, tmp_path):
+    mounts = {name: Mount(q) for name, q in zip(HEADS, head_mounts(2))}
+    save_mounts(mounts, tmp_path / 'mounts.yaml')
+    nodes.start('attitude_fusion', {
+        'mounts_file': str(tmp_path / 'mounts.yaml'),
+        'output_file': str(tmp_path / 'learnt.yaml')})
+    for kind, topic in ((QuaternionStamped, 'attitude'), (Imu, 'attitude_imu'),
+                        (PoseWithCovarianceStamped, 'attitude_cov'),
+                        (PoseWithCovarianceStamped, 'tracker_2/mount'), (Imu, 'tracker_2/hint'),
+                        (TwistWithCovarianceStamped, 'gyro_drift')):
+        probe.collect(kind, topic, qos.STATE if 'mount' in topic else qos.LIST)
+    return Body(probe)
+
+
+def test_two_heads_give_the_attitude_of_the_body_and_faults_are_named(body, probe, tmp_path):
+    body.run(10)
+    attitude = probe.wait(body.has_attitude, 'the attitude of both heads')
+    assert attitude.header.frame_id == 'icrf'
+    assert np.linalg.norm(attitude_error(
+        quaternion_from_message(attitude),
+        body.truth(body.time_s))) < ARCSEC
+    body.run_until('publishing attitude')
+    imu = probe.received['attitude_imu'][-1]
+    assert imu.header.frame_id == 'base_link'
+    rate = imu.angular_velocity
+    np.testing.assert_allclose([rate.x, rate.y, rate.z], RATE, atol=1e-4)
+    assert 0 < imu.orientation_covariance[0] < (5 * ARCSEC) ** 2
+    pose = probe.received['attitude_cov'][-1].pose
+    assert np.any(pose.covariance) and not np.any(np.reshape(pose.covariance, (6, 6))[:3])
+    assert probe.received['gyro_drift'] and probe.received['tracker_2/mount']
+    # What is no attitude, and what is no temperature.
+    body.send(1, quaternion=[0.0, 0.0, 0.0, np.nan])
+    probe.wait_diagnostic('is no attitude')
+    probe.advertise(Temperature, 'tracker_1/temperature', qos.LIST).publish(
+        Temperature(temperature=float('nan')))
+    probe.wait_diagnostic('nan degC is no temperature')
+    # Frames of a head that come 2 s late.
+    def late():
+        body.run(1, heads=(0,))
+        body.send(1, later_s=-2.0)
+        return probe.find_diagnostic('frames 2.0 s behind the other heads')
+    probe.wait(late, 'the late head')
+    # A head that disagrees is named, and the other goes on.
+    body.run(8, heads=(0,))
+
+    def wrong():
+        body.run(1, heads=(0,))
+        body.send(1, error=(0.0, 0.0, 0.0175))
+        return probe.find_diagnostic('publishing attitude; tracker_2 excluded: 1 deg from')
+    probe.wait(wrong, 'the excluded head')
+    body.run(3, heads=(0,))
+    assert probe.wait(body.has_attitude, 'the attitude of one head')
+    hint = hint_from_imu(probe.wait(
+        lambda: probe.received['tracker_2/hint'], 'a hint for the head that does not count')[-1])
+    truth = multiply(body.truth((hint.stamp_ns - START_NS) * 1e-9), body.mounts[1])
+    error = attitude_error(hint.quaternion, truth)
+    assert error @ np.linalg.solve(hint.covariance, error) < 25
+    assert np.linalg.norm(error) < 30 * ARCSEC
+    answer = probe.call(Trigger, '/attitude_fusion/save_mounts', Trigger.Request())
+    assert answer.success and 'learnt.yaml' in answer.message
+    assert load_mounts(tmp_path / 'learnt.yaml', HEADS)['tracker_2'].covariance is not None
+    # Neither head is in use after a reset, and one is not enough.
+    assert probe.call(Trigger, '/attitude_fusion/reset', Trigger.Request()).success
+    before = len(probe.received['attitude'])
+    body.run(4, heads=(0,))
+    probe.wait(lambda: probe.received['attitude_imu'][-1].orientation_covariance[0] == -1,
+               'an invalid attitude')
+    assert len(probe.received['attitude']) == before
+
+
+def test_a_start_that_cannot_be_is_named(nodes, tmp_path):
+    (tmp_path / 'mounts.yaml').write_text('heads: {tracker_1: {quaternion: [0, 0, 0, 1]}}')
+    process = nodes.start('attitude_fusion', {'mounts_file': str(tmp_path / 'mounts.yaml')})
+    assert process.wait(120) == 2
+    log = (tmp_path / 'attitude_fusion.log').read_text()
+    assert 'no mount of tracker_2' in log and 'Traceback' not in log
+    nodes.processes.clear()
+    process = nodes.start('attitude_fusion', {'heads': ['tracker_1', 'tracker_1']})
+    assert process.wait(120) == 2
+    assert 'must be different namespaces' in (tmp_path / 'attitude_fusion.log').read_text()
+    nodes.processes.clear()
