@@ -1,8 +1,6 @@
 """Files that solve writes for each image."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, count
 from pathlib import Path
 
 import cv2
@@ -59,12 +57,3 @@ def image_wcs(sky: SkyMapping, mirrored: bool = False, bottom_up: bool = False) 
     sip = fit_sip(lambda pixels: sky.directions(other(pixels)), camera.width, camera.height,
                   other(np.array([camera.cx, camera.cy])))
     return wcs_header(sip, camera.width, camera.height)
-
-
-def output_names(paths: Sequence[Path]) -> list[str]:
-    """Return a name of the files for each image, numbered where several have the same."""
-    names: dict[str, None] = {}
-    for path in paths:
-        numbered = (f'{path.stem}-{number}' for number in count(2))
-        names[next(name for name in chain([path.stem], numbered) if name not in names)] = None
-    return [*names]
