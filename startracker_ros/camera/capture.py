@@ -63,8 +63,7 @@ class Captured(NamedTuple):
     """
     An image (H, W) uint8 or uint16, UNIX time of the middle of its exposure in ns, its source.
 
-    The time is good to stamp_error_s, a bound where the source is a driver that stamps the
-    beginning or the end of the exposure of the first row.
+    The time, that of the middle row, is off by stamp_error_s at most.
     """
 
     image: np.ndarray
@@ -159,11 +158,13 @@ class V4l2Camera:
         good, pixels = self._capture.retrieve()
         if not good or pixels is None:
             return None
-        error_s = self._exposure_error_s / 2 + self._exposure_s / 2
-        source = 'driver'
+        # Drivers stamp the beginning or the end of the exposure, of the first row: a rolling
+        # shutter has the middle row up to half a period later.
+        source, late_s = 'driver', self._period_s / 2
         if not 0 <= age_s < _OLDEST_S:
             # An image arrives when its transfer ends, up to a period after its exposure.
-            source, age_s, error_s = 'arrival', 0.0, error_s + self._period_s
+            source, late_s, age_s = 'arrival', self._period_s, 0.0
+        error_s = self._exposure_error_s / 2 + self._exposure_s / 2 + late_s
         stamp_ns = arrived_ns - round((age_s + self._exposure_s / 2) * 1e9)
         return Captured(self._image(pixels), stamp_ns, source, error_s)
 

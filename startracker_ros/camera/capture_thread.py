@@ -104,9 +104,10 @@ class CaptureThread:
             while not self._stop.is_set():
                 captured = device.read()
                 if captured is None:
-                    if device.ends:
+                    ended = device.ends and self._state.name == CAPTURING
+                    if ended:
                         self._state = State(ENDED, f'all images of {device.name} are published')
-                    return device.ends
+                    return ended
                 now_s = time.monotonic()
                 self._period_s, self._image_s = now_s - self._image_s, now_s
                 self._state = State(CAPTURING, f'device {device.name}')

@@ -8,6 +8,7 @@ import numpy as np
 from startracker_ros.camera.images import Photograph
 from startracker_ros.camera.sip import fit_sip, wcs_header
 from startracker_ros.pipeline.annotate import annotate, Labels
+from startracker_ros.pipeline.bodies import BodyInImage
 from startracker_ros.pipeline.sky_mapping import SkyMapping
 from startracker_ros.pipeline.sky_marks import mark_bodies, mark_named_stars, mark_scale
 from startracker_ros.pipeline.solution import Solution
@@ -23,7 +24,8 @@ class Outputs:
     def write(self, name: str, photograph: Photograph, solution: Solution, year: float) -> None:
         """Write the files of one image of a Julian year under a name without a suffix."""
         if self.annotate_folder is not None:
-            picture = annotated(photograph.image, solution, year)
+            picture = annotated(photograph.image, solution.centroids.uv,
+                                solution.identification.hip, solution.sky, year, solution.bodies)
             self.annotate_folder.mkdir(parents=True, exist_ok=True)
             cv2.imwrite(str(self.annotate_folder / f'{name}.png'), picture[..., ::-1])
         if self.wcs_folder is not None and solution.sky is not None:
@@ -32,16 +34,22 @@ class Outputs:
                 image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up))
 
 
-def annotated(image: np.ndarray, solution: Solution, year: float) -> np.ndarray:
-    """Return an image (H, W) as (H, W, 3) uint8 RGB with what is in it, and where north is."""
-    labels, hip = Labels(image.shape), solution.identification.hip
+def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMapping | None,
+              year: float, bodies: tuple[BodyInImage, ...] = ()) -> np.ndarray:
+    """
+    Return an image (H, W) as (H, W, 3) uint8 RGB with what is in it, and where north is.
+
+    uv (N, 2) are its spots, hip (N,) their Hipparcos numbers, 0 for none; sky is None where the
+    attitude is unknown.
+    """
+    labels = Labels(image.shape)
     # Names come first, so that no number covers them.
     overlay = np.zeros((*image.shape, 3), np.uint8)
-    if solution.sky is not None:
-        mark_bodies(overlay, solution.bodies, labels)
-        mark_named_stars(overlay, solution.sky, year, hip, labels)
-        mark_scale(overlay, solution.sky, labels.size)
-    return np.maximum(annotate(image, solution.centroids.uv, hip, labels=labels), overlay)
+    if sky is not None:
+        mark_bodies(overlay, bodies, labels)
+        mark_named_stars(overlay, sky, year, hip, labels)
+        mark_scale(overlay, sky, labels.size)
+    return np.maximum(annotate(image, uv, hip, labels=labels), overlay)
 
 
 def image_wcs(sky: SkyMapping, mirrored: bool = False, bottom_up: bool = False) -> bytes:
