@@ -10,7 +10,8 @@ from startracker_ros.camera.sip import fit_sip, wcs_header
 from startracker_ros.pipeline.annotate import annotate, Labels
 from startracker_ros.pipeline.bodies import BodyInImage
 from startracker_ros.pipeline.sky_mapping import SkyMapping
-from startracker_ros.pipeline.sky_marks import mark_bodies, mark_named_stars, mark_scale
+from startracker_ros.pipeline.sky_marks import (
+    mark_bodies, mark_figures, mark_named_stars, mark_scale)
 from startracker_ros.pipeline.solution import Solution
 
 
@@ -46,6 +47,7 @@ def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMappin
     # Names come first, so that no number covers them.
     overlay = np.zeros((*image.shape, 3), np.uint8)
     if sky is not None:
+        mark_figures(overlay, sky, year, labels.size)
         mark_bodies(overlay, bodies, labels)
         mark_named_stars(overlay, sky, year, hip, labels)
         mark_scale(overlay, sky, labels.size)

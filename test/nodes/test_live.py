@@ -88,7 +88,9 @@ def test_the_lens_is_learnt_and_the_attitude_that_of_the_sky(ran):
     stamped = list(read_stamped(next(folder.glob('bag_*')), ('/image_raw', '/attitude')))
     images_ns = sorted(stamp_ns for record, stamp_ns, _ in stamped
                        if record.topic == '/image_raw')
-    np.testing.assert_allclose(np.diff(images_ns) , 1e9 / RATE_HZ, atol=1_000_000)
+    steps = np.diff(images_ns) * 1e-9 * RATE_HZ
+    # A busy machine may have dropped one.
+    assert steps.min() > 0.99 and np.abs(steps - np.round(steps)).max() < 0.01
     # Recording begins a little after the first image: the last one is the last of the video.
     begin_ns = images_ns[-1] - round((FRAMES - 1) / RATE_HZ * 1e9)
     errors = []

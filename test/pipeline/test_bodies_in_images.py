@@ -118,3 +118,22 @@ def test_named_stars_that_are_not_identified_are_in_the_picture():
     column = sky.pixels(load_catalog().directions(YEAR)[load_catalog().hip == 26311])[0]
     u, v = column.round().astype(int)
     assert picture[v - 8:v + 1, u + 12:u + 50].any()
+
+
+def test_the_belt_of_orion_is_a_line_that_spares_its_stars():
+    sky = SkyMapping(CAMERA, quaternion_from_pointing(*np.radians([84.0, -1.2, 30.0])))
+    picture = annotated(np.zeros((768, 1024), np.uint8), np.empty((0, 2)), np.empty(0, int), sky,
+                        YEAR)
+    catalog = load_catalog()
+    alnitak, alnilam = (sky.pixels(catalog.directions(YEAR)[catalog.hip == hip])[0]
+                        for hip in (26727, 26311))
+    away = np.array([[0, -1], [1, 0]]) @ (alnilam - alnitak) / np.linalg.norm(alnilam - alnitak)
+
+    def around(pixel):
+        u, v = pixel.round().astype(int)
+        return picture[v - 1:v + 2, u - 1:u + 2]
+    for share in (0.4, 0.5, 0.6):
+        pixel = alnitak + share * (alnilam - alnitak)
+        assert around(pixel).any() and not around(pixel + 6 * away).any()
+    for star in (alnitak, alnilam):
+        assert not around(star).any()
