@@ -1,14 +1,31 @@
 """Folders that the package writes to unasked."""
 
+from contextlib import suppress
 import os
 from pathlib import Path
 import tempfile
+
+MAX_DATABASE_BYTES = 600_000_000
+"""Size of the pattern databases in the cache folder: a search of all fields of view has 420 MB, a
+camera up to 90 MB a year."""
 
 
 def cache_folder() -> Path:
     """Return the package's folder in the user's cache; XDG_CACHE_HOME is respected."""
     root = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
     return Path(root) / 'startracker_ros'
+
+
+def stored_databases(folder: Path) -> list[tuple[Path, int]]:
+    """Return the files of pattern databases in a folder and their bytes, last used first."""
+    found = []
+    # With those of processes that were killed while they wrote.
+    for file in folder.glob('pairs-*'):
+        # Another process may delete one meanwhile.
+        with suppress(FileNotFoundError):
+            status = file.stat()
+            found.append((status.st_mtime_ns, file, status.st_size))
+    return [(file, size) for _, file, size in sorted(found, reverse=True)]
 
 
 def can_write(folder: Path) -> bool:

@@ -19,7 +19,7 @@ _LARGEST_FILE_BYTES = 500_000_000
 # The header of an image is in its first bytes, the end of a JPEG in its last ones.
 _CHECKED_BYTES, _END_BYTES = 1 << 20, 1 << 16
 # An image of so many needs some 2 GB while it is solved.
-_MOST_PIXELS = 120_000_000
+MOST_PIXELS = 120_000_000
 _SUFFIXES = ('.bmp', '.fit', '.fits', '.fts', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff',
              '.webp', *raw_image.SUFFIXES)
 
@@ -71,7 +71,7 @@ def read_photograph(path: str | Path) -> Photograph:
     begin = content[:_CHECKED_BYTES].tobytes()
     try:
         if begin.startswith(fits_image.BEGIN):
-            return Photograph(*fits_image.read_fits(content.tobytes(), _MOST_PIXELS))
+            return Photograph(*fits_image.read_fits(content.tobytes(), MOST_PIXELS))
         if path.suffix.lower() in raw_image.SUFFIXES:
             return _read_raw(content.tobytes())
     except (ValueError, MissingLibraryError) as error:
@@ -81,7 +81,7 @@ def read_photograph(path: str | Path) -> Photograph:
 
 
 def _read_raw(content: bytes) -> Photograph:
-    image = raw_image.read_raw(content, _MOST_PIXELS)
+    image = raw_image.read_raw(content, MOST_PIXELS)
     # LibRaw has turned it upright.
     exif = read_exif(content, (2 * image.shape[1], 2 * image.shape[0]))
     return Photograph(image, exif.fov_deg, exif.taken)
@@ -97,11 +97,19 @@ def _decode(path: Path, content: np.ndarray) -> Photograph:
         raise ImageError(f'{path}: not an image that OpenCV can read')
     if image.dtype not in (np.uint8, np.uint16):
         raise ImageError(f'{path}: pixels of type {image.dtype}, must be 8 or 16 bit integers')
-    if image.ndim == 3:
-        # The mean of the channels is less noisy than the weights of human vision.
-        image = image[..., :3].mean(axis=2).round().astype(image.dtype)
+    image = grey(image)
     exif = read_exif(content.tobytes())
     return Photograph(upright(image, exif.orientation), exif.fov_deg, exif.taken)
+
+
+def grey(image: np.ndarray) -> np.ndarray:
+    """Return (H, W) of (H, W) or (H, W, C), uint8 or uint16: the mean of three channels."""
+    if image.ndim == 2:
+        return image
+    if image.shape[2] == 1:
+        return image[..., 0]
+    # Less noisy than the weights of human vision.
+    return cv2.transform(image[..., :3], np.full((1, 3), 1 / 3))
 
 
 def image_paths(paths: Sequence[Path]) -> list[Path]:
@@ -128,9 +136,9 @@ def _check_content(path: Path, begin: bytes, end: bytes) -> None:
     if begin.startswith(b'\xff\xd8') and b'\xff\xd9' not in end:
         raise ImageError(f'{path}: a truncated JPEG')
     width, height = _size(begin)
-    if width * height > _MOST_PIXELS:
+    if width * height > MOST_PIXELS:
         raise ImageError(f'{path}: {width} x {height} px, at most '
-                         f'{_MOST_PIXELS // 1_000_000} million px are solved')
+                         f'{MOST_PIXELS // 1_000_000} million px are solved')
 
 
 def _size(begin: bytes) -> tuple[int, int]:

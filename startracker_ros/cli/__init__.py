@@ -7,7 +7,7 @@ from startracker_ros import __version__
 from startracker_ros.cli.bags import export, info, play, record, report
 from startracker_ros.cli.benches import bench
 from startracker_ros.cli.campaigns import campaign
-from startracker_ros.cli.nodes import demo, doctor, run
+from startracker_ros.cli.nodes import demo, doctor, live, run
 from startracker_ros.cli.photographs import calibrate, solve
 from startracker_ros.cli.shared import exit_1_on
 from startracker_ros.extras import MissingLibraryError
@@ -27,6 +27,6 @@ def main() -> None:
     """Star images to spacecraft attitude."""
 
 
-for _command in (run, solve, calibrate, demo, record, play, info, report, export, doctor, campaign,
-                 bench):
+for _command in (run, live, solve, calibrate, demo, record, play, info, report, export, doctor,
+                 campaign, bench):
     main.add_command(_command)

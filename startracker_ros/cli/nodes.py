@@ -1,9 +1,11 @@
-"""Commands that run nodes, and the one that looks whether they can: run, demo, doctor."""
+"""Commands that run nodes, and the one that looks whether they can: run, demo, live, doctor."""
 
 from pathlib import Path
+from typing import Any
 
 import click
-from startracker_ros.cli.shared import become_node, exit_1_on, finish, json_option, seed_option
+from startracker_ros.cli.shared import (
+    become_node, exit_1_on, finish, json_option, print_result, seed_option, usage_error_on)
 
 
 @click.command(context_settings={'ignore_unknown_options': True, 'help_option_names': []})
@@ -68,6 +70,41 @@ def demo_closed_loop(output: Path, seed: int, as_json: bool) -> None:
     with exit_1_on(HarnessError):
         result = run_closed_loop_demo(output, seed=seed)
     finish(result, as_json)
+
+
+@click.command()
+@click.option('--device', default='/dev/video0', show_default=True,
+              help='Camera of Video4Linux, or a video, or a folder or pattern of images.')
+@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+              help='Camera YAML.  [default: learnt from the first image that is solved]')
+@click.option('--fov-deg', type=float, help='Horizontal field of view to 5 %, to learn the lens '
+              'sooner.')
+@click.option('--exposure-ms', type=float, default=0.0, help='[default: as the camera has it]')
+@click.option('--gain', type=float, default=-1.0, help='[default: as the camera has it]')
+@click.option('--frame-rate-hz', type=float, default=0.0, help='[default: as the camera has it]')
+@click.option('--width', type=int, default=0, help='Image width of the camera.  [default: 640]')
+@click.option('--height', type=int, default=0, help='Image height of the camera.  [default: 480]')
+@click.option('--pixel-format', default='auto', help='Format of V4L2, as Y16 or RGGB.  '
+              '[default: 8 bit]')
+@click.option('--record', is_flag=True, help='Record a bag, too.')
+@click.option('--port', type=click.IntRange(0, 65535), default=8000, show_default=True,
+              help='Of the page on this machine.')
+@click.option('--seconds', type=click.FloatRange(1), default=float('inf'),
+              help='End after this time.  [default: Ctrl-C]')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False), default='live',
+              show_default=True, help='Folder for picture, bags, camera YAML and logs.')
+@json_option
+def live(camera_file: Path | None, fov_deg: float | None, record: bool, port: int,
+         seconds: float, output: Path, as_json: bool, **capture: Any) -> None:
+    """Run a camera and the star tracker: state, attitude and annotated sky, until Ctrl-C."""
+    from startracker_ros.camera.capture import CaptureOptions
+    from startracker_ros.camera.model import CameraError
+    from startracker_ros.harness.live import run_live
+    from startracker_ros.harness.processes import HarnessError
+    with usage_error_on(CameraError, ValueError), exit_1_on(HarnessError, output=output):
+        result = run_live(output, CaptureOptions(**capture), camera_file=camera_file,
+                          fov_deg=fov_deg, record=record, port=port, seconds=seconds)
+    print_result(result, as_json)
 
 
 @click.command()

@@ -36,6 +36,25 @@ class _Epoch(click.ParamType):
         return epoch_year_from_stamp(stamp_from_datetime(time))
 
 
+class _Frames(click.ParamType):
+    """Frames like 0:100:10, a slice."""
+
+    name = 'frames'
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> slice:
+        if isinstance(value, slice):
+            return value
+        try:
+            chosen = slice(*(int(part) if part else None for part in value.split(':')))
+        except (TypeError, ValueError):
+            self.fail(f'{value!r} is no FIRST:END:STEP')
+        least = min(chosen.start or 0, chosen.stop or 0)
+        if ':' not in value or least < 0 or chosen.step is not None and chosen.step < 1:
+            self.fail(f'{value!r} is no FIRST:END:STEP that counts from 0 upwards')
+        return chosen
+
+
 def _observer_options(epoch_default: str) -> Callable[[_Command], _Command]:
     """Return options for when the images were taken, and from where."""
     def add(function: _Command) -> _Command:
@@ -104,6 +123,9 @@ def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
 @_observer_options('time in the file, EXIF or DATE-OBS, else today without aberration')
 @click.option('--mirror', is_flag=True, help='Flip images from left to right first: those of a '
               'telescope with one mirror too many.')
+@click.option('--frames', 'selection', type=_Frames(), default=':', metavar='FIRST:END:STEP',
+              help='Frames of videos and animated images, numbered from 0, as of a slice in '
+              'Python.  [default: all]')
 @click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path),
               help='Folder for a PNG of each image with the identified stars.')
 @click.option('--wcs', 'wcs_folder', type=click.Path(path_type=Path),
@@ -111,12 +133,12 @@ def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
 @json_option
 def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
           fov_error_percent: float | None, epoch_year: float | None, mirror: bool,
-          annotate_folder: Path | None, wcs_folder: Path | None, as_json: bool,
+          selection: slice, annotate_folder: Path | None, wcs_folder: Path | None, as_json: bool,
           **standpoint: Any) -> None:
     """
     Attitude of star IMAGES: right ascension, declination, roll, stars, residual.
 
-    IMAGES are files, folders of them, or patterns.
+    IMAGES are files, folders of them, or patterns. Each frame of a video is an image.
     """
     from startracker_ros.camera.images import image_paths
     from startracker_ros.camera.model import CameraError
@@ -133,7 +155,7 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     with usage_error_on(CameraError):
         result = solve_files(paths, fov_deg=fov_deg, camera_file=camera_file,
                              epoch_year=epoch_year, standpoint=_standpoint(**standpoint),
-                             mirror=mirror,
+                             mirror=mirror, selection=selection,
                              outputs=Outputs(annotate_folder, wcs_folder),
                              options=IdentificationOptions(
                                  fov_error_percent=fov_error_percent, time_limit_s=_TIME_LIMIT_S))

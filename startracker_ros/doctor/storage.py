@@ -5,13 +5,12 @@ from pathlib import Path
 import shutil
 
 from startracker_ros.doctor.check import Check
-from startracker_ros.folders import cache_folder, can_write
+from startracker_ros.folders import cache_folder, can_write, MAX_DATABASE_BYTES, stored_databases
 from startracker_ros.machine_code import cached_share, machine_code_folder, package_code
 
 # The demo, 1024 x 1024 px at 10 Hz, writes 10 MB a second.
 _BAG_BYTES_S = 10e6
 _LEAST_FREE_BYTES = 2e9
-_LARGE_CACHE_BYTES = 1e9
 # Some modules only serve campaigns.
 _MOSTLY = 0.5
 
@@ -44,11 +43,9 @@ def check_databases(folder: Path) -> Check:
     if not can_write(existing):
         return Check('database cache', f'{folder} cannot be written', False,
                      'make it writable, or set XDG_CACHE_HOME')
-    sizes = [file.stat().st_size for file in folder.glob('pairs-*.bin')]
-    return Check('database cache', f'{len(sizes)} databases, {sum(sizes) / 1e6:.1f} MB, '
-                                   f'in {folder}', True,
-                 'delete pairs-*.bin at will: what is used is built anew'
-                 if sum(sizes) > _LARGE_CACHE_BYTES else '')
+    sizes = [size for _, size in stored_databases(folder)]
+    return Check('database cache', f'{len(sizes)} pattern databases, {sum(sizes) / 1e6:.1f} of '
+                                   f'at most {MAX_DATABASE_BYTES / 1e6:.0f} MB, in {folder}')
 
 
 def check_room(folder: Path) -> Check:

@@ -7,16 +7,12 @@ import io
 import logging
 import os
 from pathlib import Path
-import tempfile
+from uuid import uuid4
 
 import numpy as np
 from startracker_ros.catalog.onboard import OnboardCatalog
-from startracker_ros.folders import cache_folder
+from startracker_ros.folders import cache_folder, MAX_DATABASE_BYTES, stored_databases
 from startracker_ros.identify.pairs import build_pairs, MOST_PAIRS, PairDatabase
-
-MAX_FILES = 80
-"""Databases in the cache, the last used ones: a camera needs up to three a year, a search of all
-fields of view 29."""
 
 # To be raised whenever the same input would give other pairs or another layout.
 _VERSION = 2
@@ -28,8 +24,8 @@ def cached_pairs(onboard: OnboardCatalog, min_separation_rad: float,
     Return the pairs of the catalogue from the cache, or build and store them.
 
     The file begins with the SHA-256 of its content; a file that does not match is
-    rebuilt. Where the folder cannot be written, the pairs are built each time. The MAX_FILES
-    last used files remain.
+    rebuilt. Where the folder cannot be written, the pairs are built each time. The last used
+    files remain, up to MAX_DATABASE_BYTES.
     """
     key = hashlib.sha256(
         repr((_VERSION, min_separation_rad, max_separation_rad, most_pairs)).encode())
@@ -67,16 +63,24 @@ def _store(path: Path, pairs: PairDatabase) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # Renamed when complete: another process never reads a partial file.
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-            part = Path(folder) / path.name
+        part = path.with_name(f'{path.stem}-{uuid4().hex}.part')
+        try:
             with part.open('wb') as stored:
                 stored.write(hashlib.sha256(body).digest())
                 stored.write(body)
             os.replace(part, path)
-        newest_first = sorted(path.parent.glob('pairs-*.bin'),
-                              key=lambda file: file.stat().st_mtime, reverse=True)
-        for file in newest_first[MAX_FILES:]:
-            file.unlink(missing_ok=True)
+        finally:
+            part.unlink(missing_ok=True)
+        _delete_oldest(path.parent)
     except OSError as error:
         logging.getLogger(__name__).warning(
             'pattern database is not cached in %s: %s', path.parent, error.strerror)
+
+
+def _delete_oldest(folder: Path) -> None:
+    """Delete the least recently used files beyond MAX_DATABASE_BYTES, whoever has made them."""
+    total = 0
+    for file, size in stored_databases(folder):
+        total += size
+        if total > MAX_DATABASE_BYTES:
+            file.unlink(missing_ok=True)

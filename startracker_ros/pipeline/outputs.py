@@ -1,8 +1,6 @@
 """Files that solve writes for each image."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, count
 from pathlib import Path
 
 import cv2
@@ -10,8 +8,10 @@ import numpy as np
 from startracker_ros.camera.images import Photograph
 from startracker_ros.camera.sip import fit_sip, wcs_header
 from startracker_ros.pipeline.annotate import annotate, Labels
+from startracker_ros.pipeline.bodies import BodyInImage
 from startracker_ros.pipeline.sky_mapping import SkyMapping
-from startracker_ros.pipeline.sky_marks import mark_bodies, mark_named_stars, mark_scale
+from startracker_ros.pipeline.sky_marks import (
+    mark_bodies, mark_figures, mark_named_stars, mark_scale)
 from startracker_ros.pipeline.solution import Solution
 
 
@@ -25,7 +25,8 @@ class Outputs:
     def write(self, name: str, photograph: Photograph, solution: Solution, year: float) -> None:
         """Write the files of one image of a Julian year under a name without a suffix."""
         if self.annotate_folder is not None:
-            picture = annotated(photograph.image, solution, year)
+            picture = annotated(photograph.image, solution.centroids.uv,
+                                solution.identification.hip, solution.sky, year, solution.bodies)
             self.annotate_folder.mkdir(parents=True, exist_ok=True)
             cv2.imwrite(str(self.annotate_folder / f'{name}.png'), picture[..., ::-1])
         if self.wcs_folder is not None and solution.sky is not None:
@@ -34,16 +35,23 @@ class Outputs:
                 image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up))
 
 
-def annotated(image: np.ndarray, solution: Solution, year: float) -> np.ndarray:
-    """Return an image (H, W) as (H, W, 3) uint8 RGB with what is in it, and where north is."""
-    labels, hip = Labels(image.shape), solution.identification.hip
+def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMapping | None,
+              year: float, bodies: tuple[BodyInImage, ...] = ()) -> np.ndarray:
+    """
+    Return an image (H, W) as (H, W, 3) uint8 RGB with what is in it, and where north is.
+
+    uv (N, 2) are its spots, hip (N,) their Hipparcos numbers, 0 for none; sky is None where the
+    attitude is unknown.
+    """
+    labels = Labels(image.shape)
     # Names come first, so that no number covers them.
     overlay = np.zeros((*image.shape, 3), np.uint8)
-    if solution.sky is not None:
-        mark_bodies(overlay, solution.bodies, labels)
-        mark_named_stars(overlay, solution.sky, year, hip, labels)
-        mark_scale(overlay, solution.sky, labels.size)
-    return np.maximum(annotate(image, solution.centroids.uv, hip, labels=labels), overlay)
+    if sky is not None:
+        mark_figures(overlay, sky, year, labels.size)
+        mark_bodies(overlay, bodies, labels)
+        mark_named_stars(overlay, sky, year, hip, labels)
+        mark_scale(overlay, sky, labels.size)
+    return np.maximum(annotate(image, uv, hip, labels=labels), overlay)
 
 
 def image_wcs(sky: SkyMapping, mirrored: bool = False, bottom_up: bool = False) -> bytes:
@@ -59,12 +67,3 @@ def image_wcs(sky: SkyMapping, mirrored: bool = False, bottom_up: bool = False) 
     sip = fit_sip(lambda pixels: sky.directions(other(pixels)), camera.width, camera.height,
                   other(np.array([camera.cx, camera.cy])))
     return wcs_header(sip, camera.width, camera.height)
-
-
-def output_names(paths: Sequence[Path]) -> list[str]:
-    """Return a name of the files for each image, numbered where several have the same."""
-    names: dict[str, None] = {}
-    for path in paths:
-        numbered = (f'{path.stem}-{number}' for number in count(2))
-        names[next(name for name in chain([path.stem], numbered) if name not in names)] = None
-    return [*names]

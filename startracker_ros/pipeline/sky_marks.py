@@ -1,8 +1,9 @@
-"""What an annotated picture has beside its stars: named stars, bodies, scale, north and east."""
+"""What an annotated picture has beside its stars: names, figures, bodies, scale, north, east."""
 
 import cv2
 import numpy as np
 from startracker_ros.astro.earth import earth_position_au
+from startracker_ros.catalog.constellations import FIGURES
 from startracker_ros.catalog.names import BRIGHT_STARS
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.pipeline.annotate import Labels
@@ -10,6 +11,11 @@ from startracker_ros.pipeline.bodies import BodyInImage
 from startracker_ros.pipeline.sky_mapping import SkyMapping
 
 _BODY, _NAMED, _SCALE = (255, 235, 90), (150, 190, 255), (235, 235, 235)
+_LINE = (70, 95, 140)
+# Lines end so far from their stars, at most by a share of their length. They have so many points,
+# for distorted images.
+_LINE_GAP_PX, _LARGEST_GAP, _LINE_STEPS = 14.0, 0.2, 48
+_SHIFT = 4  # bits of the fraction of a pixel
 _STEPS_DEG = (30, 20, 10, 5, 2, 1, 1 / 2, 1 / 3, 1 / 6, 1 / 12, 1 / 30, 1 / 60)
 _LONGEST, _ARROW, _MARGIN = 0.25, 0.06, 0.03  # of the width, of the shorter side
 _SMALL_RAD = 1e-5
@@ -34,6 +40,30 @@ def mark_named_stars(picture: np.ndarray, sky: SkyMapping, year: float, hip: np.
         if sky.camera.contains(pixel):
             labels.write(picture, BRIGHT_STARS[int(number)], tuple(map(round, pixel.tolist())),
                          _NAMED)
+
+
+def mark_figures(picture: np.ndarray, sky: SkyMapping, year: float, size: float) -> None:
+    """Draw the lines of the constellations, clear of the stars that they connect."""
+    catalog = load_catalog().brighter_than(6.0)
+    pairs = np.array([pair for lines in FIGURES.values() for line in lines
+                      for pair in zip(line, line[1:])])
+    order = np.argsort(catalog.hip)
+    ends = order[np.searchsorted(catalog.hip, pairs, sorter=order)]
+    first, last = catalog.directions(year, earth_position_au(year))[ends.T]
+    share = np.linspace(0, 1, _LINE_STEPS)[:, None]
+    for begin, end in zip(first, last):
+        along = begin + share * (end - begin)
+        uv = sky.pixels(along / np.linalg.norm(along, axis=1, keepdims=True))
+        seen = np.isfinite(uv).all(axis=1)
+        if not seen.any():
+            continue
+        length = np.linalg.norm(np.diff(uv[seen], axis=0), axis=1).sum()
+        gap = min(_LINE_GAP_PX * size, _LARGEST_GAP * length)
+        # To an end outside the image the distance is NaN, which is not near.
+        near = np.linalg.norm(uv[:, None] - uv[[0, -1]], axis=2) < gap
+        shown = uv[seen & ~near.any(axis=1)]
+        cv2.polylines(picture, [np.rint(shown * 2 ** _SHIFT).astype(np.int32)], False, _LINE,
+                      max(1, round(size)), cv2.LINE_AA, _SHIFT)
 
 
 def mark_scale(picture: np.ndarray, sky: SkyMapping, size: float) -> None:

@@ -10,8 +10,9 @@ import time
 import numpy as np
 from startracker_ros.astro.observer_motion import Observer
 from startracker_ros.camera.images import (
-    calibrated_camera, camera_of, ImageError, Photograph, read_photograph)
+    calibrated_camera, camera_of, ImageError, Photograph)
 from startracker_ros.camera.model import Camera
+from startracker_ros.camera.video import is_video
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
@@ -24,14 +25,15 @@ from startracker_ros.maths.rotation import ARCSEC, pointing_from_quaternion
 from startracker_ros.pipeline.bodies import Bodies
 from startracker_ros.pipeline.icrf import icrf_identification
 from startracker_ros.pipeline.occasion import Occasion, occasion, OPTION, Standpoint
-from startracker_ros.pipeline.outputs import output_names, Outputs
+from startracker_ros.pipeline.outputs import Outputs
 from startracker_ros.pipeline.photograph import PhotographSolver
+from startracker_ros.pipeline.shots import output_names, Shot, shots
 from startracker_ros.pipeline.sky_mapping import SkyMapping
 from startracker_ros.pipeline.solution import MIN_STARS, Solution
 from startracker_ros.table import Result
 
 DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
-           'detected', 'lens', 'epoch', 'epoch_from', 'bodies')
+           'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'frame', 'time_s')
 """Columns that are too wide for the terminal."""
 
 
@@ -65,7 +67,7 @@ def _solve_centroids(centroids: Centroids, identifier: Identifier, sky: Apparent
 def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 camera_file: Path | None = None, epoch_year: float | None = None,
                 standpoint: Standpoint = Standpoint(), mirror: bool = False,
-                outputs: Outputs = Outputs(),
+                selection: slice = slice(None), outputs: Outputs = Outputs(),
                 options: IdentificationOptions = IdentificationOptions()) -> Result:
     """
     Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
@@ -73,28 +75,29 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     The lens of the latter is fitted to each image. Without both, EXIF has the field of view or
     all from 1 to 120 deg are searched. epoch_year None is the time of each image by EXIF, else
     today. mirror flips each image from left to right first; the result is that of the flipped
-    image. CameraError for an impossible camera; an unreadable image is a row of its own.
+    image. selection is that of the frames of videos and of animated or paged files, each of which
+    is a row. CameraError for an impossible camera; an unreadable image is a row of its own.
     """
     solvers = _Solvers(fov_deg, camera_file, options)
     rows, whens, observers = [], [], []
-    for path, name in zip(_progress(paths), output_names(paths)):
+    for shot in _progress(shots(paths, output_names(paths), selection), paths):
+        if shot.photograph is None:
+            rows.append(_unreadable(shot, shot.error))
+            continue
+        photograph = shot.photograph.mirror() if mirror else shot.photograph
+        when = occasion(epoch_year, photograph.taken)
+        observer = standpoint.observer(when)
         try:
-            photograph = read_photograph(path)
-            if mirror:
-                photograph = photograph.mirror()
-            when = occasion(epoch_year, photograph.taken)
-            observer = standpoint.observer(when)
             solution, solve_ms = solvers.solve(
-                path, photograph, when, observer, standpoint.bodies(when))
+                shot.path, photograph, when, observer, standpoint.bodies(when))
         except ImageError as error:
-            rows.append({**_row(path, None, float('nan')), 'status': 'unreadable',
-                         'reason': str(error)})
+            rows.append(_unreadable(shot, str(error)))
             continue
         whens.append(when)
         observers.append(observer)
-        rows.append({**_row(path, solution, solve_ms), 'epoch': when.year,
+        rows.append({**_row(shot, solution, solve_ms), 'epoch': when.year,
                      'epoch_from': when.source})
-        outputs.write(name, photograph, solution, when.year)
+        outputs.write(shot.output, photograph, solution, when.year)
     whens = whens or [occasion(epoch_year)]
     observers = observers or [standpoint.observer(whens[0])]
     return Result('solve', rows, {
@@ -151,20 +154,27 @@ class _Solvers:
                 onboard_catalog(camera_catalog(camera), camera, year))
 
 
-def _progress(paths: Sequence[Path]) -> Iterable[Path]:
-    """Return the paths, with a progress bar on a terminal where there are several."""
+def _progress(found: Iterable[Shot], paths: Sequence[Path]) -> Iterable[Shot]:
+    """Return what is found, with a progress bar on a terminal where that is more than one."""
     from rich.console import Console
     from rich.progress import track
-    if len(paths) < 2 or not sys.stderr.isatty():
-        return paths
-    return track(paths, 'solve', console=Console(stderr=True), transient=True)
+    videos = any(map(is_video, paths))
+    if len(paths) < 2 and not videos or not sys.stderr.isatty():
+        return found
+    return track(found, 'solve', total=None if videos else len(paths),
+                 console=Console(stderr=True), transient=True)
 
 
-def _row(path: Path, solution: Solution | None, solve_ms: float) -> dict[str, object]:
+def _unreadable(shot: Shot, reason: str) -> dict[str, object]:
+    return {**_row(shot, None, float('nan')), 'status': 'unreadable', 'reason': reason}
+
+
+def _row(shot: Shot, solution: Solution | None, solve_ms: float) -> dict[str, object]:
     nothing = dict.fromkeys(('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec'),
                             float('nan'))
-    row = {'file': path.name, 'solved': False, **nothing, 'matched': 0, 'solve_ms': solve_ms,
-           'reason': '', **dict.fromkeys(DETAILS), 'path': str(path)}
+    row = {'file': shot.label, 'solved': False, **nothing, 'matched': 0, 'solve_ms': solve_ms,
+           'reason': '', **dict.fromkeys(DETAILS), 'path': str(shot.path),
+           'frame': shot.frame, 'time_s': shot.time_s}
     if solution is None:
         return row
     found, camera = solution.identification, solution.camera

@@ -1,4 +1,4 @@
-"""What the two nodes that publish images share: camera, frame rate, stamps."""
+"""What the nodes that publish images share: camera, messages, frame rate and stamps."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -63,7 +63,36 @@ class CameraOptions(Options):
         return Camera.from_fov(width, height, self.fov_deg)
 
 
-class SourceNode(PipelineNode):
+class ImageSourceNode(PipelineNode):
+    """Publishes images and the camera that took them."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self._published_camera: Camera | None = None
+        self._image = ImageOutput(self)
+        self._camera_info = self.advertise(CameraInfo, 'camera_info', qos.LIST)
+
+    def publish_image(self, image: np.ndarray, camera: Camera, header: Header) -> None:
+        """Publish an image (H, W) and the camera that took it."""
+        # As in image_transport, the image goes first: camera_info wakes all nodes, which would
+        # delay the image. Only a new camera goes before its first image.
+        same, self._published_camera = camera == self._published_camera, camera
+        if not same:
+            self._publish_camera_info(camera, header)
+        self._image.publish(image, header)
+        if same:
+            self._publish_camera_info(camera, header)
+        self.diagnostics.counts['frames'] += 1
+
+    def _publish_camera_info(self, camera: Camera, header: Header) -> None:
+        self._camera_info.publish(camera_to_message(camera, header))
+
+    def sensor_header(self, stamp_ns: int) -> Header:
+        """Return a header in the sensor frame."""
+        return make_header(stamp_ns, self.options(FrameOptions).sensor_frame_id)
+
+
+class SourceNode(ImageSourceNode):
     """
     Publishes images at a fixed rate, once enough subscribers are there.
 
@@ -77,9 +106,6 @@ class SourceNode(PipelineNode):
         self._timer: Timer | None = None
         self._begin_ns: int | None = None
         self._inactive_ns: int | None = None
-        self._published_camera: Camera | None = None
-        self._image = ImageOutput(self)
-        self._camera_info = self.advertise(CameraInfo, 'camera_info', qos.LIST)
 
     def start_ns(self) -> int:
         """Return the stamp of the first image, in ns since the UNIX epoch."""
@@ -117,25 +143,6 @@ class SourceNode(PipelineNode):
         if not enough:
             self._publish_camera_info(camera, self.sensor_header(stamp_ns))
         return enough
-
-    def publish_image(self, image: np.ndarray, camera: Camera, header: Header) -> None:
-        """Publish an image (H, W) and the camera that took it."""
-        # As in image_transport, the image goes first: camera_info wakes all nodes, which would
-        # delay the image. Only a new camera goes before its first image.
-        same, self._published_camera = camera == self._published_camera, camera
-        if not same:
-            self._publish_camera_info(camera, header)
-        self._image.publish(image, header)
-        if same:
-            self._publish_camera_info(camera, header)
-        self.diagnostics.counts['frames'] += 1
-
-    def _publish_camera_info(self, camera: Camera, header: Header) -> None:
-        self._camera_info.publish(camera_to_message(camera, header))
-
-    def sensor_header(self, stamp_ns: int) -> Header:
-        """Return a header in the sensor frame."""
-        return make_header(stamp_ns, self.options(FrameOptions).sensor_frame_id)
 
     def _tick(self) -> None:
         if not self.active:

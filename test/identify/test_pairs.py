@@ -64,17 +64,33 @@ def test_the_cache_gives_back_what_was_built(onboard):
 
 
 def test_the_cache_keeps_what_was_used_last(onboard, monkeypatch):
-    monkeypatch.setattr('startracker_ros.identify.cache.MAX_FILES', 2)
+    def added(max_separation_rad, used_s):
+        before = set(cache_folder().glob('*'))
+        cached_pairs(onboard, NEAR, max_separation_rad)
+        file, = set(cache_folder().iterdir()) - before
+        os.utime(file, (used_s, used_s))
+        return file
+    first, second = added(0.19, 100), added(0.18, 200)
+    # Of a process that was killed while it wrote.
+    left = cache_folder() / 'pairs-abc.part'
+    left.write_bytes(bytes(1000))
+    os.utime(left, (50, 50))
     cached_pairs(onboard, NEAR, 0.19)
-    first, = cache_folder().iterdir()
-    os.utime(first, (100, 100))
-    cached_pairs(onboard, NEAR, 0.18)
-    second, = set(cache_folder().iterdir()) - {first}
-    os.utime(second, (200, 200))
-    cached_pairs(onboard, NEAR, 0.19)
+    sizes = first.stat().st_size + second.stat().st_size
+    monkeypatch.setattr('startracker_ros.identify.cache.MAX_DATABASE_BYTES', sizes)
     cached_pairs(onboard, NEAR, 0.17)
-    assert first.exists() and not second.exists()
+    assert first.exists() and not second.exists() and not left.exists()
     assert len(list(cache_folder().iterdir())) == 2
+    assert sum(file.stat().st_size for file in cache_folder().iterdir()) <= sizes
+
+
+def test_a_file_that_another_process_deletes_is_no_error(onboard, monkeypatch, caplog):
+    cached_pairs(onboard, NEAR, 0.19)
+    gone = [cache_folder() / 'pairs-gone.bin']
+    monkeypatch.setattr(cache.Path, 'glob', lambda folder, pattern: gone)
+    built = cached_pairs(onboard, NEAR, 0.18)
+    assert not caplog.text and len(list(cache_folder().iterdir())) == 2
+    assert_equal(cached_pairs(onboard, NEAR, 0.18), built)
 
 
 def test_the_cache_is_keyed_by_what_it_was_built_from(onboard):

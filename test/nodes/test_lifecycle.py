@@ -33,8 +33,8 @@ def start_all(nodes, probe, folder, sky_data):
         'bag_player': {'path': str(GOLDEN_BAG), 'topics': ['/truth/attitude'],
                        'start_paused': True},
         'bag_recorder': {'folder': str(folder / 'bag'), 'exclude': ['/parameter_events']}}
-    # Two sources of images in one namespace would be two cameras for one pipeline.
-    place = {'image_publisher': 'files'}
+    # Several sources of images in one namespace would be several cameras for one pipeline.
+    place = {'image_publisher': 'files', 'camera_source': 'camera'}
     for node in NODES:
         nodes.start(node, own.get(node), namespace=place.get(node, ''))
     for node in NODES:

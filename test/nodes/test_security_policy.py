@@ -17,7 +17,7 @@ CONFIG = Path(__file__).parents[2] / 'config'
 FLIGHT, GROUND = 'security_policy.xml', 'security_policy_ground.xml'
 # No nodes of this package, but part of the system.
 OTHERS = {'camera', 'gyro', 'gnc', 'operator'}
-SELF_MADE = {'sky_simulator', 'image_publisher', 'bag_player'}
+SELF_MADE = {'sky_simulator', 'image_publisher', 'camera_source', 'bag_player'}
 # Their topics are not known beforehand.
 ANY = {'bag_recorder', 'bag_player'}
 # Every way of starting a node that opens other topics.

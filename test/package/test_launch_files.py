@@ -142,21 +142,23 @@ def test_pipeline(launched):
     check_nodes(launch)
 
 
-def test_demo_is_the_pipeline_under_a_simulated_sky(launched):
-    launch = launched('demo.launch.py')
-    assert [node['executable'] for node in launch.nodes] == ['sky_simulator']
+@pytest.mark.parametrize('name, source, record', [
+    ('demo', 'sky_simulator', 'true'), ('camera', 'camera_source', 'false')])
+def test_a_source_with_the_pipeline(launched, name, source, record):
+    launch = launched(f'{name}.launch.py')
+    assert [node['executable'] for node in launch.nodes] == [source]
     check_nodes(launch)
     pipeline, = launch.included
     assert [node['executable'] for node in pipeline.nodes] == PIPELINE
     assert pipeline.arguments == {**launch.arguments, 'image_depth': '2'}
-    assert pipeline.arguments['record'] == 'true'
+    assert pipeline.arguments['record'] == record
 
 
 GIVEN = {'namespace': '/trk', 'params_file': 'mine.yaml', 'log_level': 'debug',
          'use_sim_time': 'true', 'composed': 'true', 'manager': 'false'}
 
 
-@pytest.mark.parametrize('name', ['demo', 'replay', 'two_satellites', 'heads'])
+@pytest.mark.parametrize('name', ['camera', 'demo', 'heads', 'replay', 'two_satellites'])
 def test_the_shared_arguments_reach_all_nodes(launched, name):
     launch = launched(f'{name}.launch.py', **GIVEN)
     check_nodes(launch)

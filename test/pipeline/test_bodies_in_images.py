@@ -19,7 +19,6 @@ from startracker_ros.pipeline.outputs import annotated, Outputs
 from startracker_ros.pipeline.photograph import PhotographSolver
 from startracker_ros.pipeline.sky_mapping import SkyMapping
 from startracker_ros.pipeline.sky_marks import compass
-from startracker_ros.pipeline.solution import Solution
 from startracker_ros.pipeline.solve import solve_files
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
@@ -112,13 +111,29 @@ def test_north_and_east(roll_deg):
 def test_named_stars_that_are_not_identified_are_in_the_picture():
     """The belt of Orion, in an image of which no centroid is known."""
     sky = SkyMapping(CAMERA, quaternion_from_pointing(*np.radians([84.0, -1.2, 0.0])))
-    nothing = Solution.none(CAMERA, PhotographSolver(CAMERA, YEAR).solve(
-        np.zeros((768, 1024), np.uint8)).centroids, 'blank', 'black')
-    black = np.zeros((768, 1024), np.uint8)
-    marked = Solution(nothing.centroids, nothing.identification, CAMERA, sky=sky)
-    plain, picture = annotated(black, nothing, YEAR), annotated(black, marked, YEAR)
+    black, nothing = np.zeros((768, 1024), np.uint8), (np.empty((0, 2)), np.empty(0, int))
+    plain, picture = (annotated(black, *nothing, each, YEAR) for each in (None, sky))
     assert not plain.any()
     # Alnilam, at RA 84.05, Dec -1.20, with its name to the right.
     column = sky.pixels(load_catalog().directions(YEAR)[load_catalog().hip == 26311])[0]
     u, v = column.round().astype(int)
     assert picture[v - 8:v + 1, u + 12:u + 50].any()
+
+
+def test_the_belt_of_orion_is_a_line_that_spares_its_stars():
+    sky = SkyMapping(CAMERA, quaternion_from_pointing(*np.radians([84.0, -1.2, 30.0])))
+    picture = annotated(np.zeros((768, 1024), np.uint8), np.empty((0, 2)), np.empty(0, int), sky,
+                        YEAR)
+    catalog = load_catalog()
+    alnitak, alnilam = (sky.pixels(catalog.directions(YEAR)[catalog.hip == hip])[0]
+                        for hip in (26727, 26311))
+    away = np.array([[0, -1], [1, 0]]) @ (alnilam - alnitak) / np.linalg.norm(alnilam - alnitak)
+
+    def around(pixel):
+        u, v = pixel.round().astype(int)
+        return picture[v - 1:v + 2, u - 1:u + 2]
+    for share in (0.4, 0.5, 0.6):
+        pixel = alnitak + share * (alnilam - alnitak)
+        assert around(pixel).any() and not around(pixel + 6 * away).any()
+    for star in (alnitak, alnilam):
+        assert not around(star).any()

@@ -13,8 +13,9 @@ from startracker_ros.campaign.lenses import draw_lens_field, solve_lens_fields
 from startracker_ros.centroid.photograph import Detections
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.ladder import LadderIdentifier
-from startracker_ros.pipeline.outputs import output_names, Outputs
+from startracker_ros.pipeline.outputs import Outputs
 from startracker_ros.pipeline.photograph import PhotographSolver
+from startracker_ros.pipeline.shots import output_names
 from startracker_ros.pipeline.solve import solve_files
 
 WIDE = IdentificationOptions(fov_error_percent=5.0)

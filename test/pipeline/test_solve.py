@@ -185,3 +185,27 @@ def test_colours_become_grey_and_depth_is_kept(tmp_path):
     cv2.imwrite(str(tmp_path / 'float.tiff'), colour[..., 0].astype(np.float32))
     with pytest.raises(ImageError, match='float32'):
         read_image(tmp_path / 'float.tiff')
+
+
+def test_each_selected_frame_of_a_video_is_a_row(sky_data, tmp_path):
+    folder = sky_data / 'night-sky-11deg'
+    known = known_rows(folder)[1:3]
+    pages = [Image.fromarray(read_image(folder / row['file'])) for row in known]
+    (tmp_path / 'video').mkdir()
+    # The second file has the same stem: its pictures have names of their own.
+    for path in (tmp_path / 'a.tif', tmp_path / 'video' / 'a.png'):
+        pages[0].save(path, save_all=True, append_images=[pages[1], pages[0]])
+    paths = [tmp_path / 'a.tif', tmp_path / 'video' / 'a.png', folder / known[0]['file']]
+    result = solve_files(paths, fov_deg=11.4, epoch_year=2019.57, selection=slice(0, 2),
+                         outputs=Outputs(tmp_path / 'pictures'))
+    assert [(row['file'], row['frame']) for row in result.rows] == [
+        ('a.tif#0', 0), ('a.tif#1', 1), ('a.png#0', 0), ('a.png#1', 1), (known[0]['file'], None)]
+    assert result.rows[1]['path'] == str(paths[0])
+    for row, truth in zip(result.rows, [*known, *known, known[0]]):
+        seen, true = (unit_from_radec(*np.radians([float(each['ra_deg']), float(each['dec_deg'])]))
+                      for each in (row, truth))
+        assert np.linalg.norm(seen - true) < 60 * ARCSEC
+    names = {path.stem for path in (tmp_path / 'pictures').iterdir()}
+    assert len(names) == 5 and 'a_frame00001' in names and 'a-2_frame00001' in names
+    nothing, = solve_files(paths[:1], fov_deg=11.4, selection=slice(7, None)).rows
+    assert not nothing['solved'] and 'no frame' in nothing['reason']

@@ -1,0 +1,103 @@
+"""camera_source: a camera of Video4Linux, or files in its place -> image_raw, camera_info."""
+
+from startracker_ros.camera.capture import Captured, CaptureOptions
+from startracker_ros.camera.capture_thread import (
+    CaptureThread, CAPTURING, ENDED, FAILED, LOST, OPENING)
+from startracker_ros.camera.files import load_camera
+from startracker_ros.camera.model import Camera
+from startracker_ros.ros.diagnostics import ERROR, OK, WARN
+from startracker_ros.ros.frames import FrameOptions
+from startracker_ros.ros.image_topic import TransportOptions
+from startracker_ros.ros.node import main_of
+from startracker_ros.ros.source import CameraOptions, ImageSourceNode
+
+_LEVELS = {OPENING: WARN, CAPTURING: OK, ENDED: OK, LOST: ERROR, FAILED: ERROR}
+
+
+class CameraSourceNode(ImageSourceNode):
+    """
+    Publishes each image of a camera when it arrives, stamped with the middle of its exposure.
+
+    The device is open while the node is active.
+    """
+
+    option_classes = (CaptureOptions, CameraOptions, FrameOptions, TransportOptions)
+    task = 'camera'
+
+    def __init__(self) -> None:
+        super().__init__('camera_source')
+        self._capture: CaptureThread | None = None
+        self._camera: Camera | None = None
+        self._mismatch = ''
+        self.diagnostics.checks.append(self._check)
+
+    def rebuild(self) -> None:
+        self._camera, self._mismatch = None, ''
+        # A bad camera file stops the node here, where the user looks.
+        camera_file = self.options(CameraOptions).camera_file
+        if camera_file:
+            load_camera(camera_file)
+        if self._capture is not None:
+            self.deactivate()
+            self.activate()
+
+    def activate(self) -> None:
+        self._capture = CaptureThread(self.options(CaptureOptions), self._wake)
+        self._capture.start()
+
+    def deactivate(self) -> None:
+        if self._capture is not None:
+            self._capture.stop()
+        self._capture = None
+
+    def close(self) -> None:
+        self.deactivate()
+
+    def _wake(self) -> None:
+        """Publish in the thread of the node; called in that of the capture."""
+        if self.executor is not None:
+            self.executor.create_task(self._publish)
+
+    def _publish(self) -> None:
+        capture = self._capture
+        captured = None if capture is None else capture.newest()
+        if captured is None or not self.active:
+            return
+        height, width = captured.image.shape
+        if self._camera is None:
+            self._camera = self.options(CameraOptions).camera(width, height)
+        camera = self._camera
+        if (camera.width, camera.height) != (width, height):
+            self.diagnostics.counts['images of another size'] += 1
+            self._mismatch = (f'images of {width} x {height} px, camera_file has {camera.width} x '
+                              f'{camera.height}: set width and height, or calibrate at this size')
+            return
+        self._mismatch = ''
+        self.publish_image(captured.image, camera, self.sensor_header(captured.stamp_ns))
+        self._report(captured)
+
+    def _report(self, captured: Captured) -> None:
+        self.diagnostics.values.update({
+            'size': f'{captured.image.shape[1]} x {captured.image.shape[0]}, '
+                    f'{8 * captured.image.itemsize} bit',
+            'stamp_from': captured.stamp_from,
+            'stamp_error_ms': f'{1e3 * captured.stamp_error_s:.1f}'})
+
+    def _check(self) -> None:
+        """Report the state of the device."""
+        capture = self._capture
+        if capture is None:
+            return
+        self.diagnostics.values.update(dropped=capture.dropped, losses=capture.losses)
+        level, text = _LEVELS[capture.state.name], capture.state.text
+        if level == OK and self._mismatch:
+            level, text = ERROR, self._mismatch
+        elif level == OK and capture.problems:
+            level, text = WARN, f'{text}: {"; ".join(capture.problems)}'
+        self.diagnostics.report(level, text)
+
+
+main = main_of(CameraSourceNode)
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,70 @@
+"""camera_source with files in place of a camera: waits for them, publishes, ends, changes."""
+
+import cv2
+import numpy as np
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, Image
+from startracker_ros.bag.layouts import camera_from_message, image_from_message, ns_from_stamp
+from startracker_ros.camera.files import save_camera
+from startracker_ros.camera.model import Camera
+from startracker_ros.ros import qos
+
+
+def write(folder, shape):
+    part = folder.with_suffix('.part')
+    part.mkdir()
+    images = np.random.default_rng(1).integers(0, 65535, (6, *shape)).astype(np.uint16)
+    for number, image in enumerate(images):
+        cv2.imwrite(str(part / f'{number}.png'), image)
+    part.rename(folder)
+    return images
+
+
+def test_a_device_that_comes_later_ends_and_is_replaced(rig, probe, tmp_path):
+    camera = Camera(64, 48, 300.0, 301.0, 30.0, 25.0, (0.1, 0.0, 0.0, 0.0, 0.0))
+    save_camera(camera, tmp_path / 'camera.yaml')
+    for message_type, topic, profile in ((Image, 'image_raw', qos.IMAGE),
+                                         (CameraInfo, 'camera_info', qos.LIST)):
+        probe.collect(message_type, topic, profile)
+    rig.processes.start('camera_source', {
+        'device': str(tmp_path / 'images'), 'camera_file': str(tmp_path / 'camera.yaml'),
+        'frame_rate_hz': 5.0})
+    probe.wait_diagnostic('images: no such file')
+    assert not probe.received['image_raw']
+    (tmp_path / 'images').mkdir()
+    probe.wait_diagnostic('gives no images')
+    images = write(tmp_path / 'images', (48, 64))
+    probe.wait_diagnostic('all images of')
+    messages = probe.received['image_raw']
+    # A busy process may have dropped some.
+    shown = [next(number for number, image in enumerate(images)
+                  if np.array_equal(image_from_message(message), image)) for message in messages]
+    assert len(shown) >= 3 and shown == sorted(set(shown)) and messages[0].encoding == 'mono16'
+    stamps_ns = np.array([ns_from_stamp(message.header.stamp) for message in messages])
+    np.testing.assert_allclose(np.diff(stamps_ns), 200_000_000 * np.diff(shown), atol=1)
+    info = probe.received['camera_info'][-1]
+    assert camera_from_message(info) == camera and info.header == messages[-1].header
+    assert probe.diagnostic_value('camera_source: camera', 'stamp_from') == 'file'
+
+    def change(name, value):
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()])
+        return probe.call(SetParameters, '/camera_source/set_parameters', request).results[0]
+    # Another device, whose images are not those of the camera file.
+    write(tmp_path / 'others', (32, 32))
+    probe.forget()
+    assert change('device', str(tmp_path / 'others' / '*.png')).successful
+    probe.wait_diagnostic('images of 32 x 32 px, camera_file has 64 x 48')
+    assert not probe.received['image_raw']
+    assert not change('camera_file', str(tmp_path / 'none.yaml')).successful
+    assert change('camera_file', '').successful
+    probe.wait(lambda: probe.received['image_raw'], 'an image with the ideal camera')
+    assert camera_from_message(probe.received['camera_info'][-1]).width == 32
+
+
+def test_a_wrong_camera_file_stops_the_node(rig, tmp_path):
+    process = rig.processes.start('camera_source', {'camera_file': str(tmp_path / 'none.yaml')})
+    assert process.wait(60) == 2
+    assert 'none.yaml' in (tmp_path / 'camera_source.log').read_text()
+    rig.processes.processes.clear()

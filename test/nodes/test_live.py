@@ -1,0 +1,127 @@
+"""startracker live on a video in place of a camera: lens, attitude, page and bag of one run."""
+
+import json
+from threading import Thread
+import time
+from urllib.request import urlopen
+
+import cv2
+import numpy as np
+import pytest
+from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.camera.capture import CaptureOptions
+from startracker_ros.camera.files import load_camera
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.harness import live as live_module
+from startracker_ros.harness.live import run_live
+from startracker_ros.harness.live_demo import read_stamped
+from startracker_ros.harness.processes import HarnessError
+from startracker_ros.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.ros.messages.attitude import quaternion_from_message
+from startracker_ros.sky.detector import DetectorOptions
+from startracker_ros.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sky.simulator import SkySimulator
+
+CAMERA = Camera(512, 384, 1000.0, 1000.0, 255.5, 191.5, (-0.15, 0.0, 0.0, 0.0, 0.0))
+RATE_HZ, FRAMES = 5.0, 60
+MOTION = motion_from_options(MotionOptions(motion='constant_rate', rate_deg_s=(0.02, 0.05, 0.01)))
+
+
+@pytest.fixture(scope='module')
+def video(tmp_path_factory):
+    path = tmp_path_factory.mktemp('video') / 'sky.mkv'
+    simulator = SkySimulator(
+        CAMERA, MOTION, load_catalog().brighter_than(6.5), time.time() / 31557600 + 1970,
+        detector_options=DetectorOptions(bit_depth=16), frame_rate_hz=RATE_HZ, seed=2)
+    out = cv2.VideoWriter(
+        str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*'FFV1'), RATE_HZ,
+        (CAMERA.width, CAMERA.height),
+        [cv2.VIDEOWRITER_PROP_IS_COLOR, 0, cv2.VIDEOWRITER_PROP_DEPTH, cv2.CV_16U])
+    for index in range(FRAMES):
+        out.write(simulator.frame(index / RATE_HZ).image)
+    out.release()
+    return path
+
+
+class Browser(Thread):
+    """Reads the page again and again."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.url, self.states, self.picture, self.page = '', [], b'', b''
+
+    def run(self):
+        while True:
+            time.sleep(0.2)
+            try:
+                self.states.append(json.loads(urlopen(self.url + 'state.json', timeout=5).read()))
+                self.picture = urlopen(self.url + 'sky.jpg').read()
+                self.page = urlopen(self.url).read()
+            except (OSError, ValueError):
+                continue
+
+
+@pytest.fixture(scope='module')
+def ran(video, tmp_path_factory):
+    folder, browser = tmp_path_factory.mktemp('live'), Browser()
+    with pytest.MonkeyPatch.context() as patch:
+        class Page(live_module.SkyPage):
+
+            def __enter__(self):
+                browser.url = self.url
+                browser.start()
+                return super().__enter__()
+        patch.setattr(live_module, 'SkyPage', Page)
+        result = run_live(folder, CaptureOptions(device=str(video)), fov_deg=30.0, record=True,
+                          seconds=180.0)
+    return folder, result, browser
+
+
+def test_the_lens_is_learnt_and_the_attitude_that_of_the_sky(ran):
+    folder, result, _ = ran
+    camera = load_camera(folder / 'camera.yaml')
+    assert camera.fx == pytest.approx(1000.0, rel=0.005)
+    assert camera.distortion[0] == pytest.approx(-0.15, abs=0.03)
+    row, = result.rows
+    assert row['frames'] >= FRAMES - 5 and row['frames_tracking'] >= 5
+    stamped = list(read_stamped(next(folder.glob('bag_*')), ('/image_raw', '/attitude')))
+    images_ns = sorted(stamp_ns for record, stamp_ns, _ in stamped
+                       if record.topic == '/image_raw')
+    steps = np.diff(images_ns) * 1e-9 * RATE_HZ
+    # A busy machine may have dropped one.
+    assert steps.min() > 0.99 and np.abs(steps - np.round(steps)).max() < 0.01
+    # Recording begins a little after the first image: the last one is the last of the video.
+    begin_ns = images_ns[-1] - round((FRAMES - 1) / RATE_HZ * 1e9)
+    errors = []
+    for record, _, message in stamped:
+        if record.topic == '/attitude':
+            time_s = (ns_from_stamp(message.header.stamp) - begin_ns) * 1e-9
+            errors.append(attitude_error(quaternion_from_message(message),
+                                         MOTION.at(time_s).q_icrf_from_sensor) / ARCSEC)
+    assert len(errors) >= 5
+    # A pixel is 206 arcsec; the attitudes are corrected for aberration.
+    assert np.abs(errors)[:, :2].max() < 100 and np.abs(errors)[:, 2].max() < 400
+
+
+def test_the_page_shows_state_and_sky_while_it_runs(ran):
+    folder, _, browser = ran
+    states = [state.get('state', '') for state in browser.states]
+    assert any(state.startswith('TRACKING') for state in states), states
+    tracking = next(state for state in browser.states if state['state'].startswith('TRACKING')
+                    and 'nan' not in state['right ascension'])
+    assert abs(float(tracking['declination'].split()[0])) < 1
+    assert b'<img' in browser.page
+    for content in (browser.picture, (folder / 'sky.jpg').read_bytes()):
+        picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+        assert picture.shape == (384, 512, 3)
+        # Marks are coloured.
+        assert (np.ptp(picture.astype(int), axis=2) > 60).sum() > 200
+
+
+def test_what_gives_no_images_is_named(tmp_path):
+    with pytest.raises(HarnessError, match='nothing.mkv: no such file'):
+        run_live(tmp_path, CaptureOptions(device=str(tmp_path / 'nothing.mkv')))
+    cv2.imwrite(str(tmp_path / 'black.png'), np.zeros((64, 64), np.uint8))
+    with pytest.raises(HarnessError, match='no image is solved'):
+        run_live(tmp_path, CaptureOptions(device=str(tmp_path / '*.png')), fov_deg=20.0)
