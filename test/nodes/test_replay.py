@@ -11,7 +11,7 @@ from startracker_ros.executables import STAGES
 from startracker_ros.ros.messages.message_types import message_class
 
 BAGS = Path(__file__).parents[2] / 'bags'
-# As replay.launch.py starts the player and the extractor.
+# As replay.launch.py starts the player, the stages and their manager.
 INPUTS = ('image_raw', 'camera_info', 'imu', 'odometry')
 # On a busy machine a subscriber may find a topic long after the player has found the subscriber.
 PLAYER = {'topics': [f'*/{topic}' for topic in INPUTS], 'wait_for_camera_users': len(STAGES),
@@ -37,13 +37,15 @@ def test_every_frame_is_answered(nodes, probe, name, composed):
     # The player first: the nodes load their code while it waits.
     player = nodes.start('bag_player', {'path': str(bag), **PLAYER}, REMAPPINGS,
                          namespace=namespace)
+    managed = {'autostart': False}
     depth = {f'qos_overrides./{namespace}/image_raw.subscription.depth': 10}
     if composed:
-        nodes.start('composed_pipeline', depth, namespace=namespace)
+        nodes.start('composed_pipeline', managed | depth, namespace=namespace)
     else:
         for stage in STAGES:
-            nodes.start(stage, depth if stage == 'centroid_extractor' else {},
+            nodes.start(stage, managed | (depth if stage == 'centroid_extractor' else {}),
                         namespace=namespace)
+    nodes.start('pipeline_manager', namespace=namespace)
     frames_ns = recorded_ns(bag, '/image_raw')
     probe.wait(lambda: player.poll() is not None, 'the end of the bag', timeout_s=600)
     answered = probe.received[f'{namespace}/attitude_imu']
