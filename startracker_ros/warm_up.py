@@ -6,8 +6,8 @@ build does for the install.
 """
 
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 import hashlib
+from multiprocessing import get_context
 import os
 from pathlib import Path
 import sys
