@@ -150,6 +150,8 @@ class ClosedLoopDemo(Demo):
         self.probe.spin_for(0.5)
 
     def _is_connected(self) -> bool:
+        # The nodes learn the epoch of the sky with the camera.
+        self._clock.publish(Clock(clock=stamp_from_ns(START_NS)))
         self._release_when_connected()
         return self._connected
 
