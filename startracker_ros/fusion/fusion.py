@@ -250,7 +250,7 @@ class AttitudeFusion:
         oldest_ns = self._history[-1].state.stamp_ns - round(self._options.horizon_s * 1e9)
         while len(self._history) > 1 and self._history[1].state.stamp_ns <= oldest_ns:
             del self._history[0]
-        self.mounts.set(self._history[-1].state)
+        self.mounts.follow(self._history[-1].state)
         self._untested, self.trouble = 0, ''
         self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
         if not self._manoeuvre_frames:
@@ -337,7 +337,7 @@ class AttitudeFusion:
             self.motion.gyro_trouble = 'the heads agree with each other and not with imu'
         self._drop('')
         self._history = entries
-        self.mounts.set(entries[-1].state)
+        self.mounts.follow(entries[-1].state)
         self._factor, self._manoeuvre_frames = entries[-1].factor, MANOEUVRE_FRAMES
         for entry in entries:
             if entry.head.state is not HeadState.USED:

@@ -26,7 +26,7 @@ class MountBank:
             own = own_coefficients(head)
             self.covariance[own, own] = covariance
 
-    def set(self, state: FusedState) -> None:
+    def follow(self, state: FusedState) -> None:
         """Use the mounts of a state."""
         self.coefficients, self.covariance = state.coefficients, state.covariance[BODY:, BODY:]
 

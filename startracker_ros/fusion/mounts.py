@@ -166,5 +166,3 @@ def _entry(mount: Mount) -> dict[str, object]:
     if math.isfinite(mount.temperature_c):
         entry['temperature_c'] = mount.temperature_c
     return entry
-
-

@@ -18,13 +18,14 @@ class HeadsOptions(Options):
         'frame_attitude', 'attitude of each head: frame_attitude, whose frames are independent, '
         'or one that its tracker has filtered, with correlation_s',
         choices=('frame_attitude', 'attitude_imu', 'tracked_attitude'), read_only=True)
-    mounts_file: str = option('', 'YAML file with the mounts of the heads')
+    mounts_file: str = option(
+        '', 'YAML file with the mounts of the heads; only one head needs none', read_only=True)
     output_file: str = option(
         'mounts.yaml', 'file that ~/save_mounts writes, to be used as mounts_file',
         read_only=True)
     imu_quaternion: tuple[float, ...] = option(
         NO_ROTATION, 'rotation body from imu in the order x, y, z, w: v_body = R(q) v_imu',
-        low=-1.0, high=1.0)
+        low=-1.0, high=1.0, read_only=True)
 
 
 @dataclass(frozen=True)

@@ -80,13 +80,13 @@ class FusedState(NamedTuple):
         turn = self.rate * dt_s
         F = np.eye(BODY)
         F[:3, :3] = matrix_from_rotation_vector(-turn)
-        F[[0, 1, 2], [3, 4, 5]] = dt_s
+        F.ravel()[_block(0, 1)] = dt_s
         Q = np.zeros((BODY, BODY))
-        for axis in range(3):
-            Q[axis, axis] = density * dt_s ** 3 / 3
-            Q[axis, 3 + axis] = Q[3 + axis, axis] = density * dt_s ** 2 / 2
-            Q[3 + axis, 3 + axis] = density * dt_s
-            Q[6 + axis, 6 + axis] = drift_density * dt_s
+        flat = Q.ravel()
+        flat[_block(0, 0)] = density * dt_s ** 3 / 3
+        flat[_block(0, 1)] = flat[_block(1, 0)] = density * dt_s ** 2 / 2
+        flat[_block(1, 1)] = density * dt_s
+        flat[_block(2, 2)] = drift_density * dt_s
         return self._replace(
             stamp_ns=to_ns, quaternion=turned(self.quaternion, turn),
             covariance=_propagated(self.covariance, F, Q, walk * dt_s))
@@ -122,17 +122,16 @@ class FusedState(NamedTuple):
         """Return the state propagated over dt_s, with attitude error' = -drift error - noise."""
         F = np.eye(BODY)
         F[:3, :3] = matrix_from_rotation_vector(-turn)
-        F[[0, 1, 2], [6, 7, 8]] = -dt_s
-        F[[3, 4, 5], [3, 4, 5]] = 0.0
-        F[[3, 4, 5], [6, 7, 8]] = -1.0
+        flat = F.ravel()
+        flat[_block(0, 2)], flat[_block(1, 1)], flat[_block(1, 2)] = -dt_s, 0.0, -1.0
         Q = np.zeros((BODY, BODY))
-        for axis in range(3):
-            Q[axis, axis] = noise_density * dt_s + drift_density * dt_s ** 3 / 3 + variance
-            # The noise of the last rate is a part of that of the turn.
-            Q[axis, 3 + axis] = Q[3 + axis, axis] = noise_density
-            Q[3 + axis, 3 + axis] = noise_density / step.dt_s
-            Q[axis, 6 + axis] = Q[6 + axis, axis] = -drift_density * dt_s ** 2 / 2
-            Q[6 + axis, 6 + axis] = drift_density * dt_s
+        flat = Q.ravel()
+        flat[_block(0, 0)] = noise_density * dt_s + drift_density * dt_s ** 3 / 3 + variance
+        # The noise of the last rate is a part of that of the turn.
+        flat[_block(0, 1)] = flat[_block(1, 0)] = noise_density
+        flat[_block(1, 1)] = noise_density / step.dt_s
+        flat[_block(0, 2)] = flat[_block(2, 0)] = -drift_density * dt_s ** 2 / 2
+        flat[_block(2, 2)] = drift_density * dt_s
         return self._replace(
             stamp_ns=step.until_ns, quaternion=quaternion, rate=step.rate_rad_s - self.drift,
             covariance=_propagated(self.covariance, F, Q, walk * dt_s))
@@ -160,6 +159,12 @@ class FusedState(NamedTuple):
             quaternion=turned(self.quaternion, change[:3]), rate=self.rate + change[3:6],
             drift=self.drift + change[6:BODY], coefficients=self.coefficients + change[BODY:],
             covariance=(after + after.T) / 2)
+
+
+def _block(row: int, column: int) -> slice:
+    """Return the diagonal of a block (3, 3) of a matrix (9, 9), in its elements one by one."""
+    first = BODY * 3 * row + 3 * column
+    return slice(first, first + 2 * (BODY + 1) + 1, BODY + 1)
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -39,7 +39,7 @@ class _Block:
         self.squares += offset_rad * offset_rad
 
     def mean(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean (3,) and its variance (3,) by the scatter of the frames."""
+        """Return the average (3,) and its variance (3,) by the scatter of the frames."""
         mean = self.total / self.count
         scatter = (self.squares - self.count * mean * mean) / (self.count - 1)
         return mean, np.maximum(scatter, (0.01 * ARCSEC) ** 2) / self.count

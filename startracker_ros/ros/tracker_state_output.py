@@ -36,14 +36,15 @@ class TrackerStateOutput:
             self._blinding = self._forecast(tracker, stamp_ns)
         diagnostics = self._node.diagnostics
         level = OK if tracker.state is TrackerState.TRACKING else WARN
-        values: dict[str, object] = {'stars_matched': tracker.stars_matched,
-                  'residual_px': f'{tracker.residual_px:.3f}',
-                  'frames_since_fix': tracker.frames_since_fix,
-                  'checks_passed': tracker.checks_passed,
-                  'late_frames': tracker.late_frames,
-                  'rejected_centroids': tracker.rejected_centroids,
-                  'gyro': tracker.gyro_condition,
-                  'reason': tracker.contradiction or tracker.reason}
+        values: dict[str, object] = {
+            'stars_matched': tracker.stars_matched,
+            'residual_px': f'{tracker.residual_px:.3f}',
+            'frames_since_fix': tracker.frames_since_fix,
+            'checks_passed': tracker.checks_passed,
+            'late_frames': tracker.late_frames,
+            'rejected_centroids': tracker.rejected_centroids,
+            'gyro': tracker.gyro_condition,
+            'reason': tracker.contradiction or tracker.reason}
         values.update(self._blinding)
         self._publisher.publish(status_message(
             'star_tracker: state', self._node.hardware_id, level, tracker.state.value, values))

@@ -22,8 +22,8 @@ def learn(scene, options, seed=6):
 
 def test_an_orbit_of_bending_is_learnt_and_lasts_in_the_file(tmp_path):
     period_s = 100.0
-    scene = Scene(2 * period_s, period_s=1.0, orbit_s=period_s, bend_arcsec=6.4)
-    options = MountOptions(mount_sigma_arcsec=3.0, mount_orbit_arcsec=6.0,
+    scene = Scene(2 * period_s, period_s=1.0, orbit_s=period_s, bend_arcsec=20.0)
+    options = MountOptions(mount_sigma_arcsec=3.0, mount_orbit_arcsec=20.0,
                            orbit_period_s=period_s, mount_walk_arcsec_sqrt_h=0.1)
     fusion, outcomes = learn(scene, options)
     stamp_ns, truth = outcomes[-1].fused.stamp_ns, outcomes[-1].misalignment
@@ -34,7 +34,7 @@ def test_an_orbit_of_bending_is_learnt_and_lasts_in_the_file(tmp_path):
         found, covariance = fusion.mounts.misalignment(name, stamp_ns)
         error = found - truth[head]
         if head:
-            assert 0.05 * ARCSEC < np.sqrt(np.diag(covariance)).max() < 2 * ARCSEC
+            assert 0.05 * ARCSEC < np.sqrt(np.diag(covariance)).max() < 4 * ARCSEC
             assert error @ np.linalg.solve(covariance, error) < 20
             assert np.linalg.norm(truth[head]) > 3 * np.linalg.norm(error)
         q, again = reloaded.mounts.at(name, stamp_ns)

@@ -101,9 +101,8 @@ class StarTrackerNode(CameraNode):
             None if self._target.wanted else self._tracker.predicted, header))
         self._state.publish(self._tracker, ns_from_stamp(header.stamp))
         self._observer.report(ns_from_stamp(header.stamp))
-        if self._tracker.attitude is not None:
-            self._target.update(self._target_tracker, self._tracker.attitude.attitude, centroids,
-                                camera, header)
+        if (tracked := self._tracker.attitude) is not None:
+            self._target.update(self._target_tracker, tracked.attitude, centroids, camera, header)
         self._tracker.acquire_new_stars()
 
     def _on_stars(self, message: PointCloud2) -> None:
