@@ -108,6 +108,7 @@ def test_two_heads_give_the_attitude_of_the_body_and_faults_are_named(body, prob
         Temperature(temperature=float('nan')))
     probe.wait_diagnostic('nan degC is no temperature')
     # Frames of a head that come 2 s late.
+
     def late():
         body.run(1, heads=(0,))
         body.send(1, later_s=-2.0)
