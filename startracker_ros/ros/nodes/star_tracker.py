@@ -12,6 +12,7 @@ from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
+from startracker_ros.pipeline.cloud_rows import centroids_from_rows
 from startracker_ros.pipeline.tracking import make_star_tracker, make_trackers
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
@@ -19,7 +20,7 @@ from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, hint_from_imu, tracked_attitude_to_imu)
 from startracker_ros.ros.messages.clouds import (
-    centroids_from_message, centroids_from_rows, predictions_to_message, tracks_to_message)
+    centroids_from_message, predictions_to_message, tracks_to_message)
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.odometry_input import OdometryInput
 from startracker_ros.ros.target_output import TargetOutput
