@@ -51,7 +51,6 @@ class PointField(NamedTuple):
     name: str
     offset: int
     datatype: int
-    count: int
 
 
 class Rates(NamedTuple):
@@ -114,8 +113,8 @@ def point_cloud(stamp_ns: int, frame_id: str, rows: np.ndarray) -> bytes:
 
 @lru_cache(maxsize=16)
 def _fields(dtype: np.dtype) -> bytes:
-    """Return the array of PointField of a dtype, and is_bigendian; it starts at a multiple of 4."""
-    body, fields = _Body(), dtype.fields or {}
+    """Return the array of PointField of a dtype, and is_bigendian, from a multiple of 4 on."""
+    body, fields = _Body(), dict(dtype.fields or {})
     body.uints(len(fields))
     for name, (kind, offset, *_) in fields.items():
         body.text(name).uints(offset).raw(bytes([POINT_FIELD_TYPES[kind.str[1:]]])).uints(1)
@@ -232,7 +231,7 @@ def _layout(cdr: bytes, begin: int) -> _Layout:
         at = _aligned(at + 4 + size, 4)
         offset, datatype = struct.unpack_from('<IB', cdr, at)
         at = _aligned(at + 5, 4)
-        fields.append(PointField(name, offset, datatype, _UINT.unpack_from(cdr, at)[0]))
+        fields.append(PointField(name, offset, datatype))
         at += 4
     layout = _Layout(cdr[begin:at + 1], tuple(fields), bool(cdr[at]))
     if len(_layouts) < _MOST_LAYOUTS:
