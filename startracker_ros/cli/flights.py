@@ -1,4 +1,4 @@
-"""Commands about long flights: simulate, reprocess."""
+"""Commands about long flights: simulate, reprocess, compare, trend."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -68,13 +68,15 @@ def simulate(output: Path, settings: tuple[str, ...], listed: bool, workers: int
 @click.option('--bag-topic', 'patterns', multiple=True, default=('*',), show_default=True,
               metavar='PATTERN', help='Topics of the bags that are written.')
 @click.option('--no-bags', is_flag=True, help='Write tables only.')
+@click.option('--smooth', is_flag=True,
+              help='Add a table of smoothed attitudes, rates and gyro biases.')
 @workers_option
 @scheduler_option
 @json_option
 def reprocess(bags: tuple[str, ...], output: Path, source: str | None, files: tuple[Path, ...],
               settings: tuple[str, ...], segment_s: float, overlap_s: float,
-              patterns: tuple[str, ...], no_bags: bool, workers: int | None, scheduler: str,
-              as_json: bool) -> None:
+              patterns: tuple[str, ...], no_bags: bool, smooth: bool, workers: int | None,
+              scheduler: str, as_json: bool) -> None:
     """
     Run the pipeline over recorded BAGs again: folders, patterns, or text files that list them.
 
@@ -95,6 +97,37 @@ def reprocess(bags: tuple[str, ...], output: Path, source: str | None, files: tu
     for name in unused:
         click.echo(f'startracker: {name} has no effect here', err=True)
     with exit_1_on(BagError, output=output):
-        result = run(Request(bags, output, source or '', segments, topics, sets),
+        result = run(Request(bags, output, source or '', segments, topics, smooth, sets),
                      workers=_workers(workers), scheduler=scheduler)
+    print_result(result, as_json)
+
+
+@click.command()
+@click.argument('out_a', type=click.Path(path_type=Path))
+@click.argument('out_b', type=click.Path(path_type=Path))
+@click.option('--picture', type=click.Path(path_type=Path, dir_okay=False),
+              help='Draw the differences into this PNG file.')
+@json_option
+def compare(out_a: Path, out_b: Path, picture: Path | None, as_json: bool) -> None:
+    """Compare two runs of reprocess: attitudes, availability, first divergent frame."""
+    from startracker_ros.bag.errors import BagError
+    from startracker_ros.reprocess.compare import compare as compare_runs
+    with exit_1_on(BagError, output=picture):
+        result = compare_runs(out_a, out_b, picture)
+    print_result(result, as_json)
+
+
+@click.command()
+@click.argument('out', type=click.Path(path_type=Path))
+@click.option('-o', '--output', type=click.Path(path_type=Path, dir_okay=False),
+              default='trend.html', show_default=True, help='Page to write.')
+@click.option('--orbit-s', type=click.FloatRange(60), default=5801.0, show_default=True,
+              help='Period of what changes with the heat of each orbit.')
+@json_option
+def trend(out: Path, output: Path, orbit_s: float, as_json: bool) -> None:
+    """Find drifts and steps in a run of reprocess: focal length, mounts, zero point, stars."""
+    from startracker_ros.bag.errors import BagError
+    from startracker_ros.trend.trend import trend as find_trend
+    with exit_1_on(BagError, output=output):
+        result = find_trend(out, output, orbit_s)
     print_result(result, as_json)

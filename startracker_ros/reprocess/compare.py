@@ -84,7 +84,7 @@ def _compare(a: Run, b: Run, tracker: str) -> tuple[CompareRow, np.ndarray, np.n
         100 * float(in_b.mean()), int((in_a & ~in_b).sum()), int((in_b & ~in_a).sum()),
         int(same.sum()), _rms(difference[:, :2]), _rms(difference[:, 2]),
         float(np.abs(difference).max()) if len(difference) else None,
-        *(_rms(error[both][:, :2]) for error in errors),
+        _rms(errors[0][both][:, :2]), _rms(errors[1][both][:, :2]),
         utc(int(stamps[divergent[0]]), digits=9) if len(divergent) else ''
         ), stamps[both], difference
 

@@ -38,7 +38,8 @@ class Segment:
     """
     One star tracker over one time of a bag: the piece of work of a worker.
 
-    Messages recorded from begin_ns to end_ns count, those from start_ns on are processed.
+    Messages recorded from begin_ns to end_ns count, those from start_ns on are processed, and
+    with smoothing those to stop_ns.
     camera is that of the last camera_info before start_ns, if any.
     """
 
@@ -50,7 +51,12 @@ class Segment:
     start_ns: int
     begin_ns: int
     end_ns: int
+    stop_ns: int
     identity: str
+
+    def holds(self, log_time_ns: int) -> bool:
+        """Return whether the results of a message are those of this segment."""
+        return self.begin_ns <= log_time_ns < self.end_ns
 
     @property
     def tracker(self) -> str:
@@ -200,7 +206,7 @@ def _segments(bag: Path, name: str, namespace: str, source: str,
         before = [camera for log_ns, camera in cameras if log_ns < start_ns]
         segments.append(Segment(
             bag, name, namespace, source, before[-1] if before else cameras[0][1], start_ns,
-            begin_ns, begin_ns + length_ns, identity))
+            begin_ns, begin_ns + length_ns, begin_ns + length_ns + overlap_ns, identity))
     return segments
 
 

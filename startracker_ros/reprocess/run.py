@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.progress import (
     BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn)
 from startracker_ros.bag.errors import BagError
@@ -32,12 +33,18 @@ class Request:
     source: str
     segments: SegmentOptions
     bag_topics: frozenset[str]
+    smooth: bool
     sets: Sequence[ParameterSet]
 
 
 @dataclass(frozen=True)
 class RunRow:
-    """A row of the summary: one star tracker of one bag with one set of parameters."""
+    """
+    A row of the summary: one star tracker of one bag with one set of parameters.
+
+    cross_rms_arcsec is the error across the boresight on each axis, nees its normalised square, 3
+    when the covariance is true; None without truth.
+    """
 
     parameters: str
     bag: str
@@ -47,6 +54,10 @@ class RunRow:
     frames: int
     with_attitude_percent: float
     problems: int
+    cross_rms_arcsec: float | None
+    nees: float | None
+    smoothed_rms_arcsec: float | None
+    smoothed_nees: float | None
 
 
 def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
@@ -106,9 +117,10 @@ class _Run:
                  segments: Sequence[Segment]) -> None:
         self.parameters = parameters
         self.folder = (request.folder / parameters.name).resolve()
-        self.outputs = Outputs(self.folder, request.bag_topics)
+        self.outputs = Outputs(self.folder, request.bag_topics, request.smooth)
         self.segments = segments
-        settings = {'options': asdict(parameters.options), 'topics': sorted(request.bag_topics)}
+        settings = {'options': asdict(parameters.options), 'topics': sorted(request.bag_topics),
+                    'smooth': request.smooth}
         self.digests = {segment.key: segment.digest(settings) for segment in segments}
         self.records: dict[str, SegmentRecord] = {}
         self.reused: set[str] = set()
@@ -164,7 +176,9 @@ class _Run:
                 sum(segment.key in self.reused for segment in segments), frames,
                 100 * attitudes / frames if frames else 0.0,
                 sum(problem.bag == name and problem.begin_ns in keys
-                    and problem.tracker == segments[0].namespace for problem in self.problems)))
+                    and problem.tracker == segments[0].namespace for problem in self.problems),
+                *_means([record.accuracy for record in records]),
+                *_means([record.smoothed for record in records])))
         return rows
 
 
@@ -186,6 +200,12 @@ def _process(client: Any, runs: Sequence[_Run]) -> None:
                 frames['all'] += record.frames
             elapsed_s = progress.tasks[0].elapsed or 1e-9
             progress.update(shown, advance=1, rate=f'{frames["all"] / elapsed_s:.0f} frames/s')
+
+
+def _means(parts: Sequence[tuple[int, float, float]]) -> tuple[float | None, float | None]:
+    """Return rms on each axis and mean NEES of sums, None of no frames."""
+    count, squares, nees = np.sum(parts, axis=0) if parts else (0, 0.0, 0.0)
+    return (float(np.sqrt(squares / 2 / count)), float(nees / count)) if count else (None, None)
 
 
 def _text(error: Exception) -> str:

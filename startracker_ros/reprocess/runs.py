@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from startracker_ros.bag.errors import BagError
 from startracker_ros.reprocess.run import SUMMARY
-from startracker_ros.reprocess.tables import read_table
+from startracker_ros.reprocess.tables import days_of, read_table
 
 
 @dataclass(frozen=True)
@@ -17,9 +17,15 @@ class Run:
     folder: Path
     trackers: tuple[str, ...]
 
-    def table(self, name: str, tracker: str, columns: list[str]) -> dict[str, np.ndarray]:
+    @property
+    def days(self) -> list[str]:
+        """The days with frames."""
+        return days_of(self.folder / 'tables', 'frames')
+
+    def table(self, name: str, tracker: str, columns: list[str], day: str = '*'
+              ) -> dict[str, np.ndarray]:
         """Return columns of a table in the order of the stamps; unknown values are NaN."""
-        return read_table(self.folder / 'tables', name, tracker, columns)
+        return read_table(self.folder / 'tables', name, tracker, columns, day)
 
     def vectors(self, table: dict[str, np.ndarray], pattern: str, names: str = 'xyz'
                 ) -> np.ndarray:

@@ -4,7 +4,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from startracker_ros.astro.epoch import epoch_year_from_stamp, RESTART_NS
@@ -20,9 +20,10 @@ from startracker_ros.camera.model import CameraError
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.pipeline.cloud_rows import centroids_from_rows
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineFrame, PipelineOptions
-from startracker_ros.reprocess.frame_fit import fit_frame, matched
+from startracker_ros.reprocess.frame_fit import fit_frame, FrameFit, matched
 from startracker_ros.reprocess.output import INERTIAL, SegmentBag
 from startracker_ros.reprocess.plan import full_name, IMAGE, Segment
+from startracker_ros.reprocess.smoothing import Smoothing
 from startracker_ros.reprocess.tables import SegmentTables
 
 _EPOCH_STEPS = 20
@@ -47,13 +48,21 @@ class Tally:
     problems: Counter[str] = field(default_factory=Counter)
 
 
+class _FittedStars(NamedTuple):
+    """The fit of a frame, the catalogue entries (N,) of its stars and their flux (N,)."""
+
+    fit: FrameFit
+    star_index: np.ndarray
+    flux: np.ndarray
+
+
 class SegmentRun:
     """Reads the messages of a segment; results go to bag and tables."""
 
     def __init__(self, segment: Segment, options: PipelineOptions, bag: SegmentBag | None,
-                 tables: SegmentTables) -> None:
+                 tables: SegmentTables, smoothing: Smoothing | None = None) -> None:
         self._segment, self._options = segment, options
-        self._bag, self._tables = bag, tables
+        self._bag, self._tables, self._smoothing = bag, tables, smoothing
         self._camera = segment.camera
         self._cameras = 0
         self._pipeline: Pipeline | None = None
@@ -72,12 +81,13 @@ class SegmentRun:
         segment, begin_s = self._segment, time.process_time()
         for message in read_messages(
                 segment.bag, topics=tuple(self._handlers), start_ns=segment.start_ns,
-                end_ns=segment.end_ns, tolerant=True, report=self._on_damage):
+                end_ns=segment.end_ns if self._smoothing is None else segment.stop_ns,
+                tolerant=True, report=self._on_damage):
             self.tally.read_bytes += len(message.data)
             try:
                 self._handlers[message.topic](message)
             except (MessageError, CameraError, MotionError, _DecodeError) as error:
-                if message.log_time_ns >= segment.begin_ns:
+                if segment.holds(message.log_time_ns):
                     self.tally.problems[f'{message.topic}: {error}'] += 1
         self.tally.cpu_s = time.process_time() - begin_s
         return self.tally
@@ -103,6 +113,8 @@ class SegmentRun:
                                f'{self._frame_id!r}')
         if self._pipeline is not None:
             self._pipeline.add_rate(rates.header.stamp_ns, rates.rate_rad_s)
+        if self._smoothing is not None:
+            self._smoothing.add_rate(rates.header.stamp_ns, rates.rate_rad_s)
 
     def _on_odometry(self, message: BagMessage) -> None:
         decoded = _decoded(message)
@@ -140,36 +152,50 @@ class SegmentRun:
                 stamp_ns, content, pipeline.tracker.predicted)
             content = extraction.centroids, pipeline.extraction.directed
         frame = pipeline.update(stamp_ns, *content)
-        if message.log_time_ns >= self._segment.begin_ns:
-            self._record(stamp_ns, content[0], frame, pipeline)
+        holds, truth = self._segment.holds(message.log_time_ns), self._truth.pop(stamp_ns, None)
+        stars = self._fit(content[0], frame, pipeline) if holds or self._smoothing else None
+        if holds:
+            self._record(stamp_ns, content[0], frame, pipeline, truth, stars)
+        if self._smoothing is not None:
+            attitude = frame.trusted.attitude
+            self._smoothing.add(stamp_ns, None if attitude is None else attitude.quaternion,
+                                None if stars is None else stars.fit, truth,
+                                uses_gyro=pipeline.tracker.gyro_condition == 'used',
+                                wanted=holds)
         pipeline.tracker.acquire_new_stars()
 
     def _record(self, stamp_ns: int, centroids: Centroids, frame: PipelineFrame,
-                pipeline: Pipeline) -> None:
+                pipeline: Pipeline, truth: np.ndarray | None, stars: _FittedStars | None) -> None:
         """Add the results of a frame to bag and tables."""
         assert self._camera is not None, 'a pipeline has a camera'
         self.tally.frames += 1
+        self.tally.attitudes += frame.trusted.attitude is not None
         if frame.identification is not None and frame.identification.status == 'time_limit':
             self.tally.problems['an identification reached time_limit_s: that frame may differ '
                                 'on another machine'] += 1
         if self._bag is not None:
             self._bag.write(stamp_ns, self._frame_id, self._camera, centroids,
                             self._segment.source != 'centroids', frame, pipeline)
-        self._tables.add(stamp_ns, frame, pipeline.tracker.residual_px,
-                         self._truth.pop(stamp_ns, None))
-        if frame.trusted.attitude is None:
-            return
-        self.tally.attitudes += 1
+        self._tables.add(stamp_ns, frame, pipeline.tracker.residual_px, truth)
+        if stars is not None:
+            self._tables.add_fit(stamp_ns, stars.fit, pipeline.attitude.sky.onboard,
+                                 stars.star_index, stars.flux)
+
+    def _fit(self, centroids: Centroids, frame: PipelineFrame, pipeline: Pipeline
+             ) -> _FittedStars | None:
+        """Return the fit of the stars of a frame alone, None without an attitude."""
+        attitude = frame.trusted.attitude
+        if attitude is None or self._camera is None:
+            return None
         tracks, sky = frame.tracks, pipeline.attitude.sky
         used = np.flatnonzero(tracks.usable)
         seen = matched(tracks.uv[used], tracks.position_sigma_px[used], centroids.uv,
                        centroids.sigma_px)
         used, seen = used[seen >= 0], seen[seen >= 0]
         star_index = sky.onboard.index_of(tracks.hip[used])
-        fit = fit_frame(self._camera, frame.trusted.attitude.quaternion,
-                        sky.direction(star_index), centroids.uv[seen], centroids.sigma_px[seen])
-        if fit is not None:
-            self._tables.add_fit(stamp_ns, fit, sky.onboard, star_index, centroids.flux[seen])
+        fit = fit_frame(self._camera, attitude.quaternion, sky.direction(star_index),
+                        centroids.uv[seen], centroids.sigma_px[seen])
+        return None if fit is None else _FittedStars(fit, star_index, centroids.flux[seen])
 
     def _pipeline_at(self, stamp_ns: int) -> Pipeline:
         """Return the pipeline, a new one after another camera came or time went back."""

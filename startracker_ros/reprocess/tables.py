@@ -1,8 +1,7 @@
 """Tables of a run: what a segment collects, and Parquet files by day and tracker."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from startracker_ros.catalog.onboard import OnboardCatalog
@@ -13,7 +12,7 @@ from startracker_ros.reprocess.frame_fit import FrameFit
 
 STATES = ('LOST', 'ACQUIRING', 'TRACKING')
 PAIRS = ('xx', 'xy', 'xz', 'yy', 'yz', 'zz')
-_UPPER = np.triu_indices(3)
+UPPER = np.triu_indices(3)
 LENS_BIN_S = 60.0
 _DAY_NS = 86_400 * 10 ** 9
 
@@ -69,12 +68,12 @@ class SegmentTables:
         attitude = frame.trusted.attitude
         if attitude is not None:
             row['stars'] = attitude.stars
-            _fill(row, 'q_{}', 'xyzw', attitude.quaternion)
-            _fill(row, 'cov_{}_rad2', PAIRS, attitude.covariance_sensor[_UPPER])
+            fill(row, 'q_{}', 'xyzw', attitude.quaternion)
+            fill(row, 'cov_{}_rad2', PAIRS, attitude.covariance_sensor[UPPER])
             if frame.tracked is not None:
-                _fill(row, 'rate_{}_rad_s', 'xyz', frame.tracked.rate_rad_s)
+                fill(row, 'rate_{}_rad_s', 'xyz', frame.tracked.rate_rad_s)
             if truth is not None:
-                _fill(row, 'error_{}_arcsec', 'xyz',
+                fill(row, 'error_{}_arcsec', 'xyz',
                       attitude_error(attitude.quaternion, truth) / ARCSEC)
         self._frames.append(row)
 
@@ -82,8 +81,8 @@ class SegmentTables:
                 star_index: np.ndarray, flux: np.ndarray) -> None:
         """Add the fit of the last frame: star_index and flux (N,) of its stars."""
         row = self._frames[-1]
-        _fill(row, 'single_{}_arcsec', 'xyz', fit.turn_rad / ARCSEC)
-        _fill(row, 'single_cov_{}_arcsec2', PAIRS, fit.covariance[_UPPER] / ARCSEC ** 2)
+        fill(row, 'single_{}_arcsec', 'xyz', fit.turn_rad / ARCSEC)
+        fill(row, 'single_cov_{}_arcsec2', PAIRS, fit.covariance[UPPER] / ARCSEC ** 2)
         magnitude = onboard.magnitude[star_index]
         with np.errstate(invalid='ignore', divide='ignore'):
             zero = magnitude + 2.5 * np.log10(flux)
@@ -122,7 +121,8 @@ class SegmentTables:
         return rows
 
 
-def _fill(row: np.ndarray, pattern: str, names: Any, values: np.ndarray) -> None:
+def fill(row: np.ndarray, pattern: str, names: Sequence[str], values: np.ndarray) -> None:
+    """Set columns, by a pattern of their names, to values (K,) or (K, N)."""
     for name, value in zip(names, values):
         row[pattern.format(name)] = value
 
@@ -149,12 +149,29 @@ def _write(rows: np.ndarray, path: Path) -> None:
     pyarrow.parquet.write_table(pyarrow.table(columns), path, compression='zstd')
 
 
-def read_table(folder: Path, table: str, tracker: str, columns: list[str]
+def accuracy(rows: np.ndarray) -> tuple[int, float, float]:
+    """Return the frames with truth, the sums of errors^2 across the boresight and of the NEES."""
+    error = np.stack([rows[f'error_{axis}_arcsec'] for axis in 'xyz'], -1).astype(float)
+    known = np.isfinite(error).all(axis=1)
+    covariance = np.empty((np.count_nonzero(known), 3, 3))
+    for pair, i, j in zip(PAIRS, *UPPER):
+        covariance[:, i, j] = covariance[:, j, i] = rows[f'cov_{pair}_rad2'][known]
+    error = error[known]
+    nees = np.einsum('ni,nij,nj->n', error, np.linalg.inv(covariance / ARCSEC ** 2), error)
+    return len(error), float((error[:, :2] ** 2).sum()), float(nees.sum())
+
+
+def days_of(folder: Path, table: str) -> list[str]:
+    """Return the days that a table of a run has, as 2026-01-01."""
+    return sorted(path.name.removeprefix('day=') for path in (folder / table).glob('day=*'))
+
+
+def read_table(folder: Path, table: str, tracker: str, columns: list[str], day: str = '*'
                ) -> dict[str, np.ndarray]:
-    """Return columns of a table of a run, in the order of their stamps; null is NaN."""
+    """Return columns of a table of a run, of a day or all, in the order of their stamps."""
     pyarrow = load_parquet_writer()
     parts: dict[str, list[np.ndarray]] = {name: [] for name in columns}
-    for path in sorted((folder / table).glob(f'day=*/tracker={tracker}/*.parquet')):
+    for path in sorted((folder / table).glob(f'day={day}/tracker={tracker}/*.parquet')):
         read = pyarrow.parquet.ParquetFile(path).read(columns)
         for name in columns:
             parts[name].append(read.column(name).to_numpy())

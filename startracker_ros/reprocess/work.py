@@ -12,7 +12,8 @@ from startracker_ros.pipeline.pipeline import PipelineOptions
 from startracker_ros.reprocess.output import SegmentBag
 from startracker_ros.reprocess.plan import Segment
 from startracker_ros.reprocess.segment import segment_folder, SegmentRun
-from startracker_ros.reprocess.tables import SegmentTables, write_tables
+from startracker_ros.reprocess.smoothing import Smoothing
+from startracker_ros.reprocess.tables import accuracy, SegmentTables, write_tables
 
 RECORDS = '.segments'
 _TRACK_IDS = 1 << 16
@@ -21,10 +22,11 @@ _MAX_TRACK_IDS = 1 << 32
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where a run goes, and what is written: bag topics, none for no bags."""
+    """Where a run goes, and what is written: bag topics, none for no bags, smoothed attitudes."""
 
     folder: Path
     bag_topics: frozenset[str]
+    smooth: bool
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,8 @@ class SegmentRecord:
     """
     What became of a segment: its files with their hashes, its problems with their counts.
 
-    peak_mb is the most memory that the worker had in use up to its end.
+    peak_mb is the most memory that the worker had in use up to its end; accuracy and smoothed
+    are those of tables.accuracy().
     """
 
     key: str
@@ -43,6 +46,8 @@ class SegmentRecord:
     cpu_s: float
     read_bytes: int
     peak_mb: float
+    accuracy: tuple[int, float, float]
+    smoothed: tuple[int, float, float]
     problems: dict[str, int]
 
 
@@ -54,7 +59,7 @@ def process(segment: Segment, options: PipelineOptions, digest: str, outputs: Ou
     OSError where they cannot be written, SegmentError where it cannot be processed.
     """
     folder = outputs.folder
-    tables = SegmentTables()
+    tables, smoothing = SegmentTables(), Smoothing(options) if outputs.smooth else None
     (folder / RECORDS).mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix='.', dir=folder / RECORDS) as name:
         partial = Path(name)
@@ -64,12 +69,14 @@ def process(segment: Segment, options: PipelineOptions, digest: str, outputs: Ou
         bag = SegmentBag(bag_folder, segment.namespace, outputs.bag_topics,
                          first_id % _MAX_TRACK_IDS) if outputs.bag_topics else None
         try:
-            tally = SegmentRun(segment, options, bag, tables).run()
+            tally = SegmentRun(segment, options, bag, tables, smoothing).run()
         finally:
             if bag is not None:
                 bag.close()
-        paths = write_tables(tables.tables(segment.begin_ns), partial / 'tables',
-                             segment.tracker, bag_folder.name)
+        found = tables.tables(segment.begin_ns)
+        if smoothing is not None:
+            found['smoothed'] = smoothing.table()
+        paths = write_tables(found, partial / 'tables', segment.tracker, bag_folder.name)
         moves = {f'tables/{path}': partial / 'tables' / path for path in paths}
         if bag is not None and tally.frames:
             file, = bag_folder.glob('*.mcap')
@@ -82,6 +89,8 @@ def process(segment: Segment, options: PipelineOptions, digest: str, outputs: Ou
     record = SegmentRecord(
         segment.key, digest, files, tally.frames, tally.attitudes, tally.cpu_s, tally.read_bytes,
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        accuracy(found['frames']),
+        accuracy(found['smoothed']) if smoothing is not None else (0, 0.0, 0.0),
         dict(tally.problems))
     path = record_path(folder, segment)
     path.parent.mkdir(parents=True, exist_ok=True)
