@@ -136,8 +136,7 @@ class McapFile:
     @property
     def blocks_ns(self) -> list[tuple[int, int]]:
         """First and last log time of each chunk with messages, by their heads."""
-        return [(block.start_ns, block.end_ns) for block in self._blocks
-                if block.end_ns or not block.is_chunk]
+        return [(b.start_ns, b.end_ns) for b in self._blocks if b.end_ns or not b.is_chunk]
 
     @property
     def is_sound(self) -> bool:
