@@ -31,7 +31,7 @@ def cluster(workers: int, scheduler: str = '') -> Iterator[Any]:
             yield client
         return
     with (LocalCluster(n_workers=workers, threads_per_worker=1, processes=True,
-                       memory_limit=MEMORY_LIMIT, dashboard_address=None,
+                       memory_limit=MEMORY_LIMIT, dashboard_address=':0',
                        silence_logs=logging.CRITICAL) as local, Client(local) as client):
         yield client
 
