@@ -16,7 +16,8 @@ from startracker_ros.reprocess.metadata import write_metadata
 from startracker_ros.reprocess.parameters import ParameterSet
 from startracker_ros.reprocess.plan import (
     bag_names, find_bags, plan_bag, Problem, Segment, SegmentOptions)
-from startracker_ros.reprocess.work import finished, Outputs, process, SegmentRecord
+from startracker_ros.reprocess.work import (
+    finished, Outputs, process, remove_partial, SegmentRecord)
 from startracker_ros.table import Result
 from startracker_ros.workers import cluster, completed
 
@@ -127,7 +128,8 @@ class _Run:
         self.problems: list[Problem] = []
 
     def missing(self) -> list[tuple]:
-        """Return the tasks that an earlier run did not finish."""
+        """Return the tasks that an earlier run did not finish, without what it left of them."""
+        remove_partial(self.folder)
         tasks = []
         for segment in self.segments:
             record = finished(self.folder, segment, self.digests[segment.key])

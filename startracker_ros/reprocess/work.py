@@ -5,6 +5,7 @@ import hashlib
 import json
 from pathlib import Path
 import resource
+import shutil
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -16,6 +17,7 @@ from startracker_ros.reprocess.smoothing import Smoothing
 from startracker_ros.reprocess.tables import accuracy, SegmentTables, write_tables
 
 RECORDS = '.segments'
+_PARTIAL = '.partial-'
 _TRACK_IDS = 1 << 16
 _MAX_TRACK_IDS = 1 << 32
 
@@ -61,7 +63,7 @@ def process(segment: Segment, options: PipelineOptions, digest: str, outputs: Ou
     folder = outputs.folder
     tables, smoothing = SegmentTables(), Smoothing(options) if outputs.smooth else None
     (folder / RECORDS).mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix='.', dir=folder / RECORDS) as name:
+    with TemporaryDirectory(prefix=_PARTIAL, dir=folder / RECORDS) as name:
         partial = Path(name)
         bag_folder = segment_folder(partial, segment)
         # Ids of two segments may meet after 65,536 of them only.
@@ -98,6 +100,12 @@ def process(segment: Segment, options: PipelineOptions, digest: str, outputs: Ou
     written.write_text(json.dumps(asdict(record)))
     written.replace(path)
     return record
+
+
+def remove_partial(folder: Path) -> None:
+    """Remove what killed workers left of segments that they did not finish."""
+    for path in (folder / RECORDS).glob(f'{_PARTIAL}*'):
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def record_path(folder: Path, segment: Segment) -> Path:

@@ -17,6 +17,7 @@ from startracker_ros.reprocess.parameters import parameter_sets, ParameterError
 from startracker_ros.reprocess.plan import plan_bag, SegmentOptions
 from startracker_ros.reprocess.runs import open_run
 from startracker_ros.reprocess.work import finished
+from startracker_ros.trend.trend import trend
 
 CAMERA = Camera.from_fov(640, 640, 15.0)
 
@@ -65,7 +66,9 @@ def test_order_and_a_kill_change_no_byte(flight, reprocess, finished_run, copied
     records[0].unlink()
     spoilt = next((copied_run / 'tables').rglob('*_1767225660.parquet'))
     spoilt.write_bytes(b'cut')
+    (copied_run / '.segments' / '.partial-x' / 'left').mkdir(parents=True)
     row, = reprocess([flight], copied_run, workers=2, smooth=True).records
+    assert not (copied_run / '.segments' / '.partial-x').exists()
     assert row['reused'] == 1 and row['segments'] == 3
     assert hashes(copied_run) == whole
 
@@ -138,6 +141,17 @@ def test_runs_are_compared(finished_run, copied_run):
     assert same['identical'] == 128 and same['largest_arcsec'] < 1e-9
     with pytest.raises(BagError, match='no finished run'):
         compare(finished_run[0], copied_run / 'tables')
+
+
+def test_the_page_of_trends_is_small_and_has_no_script(finished_run, tmp_path):
+    result = trend(finished_run[0], tmp_path / 'trend.html', 5800.0)
+    assert result.conditions['steps'] == 0
+    focal = next(row for row in result.records if row['series'] == 'head_1 focal length')
+    assert focal['kind'] == 'drift' and focal['unit'] == '%/d'
+    page = (tmp_path / 'trend.html').read_text()
+    assert len(page) < 1_000_000 and '<script' not in page and 'data:image/png' in page
+    with pytest.raises(BagError, match='no finished run'):
+        trend(tmp_path, tmp_path / 'trend.html', 5800.0)
 
 
 def test_parameters_and_sweeps(tmp_path):
