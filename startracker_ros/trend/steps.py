@@ -33,7 +33,7 @@ def find_steps(stamp_ns: np.ndarray, values: np.ndarray, orbit_s: float) -> list
     About each date a constant, a drift, two harmonics of the orbit and a step are fitted by least
     squares, to two orbits on both sides. The columns are whitened by the scatter from bin to bin.
     A step counts where the sum of the squares over sigma^2 exceeds chi-square with K degrees of
-    freedom at FALSE_ALARM, after sigma was scaled to the scatter of the fits of all dates.
+    freedom at FALSE_ALARM, after sigma was scaled to the scatter of all fits without it.
     """
     known = np.isfinite(values).all(axis=1)
     time_s = (stamp_ns[known] - stamp_ns[0]) * 1e-9 if len(stamp_ns) else np.empty(0)
@@ -44,29 +44,37 @@ def find_steps(stamp_ns: np.ndarray, values: np.ndarray, orbit_s: float) -> list
     white, found = values @ whitening, list[Step]()
     limit = chi2.isf(FALSE_ALARM, values.shape[1])
     dates = np.arange(_LEAST_BINS, len(time_s) - _LEAST_BINS, _STRIDE)
-    scale: np.ndarray | None = None
+    scale = np.ones(values.shape[1])
     while len(found) < _MOST_STEPS:
-        fits = [_fit(time_s, white, int(date), orbit_s) for date in dates]
-        parts = np.array([size / np.sqrt(variance) for size, variance in fits])
-        if scale is None:
-            # Noise that is not white makes all fits scatter more; it must not look like steps.
-            scale = np.maximum(1.0, _MAD * np.median(np.abs(parts), axis=0))
+        parts = _parts(time_s, white, dates, orbit_s)
         best = int(dates[((parts / scale) ** 2).sum(axis=1).argmax()])
         near = np.arange(max(best - _STRIDE, _LEAST_BINS),
                          min(best + _STRIDE + 1, len(time_s) - _LEAST_BINS))
-        refined = [_fit(time_s, white, int(date), orbit_s) for date in near]
-        scores = [float(np.sum((size / scale) ** 2) / variance) for size, variance in refined]
-        chosen = int(np.argmax(scores))
-        (size, variance), significance = refined[chosen], scores[chosen]
+        date = int(near[((_parts(time_s, white, near, orbit_s) / scale) ** 2).sum(
+            axis=1).argmax()])
+        size, variance = _fit(time_s, white, date, orbit_s)
+        without = white - (np.arange(len(white)) >= date)[:, None] * size
+        # Noise that is not white makes all fits scatter more, also those without this step.
+        scatter = np.maximum(1.0, _MAD * np.median(np.abs(
+            _parts(time_s, without, dates, orbit_s)), axis=0))
+        significance = float(np.sum((size / scatter) ** 2) / variance)
         if not significance > limit:
-            break
-        date = int(near[chosen])
+            if (scatter <= scale).all():
+                break
+            scale = np.maximum(scale, scatter)
+            continue
         found.append(Step(
             int(stamp_ns[known][date]), size @ unwhitened,
-            np.sqrt(variance * (scale ** 2 @ unwhitened ** 2)),
-            significance))
-        white = white - (np.arange(len(white)) >= date)[:, None] * size
+            np.sqrt(variance * (scatter ** 2 @ unwhitened ** 2)), significance))
+        white = without
     return found
+
+
+def _parts(time_s: np.ndarray, white: np.ndarray, dates: np.ndarray, orbit_s: float
+           ) -> np.ndarray:
+    """Return the step over its 1 sigma (D, K) of each date (D,)."""
+    fits = [_fit(time_s, white, int(date), orbit_s) for date in dates]
+    return np.array([size / np.sqrt(variance) for size, variance in fits])
 
 
 def _whitening(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
