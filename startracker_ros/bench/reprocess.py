@@ -16,7 +16,7 @@ from startracker_ros.flights.options import FlightOptions
 from startracker_ros.reprocess.output import chosen_topics
 from startracker_ros.reprocess.parameters import parameter_sets
 from startracker_ros.reprocess.plan import find_bags, plan_bag, SegmentOptions
-from startracker_ros.reprocess.run import Request, reprocess
+from startracker_ros.reprocess.run import reprocess, Request
 from startracker_ros.reprocess.work import Outputs, process
 from startracker_ros.table import Result
 

@@ -74,7 +74,7 @@ class SegmentTables:
                 fill(row, 'rate_{}_rad_s', 'xyz', frame.tracked.rate_rad_s)
             if truth is not None:
                 fill(row, 'error_{}_arcsec', 'xyz',
-                      attitude_error(attitude.quaternion, truth) / ARCSEC)
+                     attitude_error(attitude.quaternion, truth) / ARCSEC)
         self._frames.append(row)
 
     def add_fit(self, stamp_ns: int, fit: FrameFit, onboard: OnboardCatalog,

@@ -18,6 +18,7 @@ from startracker_ros.trend.series import all_series, distortion, Series
 from startracker_ros.trend.stars import bad_stars, StarRow
 from startracker_ros.trend.steps import drift, find_steps, Step
 
+
 @dataclass(frozen=True)
 class TrendRow:
     """A drift, or a step: what, when, size with its 1 sigma, and its significance."""
