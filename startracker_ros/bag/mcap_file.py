@@ -130,17 +130,23 @@ class McapFile:
     @property
     def span_ns(self) -> tuple[int, int] | None:
         """First and last log time by the heads of the chunks; None without messages."""
-        filled = [block for block in self._blocks if block.end_ns or not block.is_chunk]
-        if not filled:
-            return None
-        return min(block.start_ns for block in filled), max(block.end_ns for block in filled)
+        spans = self.blocks_ns
+        return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
+
+    @property
+    def blocks_ns(self) -> list[tuple[int, int]]:
+        """First and last log time of each chunk with messages, by their heads."""
+        return [(b.start_ns, b.end_ns) for b in self._blocks if b.end_ns or not b.is_chunk]
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the file is complete and its index sound."""
+        return self._unfinished is None and not self._problems
 
     def check(self) -> None:
-        """Raise UnfinishedBagError or BagError unless the file is complete and its index sound."""
-        if self._unfinished is not None:
-            raise self._unfinished
-        if self._problems:
-            raise self._error(self._problems[0])
+        """Raise UnfinishedBagError or BagError unless the file is sound."""
+        if not self.is_sound:
+            raise self._unfinished or self._error(self._problems[0])
 
     def messages(self, topics: Sequence[str] = (), start_ns: int = 0, *,
                  report: Callable[[str], None] | None = None) -> Iterator[RawMessage]:

@@ -49,12 +49,13 @@ def _ignore(problem: str) -> None:
 
 
 def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
-                  tolerant: bool = False, report: Callable[[str], None] = _ignore
-                  ) -> Iterator[BagMessage]:
+                  end_ns: int = 2 ** 64, tolerant: bool = False,
+                  report: Callable[[str], None] = _ignore) -> Iterator[BagMessage]:
     """
     Yield the messages of a bag folder or an MCAP file in the order of their log times.
 
-    topics: only these, all if empty; start_ns: skip earlier log times.
+    topics: only these, all if empty; start_ns: skip earlier log times; end_ns: and those from
+    this one on.
     tolerant: read the intact messages of an unfinished or damaged file, in the order of writing
     if the index is lost, and report() each damage with its byte; otherwise UnfinishedBagError
     before the first message, or BagError at the damage.
@@ -62,8 +63,11 @@ def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
     files = find_files(Path(bag), report if tolerant else None)
     for path in files.paths:
         with McapFile(path) as file:
+            in_order = file.is_sound
             for record in _records(file, topics, start_ns, tolerant, report):
-                if record.log_time_ns < start_ns or (
+                if record.log_time_ns >= end_ns and in_order:
+                    break
+                if not start_ns <= record.log_time_ns < end_ns or (
                         topics and record.channel.topic not in topics):
                     continue
                 data = record.data
@@ -126,13 +130,20 @@ def read_span_ns(bag: Path) -> tuple[int, int] | None:
     return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
 
 
+def read_blocks_ns(bag: Path) -> list[tuple[int, int]]:
+    """Return the first and last log time of each chunk of a bag, as far as it goes."""
+    spans: list[tuple[int, int]] = []
+    for path in find_files(Path(bag), _ignore).paths:
+        with McapFile(path) as file:
+            spans += file.blocks_ns
+    return spans
+
+
 def _records(file: McapFile, topics: Sequence[str], start_ns: int, tolerant: bool,
              report: Callable[[str], None]) -> Iterator[RawMessage]:
     if not tolerant:
         return file.messages(topics, start_ns)
-    try:
-        file.check()
-    except BagError:
+    if not file.is_sound:
         return file.intact_messages(report)
     return file.messages(topics, start_ns, report=report)
 

@@ -44,10 +44,17 @@ class BagWriter:
     the earlier messages are readable.
     """
 
-    def __init__(self, folder: Path, *, options: BagOptions = BagOptions()) -> None:
-        """Create the folder; BagError if it is not empty or cannot be written."""
+    def __init__(self, folder: Path, *, options: BagOptions = BagOptions(),
+                 flush_ns: int = _FLUSH_NS) -> None:
+        """
+        Create the folder; BagError if it is not empty or cannot be written.
+
+        flush_ns is the log time after which a chunk is closed, 0 for never before it is full:
+        for bags that are computed, whose messages are not lost with the process.
+        """
         self._folder = Path(folder)
         self._options = options
+        self._flush_ns = flush_ns
         self._topics: dict[str, TopicRecord] = {}
         self._schemas: dict[str, MessageSchema] = {}
         self._files: list[FileRecord] = []
@@ -107,7 +114,7 @@ class BagWriter:
                 sequence=record.message_count % 2 ** 32)
             record.message_count += 1
             self._files[-1].count(log_time_ns)
-            if abs(log_time_ns - self._flushed_ns) >= _FLUSH_NS:
+            if 0 < self._flush_ns <= abs(log_time_ns - self._flushed_ns):
                 self._writer.flush()
                 self._flushed_ns = log_time_ns
 

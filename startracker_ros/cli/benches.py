@@ -166,3 +166,24 @@ def bench_real_sky(folders: tuple[Path, ...], cedar_python: str | None, seed: in
     with usage_error_on(FolderError), exit_1_on(PeerError):
         result = run_real_sky_bench(folders, seed=seed, cedar_python=cedar_python or '')
     finish(result, as_json)
+
+
+@bench.command('reprocess')
+@trials_option(6000, 'Frames of the recording.', least=1200)
+@click.option('--only', multiple=True, help='Cases to run, by name.')
+@seed_option
+@json_option
+def bench_reprocess(trials: int, seed: int, only: tuple[str, ...], as_json: bool) -> None:
+    """Frames a second of reprocessing, reading beside a plain read, one and two workers."""
+    from startracker_ros.bench.reprocess import CASES, run_reprocess_bench
+    check_names('case', only, CASES)
+    finish(run_reprocess_bench(trials=trials, seed=seed, only=only or CASES), as_json)
+
+
+@bench.command('smoothing')
+@_bench
+def bench_smoothing(trials: int, seed: int, only: tuple[str, ...], as_json: bool) -> None:
+    """Error of smoothed attitudes over that of the star tracker, and their NEES."""
+    from startracker_ros.bench.smoothing import CASES, run_smoothing_bench
+    check_names('case', only, CASES)
+    finish(run_smoothing_bench(trials=trials, seed=seed, only=only or tuple(CASES)), as_json)

@@ -9,12 +9,12 @@ import numpy as np
 from sensor_msgs.msg import CameraInfo, Imu
 from startracker_ros.astro.epoch import epoch_year_from_stamp, RESTART_NS
 from startracker_ros.bag.layouts import camera_from_message, MessageError, ns_from_stamp
+from startracker_ros.bag.telemetry import rate_from_imu
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.machine_code import cached_share, imported_code, machine_code_folder
 from startracker_ros.ros import qos
 from startracker_ros.ros.cadence import Cadence
 from startracker_ros.ros.diagnostics import WARN
-from startracker_ros.ros.messages.gyro import rate_from_imu
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.topic_status import TopicStatus
 

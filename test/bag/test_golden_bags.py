@@ -17,14 +17,13 @@ from startracker_ros.astro.epoch import epoch_year_from_stamp
 from startracker_ros.bag.layouts import (
     camera_from_message, image_from_message, ns_from_stamp, read_cloud, STAR_DTYPE)
 from startracker_ros.bag.reader import read_messages
+from startracker_ros.bag.telemetry import rate_from_imu, state_from_odometry
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.maths.rotation import attitude_error, matrix_from_quaternion
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineFrame
 from startracker_ros.ros.messages.attitude import quaternion_from_message
 from startracker_ros.ros.messages.clouds import centroids_from_message
-from startracker_ros.ros.messages.gyro import rate_from_imu
 from startracker_ros.ros.messages.message_types import message_class
-from startracker_ros.ros.messages.odometry import state_from_odometry
 
 FOLDER = Path(__file__).parents[2] / 'bags'
 NAMES = ('slew', 'kidnapped', 'dropouts')

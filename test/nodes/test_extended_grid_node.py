@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
 from startracker_ros.bag.layouts import MessageError, ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.bag.telemetry import rate_from_imu
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
@@ -17,7 +18,7 @@ from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import quaternion_from_message
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import centroids_from_message, centroids_to_message
-from startracker_ros.ros.messages.gyro import gyro_to_imu, rate_from_imu
+from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
 
 CAMERA = Camera.from_fov(1024, 1024, 4.0)

@@ -6,9 +6,9 @@ import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.attitude.result import AttitudeEstimate, covariance_icrf
 from startracker_ros.bag.layouts import MessageError, ns_from_stamp
+from startracker_ros.bag.telemetry import unit_quaternion
 from startracker_ros.maths.rotation import matrix_from_quaternion
-from startracker_ros.ros.messages.geometry import (
-    quaternion_to_geometry, unit_quaternion_from_geometry, vector_to_geometry)
+from startracker_ros.ros.messages.geometry import quaternion_to_geometry, vector_to_geometry
 from startracker_ros.track.start import Hint
 from startracker_ros.track.tracks import TrackedAttitude
 from std_msgs.msg import Header
@@ -61,7 +61,7 @@ def attitude_from_pose(message: PoseWithCovarianceStamped, inertial_frame_id: st
     if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0).all()):
         raise MessageError(f'rotation covariance of diagonal {np.diag(covariance).tolist()} '
                            'is not positive')
-    return unit_quaternion_from_geometry(message.pose.pose.orientation), covariance
+    return unit_quaternion(message.pose.pose.orientation), covariance
 
 
 def attitude_to_imu(attitude: AttitudeEstimate | None, header: Header) -> Imu:

@@ -6,10 +6,12 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2, PointField
 from startracker_ros.bag.layouts import (
     CENTROID_DTYPE, MessageError, ns_from_stamp, POINT_FIELD_TYPES, PREDICTION_DTYPE, read_cloud,
-    STAR_DTYPE, TRACK_DTYPE)
+    TRACK_DTYPE)
 from startracker_ros.camera.model import Camera
-from startracker_ros.centroid.centroids import Centroids, ROUND
+from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.prediction import PredictedStars
+from startracker_ros.pipeline.cloud_rows import (
+    centroid_rows, centroids_from_rows, star_rows, track_rows)
 from startracker_ros.track.tracks import Tracks
 from std_msgs.msg import Header
 
@@ -30,45 +32,10 @@ def cloud_to_message(rows: np.ndarray, header: Header) -> PointCloud2:
     return message
 
 
-def _centroid_rows(dtype: np.dtype, uv: np.ndarray, flux: np.ndarray, snr: np.ndarray,
-                   sigma_px: np.ndarray, camera: Camera) -> np.ndarray:
-    rows = np.zeros(len(uv), dtype)
-    directions = camera.unproject(uv)
-    for column, name in enumerate('xyz'):
-        rows[name] = directions[:, column]
-    rows['u'], rows['v'] = uv[:, 0], uv[:, 1]
-    rows['flux'], rows['snr'], rows['sigma_px'] = flux, snr, sigma_px
-    return rows
-
-
-def _measured_rows(dtype: np.dtype, centroids: Centroids, camera: Camera) -> np.ndarray:
-    """Return rows of centroids with their covariance and the time of their row."""
-    rows = _centroid_rows(dtype, centroids.uv, centroids.flux, centroids.snr,
-                          centroids.sigma_px, camera)
-    # Zero is unknown: a sigma that is NaN is to be named by who needs it.
-    covariance = np.nan_to_num(centroids.covariance, posinf=0.0)
-    rows['cov_uu'], rows['cov_vv'] = covariance[:, 0, 0], covariance[:, 1, 1]
-    rows['cov_uv'], rows['stamp_offset'] = covariance[:, 0, 1], centroids.delay_s
-    return rows
-
-
 def centroids_to_message(centroids: Centroids, camera: Camera, header: Header,
                          directed: bool = False) -> PointCloud2:
     """Return the `centroids` cloud; directed if only predicted stars were measured."""
-    rows = _measured_rows(CENTROID_DTYPE, centroids, camera)
-    rows['directed'] = directed
-    return cloud_to_message(rows, header)
-
-
-def centroids_from_rows(rows: np.ndarray) -> Centroids:
-    """Return the centroids of `centroids` or `stars` rows."""
-    known = rows['cov_uu'] > 0
-    covariance = np.stack([rows['cov_uu'], rows['cov_uv'], rows['cov_uv'], rows['cov_vv']], -1)
-    return Centroids(
-        uv=np.stack([rows['u'], rows['v']], -1).astype(float), flux=rows['flux'].astype(float),
-        snr=rows['snr'].astype(float), sigma_px=rows['sigma_px'].astype(float),
-        covariance=covariance.reshape(-1, 2, 2).astype(float) if known.all() else ROUND,
-        delay_s=rows['stamp_offset'].astype(float))
+    return cloud_to_message(centroid_rows(centroids, camera, directed), header)
 
 
 def centroids_from_message(message: PointCloud2) -> Centroids:
@@ -107,9 +74,7 @@ def predictions_from_message(message: PointCloud2, camera: Camera) -> PredictedS
 def stars_to_message(centroids: Centroids, hip: np.ndarray, magnitude: np.ndarray,
                      residual_px: np.ndarray, camera: Camera, header: Header) -> PointCloud2:
     """Return the `stars` cloud of centroids with a catalogue number each, 0 for none."""
-    rows = _measured_rows(STAR_DTYPE, centroids, camera)
-    rows['hip'], rows['magnitude'], rows['residual_px'] = hip, magnitude, residual_px
-    return cloud_to_message(rows, header)
+    return cloud_to_message(star_rows(centroids, hip, magnitude, residual_px, camera), header)
 
 
 def identification_to_message(centroids: Centroids, identification: 'Identification',
@@ -121,15 +86,7 @@ def identification_to_message(centroids: Centroids, identification: 'Identificat
 
 def tracks_to_message(tracks: Tracks, camera: Camera, header: Header) -> PointCloud2:
     """Return the `tracks` cloud."""
-    rows = _centroid_rows(TRACK_DTYPE, tracks.uv, tracks.flux, tracks.snr, tracks.sigma_px,
-                          camera)
-    for name in ('hip', 'magnitude', 'residual_px', 'track_id', 'age', 'missed',
-                 'association_probability'):
-        rows[name] = getattr(tracks, name)
-    rows['u_rate'], rows['v_rate'] = tracks.velocity.T
-    rows['cov_uu'], rows['cov_vv'] = tracks.covariance[:, 0, 0], tracks.covariance[:, 1, 1]
-    rows['cov_uv'] = tracks.covariance[:, 0, 1]
-    return cloud_to_message(rows, header)
+    return cloud_to_message(track_rows(tracks, camera), header)
 
 
 def tracks_from_message(message: PointCloud2) -> Tracks:

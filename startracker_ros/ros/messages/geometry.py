@@ -2,7 +2,6 @@
 
 from geometry_msgs.msg import Quaternion, Vector3
 import numpy as np
-from startracker_ros.bag.layouts import MessageError
 
 
 def quaternion_to_geometry(quaternion: np.ndarray) -> Quaternion:
@@ -15,11 +14,3 @@ def vector_to_geometry(vector: np.ndarray) -> Vector3:
     """Return a vector (3,)."""
     x, y, z = map(float, vector)
     return Vector3(x=x, y=y, z=z)
-
-
-def unit_quaternion_from_geometry(q: Quaternion) -> np.ndarray:
-    """Return a rotation (4,); MessageError where the norm is not 1."""
-    quaternion = np.array([q.x, q.y, q.z, q.w])
-    if not abs(np.linalg.norm(quaternion) - 1) < 1e-6:
-        raise MessageError(f'orientation {quaternion.tolist()} is no attitude')
-    return quaternion

@@ -3,7 +3,6 @@
 from geometry_msgs.msg import TwistWithCovarianceStamped
 import numpy as np
 from sensor_msgs.msg import Imu
-from startracker_ros.bag.layouts import MessageError
 from startracker_ros.ros.messages.geometry import vector_to_geometry
 from std_msgs.msg import Header
 
@@ -15,14 +14,6 @@ def gyro_to_imu(rate_rad_s: np.ndarray, sigma_rad_s: float, header: Header) -> I
     message.linear_acceleration_covariance[0] = -1.0
     message.angular_velocity_covariance = (np.eye(3) * sigma_rad_s ** 2).ravel()
     return message
-
-
-def rate_from_imu(message: Imu) -> np.ndarray:
-    """Return the rate (3,) in rad/s of `imu`; MessageError when it says that it has none."""
-    if message.angular_velocity_covariance[0] == -1:
-        raise MessageError('angular_velocity_covariance[0] is -1: imu has no angular velocity')
-    rate = message.angular_velocity
-    return np.array([rate.x, rate.y, rate.z])
 
 
 def drift_to_twist(drift_rad_s: np.ndarray, covariance: np.ndarray, header: Header

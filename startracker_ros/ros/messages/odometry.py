@@ -4,9 +4,9 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from startracker_ros.astro.state import State
 from startracker_ros.bag.layouts import MessageError
+from startracker_ros.bag.telemetry import unit_quaternion
 from startracker_ros.maths.rotation import conjugate, rotate
-from startracker_ros.ros.messages.geometry import (
-    quaternion_to_geometry, unit_quaternion_from_geometry, vector_to_geometry)
+from startracker_ros.ros.messages.geometry import quaternion_to_geometry, vector_to_geometry
 from startracker_ros.sky.motion import MotionState
 from std_msgs.msg import Header
 
@@ -40,36 +40,13 @@ def motion_from_odometry(message: Odometry, inertial_frame_id: str, sensor_frame
                                 ('child frame', message.child_frame_id, sensor_frame_id)):
         if frame != wanted:
             raise MessageError(f'{what} {frame!r} is not {wanted!r}')
-    q = unit_quaternion_from_geometry(message.pose.pose.orientation)
+    q = unit_quaternion(message.pose.pose.orientation)
     position, twist = message.pose.pose.position, message.twist.twist
     rate, velocity, position_m = (np.array([vector.x, vector.y, vector.z])
                                   for vector in (twist.angular, twist.linear, position))
     if not np.isfinite([rate, velocity, position_m]).all():
         raise MessageError('position, velocity or rate is not finite')
     return MotionState(q, rate, position_m, rotate(q, velocity))
-
-
-def state_from_odometry(message: Odometry, inertial_frame_id: str) -> State:
-    """
-    Return position and velocity on inertial axes; MessageError names what is wrong.
-
-    The twist is in child_frame_id: turned by the orientation, unless that is the inertial
-    frame itself.
-    """
-    if message.header.frame_id != inertial_frame_id:
-        raise MessageError(f'frame {message.header.frame_id!r} is not {inertial_frame_id!r}')
-    position, twist = message.pose.pose.position, message.twist.twist.linear
-    velocity_m_s = np.array([twist.x, twist.y, twist.z])
-    if not np.any(velocity_m_s):
-        raise MessageError('twist without a velocity')
-    if message.child_frame_id != inertial_frame_id:
-        velocity_m_s = rotate(
-            unit_quaternion_from_geometry(message.pose.pose.orientation), velocity_m_s)
-    state = State(np.array([position.x, position.y, position.z]), velocity_m_s,
-                  np.reshape(message.pose.covariance, (6, 6))[:3, :3])
-    if not all(np.isfinite(part).all() for part in state):
-        raise MessageError('position, velocity or their covariance is not finite')
-    return state
 
 
 def state_to_odometry(state: State, velocity_variance: float, header: Header,

@@ -10,13 +10,14 @@ from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.options import option, Options
 from startracker_ros.pipeline.attitude import AttitudeStage
+from startracker_ros.pipeline.cloud_rows import centroids_from_rows
 from startracker_ros.ros import qos
 from startracker_ros.ros.attitude_output import AttitudeImuOptions, AttitudeOutput
 from startracker_ros.ros.body_output import MountOptions
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import ExtraFrameOptions, FrameOptions
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
-from startracker_ros.ros.messages.clouds import centroids_from_rows, tracks_from_message
+from startracker_ros.ros.messages.clouds import tracks_from_message
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.odometry_input import OdometryInput
 from startracker_ros.track.tracks import TrackedAttitude

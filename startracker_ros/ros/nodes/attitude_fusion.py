@@ -6,6 +6,7 @@ import numpy as np
 from sensor_msgs.msg import Imu, Temperature
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.bag.layouts import MessageError, ns_from_stamp
+from startracker_ros.bag.telemetry import rate_from_imu
 from startracker_ros.fusion.fusion import AttitudeFusion, warm_up
 from startracker_ros.fusion.head import HeadFrame
 from startracker_ros.fusion.mounts import load_mounts, Mount, MountError, MountOptions, save_mounts
@@ -15,7 +16,6 @@ from startracker_ros.ros import qos
 from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.fusion_output import BodyFrameOptions, FusionOutput
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
-from startracker_ros.ros.messages.gyro import rate_from_imu
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
 
 

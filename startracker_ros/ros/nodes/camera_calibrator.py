@@ -16,11 +16,11 @@ from startracker_ros.camera.files import save_camera
 from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.options import option, Options
+from startracker_ros.pipeline.cloud_rows import centroids_from_rows
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.frames import InertialFrameOptions
-from startracker_ros.ros.messages.clouds import centroids_from_rows
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.odometry_input import OdometryInput
 

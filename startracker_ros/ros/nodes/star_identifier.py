@@ -10,11 +10,12 @@ from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp, read_clou
 from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.identify.extended_grid import ExtendedGridOptions
 from startracker_ros.identify.identification import Identification, IdentificationOptions
+from startracker_ros.pipeline.cloud_rows import centroids_from_rows
 from startracker_ros.pipeline.identification import CheckOptions, IdentificationStage
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.messages.clouds import centroids_from_rows, identification_to_message
+from startracker_ros.ros.messages.clouds import identification_to_message
 from startracker_ros.ros.node import main_of
 from startracker_ros.track.tracker import TrackerState
 

@@ -8,18 +8,18 @@ from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.astro.exclusion import ExclusionOptions
 from startracker_ros.astro.observer_motion import AberrationOptions
 from startracker_ros.attitude.gyro import GyroErrorOptions
-from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
+from startracker_ros.pipeline.cloud_rows import centroids_from_rows
 from startracker_ros.pipeline.tracking import make_star_tracker, make_trackers
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, hint_from_imu, tracked_attitude_to_imu)
-from startracker_ros.ros.messages.clouds import (
-    centroids_from_message, centroids_from_rows, predictions_to_message, tracks_to_message)
+from startracker_ros.ros.messages.clouds import predictions_to_message, tracks_to_message
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.odometry_input import OdometryInput
 from startracker_ros.ros.target_output import TargetOutput
@@ -78,7 +78,7 @@ class StarTrackerNode(CameraNode):
             self._tracker.add_hint(hint)
 
     def _on_centroids(self, message: PointCloud2) -> None:
-        centroids = centroids_from_message(message)
+        centroids = centroids_from_rows(read_cloud(message, CENTROID_DTYPE))
         camera = self.camera_or_drop()
         if camera is None or not self.in_order('centroids', message.header.stamp):
             return

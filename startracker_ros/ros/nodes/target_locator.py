@@ -7,6 +7,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from startracker_ros.bag.layouts import camera_from_message, MessageError, ns_from_stamp
+from startracker_ros.bag.telemetry import state_from_odometry
 from startracker_ros.camera.model import CameraError
 from startracker_ros.locate.location import LocationOptions
 from startracker_ros.locate.locator import TargetLocator
@@ -17,7 +18,6 @@ from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.location_output import LocationOutput
 from startracker_ros.ros.messages.attitude import attitude_from_pose
 from startracker_ros.ros.messages.clouds import centroids_from_message
-from startracker_ros.ros.messages.odometry import state_from_odometry
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
 
 

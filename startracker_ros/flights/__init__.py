@@ -1,0 +1,1 @@
+"""Long simulated flights of several heads: bags of centroids and telemetry, with truth."""

@@ -1,0 +1,112 @@
+"""The truth of a flight at any time, in closed form: pieces can be made side by side."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from startracker_ros.astro.constants import EARTH_RADIUS_M
+from startracker_ros.astro.orbit import CircularOrbit
+from startracker_ros.camera.model import Camera
+from startracker_ros.flights.options import FlightOptions
+from startracker_ros.maths.rotation import (
+    ARCSEC, conjugate, multiply, quaternion_from_axes, quaternion_from_rotation_vector,
+    rotation_vector_from_quaternion)
+
+_ALTITUDE_M = 600e3
+_INCLINATION_RAD, _NODE_RAD = np.radians([97.8, 40.0])
+_TILT_DEG = 35.0
+_WOBBLE = ((20.0, 0.31, (1.0, 0.2, -0.4)), (8.0, 0.083, (-0.3, 1.0, 0.5)),
+           (40.0, 0.011, (0.4, -0.6, 1.0)))
+"""Attitude errors of the body: amplitude in arcsec, frequency in rad/s, axis."""
+_BIAS_KNOT_S = 600.0
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Attitudes, mounts, focal lengths and gyro biases at times (F,) in s since the begin."""
+
+    options: FlightOptions
+    seed: int
+
+    @cached_property
+    def orbit(self) -> CircularOrbit:
+        """The orbit of the spacecraft, argument of latitude 0 at the begin."""
+        return CircularOrbit(EARTH_RADIUS_M + _ALTITUDE_M, _INCLINATION_RAD, _NODE_RAD, 0.0)
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The camera that both heads are calibrated as."""
+        width = self.options.width_px
+        return Camera.from_fov(width, width, self.options.fov_deg)
+
+    def stamps_ns(self, time_s: np.ndarray) -> np.ndarray:
+        """Return the stamps of times."""
+        return round(self.options.start_utc_s * 1e9) + np.rint(time_s * 1e9).astype(np.int64)
+
+    def attitude(self, head: int, time_s: np.ndarray) -> np.ndarray:
+        """Return q_icrf_from_sensor (F, 4) of a head, 0 or 1."""
+        position_m = self.orbit.at(0.0)[0]
+        zenith = position_m / np.linalg.norm(position_m)
+        # z to the zenith, y along the orbit normal: the body turns about y.
+        begin = quaternion_from_axes(zenith, self.orbit.normal)
+        turn = np.zeros((len(time_s), 3))
+        turn[:, 1] = time_s * self.orbit.rate_rad_s
+        body = multiply(begin, quaternion_from_rotation_vector(turn))
+        wobble = sum(amplitude * ARCSEC * np.sin(frequency * time_s)[:, None] * np.array(axis)
+                     for amplitude, frequency, axis in _WOBBLE)
+        body = multiply(body, quaternion_from_rotation_vector(wobble))
+        mount = multiply(self._nominal(head),
+                         quaternion_from_rotation_vector(self.mount_rad(head, time_s)))
+        q = multiply(body, mount)
+        return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+    @staticmethod
+    def _nominal(head: int) -> np.ndarray:
+        """Return q_body_from_sensor (4,): tilted to the two sides of the zenith."""
+        side = np.radians(_TILT_DEG) * (1 if head else -1)
+        return multiply(quaternion_from_rotation_vector([side, 0.0, 0.0]),
+                        quaternion_from_rotation_vector([0.0, 0.0, 0.4 + head]))
+
+    def mount_rad(self, head: int, time_s: np.ndarray) -> np.ndarray:
+        """Return how far a mount is turned (F, 3) about the axes of the head."""
+        options, turn = self.options, np.zeros((len(time_s), 3))
+        if head:
+            turn[:, 0] = ARCSEC * (
+                options.mount_drift_arcsec_day * time_s / 86400
+                + options.mount_orbit_arcsec * np.sin(self.orbit.rate_rad_s * time_s)
+                + options.mount_step_arcsec * (time_s >= options.mount_step_day * 86400))
+        return turn
+
+    def focal_ratio(self, head: int, time_s: np.ndarray) -> np.ndarray:
+        """Return the focal lengths (F,) over those of the camera."""
+        options = self.options
+        if head:
+            return np.ones(len(time_s))
+        return 1 + 0.01 * (
+            options.focal_drift_percent_day * time_s / 86400
+            + options.focal_orbit_percent * np.cos(self.orbit.rate_rad_s * time_s)
+            + options.focal_step_percent * (time_s >= options.focal_step_day * 86400))
+
+    def rate_rad_s(self, head: int, time_s: np.ndarray, interval_s: float) -> np.ndarray:
+        """Return the mean body rates (F, 3) over the intervals before times."""
+        turn = multiply(conjugate(self.attitude(head, time_s - interval_s)),
+                        self.attitude(head, time_s))
+        return rotation_vector_from_quaternion(turn) / interval_s
+
+    def gyro_bias_rad_s(self, head: int, time_s: np.ndarray) -> np.ndarray:
+        """Return the biases (F, 3): a random walk in steps of ten minutes."""
+        knots_s, bias = self._bias[head]
+        return np.column_stack([np.interp(time_s, knots_s, column) for column in bias.T])
+
+    @cached_property
+    def _bias(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        options, deg_h = self.options, np.radians(1 / 3600)
+        count = int(options.days * 86400 / _BIAS_KNOT_S) + 2
+        found = []
+        for head in range(options.heads):
+            rng = np.random.default_rng([self.seed, 1_000_000, head])
+            steps = rng.standard_normal((count, 3)) * (
+                options.gyro_walk_deg_h_sqrt_h * np.sqrt(_BIAS_KNOT_S / 3600))
+            steps[0] = rng.standard_normal(3) * options.gyro_bias_deg_h
+            found.append((np.arange(count) * _BIAS_KNOT_S, np.cumsum(steps, axis=0) * deg_h))
+        return found

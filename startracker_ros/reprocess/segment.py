@@ -1,0 +1,223 @@
+"""One segment: messages of a bag through a pipeline of its own."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+from startracker_ros.astro.epoch import epoch_year_from_stamp, RESTART_NS
+from startracker_ros.astro.observer_motion import MotionError
+from startracker_ros.bag import cdr
+from startracker_ros.bag.errors import BagError
+from startracker_ros.bag.layouts import (
+    camera_from_message, CENTROID_DTYPE, image_from_message, MessageError, ns_from_stamp,
+    read_cloud)
+from startracker_ros.bag.reader import BagMessage, decode, read_messages
+from startracker_ros.bag.telemetry import state_from_odometry, unit_quaternion
+from startracker_ros.camera.model import CameraError
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.pipeline.cloud_rows import centroids_from_rows
+from startracker_ros.pipeline.pipeline import Pipeline, PipelineFrame, PipelineOptions
+from startracker_ros.reprocess.frame_fit import fit_frame, FrameFit, matched
+from startracker_ros.reprocess.output import INERTIAL, SegmentBag
+from startracker_ros.reprocess.plan import full_name, IMAGE, Segment
+from startracker_ros.reprocess.smoothing import Smoothing
+from startracker_ros.reprocess.tables import SegmentTables
+
+_EPOCH_STEPS = 20
+"""Epochs of the catalogue in a year: within such a step no star moves by more than 0.5 arcsec."""
+
+_MOST_CAMERAS = 10
+_TRUTH_FRAMES = 1000
+
+
+class SegmentError(ValueError):
+    """A segment that cannot be processed; the text says why."""
+
+
+@dataclass
+class Tally:
+    """Counts of a segment, and the messages that were not used, by reason."""
+
+    frames: int = 0
+    attitudes: int = 0
+    cpu_s: float = 0.0
+    read_bytes: int = 0
+    problems: Counter[str] = field(default_factory=Counter)
+
+
+class _FittedStars(NamedTuple):
+    """The fit of a frame, the catalogue entries (N,) of its stars and their flux (N,)."""
+
+    fit: FrameFit
+    star_index: np.ndarray
+    flux: np.ndarray
+
+
+class SegmentRun:
+    """Reads the messages of a segment; results go to bag and tables."""
+
+    def __init__(self, segment: Segment, options: PipelineOptions, bag: SegmentBag | None,
+                 tables: SegmentTables, smoothing: Smoothing | None = None) -> None:
+        self._segment, self._options = segment, options
+        self._bag, self._tables, self._smoothing = bag, tables, smoothing
+        self._camera = segment.camera
+        self._cameras = 0
+        self._pipeline: Pipeline | None = None
+        self._newest_ns: int | None = None
+        self._frame_id = ''
+        self._truth: dict[int, np.ndarray] = {}
+        self.tally = Tally()
+        handlers = {segment.source: self._on_frame, 'camera_info': self._on_camera,
+                    'imu': self._on_imu, 'odometry': self._on_odometry,
+                    'truth/attitude': self._on_truth}
+        self._handlers = {full_name(segment.namespace, topic): handler
+                          for topic, handler in handlers.items()}
+
+    def run(self) -> Tally:
+        """Process all messages; SegmentError, or OSError where results cannot be written."""
+        segment, begin_s = self._segment, time.process_time()
+        for message in read_messages(
+                segment.bag, topics=tuple(self._handlers), start_ns=segment.start_ns,
+                end_ns=segment.end_ns if self._smoothing is None else segment.stop_ns,
+                tolerant=True, report=self._on_damage):
+            self.tally.read_bytes += len(message.data)
+            try:
+                self._handlers[message.topic](message)
+            except (MessageError, CameraError, MotionError, _DecodeError) as error:
+                if segment.holds(message.log_time_ns):
+                    self.tally.problems[f'{message.topic}: {error}'] += 1
+        self.tally.cpu_s = time.process_time() - begin_s
+        return self.tally
+
+    def _on_damage(self, problem: str) -> None:
+        self.tally.problems[problem] += 1
+
+    def _on_camera(self, message: BagMessage) -> None:
+        camera = camera_from_message(_decoded(message))
+        if camera != self._camera:
+            self._camera, self._pipeline = camera, None
+            self._cameras += 1
+            if self._cameras > _MOST_CAMERAS:
+                raise SegmentError(f'{message.topic} changes with each message: two cameras '
+                                   'publish on one topic')
+
+    def _on_imu(self, message: BagMessage) -> None:
+        rates = cdr.read_rates(message.data)
+        if rates.covariance[0] == -1:
+            raise MessageError('angular_velocity_covariance[0] is -1: no angular velocity')
+        if self._frame_id not in ('', rates.header.frame_id):
+            raise MessageError(f'frame {rates.header.frame_id!r} is not that of the centroids, '
+                               f'{self._frame_id!r}')
+        if self._pipeline is not None:
+            self._pipeline.add_rate(rates.header.stamp_ns, rates.rate_rad_s)
+        if self._smoothing is not None:
+            self._smoothing.add_rate(rates.header.stamp_ns, rates.rate_rad_s)
+
+    def _on_odometry(self, message: BagMessage) -> None:
+        decoded = _decoded(message)
+        state = state_from_odometry(decoded, INERTIAL)
+        self._pipeline_at(ns_from_stamp(decoded.header.stamp)).add_state(
+            ns_from_stamp(decoded.header.stamp), state)
+
+    def _on_truth(self, message: BagMessage) -> None:
+        decoded = _decoded(message)
+        self._truth[ns_from_stamp(decoded.header.stamp)] = unit_quaternion(decoded.quaternion)
+        if len(self._truth) > _TRUTH_FRAMES:
+            del self._truth[next(iter(self._truth))]
+
+    def _on_frame(self, message: BagMessage) -> None:
+        if message.type_name == IMAGE:
+            decoded = _decoded(message)
+            content: Any = image_from_message(decoded)
+            stamp_ns, self._frame_id = ns_from_stamp(decoded.header.stamp), decoded.header.frame_id
+        else:
+            cloud = cdr.read_point_cloud(message.data)
+            rows = read_cloud(cloud, CENTROID_DTYPE)
+            content = centroids_from_rows(rows), bool(len(rows)) and bool(rows['directed'][0])
+            stamp_ns, self._frame_id = cloud.header
+        if self._newest_ns is not None and stamp_ns <= self._newest_ns:
+            if self._newest_ns - stamp_ns <= RESTART_NS:
+                raise MessageError('a frame is not newer than the one before')
+            # As the nodes do: a restarted simulation, or a clock that was set.
+            self._pipeline = None
+            self.tally.problems[f'{message.topic}: time went back by more than '
+                                f'{RESTART_NS * 1e-9:g} s, state forgotten'] += 1
+        self._newest_ns = stamp_ns
+        pipeline = self._pipeline_at(stamp_ns)
+        if message.type_name == IMAGE:
+            extraction = pipeline.extraction.extract(
+                stamp_ns, content, pipeline.tracker.predicted)
+            content = extraction.centroids, pipeline.extraction.directed
+        frame = pipeline.update(stamp_ns, *content)
+        holds, truth = self._segment.holds(message.log_time_ns), self._truth.pop(stamp_ns, None)
+        stars = self._fit(content[0], frame, pipeline) if holds or self._smoothing else None
+        if holds:
+            self._record(stamp_ns, content[0], frame, pipeline, truth, stars)
+        if self._smoothing is not None:
+            attitude = frame.trusted.attitude
+            self._smoothing.add(stamp_ns, None if attitude is None else attitude.quaternion,
+                                None if stars is None else stars.fit, truth,
+                                uses_gyro=pipeline.tracker.gyro_condition == 'used',
+                                wanted=holds)
+        pipeline.tracker.acquire_new_stars()
+
+    def _record(self, stamp_ns: int, centroids: Centroids, frame: PipelineFrame,
+                pipeline: Pipeline, truth: np.ndarray | None, stars: _FittedStars | None) -> None:
+        """Add the results of a frame to bag and tables."""
+        assert self._camera is not None, 'a pipeline has a camera'
+        self.tally.frames += 1
+        self.tally.attitudes += frame.trusted.attitude is not None
+        if frame.identification is not None and frame.identification.status == 'time_limit':
+            self.tally.problems['an identification reached time_limit_s: that frame may differ '
+                                'on another machine'] += 1
+        if self._bag is not None:
+            self._bag.write(stamp_ns, self._frame_id, self._camera, centroids,
+                            self._segment.source != 'centroids', frame, pipeline)
+        self._tables.add(stamp_ns, frame, pipeline.tracker.residual_px, truth)
+        if stars is not None:
+            self._tables.add_fit(stamp_ns, stars.fit, pipeline.attitude.sky.onboard,
+                                 stars.star_index, stars.flux)
+
+    def _fit(self, centroids: Centroids, frame: PipelineFrame, pipeline: Pipeline
+             ) -> _FittedStars | None:
+        """Return the fit of the stars of a frame alone, None without an attitude."""
+        attitude = frame.trusted.attitude
+        if attitude is None or self._camera is None:
+            return None
+        tracks, sky = frame.tracks, pipeline.attitude.sky
+        used = np.flatnonzero(tracks.usable)
+        seen = matched(tracks.uv[used], tracks.position_sigma_px[used], centroids.uv,
+                       centroids.sigma_px)
+        used, seen = used[seen >= 0], seen[seen >= 0]
+        star_index = sky.onboard.index_of(tracks.hip[used])
+        fit = fit_frame(self._camera, attitude.quaternion, sky.direction(star_index),
+                        centroids.uv[seen], centroids.sigma_px[seen])
+        return None if fit is None else _FittedStars(fit, star_index, centroids.flux[seen])
+
+    def _pipeline_at(self, stamp_ns: int) -> Pipeline:
+        """Return the pipeline, a new one after another camera came or time went back."""
+        if self._pipeline is None:
+            if self._camera is None:
+                raise MessageError('no camera_info before it')
+            year = round(epoch_year_from_stamp(stamp_ns) * _EPOCH_STEPS) / _EPOCH_STEPS
+            self._pipeline = Pipeline(self._camera, year, self._options)
+        return self._pipeline
+
+
+class _DecodeError(BagError):
+    """A message that is not of its type."""
+
+
+def _decoded(message: BagMessage) -> Any:
+    try:
+        return decode(message.type_name, message.data)
+    except BagError as error:
+        raise _DecodeError(str(error)) from error
+
+
+def segment_folder(partial: Path, segment: Segment) -> Path:
+    """Return where the bag of a segment is written: its last name is that of its file."""
+    return partial / f'{segment.name}_{segment.begin_ns // 1_000_000_000}'

@@ -1,0 +1,1 @@
+"""What drifts and what steps over weeks: lenses, mounts between heads, zero points, stars."""

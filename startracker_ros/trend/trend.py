@@ -1,0 +1,123 @@
+"""The command trend: drifts and steps of a run, as rows and as a page."""
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from startracker_ros.extras import new_figure
+from startracker_ros.report.panels import utc
+from startracker_ros.reprocess.compare import extremes
+from startracker_ros.reprocess.runs import open_run
+from startracker_ros.table import Result
+from startracker_ros.trend.series import all_series, distortion, Series
+from startracker_ros.trend.stars import bad_stars, StarRow
+from startracker_ros.trend.steps import drift, find_steps, Step
+
+
+@dataclass(frozen=True)
+class TrendRow:
+    """A drift, or a step: what, when, size with its 1 sigma, and its significance."""
+
+    series: str
+    kind: str
+    utc: str
+    size: float
+    sigma: float | None
+    unit: str
+    significance: float | None
+
+
+def trend(folder: Path, page: Path | None, orbit_s: float) -> Result:
+    """
+    Return a row for each drift and step of a run, and write a page of its series.
+
+    BagError where the folder is no run; OSError where the page cannot be written.
+    """
+    run = open_run(folder)
+    found = [(series, find_steps(series.stamp_ns, series.values, orbit_s))
+             for series in all_series(run)]
+    rows = [row for series, steps in found for row in _rows(series, steps)]
+    for tracker in run.trackers:
+        change, sigma = distortion(run, tracker)
+        rows.append(TrendRow(f'{tracker} distortion', 'k1 minus camera_info', '', change, sigma,
+                             '1', None))
+    stars = bad_stars(run)
+    if page is not None:
+        page.parent.mkdir(parents=True, exist_ok=True)
+        page.write_text(_page(folder, found, rows, stars))
+    return Result('trend', rows, {
+        'orbit_s': orbit_s, 'steps': sum(len(steps) for _, steps in found),
+        'stars with a fault': ', '.join(
+            f'{star.hip} ({star.faults})' for star in stars[:10]) or 'none'})
+
+
+def _rows(series: Series, steps: Sequence[Step]) -> list[TrendRow]:
+    """Return the drift of each column, then the steps: the column of each that shows it best."""
+    slope = drift(series.stamp_ns, series.values, list(steps))
+    rows = [TrendRow(_name(series, column), 'drift', '', float(value), None, f'{series.unit}/d',
+                     None) for column, value in enumerate(slope)]
+    for step in sorted(steps, key=lambda step: step.stamp_ns):
+        column = int(np.argmax(np.abs(step.size) / step.sigma))
+        rows.append(TrendRow(
+            _name(series, column), 'step', utc(step.stamp_ns), float(step.size[column]),
+            float(step.sigma[column]), series.unit, step.significance))
+    return rows
+
+
+def _name(series: Series, column: int) -> str:
+    return (f'{series.name}, {series.columns[column]}' if len(series.columns) > 1
+            else series.name)
+
+
+def _page(folder: Path, found: Sequence[tuple[Series, Sequence[Step]]],
+          rows: Sequence[TrendRow], stars: Sequence[StarRow]) -> str:
+    """Return one HTML page without scripts: its size does not grow with the frames."""
+    pictures = ''.join(f'<h2>{escape(series.name)}</h2>{_picture(series, steps)}'
+                       for series, steps in found)
+    return ('<!doctype html><html lang="en"><head><meta charset="utf-8">'
+            f'<title>Trend of {escape(folder.name)}</title><style>{_STYLE}</style></head><body>'
+            f'<h1>Trend of {escape(folder.name)}</h1>{_table(rows)}{pictures}'
+            f'<h2>Stars with a fault</h2>{_table(stars)}</body></html>\n')
+
+
+_STYLE = ('body{font:15px sans-serif;max-width:60em;margin:1em auto}td,th{padding:.2em .6em;'
+          'text-align:left}img{max-width:100%}')
+
+
+def _table(rows: Sequence[Any]) -> str:
+    if not rows:
+        return '<p>none</p>'
+    records = Result('', rows).records
+    head = ''.join(f'<th>{escape(name)}</th>' for name in records[0])
+    body = ''.join('<tr>' + ''.join(f'<td>{escape(_cell(value))}</td>'
+                                    for value in record.values()) + '</tr>' for record in records)
+    return f'<table><tr>{head}</tr>{body}</table>'
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ''
+    return f'{value:.5g}' if isinstance(value, float) else str(value)
+
+
+def _picture(series: Series, steps: Sequence[Step]) -> str:
+    """Return an image of the extremes of each interval, with the dates of the steps."""
+    figure = new_figure(figsize=(9, 2.6))
+    axes = figure.subplots()
+    for column, name in enumerate(series.columns):
+        times, low, high = extremes(series.stamp_ns, series.values[:, column])
+        axes.fill_between(times.astype('datetime64[ns]'), low, high, alpha=0.5, label=name)
+        axes.plot(times.astype('datetime64[ns]'), (low + high) / 2, linewidth=0.8)
+    for step in steps:
+        axes.axvline(np.datetime64(step.stamp_ns, 'ns'), color='red', linewidth=0.8)
+    axes.set_ylabel(series.unit)
+    axes.legend(loc='upper right')
+    data = BytesIO()
+    figure.savefig(data, dpi=90, format='png')
+    return (f'<img alt="{escape(series.name)}" '
+            f'src="data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}">')
