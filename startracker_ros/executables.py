@@ -11,6 +11,7 @@ NODES = {name: f'startracker_ros.ros.nodes.{name}' for name in (
     'attitude_fusion',
     'target_locator',
     'camera_calibrator',
+    'telemetry_bridge',
     'bag_recorder',
     'bag_player',
     'pipeline_manager',

@@ -17,6 +17,7 @@ KINDS = {
     'bag/test_damage.py': 'long',
     'bench': 'long',
     'campaign': 'long',
+    'datasheet/test_datasheet.py': 'long',
     'nodes': 'dds',
     'nodes/test_closed_loop_demo.py': 'long',
     'nodes/test_demo.py': 'long',

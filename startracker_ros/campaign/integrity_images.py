@@ -40,11 +40,12 @@ class ImageCondition:
     """
     What the images of a run contain.
 
-    The camera turns at rate_deg_s about a random axis. The first clean_frames are without
-    artefacts: the tracker tracks when these begin. line_time_us is the parameter of the
-    extraction. Frames are due after clean_frames, or after the two identifications of a start;
-    with start, each run is due once: within its frames. needed_percent of what is due must have
-    an attitude. Without detectable, no image shows the error: only its size is measured.
+    The camera turns at rate_deg_s about a random axis. The first clean_frames are of
+    clean_detector and without artefacts: the tracker tracks when these begin. line_time_us is the
+    parameter of the extraction. Frames are due after clean_frames, or after the two
+    identifications of a start; with start, each run is due once: within its frames. needed_percent
+    of what is due must have an attitude. Without detectable, no image shows the error: only its
+    size is measured.
     """
 
     rate_deg_s: float = 0.1
@@ -57,6 +58,7 @@ class ImageCondition:
     frames: int = FRAMES
     needed_percent: float = 99.0
     detectable: bool = True
+    clean_detector: DetectorOptions = DetectorOptions()
 
 
 def _smear(rate_deg_s: float, exposure_s: float = 0.1, needed_percent: float = 99.0,
@@ -185,6 +187,6 @@ def _simulators(condition: ImageCondition, seed: int, camera: Camera
     clean, spoilt = (
         SkySimulator(camera, motion, load_catalog(), EPOCH_YEAR, detector_options=detector,
                      artefact_options=artefacts, frame_rate_hz=1e9 / STEP_NS, seed=seed)
-        for detector, artefacts in ((DetectorOptions(), ArtefactOptions()),
+        for detector, artefacts in ((condition.clean_detector, ArtefactOptions()),
                                     (condition.detector, condition.artefacts)))
     return clean, spoilt

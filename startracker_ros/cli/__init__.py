@@ -8,9 +8,11 @@ from startracker_ros.cli.bags import export, info, play, record, report
 from startracker_ros.cli.benches import bench
 from startracker_ros.cli.campaigns import campaign
 from startracker_ros.cli.flights import compare, reprocess, simulate, trend
+from startracker_ros.cli.instruments import datasheet, design
 from startracker_ros.cli.nodes import demo, doctor, live, run
 from startracker_ros.cli.photographs import calibrate, solve
 from startracker_ros.cli.shared import exit_1_on
+from startracker_ros.cli.telemetry import telemetry
 from startracker_ros.extras import MissingLibraryError
 
 
@@ -29,5 +31,5 @@ def main() -> None:
 
 
 for _command in (run, live, solve, calibrate, demo, record, play, info, report, export, doctor,
-                 campaign, bench, simulate, reprocess, compare, trend):
+                 campaign, bench, datasheet, design, telemetry, simulate, reprocess, compare, trend):
     main.add_command(_command)

@@ -6,9 +6,6 @@ into a block of data that scripts read with textContent. A policy in the head le
 and apply what was written here, by its hash, and nothing else.
 """
 
-import base64
-import hashlib
-from importlib.resources import files
 import json
 from pathlib import Path
 from typing import Any
@@ -16,16 +13,17 @@ from typing import Any
 import numpy as np
 from startracker_ros.bag.errors import BagError
 from startracker_ros.catalog.deep import star_name
-from startracker_ros.extras import extra
 from startracker_ros.report.frames import frame_pictures, FramePicture
 from startracker_ros.report.loading import load_recording
 from startracker_ros.report.panels import diagnostics_table, Panel, Panels, utc
 from startracker_ros.report.recording import Recording
 from startracker_ros.report.sky_map import sky_map
+from startracker_ros.report.template import content_policy, resource, template
 from startracker_ros.table import Result
 
 _LEVELS = {0: ('OK', 'good'), 1: ('WARN', 'warn'), 2: ('ERROR', 'bad'), 3: ('STALE', 'other')}
 _NAMED_STARS = 12
+_PACKAGE = 'startracker_ros.report'
 _LISTED = 60
 
 
@@ -55,11 +53,12 @@ def render_page(bag: Path, panels: Panels) -> str:
     sky, histograms, states = sky_map(panels), panels.histograms(), panels.states()
     data = {'duration': panels.duration_s, 'panels': sum(groups.values(), []), 'states': states,
             'histograms': histograms, 'sky': sky}
-    style, script = _resource('page.css'), _resource('page.js')
-    policy = (f"default-src 'none'; img-src data:; style-src '{_hash(style)}'; "
-              f"script-src '{_hash(script)}'; base-uri 'none'; form-action 'none'")
-    return _template().render(
-        title=f'Star tracker: {bag.resolve().name}', policy=policy, style=style, script=script,
+    style, script = (resource(_PACKAGE, name) for name in ('page.css', 'page.js'))
+    page = template(_PACKAGE, 'page.html.j2', degrees=np.degrees, utc=utc, levels=_LEVELS,
+                    listed=_LISTED)
+    return page.render(
+        title=f'Star tracker: {bag.resolve().name}', policy=content_policy(style, script),
+        style=style, script=script,
         data=json_block(data), panels=panels, recording=recording, groups=groups, states=states,
         histograms=histograms, sky=sky, no_truth=_no_truth(recording),
         error_count=len(recording.errors()[0]),
@@ -70,27 +69,9 @@ def render_page(bag: Path, panels: Panels) -> str:
         diagnostics=diagnostics_table(recording), topics=_topics(panels))
 
 
-def _template() -> Any:
-    with extra('report', 'Jinja2', 'The page'):
-        from jinja2 import Environment, StrictUndefined
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters['degrees'] = np.degrees
-    environment.globals.update(utc=utc, levels=_LEVELS, listed=_LISTED)
-    return environment.from_string(_resource('page.html.j2'))
-
-
 def json_block(data: Any) -> str:
     """Return JSON that cannot end the script element that it stands in."""
     return json.dumps(data, separators=(',', ':'), allow_nan=False).replace('<', '\\u003c')
-
-
-def _resource(name: str) -> str:
-    return files('startracker_ros.report').joinpath(name).read_text(encoding='utf-8')
-
-
-def _hash(text: str) -> str:
-    return 'sha256-' + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def _drawn(panel: Panel) -> bool:

@@ -1,0 +1,1 @@
+"""What a data sheet states of a camera with this star tracker, and what a design will reach."""

@@ -1,0 +1,111 @@
+"""telemetry_bridge over DDS: what it receives is what it sends, and never more."""
+
+from collections.abc import Iterator
+import socket
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+import numpy as np
+import pytest
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Imu, Temperature
+from startracker_ros.attitude.result import AttitudeEstimate
+from startracker_ros.harness.rig import Rig
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.attitude import attitude_to_imu, tracked_attitude_to_imu
+from startracker_ros.ros.messages.header import make_header
+from startracker_ros.telemetry import nos3, space_packet
+from startracker_ros.telemetry.report import TrackerCode
+from startracker_ros.track.tracks import TrackedAttitude
+
+START_NS, STEP_NS = 1_790_000_000_000_000_001, 100_000_000
+FRAME = 'star_tracker_optical_frame'
+Q = np.array([0.1826, -0.3651, 0.5477, 0.7303]) / np.linalg.norm([0.1826, -0.3651, 0.5477, 0.7303])
+SIGMA = np.array([1e-6, 2e-6, 3e-5])
+RATE = np.array([0.01, -0.02, 0.03])
+
+
+@pytest.fixture(scope='module')
+def receiver() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(('127.0.0.1', 0))
+        receiver.settimeout(60)
+        yield receiver
+
+
+@pytest.fixture(scope='module')
+def bridge(shared_rig: Rig, receiver: socket.socket) -> Rig:
+    shared_rig.processes.start('telemetry_bridge', {
+        'destination': f'udp://127.0.0.1:{receiver.getsockname()[1]}', 'apid': 42})
+    return shared_rig
+
+
+def imu(number: int, q: np.ndarray | None = Q) -> Imu:
+    header = make_header(START_NS + number * STEP_NS, FRAME)
+    if q is None:
+        return attitude_to_imu(None, header)
+    attitude = AttitudeEstimate(Q, np.diag(SIGMA ** 2), 5, np.zeros(5), 1.0)
+    message = tracked_attitude_to_imu(TrackedAttitude(attitude, RATE, np.eye(3)), header)
+    message.orientation.x = float(q[0])
+    return message
+
+
+def test_packets_hold_what_was_published(bridge: Rig, receiver: socket.socket):
+    probe = bridge.probe
+    attitude = probe.advertise(Imu, 'attitude_imu', qos.LIST)
+    state = probe.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
+    temperature = probe.advertise(Temperature, 'temperature', qos.LIST)
+    diagnostics = probe.advertise(DiagnosticArray, '/diagnostics', qos.LIST)
+    for publisher in (attitude, state, temperature, diagnostics):
+        probe.wait(publisher.get_subscription_count, 'the bridge')
+    attitude.publish(imu(0))
+    first = space_packet.decode(receiver.recv(1000))
+    assert first.stamp_ns == START_NS
+    assert (first.quaternion == Q).all()
+    assert first.sigma_rad == pytest.approx(SIGMA, rel=1e-6)
+    assert first.rate_rad_s == pytest.approx(RATE, rel=1e-6)
+    assert first.state is TrackerCode.UNKNOWN
+    state.publish(DiagnosticStatus(message='TRACKING', values=[
+        KeyValue(key='stars_matched', value='37'), KeyValue(key='residual_px', value='0.061')]))
+    temperature.publish(Temperature(temperature=-12.25))
+    diagnostics.publish(DiagnosticArray(status=[
+        DiagnosticStatus(hardware_id=name, values=[KeyValue(key='background_dn', value=value)])
+        for name, value in (('star_tracker', '71.5'), ('other', '99'))]))
+    numbers = iter(range(1, 10_000))
+
+    def complete() -> bool:
+        attitude.publish(imu(next(numbers)))
+        report = space_packet.decode(receiver.recv(1000))
+        return (report.state, report.stars, round(report.residual_px, 3), report.background_dn,
+                report.temperature_c) == (TrackerCode.TRACKING, 37, 0.061, 71.5, -12.25)
+    probe.wait(complete, 'state, background and temperature')
+    # Without an attitude: sent, and marked.
+    attitude.publish(imu(20_000, None))
+    packet = receiver.recv(1000)
+    assert space_packet.decode(packet).quaternion is None
+    assert not any(space_packet.values(packet)[f'Q_{axis}'] for axis in 'XYZW')
+    # What is no attitude, or not newer: not sent at all.
+    for wrong in (imu(20_001, np.full(4, np.nan)), imu(20_002, 3 * Q), imu(20_000)):
+        attitude.publish(wrong)
+    attitude.publish(imu(20_003))
+    last = receiver.recv(1000)
+    assert space_packet.decode(last).stamp_ns == START_NS + 20_003 * STEP_NS
+    assert space_packet.sequence_of(last) == space_packet.sequence_of(packet) + 1
+    probe.wait_diagnostic('sending ccsds packets')
+
+
+def test_the_packet_can_be_changed_while_it_runs(bridge: Rig, receiver: socket.socket):
+    probe = bridge.probe
+    attitude = probe.advertise(Imu, 'attitude_imu', qos.LIST)
+    probe.wait(attitude.get_subscription_count, 'the bridge')
+    response = probe.call(
+        SetParametersAtomically, 'telemetry_bridge/set_parameters_atomically',
+        SetParametersAtomically.Request(
+            parameters=[Parameter('packet_format', value='nos3').to_parameter_msg()]))
+    assert response.result.successful, response.result.reason
+    attitude.publish(imu(30_000))
+    quaternion, valid = nos3.decode(receiver.recv(1000))
+    assert valid
+    assert np.abs(quaternion - Q).max() <= 0.5 / 32767
+    attitude.publish(imu(30_001, None))
+    assert nos3.decode(receiver.recv(1000))[1] is False
