@@ -224,8 +224,9 @@ class CentroidExtractor:
             middle = (frame.image.shape[0] - 1) / 2
             centroids = replace(
                 centroids, delay_s=(centroids.uv[:, 1] - middle) * self._line_time_s)
-        centroids = replace(centroids, common=np.tile(
-            self._pointing_error(centroids, frame, sigma_px, streak), (len(centroids), 1, 1)))
+        common = self._pointing_error(centroids, frame, sigma_px, streak)
+        if common.any():
+            centroids = replace(centroids, common=np.tile(common, (len(centroids), 1, 1)))
         uv = np.concatenate(rejections.uv) if rejections.uv else np.empty((0, 2))
         if len(centroids):
             status, reason = 'ok', ''
@@ -239,10 +240,10 @@ class CentroidExtractor:
     def _pointing_error(self, centroids: Centroids, frame: Frame, sigma_px: float,
                         streak: Streak | None) -> np.ndarray:
         """Return the covariance (2, 2) px^2 of the error that the brightest stars share."""
-        bright = centroids.select(slice(MOST_COMPARED))
-        moved_px = np.zeros((len(bright), 2)) if streak is None else streak.at(bright.uv)
-        stars = streaks_at(bright.uv, moved_px, sigma_px)
-        stars[:, FLUX] = bright.flux
+        uv = centroids.uv[:MOST_COMPARED]
+        moved_px = np.zeros((len(uv), 2)) if streak is None else streak.at(uv)
+        stars = streaks_at(uv, moved_px, sigma_px)
+        stars[:, FLUX] = centroids.flux[:MOST_COMPARED]
         return pointing_error(
             frame.image, frame.mesh, frame.full_scale_dn, stars, streak is not None)
 

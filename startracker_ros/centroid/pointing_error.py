@@ -21,7 +21,7 @@ import math
 import numpy as np
 from startracker_ros.centroid.background import background_at, Mesh
 from startracker_ros.centroid.psf import FLUX, profile, SHARE, SIGMA, U, V
-from startracker_ros.centroid.streak_fit import light_at
+from startracker_ros.centroid.streak_fit import LENGTH, light_at
 from startracker_ros.compiled import compiled
 
 MOST_STARS, LEAST_STARS = 8, 3
@@ -47,7 +47,7 @@ def pointing_error(image: np.ndarray, mesh: Mesh, full_scale: float, stars: np.n
     longest = 0.0
     if streaked:
         for i in range(len(stars)):
-            longest = max(longest, stars[i, 5])
+            longest = max(longest, stars[i, LENGTH])
     reach = min(REACH_PX + math.ceil(longest / 2), MOST_REACH_PX)
     chosen = _chosen(image, stars, reach, full_scale)
     if len(chosen) < LEAST_STARS:
@@ -59,6 +59,8 @@ def pointing_error(image: np.ndarray, mesh: Mesh, full_scale: float, stars: np.n
         _remove_rings(left, reach)
     smooth = _smoothed(left)
     noise = 1.4826 * np.median(np.abs(smooth))
+    if not smooth.max() > SIGNIFICANT * noise:
+        return covariance
     # In a streak the light, and with it the error of the model, is spread over its length.
     width2 = stars[chosen[0], SIGMA] ** 2 + SMOOTHING_PX ** 2
     most = 0.0
@@ -117,13 +119,14 @@ def _left(image: np.ndarray, mesh: Mesh, stars: np.ndarray, streaked: bool, reac
     for star in stars:
         left, top = round(star[U]) - reach, round(star[V]) - reach
         level, _ = background_at(mesh, round(star[U]), round(star[V]))
+        per_flux = 1 / star[FLUX]
         profile(star[U], star[SIGMA], left, columns)
         profile(star[V], star[SIGMA], top, rows)
         for y in range(size):
             for x in range(size):
                 light = (light_at(star, left + x, top + y) if streaked
                          else rows[SHARE, y] * columns[SHARE, x])
-                value = (image[top + y, left + x] - level) / star[FLUX] - light
+                value = (image[top + y, left + x] - level) * per_flux - light
                 if value > largest[y, x, 0]:
                     k = 0
                     while k + 1 < kept and largest[y, x, k + 1] < value:

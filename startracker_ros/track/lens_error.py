@@ -8,9 +8,9 @@ residuals in two frames in a row is the variance of what stays. A rotation of al
 out before, being no matter of the lens; it takes a share of the stars' own errors with it.
 
 Part of what stays may be a scale: a wrong focal length, or the tails of coma, which all point away
-from the axis. Such errors do not average out over the stars of an image whose middle is not that of
-its stars. The scale k, r = k d for residuals r at d from the axis, is fitted to all frames; the
-errors that stay are those beside it.
+from the axis. Such errors do not average out over stars whose mean position is not the axis. The
+scale k, r = k d for residuals r at d from the axis, is fitted to all frames; the errors that stay
+are those beside it.
 """
 
 import math
