@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from startracker_ros.astro.constants import SPEED_OF_LIGHT_M_S
+from startracker_ros.camera.model import Camera
 from startracker_ros.maths.rotation import matrix_from_quaternion
 
 SOLVERS = ('quest', 'davenport', 'svd', 'triad')
@@ -54,22 +55,42 @@ def with_velocity_error(attitude: AttitudeEstimate, velocity_sigma_m_s: float,
     return replace(attitude, covariance_sensor=attitude.covariance_sensor + variance * turn)
 
 
-def with_lens_error(attitude: AttitudeEstimate, lens_sigma: float, sensor: np.ndarray,
-                    sigma: np.ndarray) -> AttitudeEstimate:
+def with_lens_error(attitude: AttitudeEstimate, lens_sigma: float, scale: float,
+                    sensor: np.ndarray, sigma: np.ndarray) -> AttitudeEstimate:
     """
     Return an attitude whose covariance contains errors of the lens, of 1 sigma per axis and star.
 
     sensor and sigma are those of with_velocity_error(), in rad as is lens_sigma. The errors are
     independent between stars and the same in each frame: sigma_l^2 F^-1 G F^-1 is added, with G
-    = sum w^2 (I - p p^T).
+    = sum w^2 (I - p p^T). A scale, the relative error of the distances from the axis z, moves
+    stars by scale (p - z), which turns the best fit by scale F^-1 sum w p_z (-p_y, p_x, 0).
     """
-    if not lens_sigma:
+    if not (lens_sigma or scale):
         return attitude
     weight = 1 / np.square(sigma)
     F_inverse = np.linalg.inv(_information(weight, sensor))
     G = _information(np.square(weight), sensor)
+    x, y, z = sensor.T
+    turn = scale * F_inverse @ [-(weight * z) @ y, (weight * z) @ x, 0.0]
     return replace(attitude, covariance_sensor=attitude.covariance_sensor
-                   + lens_sigma ** 2 * F_inverse @ G @ F_inverse)
+                   + lens_sigma ** 2 * F_inverse @ G @ F_inverse + np.outer(turn, turn))
+
+
+def pointing_covariance(common_px2: np.ndarray, camera: Camera) -> np.ndarray:
+    """
+    Return the covariance (3, 3) rad^2 about sensor axes of a shift of all stars, (2, 2) px^2.
+
+    In the middle of the image a turn x, y of the sensor moves stars by (-f_u y, f_v x) px.
+    """
+    turn = np.array([[0.0, 1 / camera.fy], [-1 / camera.fx, 0.0], [0.0, 0.0]])
+    return turn @ common_px2 @ turn.T
+
+
+def with_common_error(attitude: AttitudeEstimate, common_px2: np.ndarray, camera: Camera
+                      ) -> AttitudeEstimate:
+    """Return an attitude whose covariance contains an error (2, 2) px^2 that all stars share."""
+    return replace(attitude, covariance_sensor=attitude.covariance_sensor
+                   + pointing_covariance(common_px2, camera))
 
 
 def _information(weight: np.ndarray, sensor: np.ndarray) -> np.ndarray:

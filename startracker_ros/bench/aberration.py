@@ -14,7 +14,8 @@ from startracker_ros.figures.rows import Row
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, random_attitude
 from startracker_ros.pipeline.pipeline import Pipeline
 from startracker_ros.sky.detector import DetectorOptions
-from startracker_ros.sky.motion import MotionState, SteadyMotion
+from startracker_ros.sky.motion import SteadyMotion
+from startracker_ros.sky.motion_state import MotionState
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.table import Result
 

@@ -11,12 +11,14 @@ from startracker_ros.campaign.integrity_tally import (
     CAMERA, EPOCH_YEAR, START_NS, STEP_NS, Tally, tally_of_frame)
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.extraction import ExtractionOptions
-from startracker_ros.maths.rotation import random_attitude
+from startracker_ros.maths.rotation import ARCSEC, random_attitude
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
 from startracker_ros.sky.artefacts import ArtefactOptions
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.motion import SteadyMotion
+from startracker_ros.sky.motion_state import Motion
 from startracker_ros.sky.presets import with_preset
+from startracker_ros.sky.shake import ShakenMotion
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.tracker import TrackerState
@@ -30,6 +32,8 @@ CLEAN_FRAMES = 10
 _GYRO_STEP_NS = 10_000_000
 _ORBIT = CircularOrbit(EARTH_RADIUS_M + 700e3, 0.5, 0.0, 0.0)
 _LINE_TIME_US = 20.0
+_VIBRATION_HZ = 7.3
+_KICK_PERIOD_S = 0.15
 # The fastest condition turns at 10 deg/s, the largest rate that the tracker accepts by default.
 _TRACKER = TrackerOptions(max_rate_deg_s=15.0)
 _CM2 = (CAMERA.width * 5.5e-4) ** 2
@@ -40,15 +44,17 @@ class ImageCondition:
     """
     What the images of a run contain.
 
-    The camera turns at rate_deg_s about a random axis. The first clean_frames are of
-    clean_detector and without artefacts: the tracker tracks when these begin. line_time_us is the
-    parameter of the extraction. Frames are due after clean_frames, or after the two
-    identifications of a start; with start, each run is due once: within its frames. needed_percent
-    of what is due must have an attitude. Without detectable, no image shows the error: only its
-    size is measured.
+    The camera turns at rate_deg_s about a random axis, with a vibration of vibration_arcsec and
+    kicks of kick_arcsec, one in 0.15 s on average. The first clean_frames are of clean_detector
+    and without artefacts: the tracker tracks when these begin. line_time_us is the parameter of
+    the extraction. Frames are due after clean_frames, or after the two identifications of a start;
+    with start, each run is due once: within its frames. needed_percent of what is due must have
+    an attitude. Without detectable, no image shows the error: only its size is measured.
     """
 
     rate_deg_s: float = 0.1
+    vibration_arcsec: float = 0.0
+    kick_arcsec: float = 0.0
     detector: DetectorOptions = DetectorOptions()
     artefacts: ArtefactOptions = ArtefactOptions()
     line_time_us: float = 0.0
@@ -63,13 +69,21 @@ class ImageCondition:
 
 def _smear(rate_deg_s: float, exposure_s: float = 0.1, needed_percent: float = 99.0,
            gyro: bool = False) -> ImageCondition:
-    return ImageCondition(rate_deg_s, DetectorOptions(motion_smear=True, exposure_s=exposure_s),
-                          gyro=gyro, needed_percent=needed_percent)
+    return ImageCondition(
+        rate_deg_s, detector=DetectorOptions(motion_smear=True, exposure_s=exposure_s),
+        gyro=gyro, needed_percent=needed_percent)
 
 
 def _rolling(rate_deg_s: float, line_time_us: float, needed_percent: float) -> ImageCondition:
-    return ImageCondition(rate_deg_s, DetectorOptions(line_time_us=_LINE_TIME_US),
+    return ImageCondition(rate_deg_s, detector=DetectorOptions(line_time_us=_LINE_TIME_US),
                           line_time_us=line_time_us, needed_percent=needed_percent)
+
+
+def _shaken(needed_percent: float, vibration_arcsec: float = 0.0, kick_arcsec: float = 0.0
+            ) -> ImageCondition:
+    return ImageCondition(
+        vibration_arcsec=vibration_arcsec, kick_arcsec=kick_arcsec,
+        detector=DetectorOptions(motion_smear=True), needed_percent=needed_percent)
 
 
 def _torn(rate_deg_s: float) -> ImageCondition:
@@ -139,6 +153,12 @@ IMAGE_CONDITIONS = {
         detector=with_preset(DetectorOptions(), 'harsh'),
         artefacts=with_preset(ArtefactOptions(), 'harsh'),
         line_time_us=10.0, needed_percent=90.0),
+    'vibration 10 arcsec': _shaken(99.0, vibration_arcsec=10.0),
+    'vibration 40 arcsec': _shaken(95.0, vibration_arcsec=40.0),
+    'vibration 100 arcsec': _shaken(0.0, vibration_arcsec=100.0),
+    'kicks of 40 arcsec': _shaken(95.0, kick_arcsec=40.0),
+    'kicks of 120 arcsec': _shaken(50.0, kick_arcsec=120.0),
+    'kicks of 250 arcsec': _shaken(50.0, kick_arcsec=250.0),
 }
 
 
@@ -169,7 +189,7 @@ def image_run(condition: ImageCondition, seed: int, camera: Camera = CAMERA) -> 
         taken = simulator.frame(round(index * STEP_NS * 1e-9, 9))
         pipeline.add_state(START_NS + index * STEP_NS, taken.state.geocentric)
         frame = pipeline.update_image(START_NS + index * STEP_NS, taken.image)
-        tally += tally_of_frame(frame, before, taken.state.q_icrf_from_sensor,
+        tally += tally_of_frame(frame, before, taken.q_mean,
                                 index >= due_from and not condition.start)
         before = frame.state
     if condition.start:
@@ -183,7 +203,10 @@ def _simulators(condition: ImageCondition, seed: int, camera: Camera
     rng = np.random.default_rng(seed)
     axis = rng.standard_normal(3)
     rate_rad_s = np.radians(condition.rate_deg_s) * axis / np.linalg.norm(axis)
-    motion = SteadyMotion(random_attitude(rng), rate_rad_s, _ORBIT)
+    motion: Motion = SteadyMotion(random_attitude(rng), rate_rad_s, _ORBIT)
+    if condition.vibration_arcsec or condition.kick_arcsec:
+        motion = ShakenMotion(motion, condition.vibration_arcsec * ARCSEC, _VIBRATION_HZ,
+                              condition.kick_arcsec * ARCSEC, _KICK_PERIOD_S, seed)
     clean, spoilt = (
         SkySimulator(camera, motion, load_catalog(), EPOCH_YEAR, detector_options=detector,
                      artefact_options=artefacts, frame_rate_hz=1e9 / STEP_NS, seed=seed)

@@ -22,7 +22,9 @@ class Centroids:
     uv (N, 2) px, (0, 0) the centre of the top-left pixel; flux (N,) total light in DN;
     snr (N,) flux over its 1-sigma error; sigma_px (N,) 1-sigma error per axis, the root mean
     square of both; covariance (N, 2, 2) px^2 of uv, round if left empty; delay_s (N,) from the
-    time of the frame to the middle of the exposure of the star's own row, zero if left empty.
+    time of the frame to the middle of the exposure of the star's own row, zero if left empty;
+    common (N, 2, 2) px^2, the same for all stars of an image, the covariance of an error that all
+    share, beside their own: of motion that is not uniform in the exposure; zero if left empty.
     """
 
     uv: np.ndarray
@@ -31,12 +33,15 @@ class Centroids:
     sigma_px: np.ndarray
     covariance: np.ndarray = field(default_factory=lambda: ROUND)
     delay_s: np.ndarray = field(default_factory=lambda: np.empty(0))
+    common: np.ndarray = field(default_factory=lambda: ROUND)
 
     def __post_init__(self) -> None:
         if not len(self.covariance):
             object.__setattr__(self, 'covariance', round_errors(self.sigma_px ** 2))
         if not len(self.delay_s):
             object.__setattr__(self, 'delay_s', np.zeros(len(self.flux)))
+        if not len(self.common):
+            object.__setattr__(self, 'common', np.zeros((len(self.flux), 2, 2)))
 
     def __len__(self) -> int:
         return len(self.flux)
@@ -55,4 +60,12 @@ class Centroids:
     def select(self, chosen: np.ndarray | slice) -> 'Centroids':
         """Return the centroids of a mask (N,), of indices or of a slice."""
         return Centroids(self.uv[chosen], self.flux[chosen], self.snr[chosen],
-                         self.sigma_px[chosen], self.covariance[chosen], self.delay_s[chosen])
+                         self.sigma_px[chosen], self.covariance[chosen], self.delay_s[chosen],
+                         self.common[chosen])
+
+    @property
+    def common_error(self) -> np.ndarray:
+        """Return the covariance (2, 2) px^2 of the error that all stars share, zero for none."""
+        if not len(self):
+            return np.zeros((2, 2))
+        return self.common[np.argmax(self.common[:, 0, 0] + self.common[:, 1, 1])]

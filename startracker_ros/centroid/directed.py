@@ -30,12 +30,8 @@ def _peaks_near(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Thresh
     for i in range(count):
         left, right = int(np.ceil(uv[i, 0] - radius_px[i])), int(uv[i, 0] + radius_px[i])
         top, bottom = int(np.ceil(uv[i, 1] - radius_px[i])), int(uv[i, 1] + radius_px[i])
-        best, best_u, best_v = -np.inf, -1, -1
-        for v in range(max(top, 1), min(bottom, height - 2) + 1):
-            for u in range(max(left, 1), min(right, width - 2) + 1):
-                value = filtered_at(image, kernel.weights, u, v)
-                if value > best:
-                    best, best_u, best_v = value, u, v
+        best, best_u, best_v = _highest(image, kernel.weights, max(left, 1), max(top, 1),
+                                        min(right, width - 2), min(bottom, height - 2))
         if best_u < 0:
             continue
         level, noise = background_at(mesh, best_u, best_v)
@@ -55,3 +51,39 @@ def _peaks_near(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Thresh
         peaks.top[i, 1] = parabola_top(around[0, 1], best, around[2, 1])
         peaks.height[i], peaks.level[i], peaks.noise[i] = best - level, level, noise
     return peaks, good
+
+
+@compiled
+def _highest(image: np.ndarray, weights: np.ndarray, left: int, top: int, right: int, bottom: int
+             ) -> tuple[float, int, int]:
+    """
+    Return the highest value of the filtered image from left, top to right, bottom, and its u, v.
+
+    Each row is filtered once, as filtered_at() does it; u is -1 where there is no pixel.
+    """
+    height, width = image.shape
+    radius = len(weights) - 1
+    best, best_u, best_v = -np.inf, -1, -1
+    if left > right or top > bottom:
+        return best, best_u, best_v
+    inside = (left >= radius and right < width - radius
+              and top >= radius and bottom < height - radius)
+    across = np.zeros((bottom - top + 1 + 2 * radius, right - left + 1))
+    if inside:
+        for y in range(across.shape[0]):
+            row = image[np.uintp(top - radius + y)]
+            for x in range(across.shape[1]):
+                first = np.uintp(left + x - radius)
+                for k in range(2 * radius + 1):
+                    across[y, x] += weights[abs(k - radius)] * row[first + np.uintp(k)]
+    for v in range(top, bottom + 1):
+        for u in range(left, right + 1):
+            value = 0.0
+            if inside:
+                for k in range(2 * radius + 1):
+                    value += weights[abs(k - radius)] * across[v - top + k, u - left]
+            else:
+                value = filtered_at(image, weights, u, v)
+            if value > best:
+                best, best_u, best_v = value, u, v
+    return best, best_u, best_v

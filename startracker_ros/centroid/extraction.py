@@ -25,8 +25,11 @@ from startracker_ros.centroid.frame import Frame, prepare
 from startracker_ros.centroid.hits import is_hit, is_single
 from startracker_ros.centroid.moments import Segmentation, WEIGHTS
 from startracker_ros.centroid.point_stars import measure_points
+from startracker_ros.centroid.pointing_error import pointing_error
+from startracker_ros.centroid.psf import FLUX
 from startracker_ros.centroid.rejection import Rejections
 from startracker_ros.centroid.streak import SHORTEST_PX, Streak
+from startracker_ros.centroid.streak_fit import streaks_at
 from startracker_ros.centroid.streak_search import estimate_streak, search_streaks
 from startracker_ros.centroid.streak_stars import measure_streaks
 from startracker_ros.centroid.width import measure_width
@@ -39,6 +42,7 @@ FILTER_RANGE_PX = (0.5, 5.0)
 SPARE_PEAKS = 2  # peaks fitted per star wanted, as some will be rejected
 CELLS = 8  # along each side of the image,
 CELL_SHARE = 4  # each of which gets so many times its share of the peaks
+MOST_COMPARED = 40  # stars, the brightest, in the search for an error that all share
 LEAST_ELONGATED = 4  # spots that may be streaks of stars,
 ELONGATED_SHARE = 0.15  # if there are so many for each star
 
@@ -220,6 +224,9 @@ class CentroidExtractor:
             middle = (frame.image.shape[0] - 1) / 2
             centroids = replace(
                 centroids, delay_s=(centroids.uv[:, 1] - middle) * self._line_time_s)
+        common = self._pointing_error(centroids, frame, sigma_px, streak)
+        if common.any():
+            centroids = replace(centroids, common=np.tile(common, (len(centroids), 1, 1)))
         uv = np.concatenate(rejections.uv) if rejections.uv else np.empty((0, 2))
         if len(centroids):
             status, reason = 'ok', ''
@@ -229,6 +236,16 @@ class CentroidExtractor:
             status, reason = 'no_stars', f'no star image above {self._threshold.text}'
         return Extraction(centroids, status, reason, frame.background_dn, frame.noise_dn,
                           sigma_px, rejections.counts, uv, streak)
+
+    def _pointing_error(self, centroids: Centroids, frame: Frame, sigma_px: float,
+                        streak: Streak | None) -> np.ndarray:
+        """Return the covariance (2, 2) px^2 of the error that the brightest stars share."""
+        uv = centroids.uv[:MOST_COMPARED]
+        moved_px = np.zeros((len(uv), 2)) if streak is None else streak.at(uv)
+        stars = streaks_at(uv, moved_px, sigma_px)
+        stars[:, FLUX] = centroids.flux[:MOST_COMPARED]
+        return pointing_error(
+            frame.image, frame.mesh, frame.full_scale_dn, stars, streak is not None)
 
     def _clean(self, frame: Frame, rejections: Rejections) -> Frame:
         """Return the frame, searched anew without what spoils the image."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.datasheet.instrument import ORBIT
 from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
-from startracker_ros.sky.motion import MotionState
+from startracker_ros.sky.motion_state import MotionState
 
 RUN_S = 100.0
 """Time between the beginnings of two runs of Spins."""

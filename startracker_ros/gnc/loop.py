@@ -11,7 +11,7 @@ from startracker_ros.gnc.plan import Phase, Plan
 from startracker_ros.gnc.spacecraft import CONTROL_NS, LATENCY_NS, Spacecraft, Truth
 from startracker_ros.maths.rotation import (
     attitude_error, conjugate, matrix_from_quaternion, multiply, rotate)
-from startracker_ros.sky.motion import MotionState
+from startracker_ros.sky.motion_state import MotionState
 from startracker_ros.sky.sampled_motion import SampledMotion
 
 Q_BODY_FROM_SENSOR = np.array([0.5, 0.5, 0.5, 0.5])

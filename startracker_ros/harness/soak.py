@@ -25,7 +25,8 @@ from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_to_message
-from startracker_ros.sky.motion import Motion, motion_from_options, MotionOptions, MotionState
+from startracker_ros.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sky.motion_state import Motion, MotionState
 from startracker_ros.sky.simulator import SkySimulator
 
 CAMERA = Camera.from_fov(256, 256, 12.0)

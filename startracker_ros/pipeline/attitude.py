@@ -1,8 +1,11 @@
 """Which attitude goes out: that of the star tracker, or of single frames, if it can be trusted."""
 
+from dataclasses import replace
+
 import numpy as np
 from startracker_ros.astro.epoch import stamp_from_epoch_year
 from startracker_ros.astro.observer_motion import AT_REST, ObserverMotion
+from startracker_ros.attitude.result import with_common_error
 from startracker_ros.attitude.validation import (
     AttitudeValidator, TrustedAttitude, ValidationOptions)
 from startracker_ros.camera.model import Camera
@@ -62,7 +65,11 @@ class AttitudeStage:
     def from_stars(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray
                    ) -> TrustedAttitude:
         """Return the attitude solved from one identified frame, hip (N,) 0 where unknown."""
-        return self._at(stamp_ns).solve(centroids.uv, hip, centroids.sigma_px)
+        solved = self._at(stamp_ns).solve(centroids.uv, hip, centroids.sigma_px)
+        if solved.attitude is None:
+            return solved
+        return replace(solved, attitude=with_common_error(
+            solved.attitude, centroids.common_error, self._camera))
 
     def _at(self, stamp_ns: int) -> AttitudeValidator:
         """Return the validator with the directions of the stars at a stamp."""

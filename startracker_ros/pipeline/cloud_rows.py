@@ -37,12 +37,14 @@ def track_rows(tracks: Tracks, camera: Camera) -> np.ndarray:
 def centroids_from_rows(rows: np.ndarray) -> Centroids:
     """Return the centroids of `centroids` or `stars` rows."""
     known = rows['cov_uu'] > 0
-    covariance = np.stack([rows['cov_uu'], rows['cov_uv'], rows['cov_uv'], rows['cov_vv']], -1)
+    covariance, common = (
+        np.stack([rows[name + end] for end in ('uu', 'uv', 'uv', 'vv')], -1).reshape(-1, 2, 2)
+        for name in ('cov_', 'common_'))
     return Centroids(
         uv=np.stack([rows['u'], rows['v']], -1).astype(float), flux=rows['flux'].astype(float),
         snr=rows['snr'].astype(float), sigma_px=rows['sigma_px'].astype(float),
-        covariance=covariance.reshape(-1, 2, 2).astype(float) if known.all() else ROUND,
-        delay_s=rows['stamp_offset'].astype(float))
+        covariance=covariance.astype(float) if known.all() else ROUND,
+        delay_s=rows['stamp_offset'].astype(float), common=common.astype(float))
 
 
 def _rows(dtype: np.dtype, uv: np.ndarray, flux: np.ndarray, snr: np.ndarray,
@@ -63,4 +65,7 @@ def _measured_rows(dtype: np.dtype, centroids: Centroids, camera: Camera) -> np.
     covariance = np.nan_to_num(centroids.covariance, posinf=0.0)
     rows['cov_uu'], rows['cov_vv'] = covariance[:, 0, 0], covariance[:, 1, 1]
     rows['cov_uv'], rows['stamp_offset'] = covariance[:, 0, 1], centroids.delay_s
+    common = centroids.common
+    rows['common_uu'], rows['common_vv'] = common[:, 0, 0], common[:, 1, 1]
+    rows['common_uv'] = common[:, 0, 1]
     return rows

@@ -204,7 +204,13 @@ class ExtractionStage:
             self._learn_exposure(extraction, expected)
 
     def _learn_exposure(self, extraction: Extraction, expected: _Expected) -> None:
-        """Learn the exposure time from a streak that the image shows; few stars may err."""
+        """
+        Learn the exposure time from a streak that the image shows; few stars may err.
+
+        An image of motion that is not uniform shows no time.
+        """
+        if extraction.centroids.common_error.any():
+            return
         exposure_s, stars = expected.exposure_s(extraction.streak), len(extraction.centroids)
         if exposure_s and stars >= self._exposure_stars / 2:
             self._exposure_s, self._exposure_stars = exposure_s, stars

@@ -14,7 +14,8 @@ from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.messages.odometry import motion_from_odometry
 from startracker_ros.ros.source import SourceNode, SourceOptions
-from startracker_ros.sky.motion import MotionOptions, MotionState
+from startracker_ros.sky.motion import MotionOptions
+from startracker_ros.sky.motion_state import MotionState
 from startracker_ros.sky.sampled_motion import SampledMotion
 
 TOPIC = 'motion/odometry'

@@ -4,9 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from startracker_ros.camera.model import Camera
+from startracker_ros.maths.rotation import ARCSEC
 from startracker_ros.options import option, Options
 from startracker_ros.sky.defects import Defects, NO_DEFECTS
 from startracker_ros.sky.scene import false_stars, SceneStars
+from startracker_ros.sky.shake import Shaking, STILL
 
 NO_TRAILS = np.zeros((0, 4))
 
@@ -102,14 +104,24 @@ class Artefacts:
     torn_row: int = 0
     repeated: bool = False
     stamp_offset_s: float = 0.0
+    shaking: Shaking = STILL
 
     def counts(self) -> dict[str, float]:
-        """Return the number of each kind by name, the torn row and the offset of the stamp."""
+        """
+        Return the number of each kind by name, the torn row and the offset of the stamp.
+
+        The last three describe a motion that is not uniform within the exposure: its mean pointing
+        minus that at its middle, about sensor x and y, and the rms distance from the mean.
+        """
+        shaking = self.shaking
+        x, y, rms = np.array([*shaking.mean_rad, shaking.rms_rad]) / ARCSEC
         return {
             'trails': len(self.trails), 'star_like_spots': self.spots, 'ghosts': self.ghosts,
             'second_images': self.second_images, 'cosmic_ray_hits': self.cosmic_ray_hits,
             **self.defects.counts(), 'torn_row': self.torn_row,
-            'repeated': int(self.repeated), 'stamp_offset_s': self.stamp_offset_s}
+            'repeated': int(self.repeated), 'stamp_offset_s': self.stamp_offset_s,
+            'mean_pointing_x_arcsec': float(x), 'mean_pointing_y_arcsec': float(y),
+            'pointing_rms_arcsec': float(rms)}
 
 
 def draw_trails(camera: Camera, options: ArtefactOptions, rng: np.random.Generator) -> np.ndarray:

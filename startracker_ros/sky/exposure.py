@@ -5,7 +5,8 @@ from functools import lru_cache
 import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.maths.rotation import matrix_from_quaternion
-from startracker_ros.sky.motion import Motion
+from startracker_ros.sky.motion_state import Motion
+from startracker_ros.sky.shake import ShakenMotion, uneven_instants
 from startracker_ros.sky.sources import LightSources
 
 # The iteration for the row of a star ends below this change or after _ROW_STEPS.
@@ -33,10 +34,15 @@ def image_paths(camera: Camera, motion: Motion, sources: LightSources, time_s: f
     K is odd and instant K // 2 is the middle of the exposure. time_s is the time of the image:
     with a rolling shutter, of its middle row; line_time_s is negative if rows are exposed
     upwards. Instants and weights are those of Gauss-Legendre
-    quadrature; with step_px equal to the sigma of the PSF the streak is exact to 0.1 %.
+    quadrature; with step_px equal to the sigma of the PSF the streak is exact to 0.1 %. Those of
+    a shaken motion have equal weights, 1.5 % of the exposure each.
     """
     speed_px_s = _speed_px_s(camera, motion, sources, time_s)
-    instants_s, weight = _instants(exposure_s, speed_px_s * exposure_s / step_px)
+    if isinstance(motion, ShakenMotion) and exposure_s:
+        instants_s, weight = uneven_instants(exposure_s)
+        margin_px = margin_px + 2 * motion.reach_rad / camera.pixel_rad
+    else:
+        instants_s, weight = _instants(exposure_s, speed_px_s * exposure_s / step_px)
     # Includes stars that enter the field before the last row is exposed.
     margin_px = margin_px + speed_px_s * abs(line_time_s) * camera.height / 2
     paths = np.empty((len(instants_s), len(sources.hip), 2))

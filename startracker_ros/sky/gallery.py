@@ -79,6 +79,7 @@ def _whole(effect: Options, white_e: float = 200.0) -> Picture:
 
 
 _ROTATING = {'motion': 'constant_rate', 'rate_deg_s': (0.3, 0.4, 3.0)}
+_SHAKEN = {'motion': 'inertial', 'motion_smear': True}
 _WIDE = Camera.from_fov(1024, 1024, 24.0)
 _NARROW = Camera.from_fov(1024, 1024, 1.5)
 
@@ -91,6 +92,8 @@ PICTURES = {
         corner=(0, 0), size_px=1024, overlay=True),
     'roll_jitter': Picture({'jitter_deg_s': 0.5}, {'motion': 'inertial', **_QUIET},
                            corner=(684, 0), size_px=340, frames=60),
+    'vibration': Picture({'vibration_arcsec': 150.0}, _SHAKEN, corner=(560, 480), size_px=85),
+    'kick': Picture({'kick_arcsec': 250.0}, _SHAKEN, corner=(560, 480), size_px=85, time_s=0.4),
     'dark_current': Picture({'dark_current_e_s': 500.0}),
     'hot_pixels': Picture({'hot_pixel_fraction': 0.003}),
     'flat_field': Picture({'flat_field_percent': 5.0}, {'background_e': 4000.0}, white_e=1000.0),

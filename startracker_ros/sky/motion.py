@@ -1,42 +1,15 @@
 """True attitude, rate, position and velocity of a simulated sensor."""
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.orbit import CircularOrbit
-from startracker_ros.astro.state import State
 from startracker_ros.maths.rotation import (
-    conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
+    ARCSEC, conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
 from startracker_ros.options import option, Options
-
-
-@dataclass(frozen=True)
-class MotionState:
-    """
-    Truth at one instant.
-
-    q_icrf_from_sensor (4,); rate_rad_s (3,), the angular velocity with respect to ICRF
-    on sensor axes; position_m and velocity_m_s (3,), geocentric on ICRF axes.
-    """
-
-    q_icrf_from_sensor: np.ndarray
-    rate_rad_s: np.ndarray
-    position_m: np.ndarray
-    velocity_m_s: np.ndarray
-
-    @property
-    def geocentric(self) -> State:
-        """Return position and velocity as a navigation without errors reports them."""
-        return State(self.position_m, self.velocity_m_s, np.zeros((3, 3)))
-
-
-class Motion(Protocol):
-    """The true state at any time, in s since the start of the simulation."""
-
-    def at(self, time_s: float) -> MotionState:
-        """Return the state; times may come in any order."""
+from startracker_ros.sky.motion_state import Motion, MotionState
+from startracker_ros.sky.shake import ShakenMotion
 
 
 @dataclass(frozen=True)
@@ -67,7 +40,7 @@ class RollJitter:
     constant over each block, so the roll angle is continuous.
     """
 
-    steady: SteadyMotion
+    steady: Motion
     peak_rad_s: float
     block_s: float
     seed: int
@@ -111,6 +84,17 @@ class MotionOptions(Options):
         'constant over blocks', unit='deg/s', low=0.0, high=20.0)
     jitter_block_s: float = option(1.0, 'length of a block of constant roll rate', unit='s',
                                    low=0.01, high=1000.0)
+    vibration_arcsec: float = option(
+        0.0, 'amplitude of a sinusoidal vibration about an axis across the boresight; it blurs '
+        'stars with motion_smear', unit='arcsec', low=0.0, high=3600.0)
+    vibration_hz: float = option(7.3, 'frequency of the vibration', unit='Hz', low=0.01,
+                                 high=1000.0)
+    kick_arcsec: float = option(
+        0.0, 'sudden jumps of the pointing: one in each kick_period_s, at a random instant of it '
+        'and in a random direction; every second one leads back', unit='arcsec', low=0.0,
+        high=3600.0)
+    kick_period_s: float = option(0.15, 'mean time between two kicks', unit='s', low=0.001,
+                                  high=1000.0)
     altitude_km: float = option(700.0, 'altitude of the circular orbit, above the equatorial '
                                 'radius', unit='km', low=160.0, high=100000.0)
     inclination_deg: float = option(30.0, 'inclination of the orbit to the ICRF equator',
@@ -128,7 +112,7 @@ class MotionOptions(Options):
 
 
 def motion_from_options(options: MotionOptions = MotionOptions(), *, seed: int = 0) -> Motion:
-    """Return the motion of the options, other than topic; seed is that of the jitter."""
+    """Return the motion of the options, other than topic; seed is that of jitter and shake."""
     orbit = options.orbit
     q_start = quaternion_from_pointing(
         *np.radians([options.ra_deg, options.dec_deg, options.roll_deg]))
@@ -140,7 +124,12 @@ def motion_from_options(options: MotionOptions = MotionOptions(), *, seed: int =
         # The orbit frame rotates about the orbit normal, which is fixed on the axes of a sensor
         # that is fixed in the orbit frame: a constant rate on sensor axes.
         rate_rad_s = rotate(conjugate(q_start), orbit.rate_rad_s * orbit.normal)
-    steady = SteadyMotion(q_start, rate_rad_s, orbit)
-    if not options.jitter_deg_s:
-        return steady
-    return RollJitter(steady, np.radians(options.jitter_deg_s), options.jitter_block_s, seed)
+    motion: Motion = SteadyMotion(q_start, rate_rad_s, orbit)
+    if options.jitter_deg_s:
+        motion = RollJitter(
+            motion, np.radians(options.jitter_deg_s), options.jitter_block_s, seed)
+    if options.vibration_arcsec or options.kick_arcsec:
+        motion = ShakenMotion(
+            motion, options.vibration_arcsec * ARCSEC, options.vibration_hz,
+            options.kick_arcsec * ARCSEC, options.kick_period_s, seed)
+    return motion

@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 from startracker_ros.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotation_vector_from_quaternion)
-from startracker_ros.sky.motion import MotionState
+from startracker_ros.sky.motion_state import MotionState
 
 KEPT_S = 3.0
 """Samples that are older than the newest by more are forgotten: a torn image needs the motion of

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.maths.rotation import rotate
-from startracker_ros.sky.motion import Motion
+from startracker_ros.sky.motion_state import Motion
 
 
 @dataclass(frozen=True)

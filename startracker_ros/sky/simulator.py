@@ -5,14 +5,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import StarCatalog
+from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.sky.artefacts import (
     ArtefactOptions, Artefacts, draw_spots, draw_trails, NO_TRAILS)
 from startracker_ros.sky.detector import Detector, DetectorOptions
 from startracker_ros.sky.exposure import image_paths
 from startracker_ros.sky.gyro import Gyro, GyroOptions
-from startracker_ros.sky.motion import Motion, MotionState
+from startracker_ros.sky.motion_state import Motion, MotionState
 from startracker_ros.sky.navigation import NavigationOptions
 from startracker_ros.sky.scene import SceneStars
+from startracker_ros.sky.shake import ShakenMotion, STILL
 from startracker_ros.sky.sources import Sky, SkyOptions
 from startracker_ros.sky.target import Target, TargetOptions
 
@@ -36,6 +38,17 @@ class Frame:
     flux_dn: np.ndarray
     artefacts: Artefacts
 
+    @property
+    def q_mean(self) -> np.ndarray:
+        """
+        Return q_icrf_from_sensor (4,) of the mean pointing of the exposure.
+
+        It is that of state where the motion within the exposure is uniform.
+        """
+        mean = self.artefacts.shaking.mean_rad
+        return multiply(self.state.q_icrf_from_sensor,
+                        quaternion_from_rotation_vector([*mean, 0.0]))
+
 
 class SkySimulator:
     """
@@ -57,8 +70,12 @@ class SkySimulator:
         """
         Render the stars of the catalogue, all of them; it sets the magnitude limit.
 
-        Torn and repeated frames need frame_rate_hz: frames are at its multiples.
+        Torn and repeated frames need frame_rate_hz: frames are at its multiples. ValueError for
+        a rolling shutter on a shaken motion, whose rows are not rendered at their own times.
         """
+        if isinstance(motion, ShakenMotion) and detector_options.line_time_us:
+            raise ValueError('vibration_arcsec and kick_arcsec are rendered with a global shutter '
+                             'only: set line_time_us to 0')
         self._camera = camera
         self._motion = motion
         self.target = Target(target_options, epoch_year) if target_options.target else None
@@ -108,9 +125,12 @@ class SkySimulator:
         hits = detector.expose(uv, magnitude, rng, weight, trails)
         stars = scene.select(detector.visible(scene.uv))
         ghosts, second_images = self._copies(scene)
+        shaking = STILL
+        if isinstance(self._motion, ShakenMotion) and detector.options.motion_smear:
+            shaking = self._motion.shaking(time_s - offset_s, detector.options.exposure_s)
         artefacts = Artefacts(trails=trails, spots=spots, ghosts=ghosts,
                               second_images=second_images, cosmic_ray_hits=hits,
-                              defects=detector.defects, stamp_offset_s=offset_s)
+                              defects=detector.defects, stamp_offset_s=offset_s, shaking=shaking)
         return Frame(detector.read(rng), self._motion.at(time_s), stars,
                      detector.flux_dn(stars.magnitude), artefacts)
 
@@ -127,6 +147,8 @@ class SkySimulator:
         # Includes stars that enter the field before the last row is read, and distortion.
         turned_rad = float(np.linalg.norm(state.rate_rad_s)) * (
             exposure_s + self._camera.height * abs(line_time_s)) / 2
+        if isinstance(self._motion, ShakenMotion):
+            turned_rad += 2 * self._motion.reach_rad
         radius_rad = min(np.pi, self._camera.corner_angle_rad + turned_rad
                          + 2 * margin_px * self._camera.pixel_rad)
         groups = self._sky.around(state, time_s, radius_rad)

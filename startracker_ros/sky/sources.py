@@ -10,7 +10,7 @@ from startracker_ros.astro.earth import earth_position_au, in_range
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.maths.rotation import rotate
 from startracker_ros.options import option, Options
-from startracker_ros.sky.motion import Motion, MotionState
+from startracker_ros.sky.motion_state import Motion, MotionState
 from startracker_ros.sky.satellites import SatelliteTraffic
 from startracker_ros.sky.target import Target
 

@@ -8,7 +8,7 @@ from startracker_ros.astro.bodies import sun_direction
 from startracker_ros.astro.constants import EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
 from startracker_ros.astro.orbit import Elements, propagate, state_from_elements
 from startracker_ros.options import option, Options
-from startracker_ros.sky.motion import MotionState
+from startracker_ros.sky.motion_state import MotionState
 
 _STANDARD_RANGE_M = 1e6
 

@@ -8,6 +8,7 @@ import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.attitude.gyro import Gyro
+from startracker_ros.attitude.result import pointing_covariance
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
@@ -76,10 +77,10 @@ class AttitudeModel(StarModel):
         self.uses_gyro = False
         self._gyro_agreed = 0
         self._scale = _ErrorScale(frame.scale)
-        self._lens_error = LensError()
+        self._lens_error = LensError(self._camera)
         self._mean_innovation = np.zeros(3)
         self._level, self._manoeuvre_frames = 1.0, 0
-        self._measured: tuple[AttitudeState, AttitudeState] | None = None
+        self._measured: tuple[AttitudeState, AttitudeState, np.ndarray] | None = None
 
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
@@ -89,10 +90,15 @@ class AttitudeModel(StarModel):
         uv = np.ascontiguousarray(frame.uv)
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
         error = self._scale.value ** 2 * self.error_px2(frame)
+        common = pointing_covariance(frame.common_error, self._camera)
         for hypothesis in self._hypotheses(stamp_ns, dark):
+            predicted = _with_error(hypothesis.state, common)
             correction = correct(
                 self._camera.lens, icrf, self.bank.confirmed, self._options.min_stars,
-                hypothesis.state, uv, error, self._detection)
+                predicted, uv, error, self._detection)
+            measured = predicted, correction.state, common
+            # The stars show the pointing up to the error that they share.
+            correction = correction._replace(state=_with_error(correction.state, common))
             fit = self._consistent_fit(correction)
             mean = self._mean_innovation + MEMORY * (
                 correction.innovation - self._mean_innovation)
@@ -109,7 +115,7 @@ class AttitudeModel(StarModel):
                 self._mean_innovation = mean
                 self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
             before_ns = self._state.stamp_ns
-            self._measured = hypothesis.state, correction.state
+            self._measured = measured
             self._set_state(correction.state, hypothesis.uses_gyro)
             self._set_tracks(correction, correction.probability, frame, variance)
             self._scale.add(fit)
@@ -210,6 +216,10 @@ class AttitudeModel(StarModel):
         return self._lens_error.value_px
 
     @property
+    def lens_scale(self) -> float:
+        return self._lens_error.scale
+
+    @property
     def predicted_attitude(self) -> AttitudeEstimate:
         return AttitudeEstimate(self._state.quaternion, self._state.covariance[:3, :3], 0,
                                 np.empty(0), 0.0)
@@ -224,7 +234,7 @@ class AttitudeModel(StarModel):
         """
         if self._measured is None:
             return None
-        before, after = self._measured
+        before, after, common = self._measured
         P = np.ascontiguousarray(after.covariance[:3, :3])
         information = np.linalg.inv(P)
         covariance = np.linalg.inv(information - np.linalg.inv(before.covariance[:3, :3]))
@@ -233,7 +243,7 @@ class AttitudeModel(StarModel):
         change = attitude_error(after.quaternion, before.quaternion)
         return AttitudeEstimate(
             turned(before.quaternion, covariance @ (information @ change)),
-            (covariance + covariance.T) / 2, 0, np.empty(0), 0.0)
+            (covariance + covariance.T) / 2 + common, 0, np.empty(0), 0.0)
 
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state
@@ -288,6 +298,15 @@ class _ErrorScale:
         self._frames = min(self._frames + 1, 20)
         self._ratio += (ratio - self._ratio) / self._frames
         self.value = float(self._ratio) if self._ratio > 1.15 else 1.0
+
+
+def _with_error(state: AttitudeState, error: np.ndarray) -> AttitudeState:
+    """Return a state whose attitude has another error, of covariance (3, 3) rad^2."""
+    if not error.any():
+        return state
+    covariance = state.covariance.copy()
+    covariance[:3, :3] += error
+    return state._replace(covariance=covariance)
 
 
 def _deg_s(rate_rad_s: np.ndarray) -> str:

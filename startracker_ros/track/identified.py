@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
+from startracker_ros.attitude.result import with_common_error
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
@@ -69,8 +70,9 @@ def fit_identified(camera: Camera, sky: ApparentCatalog, options: TrackerOptions
         return None
     if not fit.is_good(len(star_index), options.min_stars, options.max_residual_px):
         return None
-    return IdentifiedFrame(stamp_ns, star_index[fit.inlier], centroids.select(fit.inlier),
-                           fit.attitude, fit.scale)
+    return IdentifiedFrame(
+        stamp_ns, star_index[fit.inlier], centroids.select(fit.inlier),
+        with_common_error(fit.attitude, centroids.common_error, camera), fit.scale)
 
 
 def _first_of_each(values: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
+from startracker_ros.attitude.result import with_common_error
 from startracker_ros.centroid.centroids import Centroids, round_errors
 from startracker_ros.track.association import associate
 from startracker_ros.track.jpdaf import predict, update
@@ -37,6 +38,8 @@ class IndependentStarsModel(StarModel):
                 self._options.max_residual_px):
             return FrameUpdate(False, fit, unassociated)
         self._estimate_rate(fit)
+        fit = replace(fit, attitude=with_common_error(
+            fit.attitude, frame.common_error, self._camera))
         return FrameUpdate(True, fit, unassociated)
 
     def _predict(self, dt_s: float) -> None:

@@ -6,11 +6,17 @@ nearly the same in the next frame. A filter averages noise over frames, but not 
 noise is white the residuals of the filter are white as well: the mean product of a star's
 residuals in two frames in a row is the variance of what stays. A rotation of all stars is taken
 out before, being no matter of the lens; it takes a share of the stars' own errors with it.
+
+Part of what stays may be a scale: a wrong focal length, or the tails of coma, which all point away
+from the axis. Such errors do not average out over stars whose mean position is not the axis. The
+scale k, r = k d for residuals r at d from the axis, is fitted to all frames; the errors that stay
+are those beside it.
 """
 
 import math
 
 import numpy as np
+from startracker_ros.camera.model import Camera
 from startracker_ros.track.consistency import Residuals
 
 MEMORY = 0.98  # of the products of the frames before
@@ -19,10 +25,17 @@ LEAST_STARS = 6
 
 
 class LensError:
-    """Learns the error that stays, from good frames in turn; value_px is its sigma per axis."""
+    """
+    Learns the error that stays, from good frames in turn.
 
-    def __init__(self) -> None:
-        self.value_px = 0.0
+    value_px is its sigma per axis, beside that of scale, the relative error of the distance of
+    stars from the axis; both are zero where they are not significant.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._axis_px = np.array([camera.cx, camera.cy])
+        self.value_px = self.scale = 0.0
+        self._outwards = self._square = 0.0
         self._star_index = np.empty(0, np.int64)
         self._residual = self._variance = np.empty(0)
         self._product = self._weight = self._chance = 0.0
@@ -37,7 +50,14 @@ class LensError:
         basis = np.linalg.qr(flow * root[:, None])[0]
         # Of the residuals, I - out into^T leaves what is no rotation.
         out, into = basis / root[:, None], basis * root[:, None]
-        residual = (residual - out @ (into.T @ residual)).reshape(-1, 2)
+        residual = residual - out @ (into.T @ residual)
+        away = (stars.uv - self._axis_px).reshape(-1)
+        away = away - out @ (into.T @ away)
+        self._outwards = MEMORY * self._outwards + float((residual * root) @ (away * root))
+        self._square = MEMORY * self._square + float((away * root) @ (away * root))
+        significant = self._outwards ** 2 > SIGNIFICANT ** 2 * self._square
+        self.scale = self._outwards / self._square if significant else 0.0
+        residual = (residual - self.scale * away).reshape(-1, 2)
         left = 1 - 2 * np.sum(out * into, axis=1) + np.sum(out @ (into.T @ into) * out, axis=1)
         left = left.reshape(-1, 2).mean(axis=1)
         _, now, before = np.intersect1d(star_index, self._star_index, assume_unique=True,

@@ -87,6 +87,11 @@ class StarModel(ABC):
         """Return the error of star positions that stays from frame to frame, where it is known."""
         return 0.0
 
+    @property
+    def lens_scale(self) -> float:
+        """Return the relative error of the distances from the axis, where it is known."""
+        return 0.0
+
     @abstractmethod
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         """Predict the tracks to the time of a newer frame and update them by it."""
@@ -108,7 +113,8 @@ class StarModel(ABC):
         estimate = with_velocity_error(
             estimate, self._sky.observer.velocity_sigma_m_s, sensor, sigma_rad)
         return with_lens_error(
-            estimate, self._camera.pixel_rad * self.lens_error_px, sensor, sigma_rad)
+            estimate, self._camera.pixel_rad * self.lens_error_px, self.lens_scale, sensor,
+            sigma_rad)
 
     def sigma_px(self, centroids: Centroids) -> np.ndarray:
         """Return the 1-sigma errors (M,) of centroids per axis, at least sigma_floor_px."""

@@ -5,7 +5,7 @@ import pytest
 from startracker_ros.astro.orbit import CircularOrbit
 from startracker_ros.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector, random_attitude)
-from startracker_ros.sky.motion import MotionState
+from startracker_ros.sky.motion_state import MotionState
 from startracker_ros.sky.sampled_motion import KEPT_S, SampledMotion, SampleError
 
 ORBIT = CircularOrbit(7.0e6, 0.5, 0.0, 0.0)

@@ -7,7 +7,7 @@ from startracker_ros.bag.layouts import MessageError
 from startracker_ros.bag.telemetry import unit_quaternion
 from startracker_ros.maths.rotation import conjugate, rotate
 from startracker_ros.ros.messages.geometry import quaternion_to_geometry, vector_to_geometry
-from startracker_ros.sky.motion import MotionState
+from startracker_ros.sky.motion_state import MotionState
 from std_msgs.msg import Header
 
 

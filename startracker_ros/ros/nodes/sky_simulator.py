@@ -19,7 +19,8 @@ from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
 from startracker_ros.sky.artefacts import ArtefactOptions
 from startracker_ros.sky.detector import DetectorOptions
 from startracker_ros.sky.gyro import GyroOptions
-from startracker_ros.sky.motion import Motion, motion_from_options, MotionOptions
+from startracker_ros.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sky.motion_state import Motion
 from startracker_ros.sky.navigation import NavigationOptions
 from startracker_ros.sky.presets import PRESETS, with_preset
 from startracker_ros.sky.simulator import SkySimulator
