@@ -31,5 +31,6 @@ def main() -> None:
 
 
 for _command in (run, live, solve, calibrate, demo, record, play, info, report, export, doctor,
-                 campaign, bench, datasheet, design, telemetry, simulate, reprocess, compare, trend):
+                 campaign, bench, datasheet, design, telemetry, simulate, reprocess, compare,
+                 trend):
     main.add_command(_command)
