@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.calibration.matching import nearest_pairs
-from startracker_ros.camera.distortion import distort
+from startracker_ros.camera.distortion import distort, distortion_jacobian
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
@@ -42,7 +42,7 @@ _LEAST_GATE_PX, _FIRST_GATE_PX, _GROWING = 1.0, 6.0, 4
 _LEAST_ERROR_PX = 0.1
 # Largest probability that an image star is in the gate of a catalogue star by chance.
 _MOST_CHANCE = 0.02
-_STEP = 1e-6  # of the numerical derivatives
+_STEP = 1e-6  # of the numerical derivatives of the middle of the image
 _STEPS = 3  # of Gauss-Newton for each association
 _MOST_RESIDUAL = 2.5e-3  # of the width of the image
 _LEAST_SHARE = 0.4  # of the stars that image or catalogue have, whichever are fewer
@@ -78,36 +78,47 @@ class LearntLens:
 
 
 class _Lens:
-    """The parameters d, a, b, g, h, k of one fit and their pixels."""
+    """A camera and an attitude (4,), which the parameters d, a, b, g, h, k change."""
 
     def __init__(self, camera: Camera, quaternion: np.ndarray) -> None:
         self.camera = camera
         self.quaternion = quaternion
 
-    def pixels(self, icrf: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Return where ICRS directions (N, 3) are in px (N, 2), for a change (8,) of the lens."""
-        camera, (a, b, g, h, k) = self.camera, change[3:]
-        turned = quaternion_from_rotation_vector(change[:3])
-        sensor = icrf @ matrix_from_quaternion(multiply(self.quaternion, turned))
+    def _tangents(self, icrf: np.ndarray) -> np.ndarray:
+        """Return v_x / v_z, v_y / v_z (2, N) of directions (N, 3), NaN behind the camera."""
+        sensor = (icrf @ matrix_from_quaternion(self.quaternion)).T
         with np.errstate(invalid='ignore', divide='ignore'):
-            tangent = np.where(sensor[:, 2:] > 0, sensor[:, :2] / sensor[:, 2:], np.nan)
-        terms = (camera.distortion[0] + k, *camera.distortion[1:])
-        x, y = distort(terms, *tangent.T)
-        return np.stack([camera.fx * np.exp(a) * x + camera.cx + camera.width * g,
-                         camera.fy * np.exp(a + b) * y + camera.cy + camera.width * h], -1)
+            return np.where(sensor[2] > 0, sensor[:2] / sensor[2], np.nan)
 
-    def partials(self, icrf: np.ndarray, base: np.ndarray) -> np.ndarray:
-        """Return the derivatives (N, 2, 8) of the pixels base (N, 2) of directions (N, 3)."""
-        partial, camera = np.zeros((*base.shape, 8)), self.camera
-        for axis in (0, 1, 2, 7):
-            step = np.zeros(8)
-            step[axis] = _STEP
-            partial[:, :, axis] = (self.pixels(icrf, step) - base) / _STEP
-        offset = base - [camera.cx, camera.cy]
-        partial[:, :, 3] = offset
-        partial[:, 1, 4] = offset[:, 1]
+    def _pixels(self, tangents: np.ndarray) -> np.ndarray:
+        camera = self.camera
+        x, y = distort(camera.distortion, *tangents)
+        return np.stack([camera.fx * x + camera.cx, camera.fy * y + camera.cy], -1)
+
+    def pixels(self, icrf: np.ndarray) -> np.ndarray:
+        """Return where ICRS directions (N, 3) are in px (N, 2)."""
+        return self._pixels(self._tangents(icrf))
+
+    def linearised(self, icrf: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return the pixels (N, 2) of directions (N, 3), and their derivatives (N, 2, 8).
+
+        With x, y the tangents, dv = v x d makes dx = x y d1 - (1 + x^2) d2 + y d3 and
+        dy = (1 + y^2) d1 - x y d2 - x d3.
+        """
+        camera, (x, y) = self.camera, (tangents := self._tangents(icrf))
+        base = self._pixels(tangents)
+        uu, uv, vv = distortion_jacobian(camera.distortion, x, y)
+        square = x * x + y * y
+        partial = np.zeros((*base.shape, 8))
+        for axis, (dx, dy) in enumerate(((x * y, 1 + y * y), (-1 - x * x, -x * y), (y, -x))):
+            partial[:, 0, axis] = camera.fx * (uu * dx + uv * dy)
+            partial[:, 1, axis] = camera.fy * (uv * dx + vv * dy)
+        partial[:, :, 3] = base - [camera.cx, camera.cy]
+        partial[:, 1, 4] = partial[:, 1, 3]
         partial[:, 0, 5] = partial[:, 1, 6] = camera.width
-        return partial
+        partial[:, 0, 7], partial[:, 1, 7] = camera.fx * x * square, camera.fy * y * square
+        return base, partial
 
     def changed(self, change: np.ndarray) -> '_Lens':
         """Return the lens with its parameters changed; CameraError for an impossible one."""
@@ -191,7 +202,7 @@ def _fit(lens: _Lens, start: Camera, free: np.ndarray, centroids: Centroids, sta
     icrf, uv = onboard.direction[star[row]], centroids.uv[row]
     error_px = 0.0
     for _ in range(_STEPS):
-        base = lens.pixels(icrf, np.zeros(8))
+        base, partial = lens.linearised(icrf)
         residual = uv - base
         square = np.sum(residual ** 2, axis=1)
         # For two axes the median is 2 ln 2 variances; few stars have hardly any freedom left.
@@ -199,7 +210,6 @@ def _fit(lens: _Lens, start: Camera, free: np.ndarray, centroids: Centroids, sta
         error_px = np.sqrt(np.median(square) / (2 * np.log(2)) / freedom)
         sigma = np.maximum(np.hypot(centroids.sigma_px[row], _LEAST_ERROR_PX), error_px)
         weight = 1 / (sigma ** 2 * (1 + square / (3 * sigma) ** 2))
-        partial = lens.partials(icrf, base)
         drift = _drift(lens.camera, start)
         information = (np.einsum('nij,nik,n->jk', partial, partial, weight)
                        + np.diag(free ** -2.0))
@@ -231,7 +241,7 @@ def _visible(lens: _Lens, onboard: OnboardCatalog) -> tuple[np.ndarray, np.ndarr
     """Return the catalogue stars (M,) in the image and their pixels (M, 2)."""
     axis = matrix_from_quaternion(lens.quaternion)[:, 2]
     near = onboard.within(axis, lens.camera.corner_angle_rad)
-    uv = lens.pixels(onboard.direction[near], np.zeros(8))
+    uv = lens.pixels(onboard.direction[near])
     inside = lens.camera.contains(uv)
     return near[inside], uv[inside]
 
@@ -251,7 +261,7 @@ def _residuals(lens: _Lens, centroids: Centroids, onboard: OnboardCatalog, star:
     """Return image minus catalogue (N, 2) in px, NaN where not matched."""
     residual = np.full((len(star), 2), np.nan)
     row = star >= 0
-    residual[row] = centroids.uv[row] - lens.pixels(onboard.direction[star[row]], np.zeros(8))
+    residual[row] = centroids.uv[row] - lens.pixels(onboard.direction[star[row]])
     return residual
 
 

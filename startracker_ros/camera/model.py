@@ -11,6 +11,10 @@ if TYPE_CHECKING:
     from startracker_ros.camera.lens import Lens
 
 
+# Points of an image (81, 2), as shares of its width and height.
+_GRID = np.stack(np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)), -1).reshape(-1, 2)
+
+
 class CameraError(ValueError):
     """Parameters that no real camera has; the text names them."""
 
@@ -52,11 +56,9 @@ class Camera:
 
     def _check_distortion(self) -> None:
         """Raise CameraError for a model that has no inverse somewhere in the image."""
-        edge = np.linspace(0, 1, 9)
-        grid = np.stack(np.meshgrid(edge * (self.width - 1), edge * (self.height - 1)), -1)
-        pixel = grid.reshape(-1, 2)
-        tangent = self._undistort(self._normalise(pixel))
-        error = np.abs(self._distort(tangent) - self._normalise(pixel)).max()
+        distorted = self._normalise(_GRID * [self.width - 1, self.height - 1])
+        tangent = self._undistort(distorted)
+        error = np.abs(self._distort(tangent) - distorted).max()
         xx, xy, yy = distortion_jacobian(self.distortion, *tangent.T)
         determinant = xx * yy - xy * xy
         if not (error < 1e-9 and determinant.min() > 0):

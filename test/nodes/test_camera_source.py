@@ -59,7 +59,8 @@ def test_a_device_that_comes_later_ends_and_is_replaced(rig, probe, tmp_path):
     assert not probe.received['image_raw']
     assert not change('camera_file', str(tmp_path / 'none.yaml')).successful
     assert change('camera_file', '').successful
-    probe.wait(lambda: probe.received['image_raw'], 'an image with the ideal camera')
+    probe.wait(lambda: probe.received['image_raw'] and probe.received['camera_info'],
+               'an image with the ideal camera')
     assert camera_from_message(probe.received['camera_info'][-1]).width == 32
 
 

@@ -24,7 +24,8 @@ from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.simulator import SkySimulator
 
 CAMERA = Camera(512, 384, 1000.0, 1000.0, 255.5, 191.5, (-0.15, 0.0, 0.0, 0.0, 0.0))
-RATE_HZ, FRAMES = 5.0, 60
+# Half a minute: on a busy machine the star tracker needs much of it to build its databases.
+RATE_HZ, FRAMES = 2.0, 60
 MOTION = motion_from_options(MotionOptions(motion='constant_rate', rate_deg_s=(0.02, 0.05, 0.01)))
 
 
