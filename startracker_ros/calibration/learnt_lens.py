@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.calibration.matching import nearest_pairs
-from startracker_ros.camera.distortion import distort
+from startracker_ros.camera.lens import project
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
@@ -46,6 +46,9 @@ _STEP = 1e-6  # of the numerical derivatives
 _STEPS = 3  # of Gauss-Newton for each association
 _MOST_RESIDUAL = 2.5e-3  # of the width of the image
 _LEAST_SHARE = 0.4  # of the stars that image or catalogue have, whichever are fewer
+# Below this share the fit may have ended far from the lens: others are tried, with the distortion
+# held near each of these values of k1 until their stars stay.
+_GOOD_SHARE, _OTHER_K1, _K1_HELD = 0.7, (-0.35, -0.2, -0.1, 0.0, 0.15), 0.02
 _KEPT_SHARE = 0.75  # of the matches that lead to the fit
 _LIMIT_SIGMAS = 3.0
 _SURE_MATCHES, _LIMIT_FACTOR = 12, 2.0
@@ -89,12 +92,11 @@ class _Lens:
         camera, (a, b, g, h, k) = self.camera, change[3:]
         turned = quaternion_from_rotation_vector(change[:3])
         sensor = icrf @ matrix_from_quaternion(multiply(self.quaternion, turned))
-        with np.errstate(invalid='ignore', divide='ignore'):
-            tangent = np.where(sensor[:, 2:] > 0, sensor[:, :2] / sensor[:, 2:], np.nan)
-        terms = (camera.distortion[0] + k, *camera.distortion[1:])
-        x, y = distort(terms, *tangent.T)
-        return np.stack([camera.fx * np.exp(a) * x + camera.cx + camera.width * g,
-                         camera.fy * np.exp(a + b) * y + camera.cy + camera.width * h], -1)
+        lens = camera.lens
+        return project(lens._replace(
+            fx=float(lens.fx * np.exp(a)), fy=float(lens.fy * np.exp(a + b)),
+            cx=float(lens.cx + lens.width * g), cy=float(lens.cy + lens.width * h),
+            terms=(float(lens.terms[0] + k), *lens.terms[1:])), sensor)
 
     def partials(self, icrf: np.ndarray, base: np.ndarray) -> np.ndarray:
         """Return the derivatives (N, 2, 8) of the pixels base (N, 2) of directions (N, 3)."""
@@ -148,6 +150,8 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
         fit = _grow(lens, start, free, centroids, star, onboard)
         if np.count_nonzero(fit.star >= 0) < _FEW_MATCHES and start.fov_x_rad < _NARROW_RAD:
             fit = _grow(lens, start, free * held, centroids, star, onboard)
+        else:
+            fit = _best_of_others(fit, lens, start, free, centroids, star, onboard)
     except CameraError as error:
         return LearntLens(start, lens.quaternion, identification.attitude, 1.0, star,
                           np.full(len(star), np.nan), 0.0, str(error))
@@ -157,7 +161,7 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
     return LearntLens(camera, fit.lens.quaternion, attitude, camera.fx / nominal.fx, fit.star,
                       np.hypot(*residual.T), fit.error_px,
                       _reason(fit, attitude, nominal, focal_error, first,
-                              min(len(star), len(_visible(fit.lens, onboard)[0]))))
+                              _possible(fit, onboard)))
 
 
 class _Fit(NamedTuple):
@@ -182,6 +186,29 @@ def _grow(lens: _Lens, start: Camera, free: np.ndarray, centroids: Centroids, st
                 or not growing and np.array_equal(star, before)):
             break
     return _Fit(lens, covariance, error_px, star)
+
+
+def _possible(fit: _Fit, onboard: OnboardCatalog) -> int:
+    """Return how many stars may match: those of the image or of the catalogue in it."""
+    return min(len(fit.star), len(_visible(fit.lens, onboard)[0]))
+
+
+def _best_of_others(fit: _Fit, lens: _Lens, start: Camera, free: np.ndarray,
+                    centroids: Centroids, star: np.ndarray, onboard: OnboardCatalog) -> _Fit:
+    """Return the fit that matches most stars, of those from other values of the distortion."""
+    for k1 in _OTHER_K1:
+        if np.count_nonzero(fit.star >= 0) >= _GOOD_SHARE * _possible(fit, onboard):
+            break
+        try:
+            bent = replace(start, distortion=(k1, *start.distortion[1:]))
+            rough = _grow(_Lens(bent, lens.quaternion), bent,
+                          np.append(free[:-1], _K1_HELD), centroids, star, onboard)
+            other = _grow(rough.lens, start, free, centroids, rough.star, onboard)
+        except CameraError:
+            continue
+        if np.count_nonzero(other.star >= 0) > np.count_nonzero(fit.star >= 0):
+            fit = other
+    return fit
 
 
 def _fit(lens: _Lens, start: Camera, free: np.ndarray, centroids: Centroids, star: np.ndarray,
@@ -271,7 +298,8 @@ def _reason(fit: _Fit, attitude: AttitudeEstimate, nominal: Camera, focal_error:
                 f'{sigma_px:.2g} px')
     # The width of the image, from edge to edge, with the distortion or without it.
     seen, told = camera.seen_x_rad, nominal.fov_x_rad
-    off = min(abs(np.tan(fov / 2) / np.tan(told / 2) - 1) for fov in (seen, camera.fov_x_rad))
+    off = min(abs(camera.radius(fov / 2) / camera.radius(told / 2) - 1)
+              for fov in (seen, camera.fov_x_rad))
     # So many stars determine the lens by themselves: the told field of view is the error.
     limit = focal_error * (_LIMIT_FACTOR if matched >= _SURE_MATCHES else 1)
     if off > limit + _LIMIT_SIGMAS * np.sqrt(fit.covariance[3, 3]):
