@@ -10,6 +10,7 @@ from startracker_ros.astro.observer_motion import AberrationOptions
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.band import BandOptions
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.pipeline.tracking import make_star_tracker, make_trackers
@@ -33,7 +34,7 @@ class StarTrackerNode(CameraNode):
     """Tracks identified stars from frame to frame and reports its state."""
 
     option_classes = (TrackerOptions, GyroErrorOptions, TargetTrackOptions, AberrationOptions,
-                      ExclusionOptions, InertialFrameOptions)
+                      ExclusionOptions, InertialFrameOptions, BandOptions)
     task = 'tracking'
 
     def __init__(self) -> None:
@@ -58,7 +59,7 @@ class StarTrackerNode(CameraNode):
             self._tracker, self._target_tracker = make_trackers(
                 self.camera, self.epoch_year, self.options(TrackerOptions),
                 self.options(GyroErrorOptions), self.options(TargetTrackOptions),
-                self._observer.motion)
+                self._observer.motion, self.options(BandOptions))
             self._state.publish(self._tracker)
 
     def set_live_options(self) -> None:
