@@ -83,9 +83,8 @@ class StarTrackerNode(CameraNode):
         camera = self.camera_or_drop()
         if camera is None or not self.in_order('centroids', message.header.stamp):
             return
-        self.sensor_frame_id = message.header.frame_id
-        tracks = self._tracker.update(ns_from_stamp(message.header.stamp), centroids)
-        if tracks is None:
+        header, self.sensor_frame_id = message.header, message.header.frame_id
+        if (tracks := self._tracker.update(ns_from_stamp(header.stamp), centroids)) is None:
             return
         # Before the tracks, so that a subscriber of both has both when the tracks come.
         self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, message.header))
