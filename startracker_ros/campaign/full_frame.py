@@ -47,7 +47,7 @@ class FullFrame:
     b: np.ndarray
 
     def pixels(self, sensor: np.ndarray) -> np.ndarray:
-        """Return the pixels (N, 2) of directions (N, 3) on sensor axes."""
+        """Return where directions (N, 3) on sensor axes are, in px (N, 2)."""
         uv = CAMERA.project(sensor)
         return uv + evaluate((self.a, self.b), _offset(uv))
 
