@@ -12,7 +12,7 @@ import startracker_ros
 PROGRAM = """
 from startracker_ros.camera.lens import Lens, undistort
 from startracker_ros.machine_code import imported_code, machine_code_folder
-print(undistort(Lens(9, 9, 1., 1., 4., 4., (0., 0., 0., 0., 0.)), 0.25, 0.5))
+print(undistort(Lens(9, 9, 1., 1., 4., 4., (0.,) * 9, False, False), 0.25, 0.5))
 print(machine_code_folder())
 print(*sorted(imported_code()))
 print(sum(undistort.stats.cache_hits.values()))

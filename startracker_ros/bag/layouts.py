@@ -9,7 +9,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from startracker_ros.camera.model import Camera, CameraError
+from startracker_ros.camera.distortion import MODELS, PLUMB_BOB
+from startracker_ros.camera.model import Camera
 
 _CENTROID_FIELDS = [(name, 'f4') for name in ('x', 'y', 'z', 'u', 'v', 'flux', 'snr', 'sigma_px')]
 _STAR_FIELDS = [*_CENTROID_FIELDS, ('hip', 'u4'), ('magnitude', 'f4'), ('residual_px', 'f4')]
@@ -70,12 +71,13 @@ def image_from_message(message: Any) -> np.ndarray:
 
 def camera_from_message(message: Any) -> Camera:
     """Return the camera of a CameraInfo; CameraError names what is wrong."""
-    if message.distortion_model not in ('', 'plumb_bob'):
-        raise CameraError(f'distortion_model {message.distortion_model!r} is not plumb_bob')
-    # An empty D is what drivers send for an ideal lens; four terms leave k3 out.
-    distortion = tuple(message.d) + (0.0,) * (5 - len(message.d))
+    model, distortion = message.distortion_model or PLUMB_BOB, tuple(message.d)
+    # An empty D is what drivers send for an ideal lens; four terms of plumb_bob leave k3 out.
+    if not distortion or model == PLUMB_BOB:
+        wanted = len(MODELS[model].coefficients) if model in MODELS else 0
+        distortion += (0.0,) * (wanted - len(distortion))
     fx, _, cx, _, fy, cy = map(float, message.k[:6])
-    return _camera(message.width, message.height, fx, fy, cx, cy, distortion)
+    return _camera(message.width, message.height, fx, fy, cx, cy, distortion, model)
 
 
 def read_cloud(message: Any, wanted: np.dtype) -> np.ndarray:

@@ -14,16 +14,17 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.optimize import brentq
+from startracker_ros.camera.distortion import terms_of
+from startracker_ros.camera.lens import plane_points
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.maths.rotation import (
     matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
 
 TERMS = {'focal': ('focal',), 'k1': ('k1',), 'centre': ('cx', 'cy'), 'tangential': ('p1', 'p2'),
-         'k2': ('k2',), 'k3': ('k3',)}
+         'k2': ('k2',), 'k3': ('k3',), 'k4': ('k4',)}
 """Terms that can be estimated, in the order of trial, and the parameters of each: focal length
-and principal point in px, plumb_bob distortion."""
+and principal point in px, coefficients of the distortion model that has them."""
 
-_PARAMETERS = ('focal', 'cx', 'cy', 'k1', 'k2', 'p1', 'p2', 'k3')
 # Stars with larger residuals are rejected as wrong: one correct star in 3000.
 _REJECTION_SIGMAS = 4.0
 _MAX_STEPS = 50
@@ -155,7 +156,8 @@ def _parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _values(camera: Camera) -> dict[str, float]:
-    return dict(zip(_PARAMETERS, (camera.fx, camera.cx, camera.cy, *camera.distortion)))
+    return {'focal': camera.fx, 'cx': camera.cx, 'cy': camera.cy,
+            **dict(zip(camera.model.coefficients, camera.distortion))}
 
 
 def _changed(camera: Camera, change: dict[str, float]) -> Camera:
@@ -165,7 +167,7 @@ def _changed(camera: Camera, change: dict[str, float]) -> Camera:
         value[name] += float(by)
     return replace(camera, fx=value['focal'], fy=value['focal'] * camera.fy / camera.fx,
                    cx=value['cx'], cy=value['cy'],
-                   distortion=tuple(value[name] for name in _PARAMETERS[3:]))
+                   distortion=tuple(value[name] for name in camera.model.coefficients))
 
 
 def _sensor_directions(stars: MatchedStars, quaternions: np.ndarray) -> np.ndarray:
@@ -175,20 +177,21 @@ def _sensor_directions(stars: MatchedStars, quaternions: np.ndarray) -> np.ndarr
 
 def _lens_partials(camera: Camera, direction: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     """Return the derivatives (N, 2, P) of the pixels of directions (N, 3) by the parameters."""
-    x, y = (direction[:, :2] / direction[:, 2:]).T
-    r2 = x * x + y * y
-    aspect = np.array([1.0, camera.fy / camera.fx])
-    tangent = np.stack([x, y], -1)
-    ones, zeros = np.ones_like(x), np.zeros_like(x)
-    focal = camera.fx * aspect
+    plane = plane_points(camera.model.equidistant, direction)
+    a, b = plane.T
+    s = a * a + b * b
+    denominator = 1 + sum(value * s ** (power + 1) for power, value in enumerate(
+        terms_of(camera.distortion_model, camera.distortion)[-3:]))
+    ones, zeros = np.ones_like(a), np.zeros_like(a)
+    focal = np.array([camera.fx, camera.fy])
     partial = {
         'focal': (camera.project(direction) - [camera.cx, camera.cy]) / camera.fx,
         'cx': np.stack([ones, zeros], -1), 'cy': np.stack([zeros, ones], -1),
-        'k1': focal * tangent * r2[:, None], 'k2': focal * tangent * (r2 ** 2)[:, None],
-        'p1': focal * np.stack([2 * x * y, r2 + 2 * y * y], -1),
-        'p2': focal * np.stack([r2 + 2 * x * x, 2 * x * y], -1),
-        'k3': focal * tangent * (r2 ** 3)[:, None]}
-    return np.stack([partial[name] for name in names], -1) if names else np.empty((len(x), 2, 0))
+        'p1': focal * np.stack([2 * a * b, s + 2 * b * b], -1),
+        'p2': focal * np.stack([s + 2 * a * a, 2 * a * b], -1),
+        **{f'k{power}': focal * plane * (s ** power / denominator)[:, None]
+           for power in (1, 2, 3, 4)}}
+    return np.stack([partial[name] for name in names], -1) if names else np.empty((len(a), 2, 0))
 
 
 def _rotation_partials(camera: Camera, direction: np.ndarray) -> np.ndarray:

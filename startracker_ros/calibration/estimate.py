@@ -85,7 +85,7 @@ def calibrate(views: Sequence[View], camera: Camera, onboard: OnboardCatalog,
     spacing = camera.pixel_rad ** -1 * np.sqrt(4 * np.pi / max(1, len(onboard)))
     gate_px = first_gate = min(_FIRST_GATE_PX, _FIRST_GATE_SPACING * spacing)
     # With automatic selection a term that is not significant is zero.
-    start = camera if terms else replace(camera, distortion=(0.0,) * 5)
+    start = camera if terms else camera.ideal()
     before = 0
     for _ in range(_MAX_ITERATIONS):
         if len(frames) < 2:
@@ -159,6 +159,10 @@ def _select_terms(camera: Camera, stars: MatchedStars, quaternions: np.ndarray,
     for term in TERMS:
         if term in found.terms or (wanted and term not in wanted):
             continue
+        if not set(TERMS[term]) <= {'cx', 'cy', *camera.model.coefficients}:
+            if wanted:
+                raise CalibrationError(f'{term}: {camera.distortion_model} does not have it')
+            continue
         try:
             trial = adjust(found.camera, stars, found.quaternions, (*found.terms, term))
             reason = _undetermined(trial)
@@ -178,14 +182,14 @@ def _select_terms(camera: Camera, stars: MatchedStars, quaternions: np.ndarray,
 def _undetermined(found: Adjustment) -> str:
     """Return the parameter whose error is too large, as text; empty if there is none."""
     camera = found.camera
-    corner = np.tan(camera.corner_angle_rad)
+    corner = camera.radius(camera.corner_angle_rad)
     for name, sigma in found.sigmas.items():
         if name == 'focal':
             ratio, text = sigma / camera.fx / _MAX_FOCAL_ERROR, f'{sigma:.2g} px'
         elif name in ('cx', 'cy'):
             ratio, text = sigma / camera.width / _MAX_CENTRE_ERROR, f'{sigma:.2g} px'
         else:
-            power = {'k1': 3, 'k2': 5, 'k3': 7, 'p1': 2, 'p2': 2}[name]
+            power = {'k1': 3, 'k2': 5, 'k3': 7, 'k4': 9, 'p1': 2, 'p2': 2}[name]
             at_corner = sigma * camera.fx * corner ** power
             ratio, text = at_corner / _MAX_CORNER_ERROR_PX, f'{at_corner:.2g} px in the corner'
         if not ratio < 1:
@@ -207,8 +211,7 @@ def _calibration(found: Adjustment, held: dict[str, str], stars: MatchedStars,
     """Return the calibration with the residuals of the stars for all three cameras."""
     stars, residual_px = stars.select(found.used), found.residual_px[found.used]
     camera = found.camera
-    ideal = replace(camera, cx=(camera.width - 1) / 2, cy=(camera.height - 1) / 2,
-                    distortion=(0.0,) * 5)
+    ideal = replace(camera.ideal(), cx=(camera.width - 1) / 2, cy=(camera.height - 1) / 2)
     pinhole = adjust(ideal, stars, found.quaternions, ('focal',), reject=False)
     left_out_px = np.full(stars.uv.shape, np.nan)
     for i in range(len(frames) if len(frames) > 2 else 0):

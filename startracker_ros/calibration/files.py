@@ -13,6 +13,7 @@ from startracker_ros.calibration.estimate import calibrate, Calibration, MIN_FRA
 from startracker_ros.calibration.learnt_lens import learn_lens
 from startracker_ros.calibration.matching import View
 from startracker_ros.calibration.summary import figures, summary
+from startracker_ros.camera.distortion import PLUMB_BOB
 from startracker_ros.camera.files import save_camera
 from startracker_ros.camera.images import calibrated_camera, ImageError, read_image_with_camera
 from startracker_ros.camera.model import Camera
@@ -37,33 +38,35 @@ _REFINED = tuple(IdentificationOptions(fov_error_percent=1.0, sigma_floor_px=flo
 
 def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | None = None,
                     camera_file: Path | None = None, epoch_year: float | None = None,
-                    observer: Observer = AT_REST, terms: Sequence[str] = ()) -> Result:
+                    observer: Observer = AT_REST, terms: Sequence[str] = (),
+                    distortion_model: str = PLUMB_BOB) -> Result:
     """
     Calibrate the camera of image files and write it to output.
 
-    The initial camera is that of camera_file or an ideal one of fov_deg with the size of the
-    first readable image. epoch_year None is today; observer is how the camera moved then. The row
-    of an unused image has the reason.
-    CameraError for an impossible initial camera, CalibrationError when the images do not
-    determine the camera, OSError when output cannot be written.
+    The initial camera is that of camera_file or an ideal one of fov_deg and distortion_model with
+    the size of the first readable image. epoch_year None is today; observer is how the camera
+    moved then. The row of an unused image has the reason. CameraError for an impossible initial
+    camera, CalibrationError when the images do not determine the camera, OSError when output
+    cannot be written.
     """
     if epoch_year is None:
         epoch_year = epoch_year_now()
-    camera = calibrated_camera(camera_file, fov_deg)
+    camera = calibrated_camera(camera_file, fov_deg, distortion_model)
     extractor = CentroidExtractor(ExtractionOptions(max_stars=_MAX_STARS))
     centroids: dict[int, Centroids] = {}
     reasons: dict[int, str] = {}
     for index, path in enumerate(paths):
         try:
-            image, camera = read_image_with_camera(path, camera, fov_deg)
+            image, camera = read_image_with_camera(path, camera, fov_deg,
+                                                   distortion_model)
             centroids[index] = extractor.extract(image).centroids
         except ImageError as error:
             reasons[index] = str(error)
     if camera is None or not centroids:
         raise CalibrationError('; '.join(['no image to calibrate from', *reasons.values()]))
     try:
-        used, calibration = _calibrate(centroids, camera, epoch_year, observer.vantage, terms,
-                                       reasons)
+        used, calibration = calibrate_lists(centroids, camera, epoch_year, observer.vantage,
+                                            terms, reasons)
     except CalibrationError as error:
         unused = [f'{paths[index].name}: {reason}' for index, reason in reasons.items()]
         raise CalibrationError('; '.join([str(error), *unused])) from error
@@ -72,14 +75,19 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
              **figures(calibration, calibration.stars.frame == used.get(index, -1)),
              'reason': reasons.get(index, '')} for index, path in enumerate(paths)]
     return Result('calibrate', rows, {
-        **summary(calibration), 'epoch': epoch_year, 'aberration': observer.condition,
-        'output': str(output)})
+        **summary(calibration), 'distortion_model': calibration.camera.distortion_model,
+        'epoch': epoch_year, 'aberration': observer.condition, 'output': str(output)})
 
 
-def _calibrate(centroids: dict[int, Centroids], camera: Camera, epoch_year: float,
-               vantage: Vantage | None, terms: Sequence[str], reasons: dict[int, str]
-               ) -> tuple[dict[int, int], Calibration]:
-    """Return the frame number of each image in use and the calibration; add to reasons."""
+def calibrate_lists(centroids: dict[int, Centroids], camera: Camera, epoch_year: float,
+                    vantage: Vantage | None, terms: Sequence[str], reasons: dict[int, str]
+                    ) -> tuple[dict[int, int], Calibration]:
+    """
+    Return the frame number of each image in use and the calibration; add to reasons.
+
+    centroids and reasons, why an image is not used, are by the number of the image.
+    CalibrationError when the images do not determine the camera.
+    """
     onboard = onboard_catalog(camera_catalog(camera), camera, epoch_year)
     views: dict[int, View] = {}
     learnt = _with_learnt_lens(centroids, camera, epoch_year)
@@ -91,8 +99,7 @@ def _calibrate(centroids: dict[int, Centroids], camera: Camera, epoch_year: floa
     used = _used(views, calibration)
     if len(views) < len(centroids):
         before = len(views)
-        _identify(centroids, views, calibration.camera, epoch_year, IdentificationOptions(),
-                  reasons)
+        _identify_by_ladder(centroids, views, calibration.camera, epoch_year, reasons)
         if len(views) > before:
             for index, frame in used.items():
                 views[index] = View(centroids[index], calibration.adjustment.quaternions[frame])
@@ -135,6 +142,23 @@ def _with_likely_ratio(camera: Camera, told: float) -> Camera:
         return camera
     focal = np.sqrt(camera.fx * camera.fy / told)
     return replace(camera, fx=float(focal), fy=float(focal * told))
+
+
+def _identify_by_ladder(centroids: dict[int, Centroids], views: dict[int, View], camera: Camera,
+                        epoch_year: float, reasons: dict[int, str]) -> None:
+    """
+    Add images to views that are identified with other tolerances or fainter stars.
+
+    The brightest stars, which are searched first, may be those that the detector saturates.
+    """
+    ladder = LadderIdentifier(camera, epoch_year)
+    for index in [index for index in centroids if index not in views]:
+        for attempt in ladder.identify([centroids[index]]):
+            if attempt.identification.attitude is not None:
+                reasons.pop(index, None)
+                views[index] = View(centroids[index],
+                                    attempt.identification.attitude.quaternion)
+                break
 
 
 def _identify(centroids: dict[int, Centroids], views: dict[int, View], camera: Camera,

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.calibration.matching import nearest_pairs
-from startracker_ros.camera.distortion import distort, distortion_jacobian
+from startracker_ros.camera.lens import distortion_jacobian, plane_points, project
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
@@ -46,6 +46,9 @@ _STEP = 1e-6  # of the numerical derivatives of the middle of the image
 _STEPS = 3  # of Gauss-Newton for each association
 _MOST_RESIDUAL = 2.5e-3  # of the width of the image
 _LEAST_SHARE = 0.4  # of the stars that image or catalogue have, whichever are fewer
+# Below this share the fit may have ended far from the lens: others are tried, with the distortion
+# held near each of these values of k1 until their stars stay.
+_GOOD_SHARE, _OTHER_K1, _K1_HELD = 0.7, (-0.35, -0.2, -0.1, 0.0, 0.15), 0.02
 _KEPT_SHARE = 0.75  # of the matches that lead to the fit
 _LIMIT_SIGMAS = 3.0
 _SURE_MATCHES, _LIMIT_FACTOR = 12, 2.0
@@ -84,20 +87,9 @@ class _Lens:
         self.camera = camera
         self.quaternion = quaternion
 
-    def _tangents(self, icrf: np.ndarray) -> np.ndarray:
-        """Return v_x / v_z, v_y / v_z (2, N) of directions (N, 3), NaN behind the camera."""
-        sensor = (icrf @ matrix_from_quaternion(self.quaternion)).T
-        with np.errstate(invalid='ignore', divide='ignore'):
-            return np.where(sensor[2] > 0, sensor[:2] / sensor[2], np.nan)
-
-    def _pixels(self, tangents: np.ndarray) -> np.ndarray:
-        camera = self.camera
-        x, y = distort(camera.distortion, *tangents)
-        return np.stack([camera.fx * x + camera.cx, camera.fy * y + camera.cy], -1)
-
     def pixels(self, icrf: np.ndarray) -> np.ndarray:
-        """Return where ICRS directions (N, 3) are in px (N, 2)."""
-        return self._pixels(self._tangents(icrf))
+        """Return where ICRS directions (N, 3) are in px (N, 2), NaN behind the camera."""
+        return project(self.camera.lens, icrf @ matrix_from_quaternion(self.quaternion))
 
     def linearised(self, icrf: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """
@@ -106,9 +98,11 @@ class _Lens:
         With x, y the tangents, dv = v x d makes dx = x y d1 - (1 + x^2) d2 + y d3 and
         dy = (1 + y^2) d1 - x y d2 - x d3.
         """
-        camera, (x, y) = self.camera, (tangents := self._tangents(icrf))
-        base = self._pixels(tangents)
-        uu, uv, vv = distortion_jacobian(camera.distortion, x, y)
+        camera, lens = self.camera, self.camera.lens
+        sensor = icrf @ matrix_from_quaternion(self.quaternion)
+        base = project(lens, sensor)
+        x, y = plane_points(lens.equidistant, sensor).T.copy()
+        uu, uv, vv = distortion_jacobian(lens.terms, x, y)
         square = x * x + y * y
         partial = np.zeros((*base.shape, 8))
         for axis, (dx, dy) in enumerate(((x * y, 1 + y * y), (-1 - x * x, -x * y), (y, -x))):
@@ -159,6 +153,8 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
         fit = _grow(lens, start, free, centroids, star, onboard)
         if np.count_nonzero(fit.star >= 0) < _FEW_MATCHES and start.fov_x_rad < _NARROW_RAD:
             fit = _grow(lens, start, free * held, centroids, star, onboard)
+        else:
+            fit = _best_of_others(fit, lens, start, free, centroids, star, onboard)
     except CameraError as error:
         return LearntLens(start, lens.quaternion, identification.attitude, 1.0, star,
                           np.full(len(star), np.nan), 0.0, str(error))
@@ -168,7 +164,7 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
     return LearntLens(camera, fit.lens.quaternion, attitude, camera.fx / nominal.fx, fit.star,
                       np.hypot(*residual.T), fit.error_px,
                       _reason(fit, attitude, nominal, focal_error, first,
-                              min(len(star), len(_visible(fit.lens, onboard)[0]))))
+                              _possible(fit, onboard)))
 
 
 class _Fit(NamedTuple):
@@ -193,6 +189,29 @@ def _grow(lens: _Lens, start: Camera, free: np.ndarray, centroids: Centroids, st
                 or not growing and np.array_equal(star, before)):
             break
     return _Fit(lens, covariance, error_px, star)
+
+
+def _possible(fit: _Fit, onboard: OnboardCatalog) -> int:
+    """Return how many stars may match: those of the image or of the catalogue in it."""
+    return min(len(fit.star), len(_visible(fit.lens, onboard)[0]))
+
+
+def _best_of_others(fit: _Fit, lens: _Lens, start: Camera, free: np.ndarray,
+                    centroids: Centroids, star: np.ndarray, onboard: OnboardCatalog) -> _Fit:
+    """Return the fit that matches most stars, of those from other values of the distortion."""
+    for k1 in _OTHER_K1:
+        if np.count_nonzero(fit.star >= 0) >= _GOOD_SHARE * _possible(fit, onboard):
+            break
+        try:
+            bent = replace(start, distortion=(k1, *start.distortion[1:]))
+            rough = _grow(_Lens(bent, lens.quaternion), bent,
+                          np.append(free[:-1], _K1_HELD), centroids, star, onboard)
+            other = _grow(rough.lens, start, free, centroids, rough.star, onboard)
+        except CameraError:
+            continue
+        if np.count_nonzero(other.star >= 0) > np.count_nonzero(fit.star >= 0):
+            fit = other
+    return fit
 
 
 def _fit(lens: _Lens, start: Camera, free: np.ndarray, centroids: Centroids, star: np.ndarray,
@@ -281,7 +300,8 @@ def _reason(fit: _Fit, attitude: AttitudeEstimate, nominal: Camera, focal_error:
                 f'{sigma_px:.2g} px')
     # The width of the image, from edge to edge, with the distortion or without it.
     seen, told = camera.seen_x_rad, nominal.fov_x_rad
-    off = min(abs(np.tan(fov / 2) / np.tan(told / 2) - 1) for fov in (seen, camera.fov_x_rad))
+    off = min(abs(camera.radius(fov / 2) / camera.radius(told / 2) - 1)
+              for fov in (seen, camera.fov_x_rad))
     # So many stars determine the lens by themselves: the told field of view is the error.
     limit = focal_error * (_LIMIT_FACTOR if matched >= _SURE_MATCHES else 1)
     if off > limit + _LIMIT_SIGMAS * np.sqrt(fit.covariance[3, 3]):

@@ -1,36 +1,45 @@
 """
-The plumb_bob lens distortion of Brown (1966), as in OpenCV and sensor_msgs/CameraInfo.
+The distortion models of sensor_msgs/CameraInfo, as OpenCV defines them.
 
-The functions accept arrays; camera.lens compiles them by startracker_ros.compiled for single
-points.
+All are one function of undistorted image coordinates (a, b) of unit focal length. These are
+x / z, y / z for plumb_bob (Brown 1966) and rational_polynomial, and theta (x, y) / sqrt(x2 + y2),
+theta the angle to the optical axis, for equidistant (Kannala and Brandt 2006, cv2.fisheye). With
+s = a2 + b2 and
+
+    L = (1 + k1 s + k2 s2 + k3 s3 + k4 s4) / (1 + d1 s + d2 s2 + d3 s3)
+
+the distorted coordinates are a L + 2 p1 a b + p2 (s + 2 a2), b L + p1 (s + 2 b2) + 2 p2 a b.
 """
 
-from typing import Any
+from typing import NamedTuple
 
-Terms = tuple[float, ...]
-"""k1, k2, p1, p2, k3."""
+Terms = tuple[float, float, float, float, float, float, float, float, float]
+"""k1, k2, p1, p2, k3, k4, d1, d2, d3."""
 
 
-def distort(terms: Terms, a: Any, b: Any) -> tuple[Any, Any]:
+class DistortionModel(NamedTuple):
     """
-    Return the distorted tangents x, y of the direction with x / z = a, y / z = b.
+    Names of the coefficients in the order of the messages, and whether (a, b) is an angle.
 
-    x = a L + 2 p1 a b + p2 (r2 + 2 a2), y = b L + p1 (r2 + 2 b2) + 2 p2 a b with
-    r2 = a2 + b2 and L = 1 + k1 r2 + k2 r4 + k3 r6.
+    limit_deg is the widest field of view, edge to edge, that the model can have.
     """
-    k1, k2, p1, p2, k3 = terms
-    r2 = a * a + b * b
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return (a * radial + 2 * p1 * a * b + p2 * (r2 + 2 * a * a),
-            b * radial + p1 * (r2 + 2 * b * b) + 2 * p2 * a * b)
+
+    coefficients: tuple[str, ...]
+    equidistant: bool
+    limit_deg: float
 
 
-def distortion_jacobian(terms: Terms, a: Any, b: Any) -> tuple[Any, Any, Any]:
-    """Return dx/da, dx/db = dy/da and dy/db of distort()."""
-    k1, k2, p1, p2, k3 = terms
-    r2 = a * a + b * b
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
-    return (radial + slope * a * a + 2 * p1 * b + 6 * p2 * a,
-            slope * a * b + 2 * (p1 * a + p2 * b),
-            radial + slope * b * b + 6 * p1 * b + 2 * p2 * a)
+PLUMB_BOB, RATIONAL, EQUIDISTANT = 'plumb_bob', 'rational_polynomial', 'equidistant'
+MODELS = {
+    PLUMB_BOB: DistortionModel(('k1', 'k2', 'p1', 'p2', 'k3'), False, 170.0),
+    RATIONAL: DistortionModel(('k1', 'k2', 'p1', 'p2', 'k3', 'd1', 'd2', 'd3'), False, 170.0),
+    EQUIDISTANT: DistortionModel(('k1', 'k2', 'k3', 'k4'), True, 340.0)}
+"""By the name in CameraInfo; its k4, k5, k6 of rational_polynomial are d1, d2, d3 here."""
+
+
+def terms_of(model: str, coefficients: tuple[float, ...]) -> Terms:
+    """Return all terms of the coefficients of a model."""
+    value = dict(zip(MODELS[model].coefficients, map(float, coefficients)))
+    k1, k2, p1, p2, k3, k4, d1, d2, d3 = (
+        value.get(name, 0.0) for name in ('k1', 'k2', 'p1', 'p2', 'k3', 'k4', 'd1', 'd2', 'd3'))
+    return k1, k2, p1, p2, k3, k4, d1, d2, d3

@@ -1,29 +1,33 @@
-"""Camera files: YAML in the format of ROS camera_calibration."""
+"""Camera files: YAML in the format of ROS camera_calibration, or a FITS header."""
 
 from pathlib import Path
 
 from startracker_ros.camera.model import Camera, CameraError
+from startracker_ros.camera.wcs_file import read_wcs_camera, SUFFIXES
 import yaml
 
 _LARGEST_FILE_BYTES = 1_000_000
 
 
 def load_camera(path: str | Path) -> Camera:
-    """Return the camera of a YAML file of ROS camera_calibration; CameraError if invalid."""
+    """
+    Return the camera of a YAML file of ROS camera_calibration, or of a FITS header with TAN-SIP.
+
+    CameraError if invalid.
+    """
+    if is_wcs(path):
+        return read_wcs_camera(path).camera
     try:
         with open(path, 'rb') as file:
             text = file.read(_LARGEST_FILE_BYTES + 1)
         if len(text) > _LARGEST_FILE_BYTES:
             raise CameraError(f'more than {_LARGEST_FILE_BYTES} bytes')
         document = yaml.safe_load(text)
-        if document['distortion_model'] != 'plumb_bob':
-            model = document['distortion_model']
-            raise CameraError(f'distortion_model {model!r} is not plumb_bob')
         matrix = [float(value) for value in document['camera_matrix']['data']]
         distortion = tuple(float(v) for v in document['distortion_coefficients']['data'])
         width, height = document['image_width'], document['image_height']
         return Camera(int(width), int(height), matrix[0], matrix[4], matrix[2], matrix[5],
-                      distortion)
+                      distortion, str(document['distortion_model']))
     except OSError as error:
         raise CameraError(f'camera file {path}: {error.strerror}') from error
     except CameraError as error:
@@ -34,6 +38,11 @@ def load_camera(path: str | Path) -> Camera:
             f'camera file {path}: not a ROS camera calibration ({error!r})') from error
 
 
+def is_wcs(path: str | Path) -> bool:
+    """Return whether a camera file is a FITS header, by its name."""
+    return Path(path).suffix.lower() in SUFFIXES
+
+
 def save_camera(camera: Camera, path: str | Path, name: str = 'star_tracker') -> None:
     """Write a camera as YAML in the format of ROS camera_calibration."""
     matrix = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
@@ -42,9 +51,10 @@ def save_camera(camera: Camera, path: str | Path, name: str = 'star_tracker') ->
         'image_height': camera.height,
         'camera_name': name,
         'camera_matrix': {'rows': 3, 'cols': 3, 'data': [float(v) for v in matrix]},
-        'distortion_model': 'plumb_bob',
+        'distortion_model': camera.distortion_model,
         'distortion_coefficients': {
-            'rows': 1, 'cols': 5, 'data': [float(v) for v in camera.distortion]},
+            'rows': 1, 'cols': len(camera.distortion),
+            'data': [float(v) for v in camera.distortion]},
         'rectification_matrix': {
             'rows': 3, 'cols': 3, 'data': [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]},
         'projection_matrix': {

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from startracker_ros.camera import fits_image, raw_image
+from startracker_ros.camera.distortion import PLUMB_BOB
 from startracker_ros.camera.exif import read_exif, Taken, upright
 from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera, CameraError
@@ -178,7 +179,8 @@ def _tiff_size(begin: bytes) -> tuple[int, int]:
     return size[256], size[257]
 
 
-def calibrated_camera(camera_file: Path | None, fov_deg: float | None) -> Camera | None:
+def calibrated_camera(camera_file: Path | None, fov_deg: float | None,
+                      distortion_model: str = PLUMB_BOB) -> Camera | None:
     """
     Return the camera of a file; None if there is only fov_deg, which needs the image size.
 
@@ -186,32 +188,33 @@ def calibrated_camera(camera_file: Path | None, fov_deg: float | None) -> Camera
     """
     if camera_file is not None:
         return load_camera(camera_file)
-    _ideal_camera(1, 1, fov_deg)
+    _ideal_camera(1, 1, fov_deg, distortion_model)
     return None
 
 
-def _ideal_camera(width: int, height: int, fov_deg: float | None) -> Camera:
+def _ideal_camera(width: int, height: int, fov_deg: float | None,
+                  distortion_model: str = PLUMB_BOB) -> Camera:
     if fov_deg is None:
         raise CameraError('neither a camera file nor a field of view')
-    return Camera.from_fov(width, height, fov_deg)
+    return Camera.from_fov(width, height, fov_deg, distortion_model)
 
 
-def read_image_with_camera(path: Path, camera: Camera | None, fov_deg: float | None
-                           ) -> tuple[np.ndarray, Camera]:
+def read_image_with_camera(path: Path, camera: Camera | None, fov_deg: float | None,
+                           distortion_model: str) -> tuple[np.ndarray, Camera]:
     """Return an image and its camera, as camera_of(); ImageError."""
     image = read_image(path)
-    return image, camera_of(path, image, camera, fov_deg)
+    return image, camera_of(path, image, camera, fov_deg, distortion_model)
 
 
-def camera_of(path: Path, image: np.ndarray, camera: Camera | None, fov_deg: float | None
-              ) -> Camera:
+def camera_of(path: Path, image: np.ndarray, camera: Camera | None, fov_deg: float | None,
+              distortion_model: str = PLUMB_BOB) -> Camera:
     """
     Return the camera of an image (H, W): the given one, or an ideal one of fov_deg.
 
     ImageError when the given camera has another image size.
     """
     height, width = image.shape
-    camera = camera or _ideal_camera(width, height, fov_deg)
+    camera = camera or _ideal_camera(width, height, fov_deg, distortion_model)
     if (camera.width, camera.height) != (width, height):
         raise ImageError(f'{path}: {width} x {height} px, the camera has '
                          f'{camera.width} x {camera.height}')

@@ -7,7 +7,7 @@ the tangent plane coordinates are CD (u + f, v + g). AP and BP are the inverse: 
 U^i V^j of U = u + f, V = v + g.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -88,18 +88,18 @@ def _fit(directions: Directions, width: int, height: int, reference_px: np.ndarr
     for (i, j), coefficient in zip(terms, solved @ inverse.T):
         if i + j > 1:
             polynomials[:, i, j] = coefficient / scale ** (i + j)
-    undistorted = offset + _evaluate(polynomials, offset)
+    undistorted = offset + evaluate(polynomials, offset)
     back = np.zeros_like(polynomials)
     for (i, j), coefficient in zip(powers, _least_squares(
             undistorted / scale, offset - undistorted, powers)):
         back[:, i, j] = coefficient / scale ** (i + j)
-    seen = check_offset + _evaluate(polynomials, check_offset)
+    seen = check_offset + evaluate(polynomials, check_offset)
     true = tangent_deg(check) @ inverse.T
     ra, dec = radec_from_unit(axis)
     return Sip(reference_px + 1, np.degrees([ra, dec]), cd,
                polynomials[0], polynomials[1], back[0], back[1],
                float(np.abs(seen - true).max()),
-               float(np.abs(true + _evaluate(back, true) - check_offset).max()))
+               float(np.abs(true + evaluate(back, true) - check_offset).max()))
 
 
 def _grid(width: int, height: int, nodes: np.ndarray) -> np.ndarray:
@@ -123,8 +123,8 @@ def _least_squares(x: np.ndarray, values: np.ndarray, powers: list[tuple[int, in
     return np.linalg.lstsq(design, values, rcond=None)[0]
 
 
-def _evaluate(polynomials: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return both polynomials (2, n, n) at x (N, 2)."""
+def evaluate(polynomials: Iterable[np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Return both polynomials (n, n) at x (N, 2)."""
     return np.stack([np.polynomial.polynomial.polyval2d(x[:, 0], x[:, 1], polynomial)
                      for polynomial in polynomials], -1)
 

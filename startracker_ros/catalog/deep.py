@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.band import BandOptions, catalog_in_band
 from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.maths.rotation import ARCSEC
 
@@ -45,16 +46,19 @@ def star_name(number: int) -> str:
     return f'HIP {number}' if number < NUMBER_OFFSET else f'deep {number - NUMBER_OFFSET}'
 
 
-def camera_catalog(camera: Camera, deep: Callable[[], StarCatalog] | None = None) -> StarCatalog:
+def camera_catalog(camera: Camera, deep: Callable[[], StarCatalog] | None = None, *,
+                   band: BandOptions = BandOptions()) -> StarCatalog:
     """
     Return the stars for a camera: Hipparcos, or for a narrow field the deep catalogue.
 
-    deep returns the latter where the caller has loaded it already.
+    deep returns the latter where the caller has loaded it already; band is that of the
+    magnitudes.
     """
     hipparcos = load_catalog()
     share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
     in_field = share * len(hipparcos.brighter_than(HIPPARCOS_COMPLETE_V))
-    return hipparcos if in_field >= NARROW_FIELD_STARS else (deep or load_deep_catalog)()
+    stars = hipparcos if in_field >= NARROW_FIELD_STARS else (deep or load_deep_catalog)()
+    return catalog_in_band(stars, band)
 
 
 def load_deep_catalog() -> StarCatalog:

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.camera.lens import plane_point
 from startracker_ros.compiled import compiled, inlined
 
 
@@ -138,13 +139,13 @@ def count_near(grid: SkyGrid, centers: np.ndarray, chord: float) -> np.ndarray:
 
 
 @compiled
-def count_in_image(grid: SkyGrid, matrix: np.ndarray, chord: float, low_x: float, high_x: float,
-                   low_y: float, high_y: float) -> int:
+def count_in_image(grid: SkyGrid, equidistant: bool, matrix: np.ndarray, chord: float,
+                   low_a: float, high_a: float, low_b: float, high_b: float) -> int:
     """
     Return the number of stars in the field of view.
 
-    matrix (3, 3) rotates sensor vectors to the axes of the grid. The image spans low_x to high_x
-    and low_y to high_y in x / z, y / z, within chord of its axis.
+    matrix (3, 3) rotates sensor vectors to the axes of the grid. The image spans low_a to high_a
+    and low_b to high_b in the coordinates of lens.plane_point(), within chord of its axis.
     """
     found = 0
     direction = grid.direction
@@ -157,11 +158,11 @@ def count_in_image(grid: SkyGrid, matrix: np.ndarray, chord: float, low_x: float
             for m in range(grid.start[row + first_z], grid.start[row + last_z + 1]):
                 star = grid.member[m]
                 # Scalars: a view of a row would cost more than the arithmetic.
-                a, b, c = direction[star, 0], direction[star, 1], direction[star, 2]
-                z = a * matrix[0, 2] + b * matrix[1, 2] + c * matrix[2, 2]
-                if z <= 0:
-                    continue
-                x = (a * matrix[0, 0] + b * matrix[1, 0] + c * matrix[2, 0]) / z
-                y = (a * matrix[0, 1] + b * matrix[1, 1] + c * matrix[2, 1]) / z
-                found += low_x <= x <= high_x and low_y <= y <= high_y
+                x, y, z = direction[star, 0], direction[star, 1], direction[star, 2]
+                plane_a, plane_b = plane_point(
+                    equidistant, x * matrix[0, 0] + y * matrix[1, 0] + z * matrix[2, 0],
+                    x * matrix[0, 1] + y * matrix[1, 1] + z * matrix[2, 1],
+                    x * matrix[0, 2] + y * matrix[1, 2] + z * matrix[2, 2])
+                # NaN is in no range.
+                found += low_a <= plane_a <= high_a and low_b <= plane_b <= high_b
     return found

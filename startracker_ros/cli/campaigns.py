@@ -118,6 +118,16 @@ def campaign_faults(only: tuple[str, ...], seed: int, as_json: bool) -> None:
     finish(result, as_json)
 
 
+@campaign.command('full-frame')
+@trials_option(5, 'Chips, of ten images each.')
+@seed_option
+@json_option
+def campaign_full_frame(trials: int, seed: int, as_json: bool) -> None:
+    """Calibrate a survey camera with SIP distortion and saturated stars, a twin of TESS."""
+    from startracker_ros.campaign.full_frame import run_full_frame_campaign
+    finish(run_full_frame_campaign(trials=trials, seed=seed), as_json)
+
+
 @campaign.command('soak')
 @click.option('--frames', type=click.IntRange(500), default=100_000, show_default=True,
               help='Frames to send.')

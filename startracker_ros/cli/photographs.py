@@ -117,7 +117,8 @@ def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
 @click.option('--fov-deg', type=float, help='Horizontal field of view, edge to edge.  '
               '[default: EXIF, or a search from 1 to 120 deg]')
 @click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
-              help='Camera YAML as camera_calibration writes it, instead of --fov-deg.')
+              help='Camera YAML as camera_calibration writes it, or FITS header with SIP, '
+              'instead of --fov-deg.')
 @click.option('--fov-error-percent', type=click.FloatRange(0, 5),
               help='How far the field of view may be off.  [default: 5, with --camera 0.5]')
 @_observer_options('time in the file, EXIF or DATE-OBS, else today without aberration')
@@ -170,15 +171,18 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
               help='Camera YAML to write, as camera_calibration writes it.')
 @click.option('--fov-deg', type=float, help='Horizontal field of view, within 5 %.')
 @click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
-              help='Camera YAML to start from, instead of --fov-deg.')
+              help='Camera YAML, or FITS header with SIP, to start from instead of --fov-deg.')
 @_observer_options('today, without aberration')
+@click.option('--distortion-model', type=click.Choice(['plumb_bob', 'equidistant']),
+              default='plumb_bob', show_default=True,
+              help='Lens with --fov-deg; equidistant for fisheyes, as wide as 150 deg and more.')
 @click.option('--free', 'terms', multiple=True,
-              type=click.Choice(['k1', 'centre', 'tangential', 'k2', 'k3']),
+              type=click.Choice(['k1', 'centre', 'tangential', 'k2', 'k3', 'k4']),
               help='Estimate just these beside the focal length.  [default: the data decide]')
 @json_option
 def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
               camera_file: Path | None, epoch_year: float | None, terms: tuple[str, ...],
-              as_json: bool, **standpoint: Any) -> None:
+              distortion_model: str, as_json: bool, **standpoint: Any) -> None:
     """Focal length, principal point and distortion out of star IMAGES of one camera."""
     from startracker_ros.calibration.adjustment import CalibrationError
     from startracker_ros.calibration.files import calibrate_files
@@ -191,5 +195,6 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
     with usage_error_on(CameraError), exit_1_on(CalibrationError, output=output):
         result = calibrate_files(images, output, fov_deg=fov_deg, camera_file=camera_file,
                                  epoch_year=epoch_year,
-                                 observer=where.observer(occasion(epoch_year)), terms=terms)
+                                 observer=where.observer(occasion(epoch_year)), terms=terms,
+                                 distortion_model=distortion_model)
     print_result(result, as_json)

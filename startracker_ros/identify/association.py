@@ -1,13 +1,14 @@
 """
 Association of image stars with catalogue stars, and the attitude and focal length that fit.
 
-Image stars are points x / z, y / z of the tangent plane in the sensor frame, of the nominal focal
-length; divided by the focal ratio they are those of the fitted one.
+Image stars are points in undistorted coordinates of the sensor frame (camera/lens.py), of the
+nominal focal length; divided by the focal ratio they are those of the fitted one.
 """
 
 import numpy as np
 from startracker_ros.attitude.refinement import refine, residuals
 from startracker_ros.attitude.triad import triad
+from startracker_ros.camera.lens import plane_point, ray
 from startracker_ros.catalog.sky_grid import nearest, SkyGrid
 from startracker_ros.compiled import compiled, inlined
 from startracker_ros.maths.compiled_rotation import quaternion_from_matrix, sensor_directions
@@ -41,31 +42,40 @@ def contains(matched: np.ndarray, star: int) -> bool:
 
 
 @inlined
-def nearest_star(sky: SkyGrid, matrix: np.ndarray, x: float, y: float, radius: float
-                 ) -> tuple[int, float]:
-    """Return the catalogue star nearest to x / z, y / z in the sensor frame, as nearest()."""
-    z = 1 / np.sqrt(x * x + y * y + 1)
-    return nearest(sky, z * (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]),
-                   z * (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]),
-                   z * (matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]), radius)
+def nearest_star(sky: SkyGrid, equidistant: bool, matrix: np.ndarray, a: float, b: float,
+                 radius: float) -> tuple[int, float]:
+    """Return the catalogue star nearest to a, b in the sensor frame, as nearest()."""
+    x, y, z = ray(equidistant, a, b)
+    return nearest(sky, matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z,
+                   matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z,
+                   matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z, radius)
 
 
 @compiled
-def _residual(matrix: np.ndarray, direction: np.ndarray, star: int, x: float, y: float) -> float:
-    """Return the distance of a star of direction (S, 3) from x / z, y / z in the sensor frame."""
+def _seen_at(equidistant: bool, matrix: np.ndarray, direction: np.ndarray, star: int
+             ) -> tuple[float, float]:
+    """Return where a star of direction (S, 3) is in undistorted coordinates."""
     # Scalars alone: a view of a row costs more than the arithmetic with it.
-    a, b, c = direction[star, 0], direction[star, 1], direction[star, 2]
-    z = matrix[0, 2] * a + matrix[1, 2] * b + matrix[2, 2] * c
-    dx = (matrix[0, 0] * a + matrix[1, 0] * b + matrix[2, 0] * c) / z - x
-    dy = (matrix[0, 1] * a + matrix[1, 1] * b + matrix[2, 1] * c) / z - y
-    return np.sqrt(dx * dx + dy * dy)
+    x, y, z = direction[star, 0], direction[star, 1], direction[star, 2]
+    return plane_point(equidistant, matrix[0, 0] * x + matrix[1, 0] * y + matrix[2, 0] * z,
+                       matrix[0, 1] * x + matrix[1, 1] * y + matrix[2, 1] * z,
+                       matrix[0, 2] * x + matrix[1, 2] * y + matrix[2, 2] * z)
 
 
 @compiled
-def _associate(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float, radius: float
-               ) -> tuple[np.ndarray, np.ndarray]:
+def _residual(equidistant: bool, matrix: np.ndarray, direction: np.ndarray, star: int, a: float,
+              b: float) -> float:
+    """Return the distance of a star of direction (S, 3) from a, b in the sensor frame."""
+    star_a, star_b = _seen_at(equidistant, matrix, direction, star)
+    da, db = star_a - a, star_b - b
+    return np.sqrt(da * da + db * db)
+
+
+@compiled
+def _associate(sky: SkyGrid, equidistant: bool, matrix: np.ndarray, seen: np.ndarray,
+               ratio: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the catalogue star (N,) nearest to each image star and its residual (N,) in x / z.
+    Return the catalogue star (N,) nearest to each image star and its residual (N,).
 
     One to one: of several image stars at one star the nearest is associated. -1 and NaN beyond
     the radius.
@@ -74,12 +84,13 @@ def _associate(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float,
     matched = np.full(count, -1)
     residual = np.full(count, np.nan)
     for i in range(count):
-        x, y = seen[i, 0] / ratio, seen[i, 1] / ratio
-        star, _ = nearest_star(sky, matrix, x, y, radius)
+        a, b = seen[i, 0] / ratio, seen[i, 1] / ratio
+        star, _ = nearest_star(sky, equidistant, matrix, a, b, radius)
         if star < 0:
             continue
-        distance = _residual(matrix, sky.direction, star, x, y)
-        if distance > radius:
+        distance = _residual(equidistant, matrix, sky.direction, star, a, b)
+        # A star that cannot be seen has the residual NaN.
+        if not distance <= radius:
             continue
         for other in range(i):
             if matched[other] == star:
@@ -94,8 +105,8 @@ def _associate(sky: SkyGrid, matrix: np.ndarray, seen: np.ndarray, ratio: float,
 
 
 @compiled
-def _matched_directions(seen: np.ndarray, sigma: np.ndarray, ratio: float, matched: np.ndarray,
-                        direction: np.ndarray
+def _matched_directions(equidistant: bool, seen: np.ndarray, sigma: np.ndarray, ratio: float,
+                        matched: np.ndarray, direction: np.ndarray
                         ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return sensor (M, 3) and ICRF (M, 3) directions and weights (M,) of the matched stars."""
     count = count_matched(matched)
@@ -104,9 +115,8 @@ def _matched_directions(seen: np.ndarray, sigma: np.ndarray, ratio: float, match
     for i in range(len(matched)):
         if matched[i] < 0:
             continue
-        x, y = seen[i, 0] / ratio, seen[i, 1] / ratio
-        length = np.sqrt(x * x + y * y + 1)
-        sensor[row, 0], sensor[row, 1], sensor[row, 2] = x / length, y / length, 1 / length
+        sensor[row, 0], sensor[row, 1], sensor[row, 2] = ray(
+            equidistant, seen[i, 0] / ratio, seen[i, 1] / ratio)
         for k in range(3):
             icrf[row, k] = direction[matched[i], k]
         weight[row] = 1 / sigma[i] ** 2
@@ -127,11 +137,12 @@ def _farthest(vectors: np.ndarray) -> int:
 
 
 @compiled
-def focal_ratio(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray) -> float:
+def focal_ratio(equidistant: bool, matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray
+                ) -> float:
     """
     Return the focal length that fits over the one of the sensor directions (M, 3).
 
-    With p_i the seen and q_i the predicted points of the tangent plane, and p, q their means,
+    With p_i the seen and q_i the predicted undistorted coordinates, and p, q their means,
     it is the least-squares scale sum (p_i - p) . (q_i - q) / sum |q_i - q|^2. About the means and
     not about the axis: else stars on one side of the image would hide a wrong scale in a wrong
     attitude.
@@ -141,11 +152,9 @@ def focal_ratio(matrix: np.ndarray, sensor: np.ndarray, icrf: np.ndarray) -> flo
     p = np.empty((count, 2))
     p_mean, q_mean = np.zeros(2), np.zeros(2)
     for i in range(count):
-        a, b, c = icrf[i, 0], icrf[i, 1], icrf[i, 2]
-        z = matrix[0, 2] * a + matrix[1, 2] * b + matrix[2, 2] * c
+        q[i, 0], q[i, 1] = _seen_at(equidistant, matrix, icrf, i)
+        p[i, 0], p[i, 1] = plane_point(equidistant, sensor[i, 0], sensor[i, 1], sensor[i, 2])
         for k in range(2):
-            q[i, k] = (matrix[0, k] * a + matrix[1, k] * b + matrix[2, k] * c) / z
-            p[i, k] = sensor[i, k] / sensor[i, 2]
             p_mean[k] += p[i, k] / count
             q_mean[k] += q[i, k] / count
     pq = qq = 0.0
@@ -173,14 +182,14 @@ def _scatter(seen: np.ndarray, matched: np.ndarray) -> float:
 
 
 @compiled
-def align(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray, star: np.ndarray,
-          radius: float, scale_error: float
+def align(sky: SkyGrid, equidistant: bool, seen: np.ndarray, sigma: np.ndarray,
+          base: np.ndarray, star: np.ndarray, radius: float, scale_error: float
           ) -> tuple[bool, float, np.ndarray, np.ndarray, np.ndarray]:
     """
     Associate all image stars when those of base (B,) are the catalogue stars star (B,).
 
-    seen (N, 2) are the image stars in x / z, y / z, where radius is measured, too; sigma (N,)
-    is in rad. Return whether four stars or more agree with an attitude and a scale within
+    seen (N, 2) are the image stars, sigma (N,) their errors; they and radius are in undistorted
+    coordinates. Return whether four stars or more agree with an attitude and a scale within
     scale_error, the focal ratio, the association and residuals as _associate() and the matrix
     (3, 3) to ICRF.
     """
@@ -194,53 +203,57 @@ def align(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray, s
     # twice, because the stars found first lead to those at the far side of the image.
     for attempt in range(4):
         before = matched
-        sensor, icrf, weight = _matched_directions(seen, sigma, ratio, matched, sky.direction)
+        sensor, icrf, weight = _matched_directions(equidistant, seen, sigma, ratio, matched,
+                                                   sky.direction)
         if attempt == 0:
             matrix = triad(sensor, icrf, 0, _farthest(sensor))
         # What one step leaves is little beside the radius, and more steps follow.
         if not refine(matrix, sensor, icrf, weight, 1)[1] > 0:
             return False, ratio, matched, residual, matrix
-        fitted = ratio * focal_ratio(matrix, sensor, icrf)
+        fitted = ratio * focal_ratio(equidistant, matrix, sensor, icrf)
         # Close stars may determine the scale less well than it was known before.
         ratio = min(max(fitted, 1 - scale_error), 1 + scale_error)
-        matched, residual = _associate(sky, matrix, seen, ratio,
+        matched, residual = _associate(sky, equidistant, matrix, seen, ratio,
                                        3 * radius if attempt < 2 else radius)
         if count_matched(matched) < 4:
             return False, ratio, matched, residual, matrix
         if attempt > 0 and _equal(matched, before):
             # The same association with the focal length that it has led to.
-            sensor, icrf, weight = _matched_directions(seen, sigma, ratio, matched,
-                                                       sky.direction)
+            sensor, icrf, weight = _matched_directions(equidistant, seen, sigma, ratio,
+                                                       matched, sky.direction)
             refine(matrix, sensor, icrf, weight, 1)
             # A narrower radius would leave it as it is.
-            if _update(sky.direction, matrix, seen, ratio, matched, residual) <= radius:
+            if _update(sky.direction, equidistant, matrix, seen, ratio, matched,
+                       residual) <= radius:
                 break
     agrees = abs(fitted - 1) <= scale_error + radius / _scatter(seen, matched)
     return agrees, ratio, matched, residual, matrix
 
 
 @compiled
-def _update(direction: np.ndarray, matrix: np.ndarray, seen: np.ndarray, ratio: float,
-            matched: np.ndarray, residual: np.ndarray) -> float:
+def _update(direction: np.ndarray, equidistant: bool, matrix: np.ndarray, seen: np.ndarray,
+            ratio: float, matched: np.ndarray, residual: np.ndarray) -> float:
     """Put the residuals of an association into residual (N,); return the largest."""
     largest = 0.0
     for i in range(len(matched)):
         if matched[i] >= 0:
-            residual[i] = _residual(matrix, direction, matched[i], seen[i, 0] / ratio,
-                                    seen[i, 1] / ratio)
+            residual[i] = _residual(equidistant, matrix, direction, matched[i],
+                                    seen[i, 0] / ratio, seen[i, 1] / ratio)
             largest = max(largest, residual[i])
     return largest
 
 
 @compiled
-def fit(sky: SkyGrid, seen: np.ndarray, sigma: np.ndarray, ratio: float, star: np.ndarray,
-        start: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def fit(sky: SkyGrid, equidistant: bool, seen: np.ndarray, sigma: np.ndarray, ratio: float,
+        star: np.ndarray, start: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """
     Return quaternion (4,), covariance (3, 3), residual_rad (M,) and chi2 of a match.
 
     start (3, 3) is a nearly right matrix to ICRF.
     """
-    sensor, icrf, weight = _matched_directions(seen, sigma, ratio, star, sky.direction)
+    sensor, icrf, weight = _matched_directions(equidistant, seen, sigma, ratio, star,
+                                               sky.direction)
     if len(weight) < 2:
         return np.zeros(4), np.full((3, 3), np.inf), np.zeros(len(weight)), np.inf
     matrix = start.copy()

@@ -42,7 +42,7 @@ def occupied_cells(seen: np.ndarray, matched: np.ndarray, area: float
     """
     Return how many cells of an image hold stars, and a mask (N,) of one match in each.
 
-    seen (N, 2) are the stars in x / z, y / z, brightest first; the mask is True for the
+    seen (N, 2) are the stars in undistorted coordinates, brightest first; the mask is True for the
     brightest matched star of each cell. area is that of the image in rad^2.
     """
     edge = np.sqrt(area) / _CELLS

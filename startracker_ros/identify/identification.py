@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera.lens import Lens, shows, undistort
+from startracker_ros.camera.lens import Lens, ray, shows, undistort
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.deep import camera_catalog, DEEP_LIMIT
 from startracker_ros.catalog.onboard import onboard_catalog
@@ -23,6 +23,8 @@ METHODS = ('pyramid', 'quad', 'hausdorff_pivot', 'hausdorff_segment', 'extended_
 
 # Two centroids closer than this are one star that was found twice.
 _DUPLICATE_PX = 1.5
+# The 170 brightest stars, which a field of more than 70 deg needs all: they are uneven in the sky.
+_LEAST_LIMIT = 3.0
 
 
 @dataclass(frozen=True)
@@ -262,9 +264,8 @@ def usable_stars(lens: Lens, uv: np.ndarray, order: np.ndarray, sigma_px: np.nda
     direction, sigma_rad = np.empty((count, 3)), np.empty(count)
     for i in range(count):
         u, v = uv[chosen[i], 0], uv[chosen[i], 1]
-        x, y = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
-        length = np.sqrt(x * x + y * y + 1)
-        direction[i, 0], direction[i, 1], direction[i, 2] = x / length, y / length, 1 / length
+        a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
+        direction[i, 0], direction[i, 1], direction[i, 2] = ray(lens.equidistant, a, b)
         sigma_rad[i] = np.sqrt((sigma_px[chosen[i]] ** 2 + sigma_floor_px ** 2)
                                / (lens.fx * lens.fy))
     return chosen, direction, sigma_rad
@@ -298,4 +299,4 @@ def _limit_for(camera: Camera, catalog: StarCatalog, stars_per_field: float) -> 
     """Return the magnitude limit at which a field holds stars_per_field stars on average."""
     wanted = min(int(stars_per_field / _share_of_sky(camera)), len(catalog) - 1)
     # Rounded up, so that cameras that are nearly alike share a database.
-    return float(np.ceil(catalog.magnitude[wanted] * 10) / 10)
+    return float(max(np.ceil(catalog.magnitude[wanted] * 10) / 10, _LEAST_LIMIT))

@@ -34,10 +34,10 @@ class Rung(NamedTuple):
 RUNGS = (
     Rung(0.2), Rung(0.5, 0.7), Rung(1.0, 0.7), Rung(1.0), Rung(2.0, 0.7), Rung(4.0),
     Rung(1.0, 0.7, pixel_ratio=0.5), Rung(1.0, 0.7, pixel_ratio=2.0),
-    Rung(2.0, k1=-0.2), Rung(2.0, 0.7, pixel_ratio=0.95), Rung(2.0, 0.7, pixel_ratio=1.05),
+    Rung(2.0, k1=-0.2), Rung(2.0, 0.7, pixel_ratio=0.935), Rung(2.0, 0.7, pixel_ratio=1.07),
     Rung(4.0, k1=0.15), Rung(4.0, k1=-0.35), Rung(0.5, 1.3), Rung(1.0, 1.3))
 # A search that succeeds mostly does so within a few milliseconds.
-_PASSES_S = (0.004, 0.02, 0.1)
+_PASSES_S = (0.004, 0.02, 0.1, 0.5)
 # Mirrored images are named as such: the first rungs, each list of stars once.
 _MIRRORED_RUNGS = RUNGS[:4]
 ATTEMPTS = LISTS * (len(RUNGS) + len(_MIRRORED_RUNGS))

@@ -39,18 +39,18 @@ _MISSED_SHARE = 0.5
 
 
 @compiled
-def lens_mismatch(sky: SkyGrid, blended: np.ndarray, matrix: np.ndarray, seen: np.ndarray,
-                  ratio: float, radius: float, sigma: float, matched: np.ndarray,
-                  residual: np.ndarray, m: int, p: float) -> bool:
+def lens_mismatch(sky: SkyGrid, equidistant: bool, blended: np.ndarray, matrix: np.ndarray,
+                  seen: np.ndarray, ratio: float, radius: float, sigma: float,
+                  matched: np.ndarray, residual: np.ndarray, m: int, p: float) -> bool:
     """
     Return whether the near misses of a field are due to its lens.
 
     blended (S,) marks catalogue entries; matrix (3, 3) turns sensor vectors to ICRF; seen (N, 2)
-    are x / z, y / z of the image stars, matched (N,) their catalogue stars, -1 for none, residual
-    (N,) their distances; m counts the matches that are evidence; p is the probability that a
-    star falls within the radius of an entry by chance.
+    are the undistorted coordinates of the image stars, matched (N,) their catalogue stars, -1 for
+    none, residual (N,) their distances; m counts the matches that are evidence; p is the
+    probability that a star falls within the radius of an entry by chance.
     """
-    n, k = _near_misses(sky, blended, matrix, seen, ratio, radius, matched)
+    n, k = _near_misses(sky, equidistant, blended, matrix, seen, ratio, radius, matched)
     p_miss = min(p * (_NEAR_MISS_RADII ** 2 - 1), 1.0)
     if binomial_tail(k, n, p_miss) >= _NEAR_MISS_PROBABILITY:
         return False
@@ -66,15 +66,16 @@ def lens_mismatch(sky: SkyGrid, blended: np.ndarray, matrix: np.ndarray, seen: n
 
 
 @compiled
-def _near_misses(sky: SkyGrid, blended: np.ndarray, matrix: np.ndarray, seen: np.ndarray,
-                 ratio: float, radius: float, matched: np.ndarray) -> tuple[int, int]:
+def _near_misses(sky: SkyGrid, equidistant: bool, blended: np.ndarray, matrix: np.ndarray,
+                 seen: np.ndarray, ratio: float, radius: float, matched: np.ndarray
+                 ) -> tuple[int, int]:
     """Return the number of unmatched image stars, and of those near a single unmatched star."""
     unmatched = near = 0
     for i in range(len(seen)):
         if matched[i] >= 0:
             continue
         unmatched += 1
-        star, _ = nearest_star(sky, matrix, seen[i, 0] / ratio, seen[i, 1] / ratio,
+        star, _ = nearest_star(sky, equidistant, matrix, seen[i, 0] / ratio, seen[i, 1] / ratio,
                                _NEAR_MISS_RADII * radius)
         near += star >= 0 and not blended[star] and not contains(matched, star)
     return unmatched, near

@@ -58,6 +58,7 @@ def build_pairs(onboard: OnboardCatalog, min_separation_rad: float,
     average, and the pairs of the smallest separations, _MOST_NARROW_PAIRS.
     """
     star = np.flatnonzero(~onboard.crowded)
+    max_separation_rad = min(max_separation_rad, np.pi)
     # Of S stars spread over the sky, S^2 (1 - cos) / 4 pairs are closer than an angle.
     if max_separation_rad > _NARROW_RAD:
         star = star[:int(np.sqrt(4 * most_pairs / (1 - np.cos(max_separation_rad))))]
@@ -67,7 +68,7 @@ def build_pairs(onboard: OnboardCatalog, min_separation_rad: float,
         share = 4 * _MOST_NARROW_PAIRS / max(len(star), 1) ** 2
         max_separation_rad = min(max_separation_rad, np.arccos(max(1 - share, -1.0)))
     pairs, square = pairs_within(sky_grid(onboard.direction[star]),
-                                 2 * np.sin(min(max_separation_rad, np.pi) / 2))
+                                 2 * np.sin(max_separation_rad / 2))
     order = np.argsort(square)
     order = order[np.searchsorted(square[order], (2 * np.sin(min_separation_rad / 2)) ** 2):]
     return PairDatabase(star.astype(np.int32), 2 * np.arcsin(np.sqrt(square[order]) / 2),

@@ -23,7 +23,7 @@ from numba import objmode, types
 from numba.experimental import structref
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera.lens import Lens
+from startracker_ros.camera.lens import Lens, plane_points
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.centroid.centroids import Centroids
@@ -37,7 +37,7 @@ from startracker_ros.identify.pairs import MOST_PAIRS
 from startracker_ros.identify.triangle_order import new_state, next_triangle, TRIANGLE_COST
 from startracker_ros.identify.triangles import catalogue_triangles
 from startracker_ros.identify.verification import (
-    rejected, same_attitude, tangent_plane, Verification, VerifierData, verify)
+    rejected, same_attitude, Verification, VerifierData, verify)
 
 # The relative noise of shorter sides is too large to be of use.
 _MIN_SEPARATION_PX = 20.0
@@ -168,8 +168,8 @@ def _identify(database: _Database, uv: np.ndarray, faintness: np.ndarray, sigma_
             count_matched(best.star),
             per_centroid(len(uv), index, best.star, residual_px, verifier.hip,
                          verifier.magnitude),
-            fit(verifier.sky, tangent_plane(image), sigma, best.focal_ratio, best.star,
-                best.matrix))
+            fit(verifier.sky, lens.equidistant, plane_points(lens.equidistant, image), sigma,
+                best.focal_ratio, best.star, best.matrix))
 
 
 @compiled
@@ -182,7 +182,7 @@ def _search(levels: tuple[PairLevel, PairLevel], verifier: VerifierData, image: 
     image (N, 3) are unit vectors, sigma (N,) their errors in rad. Return the outcome, how many
     catalogue triangles were tested and the verification of the least false-alarm probability.
     """
-    seen = tangent_plane(image)
+    seen = plane_points(verifier.equidistant, image)
     best = rejected(len(image))
     tested = np.zeros(1, np.int64)
     base = np.empty(3, np.int64)

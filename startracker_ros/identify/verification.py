@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.camera.lens import plane_points, undistorted
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.catalog.sky_grid import count_in_image, count_near, sky_grid, SkyGrid
@@ -55,8 +56,8 @@ class Verification(NamedTuple):
     """
     The same in compiled code.
 
-    residual (N,) is measured in x / z, y / z; matrix (3, 3) turns sensor vectors to ICRF. A
-    false_alarm of one means that the candidate is rejected.
+    residual (N,) is in undistorted coordinates (camera/lens.py); matrix (3, 3) turns sensor
+    vectors to ICRF. A false_alarm of one means that the candidate is rejected.
     """
 
     false_alarm: float
@@ -70,12 +71,12 @@ class VerifierData(NamedTuple):
     """
     Catalogue, camera and tolerances for the compiled functions.
 
-    sky, hip (S,), magnitude (S,) and blended (S,) are the catalogue; field holds the borders of
-    the image in x / z, y / z (low, high, low, high) and the chord from its axis to the farthest
-    corner; area is in rad^2; counts (F,) are the ascending numbers of stars in fields about
-    random directions. Where bases_by_brightness, the stars of a candidate were chosen by their
-    brightness, which is then no evidence for them. lens_known is False for a lens that is fitted
-    after the identification: its near misses are then expected.
+    sky, hip (S,), magnitude (S,) and blended (S,) are the catalogue; equidistant is of the lens;
+    field holds the borders of the image in undistorted coordinates (low, high, low, high) and the
+    chord from its axis to the farthest corner; area is in rad^2; counts (F,) are the ascending
+    numbers of stars in fields about random directions. Where bases_by_brightness, the stars of a
+    candidate were chosen by their brightness, which is then no evidence for them. lens_known is
+    False for a lens that is fitted after the identification: its near misses are then expected.
     """
 
     sky: SkyGrid
@@ -84,6 +85,7 @@ class VerifierData(NamedTuple):
     blended: np.ndarray
     tolerance_sigmas: float
     scale_error: float
+    equidistant: bool
     field: tuple[float, float, float, float, float]
     area: float
     counts: np.ndarray
@@ -102,11 +104,9 @@ class Verifier:
         sky = sky_grid(onboard.direction)
         self.data = VerifierData(
             sky, onboard.hip, onboard.magnitude, onboard.blended,
-            float(tolerance_sigmas), float(scale_error),
-            ((-0.5 - camera.cx) / camera.fx, (camera.width - 0.5 - camera.cx) / camera.fx,
-             (-0.5 - camera.cy) / camera.fy, (camera.height - 0.5 - camera.cy) / camera.fy,
-             # A field of view wider than nominal contains stars from a little beyond.
-             2 * np.sin(min(1.1 * camera.corner_angle_rad, np.pi) / 2)),
+            float(tolerance_sigmas), float(scale_error), camera.model.equidistant,
+            # A field of view wider than nominal contains stars from a little beyond.
+            (*_borders(camera), 2 * np.sin(min(1.1 * camera.corner_angle_rad, np.pi) / 2)),
             area, _field_counts(sky, area), bases_by_brightness, lens_known)
 
     def supported(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
@@ -133,16 +133,26 @@ class Verifier:
         image (N, 3) and sigma_rad (N,) are those of all image stars; tested is the number of
         candidates so far.
         """
-        seen = tangent_plane(image)
+        seen = plane_points(self.data.equidistant, image)
         result = verify(self.data, seen, sigma_rad, np.asarray(base), np.asarray(star), tested)
         attitude = None
         if result.false_alarm < 1:
             quaternion, covariance, residual_rad, chi2 = fit(
-                self.data.sky, seen, sigma_rad, result.focal_ratio, result.star, result.matrix)
+                self.data.sky, self.data.equidistant, seen, sigma_rad, result.focal_ratio,
+                result.star, result.matrix)
             attitude = AttitudeEstimate(quaternion, covariance, len(residual_rad), residual_rad,
                                         chi2)
         return Match(result.star, result.residual / self._pixel_rad, attitude,
                      result.focal_ratio, result.false_alarm)
+
+
+def _borders(camera: Camera) -> tuple[float, float, float, float]:
+    """Return the least and largest undistorted coordinates a, then b, on the axes of the image."""
+    right, bottom = camera.width - 0.5, camera.height - 0.5
+    middle_u, middle_v = (right - 0.5) / 2, (bottom - 0.5) / 2
+    edges = undistorted(camera.lens, np.array([[-0.5, middle_v], [right, middle_v],
+                                               [middle_u, -0.5], [middle_u, bottom]]))
+    return (float(edges[0, 0]), float(edges[1, 0]), float(edges[2, 1]), float(edges[3, 1]))
 
 
 def _field_counts(sky: SkyGrid, area: float) -> np.ndarray:
@@ -170,34 +180,24 @@ def rejected(count: int) -> Verification:
 
 
 @compiled
-def tangent_plane(image: np.ndarray) -> np.ndarray:
-    """Return x / z, y / z (N, 2) of vectors (N, 3) in front of the camera."""
-    seen = np.empty((len(image), 2))
-    for i in range(len(image)):
-        seen[i, 0] = image[i, 0] / image[i, 2]
-        seen[i, 1] = image[i, 1] / image[i, 2]
-    return seen
-
-
-@compiled
 def verify(verifier: VerifierData, seen: np.ndarray, sigma: np.ndarray, base: np.ndarray,
            star: np.ndarray, tested: int) -> Verification:
     """
     Verify that image stars base (B,) are the catalogue stars star (B,).
 
-    seen (N, 2) are the image stars in x / z, y / z, sigma (N,) their errors in rad. The
+    seen (N, 2) are the image stars in undistorted coordinates, sigma (N,) their errors. The
     matching radius is r = tolerance_sigmas x median sigma; S, A, p, m, n and T as in
     false_alarm.py.
     """
-    sky, area = verifier.sky, verifier.area
+    sky, equidistant, area = verifier.sky, verifier.equidistant, verifier.area
     r = verifier.tolerance_sigmas * upper_median(sigma)
-    agrees, ratio, matched, residual, matrix = align(sky, seen, sigma, base, star, r,
-                                                     verifier.scale_error)
+    agrees, ratio, matched, residual, matrix = align(sky, equidistant, seen, sigma, base, star,
+                                                     r, verifier.scale_error)
     if not agrees:
         return Verification(1.0, ratio, matched, residual, matrix)
-    low_x, high_x, low_y, high_y, chord = verifier.field
-    in_field = count_in_image(sky, matrix, chord, low_x / ratio, high_x / ratio, low_y / ratio,
-                              high_y / ratio)
+    low_a, high_a, low_b, high_b, chord = verifier.field
+    in_field = count_in_image(sky, equidistant, matrix, chord, low_a / ratio, high_a / ratio,
+                              low_b / ratio, high_b / ratio)
     cells, brightest = occupied_cells(seen, matched, area)
     # The stars of the base are no evidence for it.
     m = max(np.sum(brightest) - len(base), 0)
@@ -212,7 +212,7 @@ def verify(verifier: VerifierData, seen: np.ndarray, sigma: np.ndarray, base: np
                * residual_probability(residual, r, len(base)))
     false_alarm = min(1.0, max(tested, 1) * fisher_combined(product))
     if false_alarm < 1 and verifier.lens_known and lens_mismatch(
-            sky, verifier.blended, matrix, seen, ratio, r, r / verifier.tolerance_sigmas,
-            matched, residual, m, p):
+            sky, equidistant, verifier.blended, matrix, seen, ratio, r,
+            r / verifier.tolerance_sigmas, matched, residual, m, p):
         false_alarm = 1.0
     return Verification(false_alarm, ratio, matched, residual, matrix)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 from startracker_ros.astro.aberration import aberrate
-from startracker_ros.camera.lens import distortion_jacobian, Lens, undistort
+from startracker_ros.camera.lens import distortion_jacobian, Lens, ray, undistort
 from startracker_ros.camera.model import Camera
 from startracker_ros.compiled import compiled
 
@@ -52,28 +52,45 @@ def _direction_and_covariance(lens: Lens, u: float, v: float, sigma_px: float, q
     """
     Fill direction (3,) and the lower right (3, 3) of covariance (6, 6).
 
-    The covariance of d = R s(a, b) is sigma^2 J J' + [d]x C [d]x', with the tangents a, b of
-    the pixel, J = R ds/d(a, b) d(a, b)/d(u, v), and the attitude covariance C.
+    The covariance of d = R s(a, b) is sigma^2 J J' + [d]x C [d]x', with the undistorted
+    coordinates a, b of the pixel, J = R ds/d(a, b) d(a, b)/d(u, v), and the attitude
+    covariance C.
     """
     a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
-    xx, cross, yy = distortion_jacobian(lens.distortion, a, b)
-    length = math.sqrt(a * a + b * b + 1)
+    xx, cross, yy = distortion_jacobian(lens.terms, a, b)
     x, y, z, w = q
     matrix = np.array([
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
-    sensor = np.array([a / length, b / length, 1 / length])
-    direction[:] = matrix @ sensor
-    ds_dab = np.array([[1 - sensor[0] ** 2, -sensor[0] * sensor[1]],
-                       [-sensor[0] * sensor[1], 1 - sensor[1] ** 2],
-                       [-sensor[0] * sensor[2], -sensor[1] * sensor[2]]]) / length
+    direction[:] = matrix @ np.array(ray(lens.equidistant, a, b))
+    ds_dab = _ray_jacobian(lens.equidistant, a, b)
     dab_duv = np.array([[yy / lens.fx, -cross / lens.fy],
                         [-cross / lens.fx, xx / lens.fy]]) / (xx * yy - cross * cross)
     j = matrix @ (ds_dab @ dab_duv) * sigma_px
     skew = np.array([[0.0, direction[2], -direction[1]], [-direction[2], 0.0, direction[0]],
                      [direction[1], -direction[0], 0.0]])
     covariance[3:, 3:] = j @ j.T + skew @ attitude @ skew.T
+
+
+@compiled
+def _ray_jacobian(equidistant: bool, a: float, b: float) -> np.ndarray:
+    """
+    Return ds/d(a, b) (3, 2) of the unit vector s = ray(a, b).
+
+    s = (k a, k b, z) with dk = m (a da + b db), dz = -n (a da + b db).
+    """
+    if equidistant:
+        theta = math.hypot(a, b)
+        k, m = 1.0, -1.0 / 3
+        if theta > 0:
+            k = math.sin(theta) / theta
+            m = (math.cos(theta) - k) / theta ** 2
+        n = k
+    else:
+        k = 1 / math.sqrt(a * a + b * b + 1)
+        m, n = -k ** 3, k ** 3
+    return np.array([[k + m * a * a, m * a * b], [m * a * b, k + m * b * b], [-n * a, -n * b]])
 
 
 def without_aberration(direction: np.ndarray, velocity_m_s: np.ndarray, *,

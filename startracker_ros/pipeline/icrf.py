@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.attitude.result import with_velocity_error
+from startracker_ros.camera.lens import plane_points, rays
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
@@ -30,13 +31,15 @@ def icrf_identification(found: Identification, centroids: Centroids, camera: Cam
     if found.attitude is None or sky.observer.vantage is None or np.count_nonzero(known) < 2:
         return found
     icrf = sky.direction(star_index[known])
-    sensor = camera.unproject(centroids.uv[known])
+    sensor, equidistant = camera.unproject(centroids.uv[known]), camera.model.equidistant
+    plane = plane_points(equidistant, sensor)
     sigma_rad = camera.pixel_rad * np.hypot(centroids.sigma_px[known], options.sigma_floor_px)
     tolerance, ratio = options.fov_error_percent / 100, found.focal_ratio
     for _ in range(_ITERATIONS):
-        seen = np.column_stack([sensor[:, :2] / ratio, sensor[:, 2]])
+        seen = rays(equidistant, plane / ratio)
         attitude = estimate_attitude(seen, icrf, sigma_rad)
-        fitted = focal_ratio(matrix_from_quaternion(attitude.quaternion), seen, icrf)
+        fitted = focal_ratio(
+            equidistant, matrix_from_quaternion(attitude.quaternion), seen, icrf)
         ratio = min(max(ratio * fitted, 1 - tolerance), 1 + tolerance)
     residual_px = found.residual_px.copy()
     residual_px[known] = attitude.residual_rad / camera.pixel_rad

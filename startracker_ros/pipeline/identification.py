@@ -5,6 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.band import BandOptions, catalog_in_band
+from startracker_ros.catalog.deep import camera_catalog
+from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.extended_grid import (
     ExtendedGridIdentifier, ExtendedGridOptions, RecursiveIdentifier)
@@ -40,12 +43,15 @@ class IdentificationStage:
                  options: IdentificationOptions = IdentificationOptions(),
                  check: CheckOptions = CheckOptions(),
                  grid: ExtendedGridOptions = ExtendedGridOptions(),
-                 gyro: GyroErrorOptions = GyroErrorOptions()) -> None:
+                 gyro: GyroErrorOptions = GyroErrorOptions(),
+                 band: BandOptions = BandOptions()) -> None:
         self._check_period_ns = round(check.check_period_s * 1e9)
         self._gyro = gyro
         self.identifier = (
-            ExtendedGridIdentifier(camera, epoch_year, options, grid=grid)
-            if options.method == 'extended_grid' else make_identifier(camera, epoch_year, options))
+            ExtendedGridIdentifier(camera, epoch_year, options,
+                                   catalog_in_band(load_catalog(), band), grid=grid)
+            if options.method == 'extended_grid' else
+            make_identifier(camera, epoch_year, options, camera_catalog(camera, band=band)))
         self.reset()
 
     def reset(self) -> None:

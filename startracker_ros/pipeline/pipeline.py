@@ -15,6 +15,7 @@ from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.attitude.validation import (
     TrustedAttitude, ValidationOptions)
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.band import BandOptions
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import ExtractionOptions
 from startracker_ros.identify.identification import Identification, IdentificationOptions
@@ -40,6 +41,7 @@ class PipelineOptions:
     gyro: GyroErrorOptions = GyroErrorOptions()
     validation: ValidationOptions = ValidationOptions()
     aberration: AberrationOptions = AberrationOptions()
+    band: BandOptions = BandOptions()
 
 
 @dataclass(frozen=True)
@@ -70,10 +72,11 @@ class Pipeline:
                  options: PipelineOptions = PipelineOptions()) -> None:
         self.extraction = ExtractionStage(options.extraction, options.search)
         self.identification = IdentificationStage(
-            camera, epoch_year, options.identification, options.check, gyro=options.gyro)
+            camera, epoch_year, options.identification, options.check, gyro=options.gyro,
+            band=options.band)
         self.motion = ObserverMotion(options.aberration)
         self.tracker = make_star_tracker(
-            camera, epoch_year, options.tracker, options.gyro, self.motion)
+            camera, epoch_year, options.tracker, options.gyro, self.motion, options.band)
         self.attitude = AttitudeStage(camera, epoch_year, options.validation, self.motion)
 
     def reset(self) -> None:

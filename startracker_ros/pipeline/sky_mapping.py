@@ -29,7 +29,7 @@ class SkyMapping:
             directions, self.vantage)
         sensor = apparent @ matrix_from_quaternion(self.quaternion)
         # Beyond the corners a distortion may fold back into the image.
-        beyond = sensor[:, 2] < np.cos(min(_BEYOND_CORNER * self.camera.corner_angle_rad, 1.57))
+        beyond = sensor[:, 2] < np.cos(min(_BEYOND_CORNER * self.camera.corner_angle_rad, np.pi))
         return np.where(beyond[:, None], np.nan, self.camera.project(sensor))
 
     def directions(self, pixels: np.ndarray) -> np.ndarray:

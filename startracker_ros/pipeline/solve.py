@@ -9,10 +9,12 @@ import time
 
 import numpy as np
 from startracker_ros.astro.observer_motion import Observer
+from startracker_ros.camera.files import is_wcs
 from startracker_ros.camera.images import (
     calibrated_camera, camera_of, ImageError, Photograph)
 from startracker_ros.camera.model import Camera
 from startracker_ros.camera.video import is_video
+from startracker_ros.camera.wcs_file import read_wcs_camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
@@ -100,8 +102,10 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         outputs.write(shot.output, photograph, solution, when.year)
     whens = whens or [occasion(epoch_year)]
     observers = observers or [standpoint.observer(whens[0])]
+    fit = ({'camera_residual_px': read_wcs_camera(camera_file).residual_px}
+           if camera_file is not None and is_wcs(camera_file) else {})
     return Result('solve', rows, {
-        **({'mirror': True} if mirror else {}), 'epoch': whens[0].year,
+        **fit, **({'mirror': True} if mirror else {}), 'epoch': whens[0].year,
         'epoch_from': _different(when.source for when in whens),
         'aberration': _different(observer.condition for observer in observers)}, DETAILS)
 
@@ -191,5 +195,6 @@ def _row(shot: Shot, solution: Solution | None, solve_ms: float) -> dict[str, ob
                    matched=found.matched, quaternion=found.attitude.quaternion.tolist(),
                    covariance_sensor=found.attitude.covariance_sensor.ravel().tolist(),
                    lens={'fx': camera.fx, 'fy': camera.fy, 'cx': camera.cx, 'cy': camera.cy,
-                         'distortion': list(camera.distortion)})
+                         'distortion': list(camera.distortion),
+                         'distortion_model': camera.distortion_model})
     return row

@@ -52,7 +52,8 @@ class CameraOptions(Options):
     """The camera, out of a calibration file or ideal."""
 
     camera_file: str = option(
-        '', 'camera YAML as camera_calibration writes it; empty for an ideal camera')
+        '', 'camera YAML as camera_calibration writes it, or FITS header with SIP; empty for an '
+        'ideal camera')
     fov_deg: float = option(12.0, 'horizontal field of view of the ideal camera, edge to edge',
                             unit='deg', low=0.5, high=90.0)
 

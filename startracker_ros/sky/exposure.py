@@ -18,7 +18,7 @@ def project_visible(camera: Camera, sensor: np.ndarray, margin_px: float) -> np.
     """Return pixels (N, 2) of vectors (N, 3) on sensor axes; NaN far outside the image."""
     # The distortion model is not valid far outside the field. Twice the nominal angle of the
     # margin allows for distortion.
-    radius_rad = camera.corner_angle_rad + 2 * margin_px * camera.pixel_rad
+    radius_rad = min(camera.corner_angle_rad + 2 * margin_px * camera.pixel_rad, np.pi)
     near = sensor[:, 2] >= np.cos(radius_rad) * np.linalg.norm(sensor, axis=-1)
     uv = np.full((len(sensor), 2), np.nan)
     uv[near] = camera.project(sensor[near])
@@ -87,9 +87,11 @@ def _speed_px_s(camera: Camera, motion: Motion, sources: LightSources,
                 time_s: float) -> float:
     """Return an upper bound of the speed of the sources anywhere in the field."""
     x, y, z = motion.at(time_s).rate_rad_s
-    corner = np.tan(camera.corner_angle_rad)
+    corner = camera.radius(camera.corner_angle_rad)
+    # How much more a turn across the boresight moves stars in the corner than in the middle.
+    stretch = (corner / np.sin(corner) if camera.model.equidistant else 1 + corner ** 2)
     drift = np.linalg.norm(sources.drift_rad_s, axis=-1).max(initial=0.0)
-    return ((np.hypot(x, y) + drift) * (1 + corner ** 2) + abs(z) * corner) / camera.pixel_rad
+    return ((np.hypot(x, y) + drift) * stretch + abs(z) * corner) / camera.pixel_rad
 
 
 def _instants(exposure_s: float, steps: float) -> tuple[np.ndarray, np.ndarray]:

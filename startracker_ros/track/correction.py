@@ -4,11 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState, with_attitude
-from startracker_ros.camera.lens import Lens, shows
+from startracker_ros.camera.lens import Lens, project, shows
 from startracker_ros.compiled import compiled
 from startracker_ros.maths.compiled_rotation import matrix_from_quaternion, sensor_directions
 from startracker_ros.track.association import associate, DetectionModel, most_probable
-from startracker_ros.track.in_view import project
 from startracker_ros.track.innovation import combined_innovation, normal_equations
 from startracker_ros.track.motion_models import image_flows
 from startracker_ros.track.rotation_fit import OUTLIER_SIGMA

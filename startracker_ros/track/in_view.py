@@ -2,7 +2,7 @@
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera.lens import distort, Lens
+from startracker_ros.camera.lens import Lens, project
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.compiled import compiled
@@ -59,17 +59,3 @@ def _in_view(near: np.ndarray, direction: np.ndarray, matrix: np.ndarray, cos_ra
             sensor[count, 2] = ahead
             count += 1
     return index[:count], sensor[:count], project(lens, sensor[:count])
-
-
-@compiled
-def project(lens: Lens, directions: np.ndarray) -> np.ndarray:
-    """Return the pixels (N, 2) of directions (N, 3) on sensor axes; NaN behind the camera."""
-    uv = np.empty((len(directions), 2))
-    for i in range(len(directions)):
-        z = directions[i, 2]
-        if z > 0:
-            x, y = distort(lens.distortion, directions[i, 0] / z, directions[i, 1] / z)
-            uv[i, 0], uv[i, 1] = lens.fx * x + lens.cx, lens.fy * y + lens.cy
-        else:
-            uv[i, 0] = uv[i, 1] = np.nan
-    return uv

@@ -8,7 +8,8 @@ The state of one star is [u, u_rate, v, v_rate] in px and px/s. Under the body r
 from math import cos, factorial, sin
 
 import numpy as np
-from startracker_ros.camera.lens import distort, distortion_jacobian, Lens, undistort
+from startracker_ros.camera.lens import (
+    distort, distortion_jacobian, Lens, plane_point, ray, undistort)
 from startracker_ros.camera.model import Camera
 from startracker_ros.compiled import compiled
 from startracker_ros.maths.compiled_rotation import matrix_from_rotation_vector
@@ -113,22 +114,35 @@ def image_flows(lens: Lens, directions: np.ndarray) -> np.ndarray:
     """Return image_jacobian() of the directions (N, 3)."""
     jacobian = np.full((len(directions), 2, 3), np.nan)
     for star in range(len(directions)):
-        z = directions[star, 2]
-        if z > 0:
-            image_flow(lens, directions[star, 0] / z, directions[star, 1] / z, jacobian[star])
+        a, b = plane_point(lens.equidistant, directions[star, 0], directions[star, 1],
+                           directions[star, 2])
+        if not np.isnan(a):
+            image_flow(lens, a, b, jacobian[star])
     return jacobian
 
 
 @compiled
 def image_flow(lens: Lens, a: float, b: float, jacobian: np.ndarray) -> None:
-    """Fill the jacobian (2, 3) of image motion per body rate at x / z = a, y / z = b."""
-    xx, cross, yy = distortion_jacobian(lens.distortion, a, b)
+    """
+    Fill the jacobian (2, 3) of image motion per body rate at undistorted coordinates a, b.
+
+    A direction d moves by -e x d where the body turns about an axis e. Then (da, db) is
+    (h a b, c + h b2), -(c + h a2, h a b) and (b, -a) for the three axes; c = h = 1 where a, b are
+    x / z, y / z, and c = theta cot theta, h = (1 - c) / theta2 for an equidistant lens.
+    """
+    xx, cross, yy = distortion_jacobian(lens.terms, a, b)
+    c = h = 1.0
+    if lens.equidistant:
+        theta2 = a * a + b * b
+        if theta2 > 0:
+            theta = np.sqrt(theta2)
+            c = theta / np.tan(theta)
+            h = (1 - c) / theta2
     for axis in range(3):
-        # The motion of a and b where the direction d moves by -e x d.
         if axis == 0:
-            da, db = a * b, 1 + b * b
+            da, db = h * a * b, c + h * b * b
         elif axis == 1:
-            da, db = -(1 + a * a), -a * b
+            da, db = -(c + h * a * a), -h * a * b
         else:
             da, db = b, -a
         jacobian[0, axis] = lens.fx * (xx * da + cross * db)
@@ -155,16 +169,17 @@ def _turn_curvature(lens: Lens, uv: np.ndarray, rate_rad_s: np.ndarray, dt_s: fl
     for star in range(len(uv)):
         a, b = undistort(lens, (uv[star, 0] - lens.cx) / lens.fx,
                          (uv[star, 1] - lens.cy) / lens.fy)
-        # R^T (a, b, 1): the direction on the axes after the turn.
-        x = R[0, 0] * a + R[1, 0] * b + R[2, 0]
-        y = R[0, 1] * a + R[1, 1] * b + R[2, 1]
-        z = R[0, 2] * a + R[1, 2] * b + R[2, 2]
-        if z <= 0:
+        x, y, z = ray(lens.equidistant, a, b)
+        # R^T d: the direction on the axes after the turn.
+        end_a, end_b = plane_point(lens.equidistant, R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
+                                   R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
+                                   R[0, 2] * x + R[1, 2] * y + R[2, 2] * z)
+        if np.isnan(end_a):
             continue
-        u, v = distort(lens.distortion, x / z, y / z)
+        u, v = distort(lens.terms, end_a, end_b)
         image_flow(lens, a, b, flow)
         start_u, start_v = _times(flow, rate_rad_s)
-        image_flow(lens, x / z, y / z, flow)
+        image_flow(lens, end_a, end_b, flow)
         end_u, end_v = _times(flow, rate_rad_s)
         curvature[star, 0] = u * lens.fx + lens.cx - uv[star, 0] - start_u * dt_s
         curvature[star, 1] = end_u - start_u

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera.lens import Lens
+from startracker_ros.camera.lens import Lens, plane_point
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.compiled import compiled
 from startracker_ros.track.in_view import StarsInView
@@ -54,13 +54,14 @@ def _match(near: np.ndarray, sensor: np.ndarray, uv: np.ndarray, magnitude: np.n
             if not (square < MAX_DISTANCE_PX ** 2
                     and abs(measured_magnitude[j] - magnitude[near[i]]) <= magnitude_tolerance):
                 continue
-            image_flow(lens, sensor[i, 0] / sensor[i, 2], sensor[i, 1] / sensor[i, 2], jacobian)
+            a, b = plane_point(lens.equidistant, sensor[i, 0], sensor[i, 1], sensor[i, 2])
+            image_flow(lens, a, b, jacobian)
             predicted_variance = 0.0
             for axis in range(2):
-                for a in range(3):
-                    for b in range(3):
+                for k in range(3):
+                    for m in range(3):
                         predicted_variance += (
-                            jacobian[axis, a] * covariance[a, b] * jacobian[axis, b])
+                            jacobian[axis, k] * covariance[k, m] * jacobian[axis, m])
             if square <= GATE_SIGMA ** 2 * (sigma_px[j] ** 2 + predicted_variance / 2):
                 star.append(i)
                 centroid.append(j)

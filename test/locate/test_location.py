@@ -124,9 +124,11 @@ def test_lines_without_a_position_are_rejected(first, second, words):
         locate(first, second)
 
 
-def test_line_of_sight_through_a_real_lens():
+@pytest.mark.parametrize('camera', [
+    Camera(1024, 1024, 5000.0, 5100.0, 500.0, 520.0, (0.1, 0.01, 1e-3, 2e-3, 0.0)),
+    Camera(1024, 1024, 300.0, 310.0, 500.0, 520.0, (-0.02, 0.004, 0.0, 0.0), 'equidistant')])
+def test_line_of_sight_through_a_real_lens(camera):
     """Direction by the camera model, covariance by drawing attitudes and centroids."""
-    camera = Camera(1024, 1024, 5000.0, 5100.0, 500.0, 520.0, (0.1, 0.01, 1e-3, 2e-3, 0.0))
     q, uv = quaternion_from_pointing(1.0, 0.3, 0.2), np.array([200.0, 700.0])
     turn = np.diag([10.0, 20.0, 60.0]) * ARCSEC
     mixed = Rotation.from_rotvec([0.3, 1.0, -0.4]).as_matrix() @ turn

@@ -100,7 +100,7 @@ def test_image_that_is_none(extractor, probe, sky, changes, words):
 @pytest.mark.parametrize('field, value, words', [
     ('k', [float('nan')] * 9, 'NaN or infinity'),
     ('k', [0.0] * 9, 'focal length (0.0, 0.0) px must be positive'),
-    ('distortion_model', 'fisheye', "'fisheye' is not plumb_bob"),
+    ('distortion_model', 'fisheye', "'fisheye' is none of plumb_bob"),
     ('width', 0, 'image size 0 x 512'),
 ])
 def test_camera_info_that_is_none(extractor, probe, sky, field, value, words):

@@ -5,18 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.camera.lens import project
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import conjugate, quaternion_from_pointing, rotate
-from startracker_ros.track.in_view import project, StarsInView
+from startracker_ros.track.in_view import StarsInView
 
 PLAIN = Camera.from_fov(512, 512, 20.0)
 DISTORTED = replace(PLAIN, distortion=(-0.1, 0.02, 1e-3, -5e-4, 0.0))
+FISHEYE = Camera(512, 512, 200.0, 200.0, 250.0, 260.0, (-0.02, 0.004, 0.0, 0.0), 'equidistant')
 
 
-@pytest.mark.parametrize('camera', [PLAIN, DISTORTED])
+@pytest.mark.parametrize('camera', [PLAIN, DISTORTED, FISHEYE])
 def test_as_the_catalogue_and_the_camera_say(camera):
     onboard = onboard_catalog(load_catalog(), camera, 2026.0, 6.0)
     stars = StarsInView(camera, ApparentCatalog(onboard))

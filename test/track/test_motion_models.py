@@ -12,7 +12,9 @@ from startracker_ros.track.motion_models import (
     body_rate, constant_velocity, coordinated_turn, image_jacobian, turn_curvature)
 
 CAMERAS = [Camera.from_fov(1024, 1024, 12.0),
-           Camera(1200, 900, 1500.0, 1520.0, 610.0, 440.0, (-0.2, 0.05, 1e-3, -2e-3, 0.01))]
+           Camera(1200, 900, 1500.0, 1520.0, 610.0, 440.0, (-0.2, 0.05, 1e-3, -2e-3, 0.01)),
+           Camera(1200, 900, 460.0, 455.0, 610.0, 440.0, (-0.02, 0.005, -0.003, 4e-4),
+                  'equidistant')]
 RATES = arrays(float, 3, elements=st.floats(-0.03, 0.03))
 
 

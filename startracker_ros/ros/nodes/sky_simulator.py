@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.catalog.band import BandOptions
 from startracker_ros.catalog.deep import camera_catalog, DEEP_LIMIT
 from startracker_ros.options import option, Options
 from startracker_ros.ros.diagnostics import OK
@@ -51,7 +52,8 @@ class SkySimulatorNode(SourceNode):
 
     option_classes = (SourceOptions, CameraOptions, MotionOptions, SkyOptions, TargetOptions,
                       DetectorOptions, ArtefactOptions, GyroOptions, NavigationOptions,
-                      SceneOptions, MotionInputOptions, FrameOptions, TransportOptions)
+                      SceneOptions, MotionInputOptions, FrameOptions, TransportOptions,
+                      BandOptions)
     task = 'simulation'
 
     def __init__(self) -> None:
@@ -82,7 +84,9 @@ class SkySimulatorNode(SourceNode):
     def _build(self, motion: Motion, start_ns: int) -> None:
         scene = self.options(SceneOptions)
         self._simulator = SkySimulator(
-            self._camera, motion, camera_catalog(self._camera).brighter_than(scene.faint_limit),
+            self._camera, motion,
+            camera_catalog(self._camera, band=self.options(BandOptions)).brighter_than(
+                scene.faint_limit),
             epoch_year_from_stamp(start_ns),
             sky_options=self.options(SkyOptions),
             detector_options=with_preset(self.options(DetectorOptions), scene.preset),

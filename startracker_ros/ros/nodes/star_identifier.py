@@ -7,6 +7,7 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud
+from startracker_ros.catalog.band import BandOptions
 from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.identify.extended_grid import ExtendedGridOptions
 from startracker_ros.identify.identification import Identification, IdentificationOptions
@@ -25,7 +26,8 @@ _RESTING = 'resting while the star tracker tracks'
 class StarIdentifierNode(CameraNode):
     """Identifies stars lost-in-space; rests while a star tracker reports that it tracks."""
 
-    option_classes = (CheckOptions, IdentificationOptions, ExtendedGridOptions, GyroErrorOptions)
+    option_classes = (CheckOptions, IdentificationOptions, ExtendedGridOptions, GyroErrorOptions,
+                      BandOptions)
     task = 'identification'
 
     def __init__(self) -> None:
@@ -49,7 +51,8 @@ class StarIdentifierNode(CameraNode):
         if self.camera is not None:
             self._stage = IdentificationStage(
                 self.camera, self.epoch_year, options, self.options(CheckOptions),
-                self.options(ExtendedGridOptions), self.options(GyroErrorOptions))
+                self.options(ExtendedGridOptions), self.options(GyroErrorOptions),
+                self.options(BandOptions))
 
     def warm_up(self) -> None:
         options = replace(self.options(IdentificationOptions), magnitude_limit=5.0)

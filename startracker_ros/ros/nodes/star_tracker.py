@@ -10,6 +10,7 @@ from startracker_ros.astro.observer_motion import AberrationOptions
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.band import BandOptions
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.pipeline.cloud_rows import centroids_from_rows
@@ -33,7 +34,7 @@ class StarTrackerNode(CameraNode):
     """Tracks identified stars from frame to frame and reports its state."""
 
     option_classes = (TrackerOptions, GyroErrorOptions, TargetTrackOptions, AberrationOptions,
-                      ExclusionOptions, InertialFrameOptions)
+                      ExclusionOptions, InertialFrameOptions, BandOptions)
     task = 'tracking'
 
     def __init__(self) -> None:
@@ -58,7 +59,7 @@ class StarTrackerNode(CameraNode):
             self._tracker, self._target_tracker = make_trackers(
                 self.camera, self.epoch_year, self.options(TrackerOptions),
                 self.options(GyroErrorOptions), self.options(TargetTrackOptions),
-                self._observer.motion)
+                self._observer.motion, self.options(BandOptions))
             self._state.publish(self._tracker)
 
     def set_live_options(self) -> None:
@@ -82,9 +83,8 @@ class StarTrackerNode(CameraNode):
         camera = self.camera_or_drop()
         if camera is None or not self.in_order('centroids', message.header.stamp):
             return
-        self.sensor_frame_id = message.header.frame_id
-        tracks = self._tracker.update(ns_from_stamp(message.header.stamp), centroids)
-        if tracks is None:
+        header, self.sensor_frame_id = message.header, message.header.frame_id
+        if (tracks := self._tracker.update(ns_from_stamp(header.stamp), centroids)) is None:
             return
         # Before the tracks, so that a subscriber of both has both when the tracks come.
         self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, message.header))
