@@ -13,7 +13,7 @@ class LinkError(ValueError):
 
 
 class Link:
-    """Sends packets to udp://HOST:PORT or to a path: a serial device, or a file to append to."""
+    """Sends packets to udp://HOST:PORT or to a path, which has a slash: a serial device or a file."""
 
     def __init__(self, destination: str) -> None:
         self._socket: socket.socket | None = None
@@ -23,10 +23,12 @@ class Link:
             family = socket.AF_INET6 if ':' in self._address[0] else socket.AF_INET
             self._socket = socket.socket(family, socket.SOCK_DGRAM)
             self._socket.setblocking(False)
-        elif destination and '://' not in destination:
+        elif '/' in destination and '://' not in destination:
             self._open(Path(destination))
         else:
-            raise LinkError(f'destination {destination!r} is neither udp://HOST:PORT nor a path')
+            # localhost:10035 is no file to be made.
+            raise LinkError(f'destination {destination!r} is neither udp://HOST:PORT nor a path '
+                            'with a slash, as ./packets.bin')
 
     def send(self, packet: bytes) -> None:
         """Send a packet without waiting; OSError if it does not go out whole."""

@@ -29,8 +29,8 @@ def rejected(matches, misses, residual_sigmas, blended=False, false=0):
     seen[matches + misses:, 0] += 100 * RADIUS
     star, residual = np.full(len(seen), -1), np.full(len(seen), np.nan)
     star[:matches], residual[:matches] = np.arange(matches), residual_sigmas * SIGMA
-    return lens_mismatch(sky, np.full(matches + misses, blended), np.eye(3), seen, 1.0, RADIUS,
-                         SIGMA, star, residual, matches - 3, CHANCE)
+    return lens_mismatch(sky, False, np.full(matches + misses, blended), np.eye(3), seen, 1.0,
+                         RADIUS, SIGMA, star, residual, matches - 3, CHANCE)
 
 
 def test_few_near_misses_do_not_outweigh_many_close_matches():

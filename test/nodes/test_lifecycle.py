@@ -23,6 +23,8 @@ SKY = {'width': 256, 'height': 256, 'fov_deg': 20.0, 'frame_rate_hz': 2.0,
        'motion': 'constant_rate', 'faint_limit': 6.5}
 RESETTABLE = {'star_identifier', 'star_tracker', 'attitude_estimator', 'attitude_fusion',
               'target_locator', 'camera_calibrator'}
+# Of parameters whose texts are not free.
+OTHERS = {'destination': 'udp://127.0.0.1:10036'}
 
 
 def start_all(nodes, probe, folder, sky_data):
@@ -83,7 +85,7 @@ def another(row):
     if isinstance(row.default, bool):
         return not row.default
     if isinstance(row.default, str):
-        return 'another'
+        return OTHERS.get(row.name, 'another')
     if isinstance(row.default, int):
         return row.default + (1 if row.high is None or row.default < row.high else -1)
 

@@ -25,7 +25,7 @@ LIB = Path('lib', 'startracker_ros')
 SHARE = Path('share', 'startracker_ros')
 COMPILED = """
 from startracker_ros.camera.lens import Lens, undistort
-undistort(Lens(9, 9, 1., 1., 4., 4., (0., 0., 0., 0., 0.)), 0.25, 0.5)
+undistort(Lens(9, 9, 1., 1., 4., 4., (0.,) * 9, False, False), 0.25, 0.5)
 print(sum(undistort.stats.cache_hits.values()))
 """
 

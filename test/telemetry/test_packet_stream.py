@@ -99,7 +99,8 @@ def test_a_serial_line_changes_no_byte():
 
 
 @pytest.mark.parametrize(('destination', 'words'), [
-    ('', 'neither udp'), ('tcp://127.0.0.1:5', 'neither udp'), ('udp://127.0.0.1', 'must be udp'),
+    ('', 'neither udp'), ('tcp://127.0.0.1:5', 'neither udp'), ('localhost:5', 'with a slash'),
+    ('udp://127.0.0.1', 'must be udp'),
     ('udp://:5', 'must be udp'), ('udp://127.0.0.1:70000', 'udp://127.0.0.1:70000'),
     ('/no/such/folder/tty', '/no/such/folder/tty: No such file')])
 def test_a_destination_that_cannot_be_used_is_named(destination, words):
