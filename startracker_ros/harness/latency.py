@@ -78,6 +78,7 @@ class TimedPipeline(Rig):
         super().__init__(log_folder, timeout_s=_START_TIMEOUT_S)
         self._result_ns: dict[int, int] = {}
         self._processed_ns: dict[int, int] = {}
+        self._frame_count = 0
         if stages:
             self.probe.subscribe_with_info(
                 QuaternionStamped, 'attitude', self._on_attitude, qos.LIST)
@@ -114,11 +115,14 @@ class TimedPipeline(Rig):
 
     def run(self, rate_hz: float, count: int) -> tuple[dict[int, int], dict[int, int]]:
         """
-        Send count images; return times of receipt by stamp, in ns.
+        Send count images, or one more; return times of receipt by stamp, in ns.
 
         The first are those of attitudes, the second those of all frames that were processed.
         HarnessError when there are none.
         """
+        # A source begins anew when a parameter changes: another run of equal values would not.
+        count += count == self._frame_count
+        self._frame_count = count
         self._result_ns.clear()
         self._processed_ns.clear()
         self.probe.call(

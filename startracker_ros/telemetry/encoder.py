@@ -12,8 +12,8 @@ class TelemetryOptions(Options):
     """Where telemetry goes, and as which packets."""
 
     destination: str = option(
-        'udp://127.0.0.1:10035', 'where packets go: udp://HOST:PORT, or the path, with a slash, of '
-        'a serial device, whose speed stty sets, or of a file to append to')
+        'udp://127.0.0.1:10035', 'where packets go: udp://HOST:PORT, or the path, with a slash, '
+        'of a serial device, whose speed stty sets, or of a file to append to')
     packet_format: str = option(
         'ccsds', 'ccsds: space packets; nos3: replies of the generic star tracker of NOS3',
         choices=('ccsds', 'nos3'))

@@ -13,7 +13,7 @@ class LinkError(ValueError):
 
 
 class Link:
-    """Sends packets to udp://HOST:PORT or to a path, which has a slash: a serial device or a file."""
+    """Sends packets to udp://HOST:PORT or to a path with a slash: a serial device or a file."""
 
     def __init__(self, destination: str) -> None:
         self._socket: socket.socket | None = None
