@@ -35,7 +35,7 @@ class SearchOptions(Options):
         'predicts where its stars are; in the others only these are measured; 0: every image '
         'is searched', unit='s', low=0.0, high=3600.0)
     max_stars_lost: int = option(
-        160, 'maximum number of stars while no star tracker predicts any: max_stars in the first '
+        160, 'maximum number of stars while the star tracker is lost: max_stars in the first '
         'two images, then twice as many in every further two, for stars among brighter spots',
         low=1, high=5000)
 
@@ -114,9 +114,13 @@ class ExtractionStage:
         self._unpredicted = 0
         self._stale_rows = StaleRows()
 
-    def extract(self, stamp_ns: int, image: np.ndarray, predicted: PredictedStars | None = None
-                ) -> Extraction:
-        """Return the stars of image (H, W) uint8 or uint16 of a time."""
+    def extract(self, stamp_ns: int, image: np.ndarray, predicted: PredictedStars | None = None,
+                lost: bool = True) -> Extraction:
+        """
+        Return the stars of image (H, W) uint8 or uint16 of a time.
+
+        Without lost, that there is no prediction does not mean that no star tracker tracks.
+        """
         first, last = self._stale_rows.find(image)
         repeated = last - first == len(image) - 1
         interval_s, self._stamp_ns = (stamp_ns - self._stamp_ns) * 1e-9, stamp_ns
@@ -130,7 +134,7 @@ class ExtractionStage:
         if (predicted is None or len(predicted) < LEAST_PREDICTED
                 or not 0 < stamp_ns - predicted.stamp_ns <= MAX_AGE_S * 1e9):
             self._searched_ns = None
-            self._start = self._extract_lost(image)
+            self._start = self._extract_unpredicted(image, lost)
             return self._start
         self._unpredicted = 0
         self.extractor.most_stars = self._max_stars
@@ -160,8 +164,9 @@ class ExtractionStage:
             near = self._near(image, expected, streak)
         return self._joined(image, searched, near, expected, known)
 
-    def _extract_lost(self, image: np.ndarray) -> Extraction:
-        """Return the stars of an image without predictions: more of them, the longer it lasts."""
+    def _extract_unpredicted(self, image: np.ndarray, lost: bool) -> Extraction:
+        """Return the stars of an image: more of them, the longer the star tracker is lost."""
+        self._unpredicted *= lost
         doublings = min(self._unpredicted // IMAGES_TO_ACQUIRE, 10)
         self.extractor.most_stars = min(self._max_stars << doublings, self._max_stars_lost)
         self._unpredicted += 1

@@ -51,6 +51,11 @@ class CentroidExtractorNode(CameraNode):
     def on_warm(self) -> None:
         subscribe_images(self, self._on_image)
 
+    def _is_lost(self) -> bool:
+        """Return whether a tracker that predicts nothing is lost, not in search of a target."""
+        return bool(self.count_publishers('predicted_centroids')) and not self.count_subscribers(
+            'target_centroid')
+
     def _on_predicted(self, message: PointCloud2) -> None:
         camera = self.camera_or_drop()
         if camera is not None:
@@ -66,7 +71,8 @@ class CentroidExtractorNode(CameraNode):
             raise MessageError(
                 f'image of {image.shape[1]} x {image.shape[0]} px does not fit camera_info of '
                 f'{camera.width} x {camera.height} px')
-        extraction = self._stage.extract(ns_from_stamp(header.stamp), image, self._predicted)
+        extraction = self._stage.extract(
+            ns_from_stamp(header.stamp), image, self._predicted, self._is_lost())
         self._centroids.publish(centroids_to_message(
             extraction.centroids, camera, header, self._stage.directed))
         self.defer(partial(self._report, header, image, extraction))
