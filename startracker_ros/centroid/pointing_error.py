@@ -31,7 +31,7 @@ QUANTILE = 0.65  # of the stars: a kick may exchange the brighter and the fainte
 SMOOTHING_PX = 0.8
 # Standard deviations of the noise, by which an image is not as it should be. The noise of stars of
 # very different flux has tails: one clean image in 30 exceeds 8.
-SIGNIFICANT = 12.0
+SIGNIFICANT = 10.0
 LIGHT = 5.0  # the same of a pixel, if it also exceeds
 LIGHT_SHARE = 0.25  # of the most significant one
 MODEL_ERROR = 0.015  # of the light of a star, by which a Gaussian may be wrong
