@@ -10,7 +10,7 @@ import struct
 from typing import Any, NamedTuple
 
 import numpy as np
-from startracker_ros.bag.layouts import MessageError, POINT_FIELD_TYPES
+from startracker_ros.bag.layouts import MessageError, POINT_FIELD_TYPES, rotation_covariance
 from startracker_ros.camera.model import Camera
 
 POINT_CLOUD, IMU = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Imu'
@@ -146,9 +146,8 @@ def quaternion_stamped(stamp_ns: int, frame_id: str, quaternion: np.ndarray) -> 
 def pose_stamped(stamp_ns: int, frame_id: str, quaternion: np.ndarray,
                  covariance_icrf: np.ndarray) -> bytes:
     """Return a PoseWithCovarianceStamped at the origin; the covariance (3, 3) is in rad^2."""
-    covariance = np.zeros((6, 6))
-    covariance[3:, 3:] = covariance_icrf
-    return _Body(stamp_ns, frame_id).doubles(np.zeros(3), quaternion, covariance).done()
+    return _Body(stamp_ns, frame_id).doubles(
+        np.zeros(3), quaternion, rotation_covariance(covariance_icrf)).done()
 
 
 def transform(stamp_ns: int, frame_id: str, child_frame_id: str, quaternion: np.ndarray) -> bytes:
@@ -172,8 +171,9 @@ def camera_info(stamp_ns: int, frame_id: str, camera: Camera) -> bytes:
     """Return the CameraInfo of a camera."""
     k = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
     p = [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0]
-    return (_Body(stamp_ns, frame_id).uints(camera.height, camera.width).text('plumb_bob')
-            .uints(5).doubles(camera.distortion, k, np.eye(3), p)
+    return (_Body(stamp_ns, frame_id).uints(camera.height, camera.width)
+            .text(camera.distortion_model).uints(len(camera.distortion))
+            .doubles(camera.distortion, k, np.eye(3), p)
             .uints(0, 0, 0, 0, 0, 0).raw(b'\0').done())
 
 

@@ -132,3 +132,10 @@ def _never_nan(wanted: np.dtype) -> tuple[list[str], list[int]]:
     columns = {name: offset // 4 for name, (dtype, offset, *_) in (wanted.fields or {}).items()
                if dtype.kind == 'f' and name not in _MAY_BE_NAN}
     return list(columns), list(columns.values())
+
+
+def rotation_covariance(covariance: np.ndarray) -> np.ndarray:
+    """Return the covariance (6, 6) of a pose or twist, of its rotation (3, 3) alone."""
+    whole = np.zeros((6, 6))
+    whole[3:, 3:] = covariance
+    return whole

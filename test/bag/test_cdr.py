@@ -36,6 +36,8 @@ def written(frame):
     yield cdr.TRANSFORM, cdr.transform(STAMP_NS, frame, 'sensor', Q)
     yield cdr.ODOMETRY, cdr.odometry(STAMP_NS, frame, 'icrf', np.arange(3.0), np.ones(3), 1., 2.)
     yield cdr.CAMERA_INFO, cdr.camera_info(STAMP_NS, frame, camera)
+    fisheye = Camera.from_fov(640, 480, 150.0, 'equidistant')
+    yield cdr.CAMERA_INFO, cdr.camera_info(STAMP_NS, frame, fisheye)
     yield cdr.STATUS, cdr.status(1, 'star_tracker: state', 'LOST', frame, {'stars': 3, 'r': 'x'})
 
 

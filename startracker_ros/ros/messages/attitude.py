@@ -5,7 +5,7 @@ from geometry_msgs.msg import (
 import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.attitude.result import AttitudeEstimate, covariance_icrf
-from startracker_ros.bag.layouts import MessageError, ns_from_stamp
+from startracker_ros.bag.layouts import MessageError, ns_from_stamp, rotation_covariance
 from startracker_ros.bag.telemetry import unit_quaternion
 from startracker_ros.maths.rotation import matrix_from_quaternion
 from startracker_ros.ros.messages.geometry import quaternion_to_geometry, vector_to_geometry
@@ -42,9 +42,7 @@ def _rotation_to_pose(quaternion: np.ndarray, covariance: np.ndarray, header: He
     """Return a rotation (4,) with its covariance (3, 3) about the axes of the header."""
     message = PoseWithCovarianceStamped(header=header)
     message.pose.pose.orientation = quaternion_to_geometry(quaternion)
-    whole = np.zeros((6, 6))
-    whole[3:, 3:] = covariance
-    message.pose.covariance = whole.ravel()
+    message.pose.covariance = rotation_covariance(covariance).ravel()
     return message
 
 

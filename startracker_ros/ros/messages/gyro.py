@@ -3,6 +3,7 @@
 from geometry_msgs.msg import TwistWithCovarianceStamped
 import numpy as np
 from sensor_msgs.msg import Imu
+from startracker_ros.bag.layouts import rotation_covariance
 from startracker_ros.ros.messages.geometry import vector_to_geometry
 from std_msgs.msg import Header
 
@@ -21,7 +22,5 @@ def drift_to_twist(drift_rad_s: np.ndarray, covariance: np.ndarray, header: Head
     """Return `gyro_drift` (3,) rad/s with its covariance (3, 3): linear zero."""
     message = TwistWithCovarianceStamped(header=header)
     message.twist.twist.angular = vector_to_geometry(drift_rad_s)
-    whole = np.zeros((6, 6))
-    whole[3:, 3:] = covariance
-    message.twist.covariance = whole.ravel()
+    message.twist.covariance = rotation_covariance(covariance).ravel()
     return message
