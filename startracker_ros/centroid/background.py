@@ -101,6 +101,14 @@ def background_at(mesh: Mesh, u: int, v: int) -> tuple[float, float]:
 
 
 @compiled
+def slope_at(mesh: Mesh, u: int, v: int, radius: int) -> tuple[float, float]:
+    """Return the slopes of the level, across and down per px, over a window around a pixel."""
+    across = background_at(mesh, u + radius, v)[0] - background_at(mesh, u - radius, v)[0]
+    down = background_at(mesh, u, v + radius)[0] - background_at(mesh, u, v - radius)[0]
+    return across / (2 * radius), down / (2 * radius)
+
+
+@compiled
 def _measure(image: np.ndarray, kernel: Kernel, rows: int, columns: int
              ) -> tuple[np.ndarray, np.ndarray, float, float]:
     """Return level, noise and their medians from SAMPLE_ROWS x SAMPLES pixels of each tile."""

@@ -8,6 +8,8 @@ Star image to centroids, with a reason for every spot left out.
    the final fit.
 4. Streaks (streak_stars.py) instead, if the stars moved during the exposure: by a known streak,
    or by the one on which the spots agree (streak_search.py).
+5. Points once more after wider filters, if most spots have no shape of a star: a defocused lens
+   draws discs and rings, of which a narrow filter finds pieces.
 
 Once an image was searched, extract_near() measures stars at known positions only.
 """
@@ -39,6 +41,11 @@ MIN_SIDE_PX = 8
 FILTER_SIGMA_PX = 1.0  # while the width of the stars is unknown
 FILTER_RATIO = 2.0  # a filter wrong by more than this factor is replaced
 FILTER_RANGE_PX = (0.5, 5.0)
+WIDE_FILTERS_PX = (2.5, 5.0)  # for stars that a narrow filter finds in pieces,
+MISSHAPEN = ('elongated', 'too_wide', 'not_fitted')  # which have these shapes
+MISSHAPEN_SHARE = 0.5  # for each star
+WHOLE_STARS = 10  # the brightest: if they are whole, their light
+WHOLE_RATIO = 2.0  # exceeds that of pieces by this factor
 SPARE_PEAKS = 2  # peaks fitted per star wanted, as some will be rejected
 CELLS = 8  # along each side of the image,
 CELL_SHARE = 4  # each of which gets so many times its share of the peaks
@@ -159,6 +166,9 @@ class CentroidExtractor:
             if smeared or _many_elongated(len(centroids), rejections):
                 centroids, sigma_px, rejections, streak = self._as_streaks(
                     frame, centroids, sigma_px, rejections)
+            if streak is None and _mostly_misshapen(len(centroids), rejections):
+                frame, centroids, sigma_px, rejections = self._as_wide(
+                    frame, centroids, sigma_px, rejections)
         else:
             sigma_px = sigma_px if self._reference is None else self._reference[1]
             centroids = self._search_streaks(frame, streak, sigma_px, rejections)
@@ -278,7 +288,7 @@ class CentroidExtractor:
         if not len(peaks.uv) or frame.search.too_many:
             return Centroids.empty(), False
         hit = is_hit(frame.image, peaks.uv, peaks.level, peaks.noise / frame.kernel.noise_gain,
-                     sigma_px)
+                     min(sigma_px, FILTER_SIGMA_PX))
         single = is_single(frame.image, peaks.uv, peaks.level)
         peaks = peaks.select(rejections.reject(
             peaks.uv, hot_pixel=hit & single, cosmic_ray=hit))
@@ -309,6 +319,17 @@ class CentroidExtractor:
                 return streaks, found[1], others, found[0]
         return points, sigma_px, rejections, None
 
+    def _as_wide(self, frame: Frame, points: Centroids, sigma_px: float, rejections: Rejections
+                 ) -> tuple[Frame, Centroids, float, Rejections]:
+        """Return frame and stars after the filter whose stars have the most light."""
+        for filter_px in () if self._options.psf_sigma_px else WIDE_FILTERS_PX:
+            wide, others = prepare(frame.image, filter_px, self._threshold), Rejections()
+            width_px = measure_width(wide)
+            stars, _ = self._search(wide, width_px, others)
+            if _light(stars) > WHOLE_RATIO * _light(points):
+                frame, points, sigma_px, rejections = wide, stars, width_px, others
+        return frame, points, sigma_px, rejections
+
     def _search_streaks(self, frame: Frame, streak: Streak, sigma_px: float,
                         rejections: Rejections) -> Centroids:
         """Return the stars of a smeared frame."""
@@ -328,6 +349,17 @@ def _many_elongated(stars: int, rejections: Rejections) -> bool:
     counts = rejections.counts
     elongated = counts.get('elongated', 0) + counts.get('line', 0)
     return elongated >= max(LEAST_ELONGATED, ELONGATED_SHARE * stars)
+
+
+def _mostly_misshapen(stars: int, rejections: Rejections) -> bool:
+    """Return whether so many spots have another shape that the stars may be pieces too."""
+    return sum(rejections.counts.get(reason, 0) for reason in MISSHAPEN) > max(
+        MISSHAPEN_SHARE * stars, LEAST_ELONGATED)
+
+
+def _light(stars: Centroids) -> float:
+    """Return the light of the brightest stars."""
+    return float(np.sum(np.sort(stars.flux)[-WHOLE_STARS:]))
 
 
 def _chosen(uv: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:

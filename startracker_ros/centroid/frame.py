@@ -52,7 +52,7 @@ class Frame:
         start[:, [U, V]] = peaks.uv + peaks.top
         start[:, FLUX] = peaks.height * 2 * np.pi * (self.kernel.sigma_px ** 2 + sigma_px ** 2)
         start[:, SIGMA] = sigma_px
-        return cut_windows(self.image, peaks.uv, radius, peaks.level,
+        return cut_windows(self.image, self.mesh, peaks.uv, radius, peaks.level,
                            (peaks.noise / self.kernel.noise_gain) ** 2,
                            self.full_scale_dn), start
 

@@ -4,16 +4,22 @@ Error of the pointing that all stars of an image share: motion that is not unifo
 A camera that is kicked or vibrates during the exposure draws the same figure of every star. A
 fit finds the brightest part of it, the same part of every star, so that no residual shows the
 error. What the fits leave, over the flux and about the fitted position d = 0, is the same image of
-all stars: A(d), for each pixel an upper quantile over the brightest stars, which neighbours and
-hits of one of them do not move. Where a point is fitted, the median of each ring is taken out: a
-wing that is the same on all sides does not move a star.
+all stars: L(d), for each pixel an upper quantile over the brightest stars, which neighbours and
+hits of one of them do not move.
+
+Light that is the same on both sides does not move a star, whatever the shape of its image: a ring
+of a defocused lens, a wing, the spikes of a spider. What counts is the odd part,
+
+    A(d) = L(d) - L(-d)
 
 Where A exceeds its noise, A > 0 is light beside the fitted star, of a total of 1 + sum A. The
-mean pointing of the exposure is off by b = sum A d / (1 + sum A), and
+mean pointing of the exposure is off by b = sum A d / (1 + sum A). The covariance of the common
+error is
 
-    C = sum A d d^T / (1 + sum A) >= b b^T
+    C = b b^T + UNCERTAIN^2 M,  M = sum A d d^T / (1 + sum A)
 
-is the covariance of the common error: what the light is away from the fit, squared.
+where light that is wrong by a share UNCERTAIN of itself moves b by less than UNCERTAIN sqrt(M).
+The stars are not moved by b: whether its light exceeds the noise changes from image to image.
 """
 
 import math
@@ -29,11 +35,10 @@ REACH_PX = 10  # beyond the ends of a streak
 MOST_REACH_PX = 24
 QUANTILE = 0.65  # of the stars: a kick may exchange the brighter and the fainter part for some
 SMOOTHING_PX = 0.8
-# Standard deviations of the noise, by which an image is not as it should be. The noise of stars of
-# very different flux has tails: one clean image in 30 exceeds 8.
-SIGNIFICANT = 10.0
-LIGHT = 5.0  # the same of a pixel, if it also exceeds
-LIGHT_SHARE = 0.25  # of the most significant one
+SIGNIFICANT = 7.0  # standard deviations of the noise; 6.5 at most in 400 images without an error
+LIGHT = 4.0  # the same of a pixel, if it also exceeds
+LIGHT_SHARE = 0.2  # of the most significant one
+UNCERTAIN = 0.15
 MODEL_ERROR = 0.015  # of the light of a star, by which a Gaussian may be wrong
 
 
@@ -55,10 +60,7 @@ def pointing_error(image: np.ndarray, mesh: Mesh, full_scale: float, stars: np.n
     if len(chosen) < LEAST_STARS:
         return covariance
     left = _left(image, mesh, stars[chosen], streaked, reach)
-    if streaked:
-        left -= np.median(left)
-    else:
-        _remove_rings(left, reach)
+    left -= left[::-1, ::-1].copy()
     smooth = _smoothed(left)
     noise = 1.4826 * np.median(np.abs(smooth))
     if not smooth.max() > SIGNIFICANT * noise:
@@ -76,17 +78,19 @@ def pointing_error(image: np.ndarray, mesh: Mesh, full_scale: float, stars: np.n
             most = max(most, ratio)
     if not most > SIGNIFICANT:
         return covariance
-    total = 1.0
+    total, b = 1.0, np.zeros(2)
     for y in range(-reach, reach + 1):
         for x in range(-reach, reach + 1):
             light = left[y + reach, x + reach]
             if smooth[y + reach, x + reach] > max(LIGHT, LIGHT_SHARE * most) and light > 0:
                 total += light
+                b[0] += light * x
+                b[1] += light * y
                 covariance[0, 0] += light * x * x
                 covariance[0, 1] += light * x * y
                 covariance[1, 1] += light * y * y
     covariance[1, 0] = covariance[0, 1]
-    return covariance / total
+    return UNCERTAIN ** 2 * covariance / total + np.outer(b, b) / total ** 2
 
 
 @compiled
@@ -136,24 +140,6 @@ def _left(image: np.ndarray, mesh: Mesh, stars: np.ndarray, streaked: bool, reac
                         k += 1
                     largest[y, x, k] = value
     return largest[:, :, 0].copy()
-
-
-@compiled
-def _remove_rings(left: np.ndarray, reach: int) -> None:
-    """Subtract from (n, n) the median of the pixels of each distance from its middle."""
-    rings = int(math.sqrt(2.0) * reach + 0.5) + 1
-    count, ring = np.zeros(rings, np.int64), np.empty((rings, 16 * reach))
-    for y in range(-reach, reach + 1):
-        for x in range(-reach, reach + 1):
-            r = int(math.sqrt(x * x + y * y) + 0.5)
-            ring[r, count[r]] = left[y + reach, x + reach]
-            count[r] += 1
-    median = np.empty(rings)
-    for r in range(rings):
-        median[r] = np.median(ring[r, :count[r]])
-    for y in range(-reach, reach + 1):
-        for x in range(-reach, reach + 1):
-            left[y + reach, x + reach] -= median[int(math.sqrt(x * x + y * y) + 0.5)]
 
 
 @compiled

@@ -16,6 +16,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.centroid.background import background_at, Mesh, slope_at
 from startracker_ros.centroid.noise import NoiseModel, pixel_variance
 from startracker_ros.centroid.normal_equations import invert, RIDGE
 from startracker_ros.centroid.psf import FLUX, LEVEL, SIGMA, U, V
@@ -25,6 +26,7 @@ LENGTH, ANGLE = 5, 6  # columns of the parameters of a streak, after those of a 
 LEAST_LENGTH_PX = 0.3
 REACH_SIGMAS = 3.5  # of the pixels that are fitted, from the line
 REACH_PX = 1.0
+SLOPE_PX = 8  # reach over which the slope of the background is taken
 CONVERGED_PX = 1e-3
 MAX_STEP_PX = 0.7
 MAX_STEP_SHARE = 0.15  # of the length
@@ -54,15 +56,33 @@ class StreakFit(NamedTuple):
 
 class Pixels(NamedTuple):
     """
-    What a fit sees: image (H, W); level and variance (K,) in DN of the background of each star.
+    What a fit sees: image (H, W); variance (K,) DN^2 of the background of each star.
 
-    Pixels from full_scale DN on are left out.
+    Its level in DN is background (K, 3), (a, b, c) for a + b x + c y at pixel x, y. Pixels from
+    full_scale DN on are left out.
     """
 
     image: np.ndarray
-    level: np.ndarray
+    background: np.ndarray
     variance: np.ndarray
     full_scale: float
+
+
+def pixels_at(image: np.ndarray, mesh: Mesh, uv: np.ndarray, variance: np.ndarray,
+              full_scale: float) -> Pixels:
+    """Return the image with the background of the mesh at uv (K, 2)."""
+    background = np.empty((len(uv), 3))
+    for row, (u, v) in zip(background, np.round(uv).astype(int).tolist()):
+        across, down = slope_at(mesh, u, v, SLOPE_PX)
+        row[:] = background_at(mesh, u, v)[0] - across * u - down * v, across, down
+    return Pixels(image, background, variance, full_scale)
+
+
+@compiled
+def _above(pixels: Pixels, i: int, x: int, y: int) -> float:
+    """Return a pixel less the background of star i."""
+    a, b, c = pixels.background[i, 0], pixels.background[i, 1], pixels.background[i, 2]
+    return pixels.image[y, x] - (a + b * x + c * y)
 
 
 @compiled
@@ -117,7 +137,7 @@ def flux_at(pixels: Pixels, star: np.ndarray) -> np.ndarray:
         n = m = mm = d = md = 0.0
         for y in range(top, bottom):
             for x in range(left, right):
-                light, value = light_at(star[i], x, y), pixels.image[y, x] - pixels.level[i]
+                light, value = light_at(star[i], x, y), _above(pixels, i, x, y)
                 n, m, mm, d, md = (n + 1, m + light, mm + light * light, d + value,
                                    md + light * value)
         flux[i] = max((n * md - m * d) / max(n * mm - m * m, 1e-12), MIN_FLUX_DN)
@@ -144,7 +164,7 @@ def photon_gain(pixels: Pixels, fit: StreakFit, noise: NoiseModel) -> float:
                 dx, dy = x - star[U], y - star[V]
                 light = _fill_row(star, dx * c + dy * s, dy * c - dx * s, c, s, width, row)
                 variance = pixel_variance(noise, pixels.variance[i], light)
-                residual = pixels.image[y, x] - pixels.level[i] - star[LEVEL] - light
+                residual = _above(pixels, i, x, y) - star[LEVEL] - light
                 square = min(residual * residual, OUTLIER_SIGMAS ** 2 * variance)
                 weight = light / variance ** 2
                 if pixels.image[y, x] < pixels.full_scale:
@@ -201,15 +221,14 @@ def _normal_equations(pixels: Pixels, stars: np.ndarray, neighbour: np.ndarray, 
             a, b = dx * c + dy * s, dy * c - dx * s
             if abs(b) > reach or abs(a) > half + reach:
                 continue
-            value = float(pixels.image[y, x])
-            if value >= pixels.full_scale:
+            if pixels.image[y, x] >= pixels.full_scale:
                 continue
             light = _fill_row(star, a, b, c, s, width, row)
             others = 0.0
             for j in range(len(stars)):
                 if neighbour[j]:
                     others += stars[j, FLUX] * light_at(stars[j], x, y)
-            residual = value - pixels.level[i] - others - star[LEVEL] - light
+            residual = _above(pixels, i, x, y) - others - star[LEVEL] - light
             variance = pixel_variance(noise, pixels.variance[i], light + others)
             if (clip and residual > OUTLIER_LIGHT * peak
                     and residual * residual > OUTLIER_SIGMAS ** 2 * variance):

@@ -17,7 +17,7 @@ from startracker_ros.centroid.noise import initial_noise_model
 from startracker_ros.centroid.psf import FLUX, SIGMA, V
 from startracker_ros.centroid.streak import fit_streak, Streak
 from startracker_ros.centroid.streak_fit import (
-    ANGLE, fit_streaks, LENGTH, light_at, Pixels, streaks_at)
+    ANGLE, fit_streaks, LENGTH, light_at, pixels_at, streaks_at)
 from startracker_ros.compiled import compiled
 
 SMOOTHING_PX = 1.5  # before the threshold
@@ -61,8 +61,7 @@ def estimate_streak(image: np.ndarray, mesh: Mesh, pixel_noise_dn: float, full_s
     light = spots.light[agreeing][:FITTED]
     start = streaks_at(uv, streak_px, sigma_px)
     start[:, FLUX] = light
-    at = level[uv[:, 1].round().astype(int), uv[:, 0].round().astype(int)].astype(float)
-    pixels = Pixels(image, at, np.full(len(uv), pixel_noise_dn ** 2), full_scale_dn)
+    pixels = pixels_at(image, mesh, uv, np.full(len(uv), pixel_noise_dn ** 2), full_scale_dn)
     noise = initial_noise_model(mesh.median_level, pixel_noise_dn ** 2)
     fit = fit_streaks(pixels, start, noise, 7, FIT_ITERATIONS)
     star = fit.parameters

@@ -10,7 +10,8 @@ from startracker_ros.centroid.psf import FLUX, SIGMA, U, V
 from startracker_ros.centroid.rejection import Rejections
 from startracker_ros.centroid.streak import Streak
 from startracker_ros.centroid.streak_fit import (
-    ANGLE, fit_streaks, flux_at, LENGTH, photon_gain, Pixels, StreakFit, streaks_at)
+    ANGLE, fit_streaks, flux_at, LENGTH, photon_gain, Pixels, pixels_at, StreakFit,
+    streaks_at)
 from startracker_ros.centroid.streak_search import MAX_MISFIT, misfit
 
 ROUGH_ITERATIONS = 6
@@ -39,10 +40,9 @@ def measure_streaks(frame: Frame, uv: np.ndarray, streak: Streak, sigma_px: floa
 
 def _pixels(frame: Frame, uv: np.ndarray) -> Pixels:
     """Return the image with the background at uv (K, 2)."""
-    background = np.array([background_at(frame.mesh, round(u), round(v)) for u, v in uv.tolist()]
-                          ).reshape(-1, 2)
-    return Pixels(frame.image, background[:, 0].copy(),
-                  (background[:, 1] / frame.kernel.noise_gain) ** 2, frame.full_scale_dn)
+    noise = np.array([background_at(frame.mesh, round(u), round(v))[1] for u, v in uv.tolist()])
+    return pixels_at(frame.image, frame.mesh, uv, (noise / frame.kernel.noise_gain) ** 2,
+                     frame.full_scale_dn)
 
 
 def _beyond_edge(frame: Frame, uv: np.ndarray, streak_px: np.ndarray, sigma_px: float

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.centroid.background import Mesh, slope_at
 from startracker_ros.compiled import compiled
 
 LANES = 8  # pixels processed at a time
@@ -44,28 +45,35 @@ class Windows(NamedTuple):
         return _count_unused(self.used, CORE_RADIUS_PX)
 
 
-def cut_windows(image: np.ndarray, uv: np.ndarray, radius: int, level: np.ndarray,
+def cut_windows(image: np.ndarray, mesh: Mesh, uv: np.ndarray, radius: int, level: np.ndarray,
                 variance: np.ndarray, full_scale: float) -> Windows:
-    """Return the windows of image (H, W) around peaks uv (K, 2); level and variance (K,)."""
-    data, used = _cut(image, uv, radius, level, full_scale)
+    """
+    Return the windows of image (H, W) around peaks uv (K, 2); level and variance (K,) are there.
+
+    The slope of the background, which would move a star towards the brighter side, is that of the
+    mesh.
+    """
+    data, used = _cut(image, mesh, uv, radius, level, full_scale)
     corner = uv - radius
     return Windows(data, used, corner, variance, *_neighbours(corner, 2 * radius + 1))
 
 
 @compiled
-def _cut(image: np.ndarray, uv: np.ndarray, radius: int, level: np.ndarray, full_scale: float
-         ) -> tuple[np.ndarray, np.ndarray]:
+def _cut(image: np.ndarray, mesh: Mesh, uv: np.ndarray, radius: int, level: np.ndarray,
+         full_scale: float) -> tuple[np.ndarray, np.ndarray]:
     height, width = image.shape
     count = 2 * radius + 1
     filled = (count + LANES - 1) // LANES * LANES
     data = np.zeros((len(uv), count, filled), np.float32)
     used = np.zeros((len(uv), count, filled), np.bool_)
     for i in range(len(uv)):
-        left, top = uv[i, 0] - radius, uv[i, 1] - radius
+        u, v = uv[i, 0], uv[i, 1]
+        left, top = u - radius, v - radius
+        across, down = slope_at(mesh, u, v, radius)
         for y in range(max(-top, 0), min(height - top, count)):
             for x in range(max(-left, 0), min(width - left, count)):
                 value = image[top + y, left + x]
-                data[i, y, x] = value - level[i]
+                data[i, y, x] = value - level[i] - across * (x - radius) - down * (y - radius)
                 used[i, y, x] = value < full_scale
     return data, used
 

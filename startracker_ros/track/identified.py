@@ -50,9 +50,11 @@ class IdentifiedFrame:
 
 def fit_identified(camera: Camera, sky: ApparentCatalog, options: TrackerOptions, stamp_ns: int,
                    centroids: Centroids, sigma_px: np.ndarray, hip: np.ndarray
-                   ) -> IdentifiedFrame | None:
+                   ) -> tuple[IdentifiedFrame | None, str]:
     """
     Return an identified frame without outliers, None unless enough stars fit well enough.
+
+    The second result is why the stars do not fit, empty if they do or are too few.
 
     sigma_px (N,) and hip (N,) of each centroid, 0 where it is unknown. Crowded stars are left
     out. Of several centroids with one hip the first, the brightest, counts.
@@ -62,17 +64,19 @@ def fit_identified(camera: Camera, sky: ApparentCatalog, options: TrackerOptions
     known[known] = _first_of_each(star_index[known])
     centroids, sigma_px, star_index = centroids.select(known), sigma_px[known], star_index[known]
     if len(star_index) < options.min_stars:
-        return None
+        return None, ''
     try:
         fit = fit_rotation(camera, sky.direction(star_index), centroids.uv, sigma_px,
                            np.ones(len(star_index), bool))
     except AttitudeError:
-        return None
+        return None, ''
     if not fit.is_good(len(star_index), options.min_stars, options.max_residual_px):
-        return None
+        return None, (f'{len(star_index)} identified stars fit to {fit.residual_px:.2g} px rms, '
+                      f'max_residual_px is {options.max_residual_px:g}: calibrate the lens'
+                      if fit.residual_px > options.max_residual_px else '')
     return IdentifiedFrame(
         stamp_ns, star_index[fit.inlier], centroids.select(fit.inlier),
-        with_common_error(fit.attitude, centroids.common_error, camera), fit.scale)
+        with_common_error(fit.attitude, centroids.common_error, camera), fit.scale), ''
 
 
 def _first_of_each(values: np.ndarray) -> np.ndarray:

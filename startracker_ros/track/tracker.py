@@ -213,10 +213,11 @@ class StarTracker:
         """
         centroids, good = self._usable(centroids)
         self._look(stamp_ns)
-        frame = fit_identified(
-            self._camera, self.sky, self._options, stamp_ns, centroids,
-            self._model.sigma_px(centroids), np.asarray(hip)[good])
+        frame, misfit = fit_identified(self._camera, self.sky, self._options, stamp_ns, centroids,
+                                       self._model.sigma_px(centroids), np.asarray(hip)[good])
         if frame is None:
+            if misfit and self.state is TrackerState.LOST:
+                self.reason = misfit
             return
         if self.state is TrackerState.TRACKING:
             self._cross_check(frame)
@@ -247,9 +248,8 @@ class StarTracker:
         star_index, centroid = match_new_stars(
             self._stars, fit.attitude, frame, fit.scale * self._model.sigma_px(frame), zero_point,
             self._options.magnitude_tolerance)
-        if len(star_index):
-            new = ~(star_index[:, None] == bank.star_index).any(axis=1)
-            star_index, centroid = star_index[new][:vacant], centroid[new][:vacant]
+        new = ~(star_index[:, None] == bank.star_index).any(axis=1)
+        star_index, centroid = star_index[new][:vacant], centroid[new][:vacant]
         if len(star_index):
             self._add_tracks(star_index, frame.select(centroid), confirmed=False)
 

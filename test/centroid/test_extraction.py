@@ -224,6 +224,30 @@ def test_hot_pixels_cosmic_hits_and_streaks_are_rejected():
         assert result.rejected.get('elongated', 0) + result.rejected.get('line', 0) >= 1
 
 
+def ring(radius_px, across, down):
+    """Return the share of light of pixels across, down from a defocused star with a dark middle."""
+    distance = np.hypot(across, down)
+    edge = erf((radius_px - distance) / 0.7) - erf((radius_px / 2 - distance) / 0.7)
+    return edge / (2 * np.pi * radius_px ** 2 * (1 - 1 / 4))
+
+
+@pytest.mark.parametrize('radius_px', [3.0, 5.0])
+def test_stars_that_a_defocused_lens_draws_as_rings_are_one_spot_each(radius_px):
+    rng = np.random.default_rng(7)
+    size, electrons = 512, np.full((512, 512), SKY_E)
+    uv = scattered(rng, 36, size)
+    down, across = np.mgrid[:size, :size]
+    for u, v in uv:
+        electrons += 10 ** rng.uniform(4.3, 5.3) * ring(radius_px, across - u, down - v)
+    extraction = EXTRACT(expose(electrons, rng))
+    index, false = found(extraction, uv)
+    assert np.count_nonzero(index >= 0) >= 30
+    assert false <= 2
+    error = extraction.centroids.uv[index[index >= 0]] - uv[index >= 0]
+    assert np.sqrt(np.mean(error ** 2)) < 0.3
+    assert np.sqrt(np.trace(extraction.centroids.common_error)) < radius_px / 10
+
+
 def test_close_pair_is_resolved():
     rng = np.random.default_rng(7)
     first = scattered(rng, 36, 512)

@@ -80,3 +80,12 @@ def test_a_uniform_streak_has_no_common_error_and_a_hooked_one_has():
         assert centroids.common.any() == moved
     error = fitted_less_mean(centroids, uv)
     assert error @ np.linalg.solve(centroids.common_error + 1e-4 * np.eye(2), error) < 4
+
+
+def test_static_asymmetry_of_the_stars_costs_what_it_moves_them_and_no_more():
+    """Three lobes have their centre of light at the fit, though no lobe faces another."""
+    angle = np.radians([90, 210, 330])
+    lobes = np.vstack([np.zeros(2), 3.0 * np.stack([np.cos(angle), np.sin(angle)], -1)])
+    image, _ = image_of((lobes, np.array([0.7, 0.1, 0.1, 0.1])), np.random.default_rng(3))
+    common = CentroidExtractor().extract(image).centroids.common_error
+    assert 0 < np.sqrt(np.trace(common)) < 0.35
