@@ -76,13 +76,22 @@ def with_lens_error(attitude: AttitudeEstimate, lens_sigma: float, scale: float,
                    + lens_sigma ** 2 * F_inverse @ G @ F_inverse + np.outer(turn, turn))
 
 
-def pointing_covariance(common_px2: np.ndarray, camera: Camera) -> np.ndarray:
+LEAST_FLOW_PX_S = 10.0
+
+
+def pointing_covariance(common_px2: np.ndarray, camera: Camera,
+                        rate: np.ndarray | None = None) -> np.ndarray:
     """
     Return the covariance (3, 3) rad^2 about sensor axes of a shift of all stars, (2, 2) px^2.
 
-    In the middle of the image a turn x, y of the sensor moves stars by (-f_u y, f_v x) px.
+    In the middle of the image a turn x, y of the sensor moves stars by (-f_u y, f_v x) px. Where
+    the body turns with a rate (3,) rad/s, a shift along the flow f of the stars is one of time,
+    by f / f^2, which turns the body about the boresight as well.
     """
     turn = np.array([[0.0, 1 / camera.fy], [-1 / camera.fx, 0.0], [0.0, 0.0]])
+    if rate is not None:
+        flow = np.array([-camera.fx * rate[1], camera.fy * rate[0]])
+        turn[2] = rate[2] * flow / (flow @ flow + LEAST_FLOW_PX_S ** 2)
     return turn @ common_px2 @ turn.T
 
 

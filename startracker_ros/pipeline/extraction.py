@@ -150,6 +150,8 @@ class ExtractionStage:
         unknown = (self._exposure_s == 0 and moved_px > SHORTEST_PX
                    and expected.speed_px_s > FASTER * self._point_speed_px_s)
         near = None if unknown else self._near(image, expected, streak)
+        if near is not None and _contradicts(near):
+            near = None
         if near is not None and not self._is_due(stamp_ns) and len(near.centroids) >= max(
                 LEAST_PREDICTED, LEAST_SHARE * self._seen_share * len(predicted)):
             self.directed = True
@@ -157,6 +159,9 @@ class ExtractionStage:
         self._searched_ns = stamp_ns
         spoilt, known = self.extractor.spoilt, None if unknown else streak
         searched = self.extractor.extract(image, known)
+        if _contradicts(searched):
+            # The motion has changed since the prediction: the image shows which it is.
+            searched, known, near, unknown = self.extractor.extract(image), None, None, True
         if unknown and searched.streak is not None and not expected.agrees(searched.streak):
             return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
                             'direction than the stars move')
@@ -219,6 +224,11 @@ class ExtractionStage:
         exposure_s, stars = expected.exposure_s(extraction.streak), len(extraction.centroids)
         if exposure_s and stars >= self._exposure_stars / 2:
             self._exposure_s, self._exposure_stars = exposure_s, stars
+
+
+def _contradicts(extraction: Extraction) -> bool:
+    """Return whether most spots are no streaks of the motion that was assumed."""
+    return extraction.rejected.get('not_streaked', 0) > len(extraction.centroids)
 
 
 def _refused(status: str, reason: str) -> Extraction:

@@ -44,6 +44,7 @@ class TrackerStateOutput:
             'late_frames': tracker.late_frames,
             'rejected_centroids': tracker.rejected_centroids,
             'gyro': tracker.gyro_condition,
+            'stamp_sigma_ms': f'{tracker.stamp_sigma_s * 1e3:.3f}',
             'reason': tracker.contradiction or tracker.reason}
         values.update(self._blinding)
         self._publisher.publish(status_message(
@@ -54,6 +55,10 @@ class TrackerStateOutput:
             diagnostics.report(WARN, f'{tracker.state.value}: {tracker.contradiction}')
         elif tracker.gyro_trouble:
             diagnostics.report(WARN, f'{tracker.state.value}: {tracker.gyro_trouble}')
+        elif tracker.stamp_sigma_s:
+            error_ms = f'{tracker.stamp_sigma_s * 1e3:.2g} ms'
+            diagnostics.report(WARN, f'{tracker.state.value}: stamps err by {error_ms}: '
+                               'stamp frames in the driver, at the middle of the exposure')
         else:
             diagnostics.report(level, f'{tracker.state.value}: {tracker.reason}')
 

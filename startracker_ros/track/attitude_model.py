@@ -21,6 +21,7 @@ from startracker_ros.track.model import FrameUpdate, StarModel
 from startracker_ros.track.motion_models import image_jacobian
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import median, RAYLEIGH_MEDIAN, RotationFit
+from startracker_ros.track.stamp_jitter import Measurement, StampJitter
 from startracker_ros.track.start import NIS_GATE, Start
 
 MANOEUVRES = (10.0, 100.0, 1000.0)
@@ -78,9 +79,10 @@ class AttitudeModel(StarModel):
         self._gyro_agreed = 0
         self._scale = _ErrorScale(frame.scale)
         self._lens_error = LensError(self._camera)
+        self._stamp_jitter = StampJitter()
         self._mean_innovation = np.zeros(3)
         self._level, self._manoeuvre_frames = 1.0, 0
-        self._measured: tuple[AttitudeState, AttitudeState, np.ndarray] | None = None
+        self._measured: tuple[AttitudeState, Measurement | None, np.ndarray] | None = None
 
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
@@ -90,13 +92,13 @@ class AttitudeModel(StarModel):
         uv = np.ascontiguousarray(frame.uv)
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
         error = self._scale.value ** 2 * self.error_px2(frame)
-        common = pointing_covariance(frame.common_error, self._camera)
+        common = pointing_covariance(frame.common_error, self._camera, self._state.rate)
         for hypothesis in self._hypotheses(stamp_ns, dark):
             predicted = _with_error(hypothesis.state, common)
             correction = correct(
                 self._camera.lens, icrf, self.bank.confirmed, self._options.min_stars,
                 predicted, uv, error, self._detection)
-            measured = predicted, correction.state, common
+            measured = correction.state
             # The stars show the pointing up to the error that they share.
             correction = correction._replace(state=_with_error(correction.state, common))
             fit = self._consistent_fit(correction)
@@ -115,7 +117,8 @@ class AttitudeModel(StarModel):
                 self._mean_innovation = mean
                 self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
             before_ns = self._state.stamp_ns
-            self._measured = measured
+            self._measured = predicted, Measurement.of(predicted, measured), common
+            self._stamp_jitter.add(self._state, predicted, correction.state, self._measured[1])
             self._set_state(correction.state, hypothesis.uses_gyro)
             self._set_tracks(correction, correction.probability, frame, variance)
             self._scale.add(fit)
@@ -126,6 +129,7 @@ class AttitudeModel(StarModel):
         assert nominal is not None, 'there is always a hypothesis'
         # Propagate without an update: every star counts as missed.
         hypothesis, correction = nominal
+        self._stamp_jitter.interrupt()
         self._set_state(hypothesis.state, hypothesis.uses_gyro)
         self._set_tracks(correction, np.ones((len(correction.predicted), 1)), Centroids.empty(),
                          np.empty(0))
@@ -220,30 +224,27 @@ class AttitudeModel(StarModel):
         return self._lens_error.scale
 
     @property
+    def stamp_sigma_s(self) -> float:
+        return self._stamp_jitter.sigma_s
+
+    @property
+    def stamp_turn_rad(self) -> np.ndarray:
+        return self._stamp_jitter.turn_rad
+
+    @property
     def predicted_attitude(self) -> AttitudeEstimate:
         return AttitudeEstimate(self._state.quaternion, self._state.covariance[:3, :3], 0,
                                 np.empty(0), 0.0)
 
     @property
     def measured_attitude(self) -> AttitudeEstimate | None:
-        """
-        Return the attitude that the stars of the last good frame have added to the prediction.
-
-        An update by attitude alone adds its information: Y = P+^-1 - P-^-1 of the attitude, and
-        x+ - x- = P+ y. The measured turn since the prediction is Y^-1 y, its covariance Y^-1.
-        """
         if self._measured is None:
             return None
-        before, after, common = self._measured
-        P = np.ascontiguousarray(after.covariance[:3, :3])
-        information = np.linalg.inv(P)
-        covariance = np.linalg.inv(information - np.linalg.inv(before.covariance[:3, :3]))
-        if not (np.linalg.eigvalsh(covariance + covariance.T) > 0).all():
+        before, measurement, common = self._measured
+        if measurement is None:
             return None
-        change = attitude_error(after.quaternion, before.quaternion)
-        return AttitudeEstimate(
-            turned(before.quaternion, covariance @ (information @ change)),
-            (covariance + covariance.T) / 2 + common, 0, np.empty(0), 0.0)
+        return AttitudeEstimate(turned(before.quaternion, measurement.turn),
+                                measurement.covariance + common, 0, np.empty(0), 0.0)
 
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state

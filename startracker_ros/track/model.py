@@ -1,7 +1,7 @@
 """What the state machine needs of a model of the motion of stars."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
@@ -92,6 +92,16 @@ class StarModel(ABC):
         """Return the relative error of the distances from the axis, where it is known."""
         return 0.0
 
+    @property
+    def stamp_sigma_s(self) -> float:
+        """Return the standard deviation of the stamps, where it is known."""
+        return 0.0
+
+    @property
+    def stamp_turn_rad(self) -> np.ndarray:
+        """Return the turn (3,) about sensor axes in that time."""
+        return np.zeros(3)
+
     @abstractmethod
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         """Predict the tracks to the time of a newer frame and update them by it."""
@@ -106,12 +116,15 @@ class StarModel(ABC):
             jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2), confirmed))
 
     def with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
-        """Return an attitude of the last frame with the errors of aberration and lens."""
+        """Return an attitude of the last frame with the errors of aberration, lens and stamp."""
         seen = self.bank.select(self.bank.detected)
         sensor = self._camera.unproject(seen.uv)
         sigma_rad = self._camera.pixel_rad * np.sqrt(seen.variance)
         estimate = with_velocity_error(
             estimate, self._sky.observer.velocity_sigma_m_s, sensor, sigma_rad)
+        turn = self.stamp_turn_rad
+        estimate = replace(
+            estimate, covariance_sensor=estimate.covariance_sensor + np.outer(turn, turn))
         return with_lens_error(
             estimate, self._camera.pixel_rad * self.lens_error_px, self.lens_scale, sensor,
             sigma_rad)

@@ -130,18 +130,16 @@ class StarTracker:
     @property
     def predicted(self) -> PredictedStars | None:
         """
-        Return where the brightest stars in view are at the newest frame, and how they move.
+        Return where the brightest stars in view, tracked or not, are at the newest frame.
 
-        They include those that are not tracked yet. None unless TRACKING, or without an
-        attitude.
+        None unless TRACKING, or without an attitude.
         """
         if self.state is not TrackerState.TRACKING or self._bank_stamp_ns != self._stamp_ns:
             return None
-        attitude = self._model.predicted_attitude
+        attitude = self._model.predicted_attitude or (
+            None if self.attitude is None else self.attitude.attitude)
         if attitude is None:
-            if self.attitude is None:
-                return None
-            attitude = self.attitude.attitude
+            return None
         return predict_stars(self._stars, self._stamp_ns, attitude, self._model.rate_rad_s,
                              self._options)
 
@@ -149,6 +147,11 @@ class StarTracker:
     def gyro_trouble(self) -> str:
         """Return why the rates of a gyro are not used, empty where they are or without a gyro."""
         return self._model.gyro_trouble
+
+    @property
+    def stamp_sigma_s(self) -> float:
+        """Return the standard deviation of the stamps, zero where unknown."""
+        return self._model.stamp_sigma_s
 
     @property
     def gyro_condition(self) -> str:
@@ -248,8 +251,8 @@ class StarTracker:
         star_index, centroid = match_new_stars(
             self._stars, fit.attitude, frame, fit.scale * self._model.sigma_px(frame), zero_point,
             self._options.magnitude_tolerance)
-        new = ~(star_index[:, None] == bank.star_index).any(axis=1)
-        star_index, centroid = star_index[new][:vacant], centroid[new][:vacant]
+        new = np.flatnonzero(~(star_index[:, None] == bank.star_index).any(axis=1))[:vacant]
+        star_index, centroid = star_index[new], centroid[new]
         if len(star_index):
             self._add_tracks(star_index, frame.select(centroid), confirmed=False)
 
@@ -346,9 +349,8 @@ class StarTracker:
         bank = self._model.bank
         outlier = (fit.normalised > OUTLIER_SIGMA) & (bank.missed == 0)
         bank = bank.select(~(self._missed_too_often(frame) | outlier))
-        self._model.bank = replace(
-            bank, confirmed=bank.confirmed | (
-                (bank.age >= self._options.confirm_frames) & (bank.missed == 0)))
+        old = (bank.age >= self._options.confirm_frames) & (bank.missed == 0)
+        self._model.bank = replace(bank, confirmed=bank.confirmed | old)
 
     def _contradiction(self, result: FrameUpdate, frame: Centroids) -> str:
         """Return why not all of a frame shows the attitude that was found, empty if it does."""
@@ -368,10 +370,8 @@ class StarTracker:
         self._bad_frames += not self._model.is_dark(frame)
         self._model.bank = self._model.bank.select(~self._missed_too_often(frame))
         if self._bad_frames >= self._options.max_bad_frames:
-            self._enter(
-                TrackerState.LOST,
-                f'{self._bad_frames} bad frames: {self.stars_matched} stars agreed in the '
-                f'last one, residual {self.residual_px:.2f} px')
+            self._enter(TrackerState.LOST, f'{self._bad_frames} bad frames: {self.stars_matched} '
+                        f'stars agreed in the last one, residual {self.residual_px:.2f} px')
 
     def _missed_too_often(self, frame: Centroids) -> np.ndarray:
         """Return the tracks (N,) to drop; unconfirmed ones may be missed in half of the frames."""
@@ -379,8 +379,8 @@ class StarTracker:
         most = np.inf if self._model.is_dark(frame) else self._options.max_missed
         return bank.missed > np.where(bank.confirmed, most, bank.age // 2)
 
-    def _add_tracks(self, star_index: np.ndarray, centroids: Centroids, *,
-                    confirmed: bool) -> None:
+    def _add_tracks(self, star_index: np.ndarray, centroids: Centroids, *, confirmed: bool
+                    ) -> None:
         track_id = np.arange(self._next_id, self._next_id + len(star_index))
         self._next_id += len(star_index)
         self._model.add(track_id, star_index, centroids, confirmed=confirmed)

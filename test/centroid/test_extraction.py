@@ -225,7 +225,7 @@ def test_hot_pixels_cosmic_hits_and_streaks_are_rejected():
 
 
 def ring(radius_px, across, down):
-    """Return the share of light of pixels across, down from a defocused star with a dark middle."""
+    """Return the share of light of pixels across, down from a star defocused to a ring."""
     distance = np.hypot(across, down)
     edge = erf((radius_px - distance) / 0.7) - erf((radius_px / 2 - distance) / 0.7)
     return edge / (2 * np.pi * radius_px ** 2 * (1 - 1 / 4))
