@@ -42,10 +42,8 @@ FILTER_SIGMA_PX = 1.0  # while the width of the stars is unknown
 FILTER_RATIO = 2.0  # a filter wrong by more than this factor is replaced
 FILTER_RANGE_PX = (0.5, 5.0)
 WIDE_FILTERS_PX = (2.5, 5.0)  # for stars that a narrow filter finds in pieces,
-MISSHAPEN = ('elongated', 'too_wide', 'not_fitted')  # which have these shapes
-MISSHAPEN_SHARE = 0.5  # for each star
-WHOLE_STARS = 10  # the brightest: if they are whole, their light
-WHOLE_RATIO = 2.0  # exceeds that of pieces by this factor
+MISSHAPEN, MISSHAPEN_SHARE = ('elongated', 'too_wide', 'not_fitted'), 0.5  # for each star
+WHOLE_STARS, WHOLE_RATIO = 10, 2.0  # the brightest have more light, if whole, by this factor
 SPARE_PEAKS = 2  # peaks fitted per star wanted, as some will be rejected
 CELLS = 8  # along each side of the image,
 CELL_SHARE = 4  # each of which gets so many times its share of the peaks
@@ -398,6 +396,5 @@ def _check(image: np.ndarray) -> None:
 
 
 def _none(status: str, reason: str, frame: Frame | None = None) -> Extraction:
-    if frame is None:
-        return Extraction(Centroids.empty(), status, reason)
-    return Extraction(Centroids.empty(), status, reason, frame.background_dn, frame.noise_dn)
+    measured = () if frame is None else (frame.background_dn, frame.noise_dn)
+    return Extraction(Centroids.empty(), status, reason, *measured)

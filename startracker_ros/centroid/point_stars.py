@@ -18,7 +18,9 @@ from startracker_ros.centroid.windows import Windows
 
 ROUGH_ITERATIONS = 2
 EDGE_SIGMAS = 1.5  # closest distance of a star to the edge of the image, in widths
-MAX_SATURATED_PX = 9  # saturated pixels of a star that can still be fitted by its flanks
+MAX_SATURATED_PX = 24  # of the 5 x 5 pixels around the peak: its flanks show where a star is,
+FEW_SATURATED_PX = 4  # but each pixel more than these may have bloomed
+BLOOMING_PX = 0.02
 FAINT = 0.85  # of the threshold: the fit frees position and level too, so its SNR is lower
 MISFIT = 3.0  # standard deviations of chi-square beyond which errors are inflated
 
@@ -35,6 +37,9 @@ def measure_points(frame: Frame, peaks: Peaks, sigma_px: float, threshold_sigmas
         frame, windows.select(keep), start[keep], rejections)
     fit = fit_stars(windows, start, noise)
     centroids = _centroids(fit)
+    blooming_px = BLOOMING_PX * np.maximum(windows.saturated_cores() - FEW_SATURATED_PX, 0)
+    centroids = replace(centroids, sigma_px=np.hypot(centroids.sigma_px, blooming_px),
+                        covariance=ROUND)
     keep = rejections.reject(
         centroids.uv, not_fitted=drifted(fit, windows) | duplicates(fit, windows),
         faint=_significance(fit) < FAINT * threshold_sigmas)
