@@ -1,10 +1,10 @@
 """
 A Kalman filter of the lens over tracked stars: focal length, principal point, k1, temperature.
 
-The attitude of each frame is eliminated, as in adjustment.py, so no error of it reaches the lens.
-The state is the change against the initial camera, each parameter in px by which it moves a star in
-the corner of the image: [focal length at the reference temperature, cx, cy, k1, focal length per
-kelvin], (5,). The first four are random walks.
+The attitude of each frame is eliminated, as in adjustment.py, so no error of it reaches the
+lens. The state is the change against the initial camera, each parameter in px by which it moves a
+star in the corner of the image: [focal length at the reference temperature, cx, cy, k1, focal
+length per kelvin], (5,). The first four are random walks.
 """
 
 from dataclasses import dataclass, replace
@@ -57,7 +57,7 @@ class LensFrame:
 
 
 class Normalised(NamedTuple):
-    """Residuals (2N,) of a frame and derivatives (2N, 4), (2N, 3) by lens and attitude, / sigma."""
+    """Residuals (2N,) of a frame, derivatives (2N, 4), (2N, 3) by lens and attitude, / sigma."""
 
     residual: np.ndarray
     lens: np.ndarray
@@ -108,7 +108,7 @@ class LensFilter:
         return np.array([after[name] - before[name] for name in NAMES]) / self._unit
 
     def figures(self, temperature_c: float) -> dict[str, tuple[float, float]]:
-        """Return each parameter and its 1-sigma error; focal_ppm_k where a temperature is known."""
+        """Return each parameter and its 1-sigma error; focal_ppm_k with a temperature."""
         lens, covariance = self.at(temperature_c)
         value = parameter_values(self.camera(lens))
         sigma = np.sqrt(np.diag(covariance)) * self._unit

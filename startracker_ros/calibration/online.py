@@ -7,7 +7,7 @@ the frames left out better: by chi-square, and by three standard errors of their
 """
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -39,10 +39,10 @@ class OnlineOptions(Options):
         'on_request', 'on_request: only by ~/calibrate; propose: tracked stars are used all the '
         'time, a better camera is published as proposed_camera_info and written to output_file; '
         'apply: it is also set in the source by set_camera_info',
-        choices=('on_request', 'propose', 'apply'))
+        choices=('on_request', 'propose', 'apply'), read_only=True)
     lens_sigma_px: float = option(
-        1.0, 'how well camera_info is known at the start: 1 sigma of focal length, principal point '
-        'and k1 each, as shift of a star in the corner', unit='px', low=0.001, high=100.0)
+        1.0, 'how well camera_info is known at the start: 1 sigma of focal length, principal '
+        'point and k1 each, as shift of a star in the corner', unit='px', low=0.001, high=100.0)
     lens_walk_px_sqrt_h: float = option(
         0.02, 'random walk of each of them, which no temperature explains', unit='px/sqrt(h)',
         low=0.0, high=10.0)
@@ -53,9 +53,9 @@ class Proposal:
     """
     A camera that fits frames left out better than the one in use.
 
-    changes are the names of the parameters that changed; chi_square_before and chi_square_after are
-    sums over the stars of frames that the estimate has not used; change_px is the largest shift
-    of a star that no attitude explains.
+    changes are the names of the parameters that changed; chi_square_before and chi_square_after
+    are sums over the stars of frames that the estimate has not used; change_px is the largest
+    shift of a star that no attitude explains.
     """
 
     camera: Camera
@@ -157,7 +157,7 @@ class OnlineCalibration:
         return float(residual @ residual)
 
     def _visible_px(self, change: np.ndarray) -> float:
-        """Return the largest shift of a star in the image by a change that no attitude explains."""
+        """Return the largest shift of a star by a change that no attitude explains."""
         camera = self.used
         uv = _GRID * [camera.width - 1, camera.height - 1]
         frame = LensFrame(0, uv, np.ones(len(uv)), camera.unproject(uv), conjugate(_NORTH))

@@ -168,8 +168,8 @@ def test_the_centroids_of_tracks_are_measurements():
     # Not the pixels of the tracks, which the camera in use has made.
     distance = np.linalg.norm(frame.uv[:, None] - centroids.uv, axis=2).min(axis=1)
     assert distance.max() < 1e-9
-    np.testing.assert_allclose(
-        CAMERA.project(rotate(frame.quaternion * [-1, -1, -1, 1], frame.icrf)), frame.uv, atol=1e-5)
+    sensor = rotate(frame.quaternion * [-1, -1, -1, 1], frame.icrf)
+    np.testing.assert_allclose(CAMERA.project(sensor), frame.uv, atol=1e-5)
     lost = replace(tracks, missed=np.ones(count, np.uint8))
     with pytest.raises(CalibrationError, match='0 identified stars'):
         tracked_frame(CAMERA, onboard, 7, moved, lost)
