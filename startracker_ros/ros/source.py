@@ -8,8 +8,8 @@ import numpy as np
 from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.srv import SetCameraInfo
-from startracker_ros.bag.layouts import camera_from_message
 from startracker_ros.astro.epoch import stamp_from_datetime
+from startracker_ros.bag.layouts import camera_from_message
 from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.options import option, Options
