@@ -18,9 +18,9 @@ from startracker_ros.fusion.motion import BodyMotion
 from startracker_ros.fusion.mount_bank import MountBank, own_coefficients, reopened
 from startracker_ros.fusion.mounts import Mount, MountOptions
 from startracker_ros.fusion.options import FusionOptions
-from startracker_ros.fusion.state import (
-    BODY, FusedState, GATE, Innovation, rotation_between)
+from startracker_ros.fusion.state import BODY, FusedState, GATE, Innovation
 from startracker_ros.fusion.steps import MountStep, StepDetector
+from startracker_ros.maths.compiled_quaternion import rotation_between
 from startracker_ros.maths.rotation import ARCSEC, sign_continuous
 
 RETURN_GATE = 9.0
@@ -62,6 +62,10 @@ class _Entry(NamedTuple):
     head: Head
     frame: HeadFrame
     factor: float
+
+
+def _stamp_ns(entry: _Entry) -> int:
+    return entry.state.stamp_ns
 
 
 class AttitudeFusion:
@@ -151,7 +155,7 @@ class AttitudeFusion:
 
     def _test(self, head: Head, frame: HeadFrame) -> FusedAttitude | None:
         """Compare a frame with the state of its time and use it if the head counts."""
-        index = bisect_right([entry.state.stamp_ns for entry in self._history], frame.stamp_ns)
+        index = bisect_right(self._history, frame.stamp_ns, key=_stamp_ns)
         before, newest = self._history[index - 1].state, index == len(self._history)
         factor = self._factor if newest else self._history[index].factor
         predicted = self.motion.propagated(before, frame.stamp_ns, factor)
@@ -371,11 +375,8 @@ class AttitudeFusion:
     def _observe(self, head: Head, frame: HeadFrame, predicted: FusedState,
                  innovation: Innovation) -> None:
         """Look for steps of the mounts in the differences of the heads."""
-        offset = innovation.vector
-        sensitivity = head.sensitivity(frame.stamp_ns)
-        if sensitivity is not None:
-            own = own_coefficients(head)
-            offset = offset + sensitivity @ predicted.coefficients[own]
+        offset = innovation.vector + (
+            innovation.measured.sensitivity @ predicted.coefficients[own_coefficients(head)])
         for step in self._steps.add(head.name, frame.stamp_ns, offset):
             self.steps.append(step)
             self.heads[step.head].stepped_rad2 += float(step.size_rad @ step.size_rad)
