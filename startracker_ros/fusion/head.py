@@ -62,8 +62,9 @@ class Head:
     A head and its share of the state.
 
     columns are those of its coefficients in the error state, none for the reference, whose mount
-    defines the body; stepped_rad2 is the square of the steps of its mount that were found. counts
-    are of its frames by what became of them; reason is why it does not count.
+    defines the body; stepped_rad2 is the square of the steps of its mount that were found.
+    needs_temperature: its mount bends with a temperature that has not come. counts are of its
+    frames by what became of them; reason is why it does not count.
     """
 
     def __init__(self, name: str, mount: Mount, options: MountOptions, first_column: int,
@@ -73,15 +74,18 @@ class Head:
         self.is_reference = is_reference
         self._options = options
         self._correlation_s = correlation_s
+        # A law of the file counts, whatever may be learnt beside it.
+        law = np.zeros((3, 3)) if mount.law is None else mount.law
         self.terms = [] if is_reference else [
-            0, *([1] if options.mount_temperature_arcsec_k else []),
-            *([2, 3] if options.mount_orbit_arcsec else [])]
+            0, *([1] if options.mount_temperature_arcsec_k or law[0].any() else []),
+            *([2, 3] if options.mount_orbit_arcsec or law[1:].any() else [])]
         self._constant = np.eye(3, 3 * len(self.terms))
         size = 3 * len(self.terms)
         self.columns = slice(first_column, first_column + size)
         self._sensor_from_body = conjugate(mount.quaternion)
         self._matrix = matrix_from_quaternion(mount.quaternion)
         self._temperature_k = 0.0
+        self.needs_temperature = 1 in self.terms
         self.counts: Counter[str] = Counter()
         self.reset()
 
@@ -147,6 +151,7 @@ class Head:
         """Use a temperature; False for an impossible one."""
         if not -273.15 <= celsius <= 1000.0:
             return False
+        self.needs_temperature = False
         if math.isnan(self.mount.temperature_c):
             self.mount = replace(self.mount, temperature_c=celsius)
         self._temperature_k = celsius - self.mount.temperature_c

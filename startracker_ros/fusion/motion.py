@@ -6,10 +6,12 @@ import numpy as np
 from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.fusion.options import FusionOptions
 from startracker_ros.fusion.state import FusedState, GATE
+from startracker_ros.maths.rotation import ARCSEC
 
 GYRO_FRAMES = 3  # with whose rate a gyro has to agree before it is used
 GYRO_SILENCE_S = 1.0
 _ACCELERATION_S = 0.1
+_SHARP_TURN_RAD = 5 * ARCSEC  # 1 sigma, beyond the newest rate
 
 
 class BodyMotion:
@@ -61,6 +63,16 @@ class BodyMotion:
         """Return whether the rates propagate a state to a time."""
         ahead_s = self._options.horizon_s + GYRO_SILENCE_S
         return self.uses_gyro and -ahead_s <= self._gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S
+
+    def extrapolates(self, stamp_ns: int) -> bool:
+        """
+        Return whether the rates end so long before a time that they predict nothing sharp.
+
+        A state predicted so would take any frame of that time for right.
+        """
+        silent_s = max(0.0, self._gyro.silent_s(stamp_ns))
+        turned_rad = math.radians(self._gyro_options.gyro_rate_change_deg_s2) * silent_s ** 2
+        return self.gyro_runs(stamp_ns) and turned_rad > _SHARP_TURN_RAD
 
     def bridged_s(self, stamp_ns: int) -> float:
         """Return the longest time without frames before a time."""
