@@ -63,10 +63,6 @@ class _Entry(NamedTuple):
     factor: float
 
 
-def _stamp_ns(entry: _Entry) -> int:
-    return entry.state.stamp_ns
-
-
 class AttitudeFusion:
     """
     Fuses the frames of heads, in any order, and rates about body axes.
@@ -157,7 +153,8 @@ class AttitudeFusion:
 
     def _test(self, head: Head, frame: HeadFrame) -> FusedAttitude | None:
         """Compare a frame with the state of its time and use it if the head counts."""
-        index = bisect_right(self._history, frame.stamp_ns, key=_stamp_ns)
+        index = bisect_right(
+            self._history, frame.stamp_ns, key=lambda entry: entry.state.stamp_ns)
         before, newest = self._history[index - 1].state, index == len(self._history)
         factor = self._factor if newest else self._history[index].factor
         predicted = self.motion.propagated(before, frame.stamp_ns, factor)
@@ -343,7 +340,9 @@ class AttitudeFusion:
 
     def _started(self, entries: list[_Entry]) -> FusedAttitude:
         """Use the states of a start."""
-        if self.motion.gyro_runs(entries[-1].state.stamp_ns):
+        stamp_ns = entries[-1].state.stamp_ns
+        if (self.motion.gyro_runs(stamp_ns) and (stamp_ns - self._history[-1].state.stamp_ns)
+                <= self._options.max_gyro_gap_s * 1e9):
             self.motion.gyro_trouble = 'the heads agree with each other and not with imu'
         self._drop('')
         self._history = entries

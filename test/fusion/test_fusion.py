@@ -211,6 +211,18 @@ def test_heads_go_on_when_the_gyro_ends():
     assert max(heads.error_arcsec(result) for result in results if result) < 0.1
 
 
+def test_an_hour_in_which_all_are_blinded_is_no_error_of_the_gyro():
+    heads, results = Heads(2), []
+    for index in range(80):
+        heads.time_s += 3600.0 * (index == 40)
+        for tick in range(4):
+            heads.fusion.add_rate(START_NS + round((heads.time_s + 0.05 * (tick + 1)) * 1e9), RATE)
+        results += heads.run(1)
+        assert not heads.fusion.motion.gyro_trouble
+    assert heads.fusion.motion.uses_gyro and all(results[-60:])
+    assert max(heads.error_arcsec(result) for result in results if result) < 0.1
+
+
 def test_the_sign_of_a_quaternion_means_nothing():
     heads, rng = Heads(3), np.random.default_rng(6)
     first = heads.run(10)[-1]
