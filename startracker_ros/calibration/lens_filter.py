@@ -82,6 +82,7 @@ class LensFilter:
         slope_px = _FOCAL_PER_KELVIN * initial.fx * radius
         self.covariance = np.diag(np.square([*[sigma_px] * LENS, slope_px]))
         self.variance = 1.0
+        self._frames = 0
         self._reference_c = math.nan
         self._stamp_ns: int | None = None
 
@@ -147,10 +148,11 @@ class LensFilter:
         if np.count_nonzero(~near) > _MOST_REJECTED * count or near.sum() < LEAST_STARS:
             raise CalibrationError(f'{np.count_nonzero(~near)} of {count} stars fit no lens near '
                                    'camera_info: wrong stars, or another camera')
-        self.variance += _MEMORY * (variance - self.variance)
         frame = replace(frame, uv=frame.uv[near], sigma_px=frame.sigma_px[near],
                         icrf=frame.icrf[near])
         self._check_lens(frame, lens, covariance)
+        self._frames += 1
+        self.variance += max(1 / self._frames, _MEMORY) * (variance - self.variance)
         return frame
 
     def _check_lens(self, frame: LensFrame, lens: np.ndarray, covariance: np.ndarray) -> None:

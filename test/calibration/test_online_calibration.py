@@ -136,6 +136,18 @@ def test_stars_of_another_camera_are_rejected_by_name(change, words):
     np.testing.assert_array_equal(calibration.filter.mean, before)
 
 
+def test_centroids_worse_than_their_sigma_count_less():
+    rng, lens_filters = np.random.default_rng(7), [LensFilter(CAMERA, 1.0, 0.0) for _ in range(2)]
+    for index in range(20):
+        frame = frame_of(CAMERA, rng, index)
+        for sigma_px, lens_filter in zip((SIGMA_PX, SIGMA_PX / 3), lens_filters):
+            lens_filter.update(lens_filter.checked(
+                replace(frame, sigma_px=np.full(len(frame.uv), sigma_px))))
+    assert 2.2 < np.sqrt(lens_filters[1].variance) < 3.8
+    sigma, same = (np.sqrt(np.diag(one.at(np.nan)[1])) for one in lens_filters)
+    np.testing.assert_allclose(same, sigma, rtol=0.35)
+
+
 def test_a_wrong_star_is_left_out():
     lens_filter, rng = LensFilter(CAMERA, 1.0, 0.0), np.random.default_rng(6)
     frame = frame_of(CAMERA, rng)
