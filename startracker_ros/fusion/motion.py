@@ -70,9 +70,12 @@ class BodyMotion:
 
         A state predicted so would take any frame of that time for right.
         """
+        return self.gyro_runs(stamp_ns) and self._is_behind(stamp_ns)
+
+    def _is_behind(self, stamp_ns: int) -> bool:
         silent_s = max(0.0, self._gyro.silent_s(stamp_ns))
         turned_rad = math.radians(self._gyro_options.gyro_rate_change_deg_s2) * silent_s ** 2
-        return self.gyro_runs(stamp_ns) and turned_rad > _SHARP_TURN_RAD
+        return turned_rad > _SHARP_TURN_RAD
 
     def bridged_s(self, stamp_ns: int) -> float:
         """Return the longest time without frames before a time."""
@@ -97,6 +100,10 @@ class BodyMotion:
         gyro = self._gyro
         if (self.uses_gyro or after.stamp_ns <= before.stamp_ns
                 or abs(gyro.silent_s(after.stamp_ns)) > GYRO_SILENCE_S):
+            return
+        if self._is_behind(after.stamp_ns):
+            self._agreed = 0
+            self.gyro_trouble = f'imu is {gyro.silent_s(after.stamp_ns):.2g} s behind the heads'
             return
         measured, variance = gyro.mean_rate(before.stamp_ns, after.stamp_ns)
         innovation = measured - after.rate

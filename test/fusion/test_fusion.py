@@ -198,6 +198,17 @@ def test_a_clock_that_is_ahead_of_the_gyro_decides_nothing_alone():
     assert max(heads.error_arcsec(result) for result in results if result) < 0.1
 
 
+def test_a_gyro_that_comes_too_late_is_named_and_not_used():
+    heads, results = Heads(2), []
+    for index in range(80):
+        if index > 8:
+            heads.fusion.add_rate(START_NS + round((index - 7) * 0.05 * 1e9), RATE)
+        if index % 4 == 3:
+            results += heads.run(1)
+    assert not heads.fusion.motion.uses_gyro and all(results[3:])
+    assert heads.fusion.motion.gyro_trouble == 'imu is 0.41 s behind the heads'
+
+
 def test_heads_go_on_when_the_gyro_ends():
     heads, results = Heads(2), []
     for index in range(120):
