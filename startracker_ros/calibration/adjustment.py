@@ -95,7 +95,7 @@ class Adjustment:
     @property
     def values(self) -> dict[str, float]:
         """Return the estimated parameters."""
-        return {name: _values(self.camera)[name] for name in self.parameters}
+        return {name: parameter_values(self.camera)[name] for name in self.parameters}
 
     @property
     def sigmas(self) -> dict[str, float]:
@@ -135,13 +135,13 @@ def adjust(camera: Camera, stars: MatchedStars, quaternions: np.ndarray, terms: 
             used = near if step < _SETTLING_STEPS else used & near
         weight = used / np.sqrt(variance)
         lens, rotation, covariance = _step(
-            residual * weight[:, None], _lens_partials(camera, direction, names) * weight[
-                :, None, None], _rotation_partials(camera, direction) * weight[:, None, None],
+            residual * weight[:, None], lens_partials(camera, direction, names) * weight[
+                :, None, None], rotation_partials(camera, direction) * weight[:, None, None],
             stars.frame, frames)
         if settled:
             return Adjustment(camera, quaternions, terms, covariance, used, residual, extra)
         try:
-            camera = _changed(camera, dict(zip(names, lens)))
+            camera = changed_camera(camera, dict(zip(names, lens)))
         except CameraError as error:
             raise CalibrationError(f'no camera fits: {error}') from error
         quaternions = multiply(quaternions, quaternion_from_rotation_vector(rotation))
@@ -155,14 +155,15 @@ def _parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name for term in terms for name in TERMS[term])
 
 
-def _values(camera: Camera) -> dict[str, float]:
+def parameter_values(camera: Camera) -> dict[str, float]:
+    """Return all parameters of TERMS that a camera has, by name."""
     return {'focal': camera.fx, 'cx': camera.cx, 'cy': camera.cy,
             **dict(zip(camera.model.coefficients, camera.distortion))}
 
 
-def _changed(camera: Camera, change: dict[str, float]) -> Camera:
+def changed_camera(camera: Camera, change: dict[str, float]) -> Camera:
     """Return the camera with its parameters changed; CameraError if it is impossible."""
-    value = _values(camera)
+    value = parameter_values(camera)
     for name, by in change.items():
         value[name] += float(by)
     return replace(camera, fx=value['focal'], fy=value['focal'] * camera.fy / camera.fx,
@@ -175,7 +176,7 @@ def _sensor_directions(stars: MatchedStars, quaternions: np.ndarray) -> np.ndarr
     return np.einsum('nij,ni->nj', matrix, stars.icrf)
 
 
-def _lens_partials(camera: Camera, direction: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+def lens_partials(camera: Camera, direction: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     """Return the derivatives (N, 2, P) of the pixels of directions (N, 3) by the parameters."""
     plane = plane_points(camera.model.equidistant, direction)
     a, b = plane.T
@@ -194,7 +195,7 @@ def _lens_partials(camera: Camera, direction: np.ndarray, names: tuple[str, ...]
     return np.stack([partial[name] for name in names], -1) if names else np.empty((len(a), 2, 0))
 
 
-def _rotation_partials(camera: Camera, direction: np.ndarray) -> np.ndarray:
+def rotation_partials(camera: Camera, direction: np.ndarray) -> np.ndarray:
     """Return the derivatives (N, 2, 3) of pixels by sensor rotations about x, y, z, px / rad."""
     # A rotation of the sensor by d changes a direction by -d x direction.
     steps = [np.cross(direction, axis) * _ROTATION_STEP_RAD for axis in np.eye(3)]
@@ -218,8 +219,7 @@ def _step(residual: np.ndarray, lens: np.ndarray, rotation: np.ndarray, frame: n
     for row in rows:
         a, b = lens[row].reshape(2 * len(row), count), rotation[row].reshape(-1, 3)
         r = residual[row].ravel()
-        basis = np.linalg.qr(b)[0]
-        projected = a - basis @ (basis.T @ a)
+        projected = projected_out(b, a)
         information += projected.T @ projected
         gradient += projected.T @ r
         parts.append((a, b, r))
@@ -231,6 +231,12 @@ def _step(residual: np.ndarray, lens: np.ndarray, rotation: np.ndarray, frame: n
     change = covariance @ gradient
     rotations = np.array([np.linalg.lstsq(b, r - a @ change)[0] for a, b, r in parts])
     return change, rotations.reshape(frames, 3), covariance
+
+
+def projected_out(b: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Return A - Q Q'A of columns A (K, P), Q an orthonormal basis of the columns B (K, L)."""
+    basis = np.linalg.qr(b)[0]
+    return a - basis @ (basis.T @ a)
 
 
 def _extra_error(square: np.ndarray, sigma_px: np.ndarray, freedom: float) -> float:

@@ -106,7 +106,7 @@ def _fused_snapshot(measured: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray
                        np.eye(BODY) * 1e-2)
     for covariance, error in measured:
         state = state.updated(state.innovation(Measurement(
-            turned(north, error), covariance, slice(BODY, BODY), None)))
+            turned(north, error), covariance, slice(BODY, BODY), np.zeros((3, 0)))))
     return 2 * state.quaternion[:3]
 
 

@@ -18,14 +18,13 @@ from startracker_ros.fusion.motion import BodyMotion
 from startracker_ros.fusion.mount_bank import MountBank, own_coefficients, reopened
 from startracker_ros.fusion.mounts import Mount, MountOptions
 from startracker_ros.fusion.options import FusionOptions
-from startracker_ros.fusion.state import (
-    BODY, FusedState, GATE, Innovation, rotation_between)
+from startracker_ros.fusion.state import BODY, FusedState, GATE, Innovation
 from startracker_ros.fusion.steps import MountStep, StepDetector
+from startracker_ros.maths.compiled_quaternion import rotation_between
 from startracker_ros.maths.rotation import ARCSEC, sign_continuous
 
 RETURN_GATE = 9.0
-"""The same at which a head counts again: the state then changes by 3 sigma of it at most."""
-
+"""At which a head counts again: the state then changes by 3 sigma of it at most."""
 MANOEUVRES = (10.0, 100.0)
 """Accelerations tried for a single head without gyro, in units of acceleration_deg_s2."""
 
@@ -136,6 +135,9 @@ class AttitudeFusion:
         elif -late_s > self.motion.bridged_s(frame.stamp_ns):
             head.counts['ahead'] += 1
             head.reason = f'frames {-late_s:.1f} s ahead of the other heads'
+        elif self.motion.extrapolates(frame.stamp_ns) and self._others_are_live(head, newest_ns):
+            head.counts['ahead'] += 1
+            head.reason = f'frames {-late_s:.1f} s ahead of the other heads, and ahead of imu'
         else:
             return self._test(head, frame)
         if head.state is HeadState.USED and head.is_silent(newest_ns, self._options.max_gap_s):
@@ -151,7 +153,8 @@ class AttitudeFusion:
 
     def _test(self, head: Head, frame: HeadFrame) -> FusedAttitude | None:
         """Compare a frame with the state of its time and use it if the head counts."""
-        index = bisect_right([entry.state.stamp_ns for entry in self._history], frame.stamp_ns)
+        index = bisect_right(
+            self._history, frame.stamp_ns, key=lambda entry: entry.state.stamp_ns)
         before, newest = self._history[index - 1].state, index == len(self._history)
         factor = self._factor if newest else self._history[index].factor
         predicted = self.motion.propagated(before, frame.stamp_ns, factor)
@@ -188,8 +191,7 @@ class AttitudeFusion:
         if head.state is HeadState.USED and not silent:
             head.disagreed, head.reason = 0, ''
             return True
-        others = any(self._is_live(other, frame.stamp_ns) for other in self.heads.values()
-                     if other is not head)
+        others = self._others_are_live(head, frame.stamp_ns)
         sigma_rad = math.sqrt(max(np.diagonal(predicted.covariance)[:3]))
         if not others and sigma_rad > _SHARP_RAD and self._needed > 1:
             head.enter(HeadState.CHECKED, 'no other head or prediction to check it')
@@ -214,10 +216,15 @@ class AttitudeFusion:
         return (head.state is HeadState.USED and not head.disagreed
                 and not head.is_silent(stamp_ns, self._options.max_gap_s))
 
+    def _others_are_live(self, head: Head, stamp_ns: int) -> bool:
+        """Return whether any other head counts."""
+        return any(self._is_live(other, stamp_ns) for other in self.heads.values()
+                   if other is not head)
+
     def _is_alone(self, head: Head, stamp_ns: int) -> bool:
         """Return whether a head without gyro is the only one that counts: it may manoeuvre."""
-        return self._is_live(head, stamp_ns) and not self.motion.gyro_runs(stamp_ns) and not any(
-            self._is_live(other, stamp_ns) for other in self.heads.values() if other is not head)
+        return (self._is_live(head, stamp_ns) and not self.motion.gyro_runs(stamp_ns)
+                and not self._others_are_live(head, stamp_ns))
 
     def _disputed(self, head: Head, frame: HeadFrame, innovation: Innovation
                   ) -> FusedAttitude | None:
@@ -333,7 +340,9 @@ class AttitudeFusion:
 
     def _started(self, entries: list[_Entry]) -> FusedAttitude:
         """Use the states of a start."""
-        if self.motion.gyro_runs(entries[-1].state.stamp_ns):
+        stamp_ns = entries[-1].state.stamp_ns
+        if (self.motion.gyro_runs(stamp_ns) and (stamp_ns - self._history[-1].state.stamp_ns)
+                <= self._options.max_gyro_gap_s * 1e9):
             self.motion.gyro_trouble = 'the heads agree with each other and not with imu'
         self._drop('')
         self._history = entries
@@ -353,13 +362,13 @@ class AttitudeFusion:
         """
         Drop the attitude where a mount has left what its file allows, and exclude the head.
 
-        The reference, where the mounts of two others have left theirs: all mounts are against it.
+        The reference, where two others have left theirs: all mounts are against it.
         """
         wrong = self.mounts.implausible(stamp_ns)
         if not wrong:
             return False
-        text = ('mount of ' + ', '.join(head.name for head in wrong)
-                + ' further from mounts_file than its sigma allows')
+        names = ', '.join(head.name for head in wrong)
+        text = f'mount of {names} further from mounts_file than its sigma allows'
         self._drop(text)
         self.mounts.reset()
         reference = next(iter(self.heads.values()))
@@ -371,11 +380,8 @@ class AttitudeFusion:
     def _observe(self, head: Head, frame: HeadFrame, predicted: FusedState,
                  innovation: Innovation) -> None:
         """Look for steps of the mounts in the differences of the heads."""
-        offset = innovation.vector
-        sensitivity = head.sensitivity(frame.stamp_ns)
-        if sensitivity is not None:
-            own = own_coefficients(head)
-            offset = offset + sensitivity @ predicted.coefficients[own]
+        offset = innovation.vector + (
+            innovation.measured.sensitivity @ predicted.coefficients[own_coefficients(head)])
         for step in self._steps.add(head.name, frame.stamp_ns, offset):
             self.steps.append(step)
             self.heads[step.head].stepped_rad2 += float(step.size_rad @ step.size_rad)

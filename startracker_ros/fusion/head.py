@@ -3,13 +3,14 @@
 from collections import Counter, deque
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cached_property
 import math
 
 import numpy as np
 from startracker_ros.astro.epoch import RESTART_NS
+from startracker_ros.fusion.filter_steps import body_attitude
 from startracker_ros.fusion.mounts import basis, Mount, MountOptions
-from startracker_ros.fusion.state import GATE, Measurement, product
-from startracker_ros.maths.compiled_rotation import turned
+from startracker_ros.fusion.state import GATE, Measurement
 from startracker_ros.maths.rotation import (
     ARCSEC, conjugate, matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
 
@@ -61,8 +62,9 @@ class Head:
     A head and its share of the state.
 
     columns are those of its coefficients in the error state, none for the reference, whose mount
-    defines the body; stepped_rad2 is the square of the steps of its mount that were found. counts
-    are of its frames by what became of them; reason is why it does not count.
+    defines the body; stepped_rad2 is the square of the steps of its mount that were found.
+    needs_temperature: its mount bends with a temperature that has not come. counts are of its
+    frames by what became of them; reason is why it does not count.
     """
 
     def __init__(self, name: str, mount: Mount, options: MountOptions, first_column: int,
@@ -72,13 +74,18 @@ class Head:
         self.is_reference = is_reference
         self._options = options
         self._correlation_s = correlation_s
-        self.terms = [0, *([1] if options.mount_temperature_arcsec_k else []),
-                      *([2, 3] if options.mount_orbit_arcsec else [])]
-        size = 0 if is_reference else 3 * len(self.terms)
+        # A law of the file counts, whatever may be learnt beside it.
+        law = np.zeros((3, 3)) if mount.law is None else mount.law
+        self.terms = [] if is_reference else [
+            0, *([1] if options.mount_temperature_arcsec_k or law[0].any() else []),
+            *([2, 3] if options.mount_orbit_arcsec or law[1:].any() else [])]
+        self._constant = np.eye(3, 3 * len(self.terms))
+        size = 3 * len(self.terms)
         self.columns = slice(first_column, first_column + size)
         self._sensor_from_body = conjugate(mount.quaternion)
         self._matrix = matrix_from_quaternion(mount.quaternion)
         self._temperature_k = 0.0
+        self.needs_temperature = 1 in self.terms
         self.counts: Counter[str] = Counter()
         self.reset()
 
@@ -95,10 +102,10 @@ class Head:
 
     # --- the mount ---
 
+    @cached_property
     def prior(self) -> tuple[np.ndarray, np.ndarray]:
         """Return mean (3 K,) and covariance (3 K, 3 K) of the coefficients by file and options."""
-        size = self.columns.stop - self.columns.start
-        if not size:
+        if self.is_reference:
             return np.zeros(0), np.zeros((0, 0))
         sigma = ARCSEC * np.array([
             self._options.mount_sigma_arcsec, self._options.mount_temperature_arcsec_k,
@@ -125,10 +132,9 @@ class Head:
 
         Frame by frame a head that is wrong by less than its gate could bend its mount to fit.
         """
-        B = self.sensitivity(stamp_ns)
-        if B is None:
+        if self.is_reference:
             return True
-        mean, covariance = self.prior()
+        B, (mean, covariance) = self.sensitivity(stamp_ns), self.prior
         self._first_ns = self._first_ns or stamp_ns
         walked = self.walk()[0] * abs(stamp_ns - self._first_ns) * 1e-9
         difference = B @ (coefficients - mean)
@@ -145,15 +151,16 @@ class Head:
         """Use a temperature; False for an impossible one."""
         if not -273.15 <= celsius <= 1000.0:
             return False
+        self.needs_temperature = False
         if math.isnan(self.mount.temperature_c):
             self.mount = replace(self.mount, temperature_c=celsius)
         self._temperature_k = celsius - self.mount.temperature_c
         return True
 
-    def sensitivity(self, stamp_ns: int) -> np.ndarray | None:
-        """Return d(misalignment) / d(coefficients) (3, 3 K), None for the reference."""
-        if self.is_reference:
-            return None
+    def sensitivity(self, stamp_ns: int) -> np.ndarray:
+        """Return d(misalignment) / d(coefficients) (3, 3 K), (3, 0) for the reference."""
+        if len(self.terms) < 2:
+            return self._constant
         phi = basis(stamp_ns, self._temperature_k, self._options.orbit_period_s)[self.terms]
         matrix = np.zeros((3, 3 * len(phi)))
         for axis in range(3):
@@ -204,12 +211,10 @@ class Head:
 
     def measurement(self, frame: HeadFrame, coefficients: np.ndarray) -> Measurement:
         """Return the attitude of the body by a frame; coefficients (3 K,) are those of now."""
-        quaternion = product(frame.quaternion, self._sensor_from_body)
         sensitivity = self.sensitivity(frame.stamp_ns)
-        if sensitivity is not None:
-            quaternion = turned(quaternion, -(sensitivity @ coefficients))
-        return Measurement(quaternion, self._matrix @ frame.covariance @ self._matrix.T,
-                           self.columns, sensitivity)
+        return Measurement(*body_attitude(
+            frame.quaternion, self._sensor_from_body, self._matrix, frame.covariance, sensitivity,
+            coefficients), self.columns, sensitivity)
 
     def is_silent(self, stamp_ns: int, gap_s: float) -> bool:
         """Return whether the last frame that counted is too old for one that counts."""

@@ -6,10 +6,12 @@ import numpy as np
 from startracker_ros.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.fusion.options import FusionOptions
 from startracker_ros.fusion.state import FusedState, GATE
+from startracker_ros.maths.rotation import ARCSEC
 
 GYRO_FRAMES = 3  # with whose rate a gyro has to agree before it is used
 GYRO_SILENCE_S = 1.0
 _ACCELERATION_S = 0.1
+_SHARP_TURN_RAD = 5 * ARCSEC  # 1 sigma, beyond the newest rate
 
 
 class BodyMotion:
@@ -62,6 +64,19 @@ class BodyMotion:
         ahead_s = self._options.horizon_s + GYRO_SILENCE_S
         return self.uses_gyro and -ahead_s <= self._gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S
 
+    def extrapolates(self, stamp_ns: int) -> bool:
+        """
+        Return whether the rates end so long before a time that they predict nothing sharp.
+
+        A state predicted so would take any frame of that time for right.
+        """
+        return self.gyro_runs(stamp_ns) and self._is_behind(stamp_ns)
+
+    def _is_behind(self, stamp_ns: int) -> bool:
+        silent_s = max(0.0, self._gyro.silent_s(stamp_ns))
+        turned_rad = math.radians(self._gyro_options.gyro_rate_change_deg_s2) * silent_s ** 2
+        return turned_rad > _SHARP_TURN_RAD
+
     def bridged_s(self, stamp_ns: int) -> float:
         """Return the longest time without frames before a time."""
         return (self._options.max_gyro_gap_s if self.gyro_runs(stamp_ns)
@@ -85,6 +100,10 @@ class BodyMotion:
         gyro = self._gyro
         if (self.uses_gyro or after.stamp_ns <= before.stamp_ns
                 or abs(gyro.silent_s(after.stamp_ns)) > GYRO_SILENCE_S):
+            return
+        if self._is_behind(after.stamp_ns):
+            self._agreed = 0
+            self.gyro_trouble = f'imu is {gyro.silent_s(after.stamp_ns):.2g} s behind the heads'
             return
         measured, variance = gyro.mean_rate(before.stamp_ns, after.stamp_ns)
         innovation = measured - after.rate

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 from startracker_ros.fusion.head import Head
 from startracker_ros.fusion.mounts import Mount
-from startracker_ros.fusion.state import BODY, FusedState, product
+from startracker_ros.fusion.state import BODY, FusedState
 from startracker_ros.fusion.steps import MountStep
-from startracker_ros.maths.rotation import quaternion_from_rotation_vector
+from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 
 
 class MountBank:
@@ -19,7 +19,7 @@ class MountBank:
 
     def reset(self) -> None:
         """Return to what files and options have."""
-        priors = [head.prior() for head in self._heads.values()]
+        priors = [head.prior for head in self._heads.values()]
         self.coefficients = np.concatenate([mean for mean, _ in priors])
         self.covariance = np.zeros((len(self.coefficients), len(self.coefficients)))
         for head, (_, covariance) in zip(self._heads.values(), priors):
@@ -40,15 +40,13 @@ class MountBank:
         """Return what a mount differs from its file (3,) rad, and its covariance (3, 3)."""
         head = self._heads[name]
         B, own = head.sensitivity(stamp_ns), own_coefficients(head)
-        if B is None:
-            return np.zeros(3), np.zeros((3, 3))
         return B @ self.coefficients[own], B @ self.covariance[own, own] @ B.T
 
     def at(self, name: str, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
         """Return q_body_from_sensor (4,) at a time, bent as learnt, and its covariance (3, 3)."""
         offset, covariance = self.misalignment(name, stamp_ns)
         mount = self._heads[name].mount.quaternion
-        return product(quaternion_from_rotation_vector(offset), mount), covariance
+        return multiply(quaternion_from_rotation_vector(offset), mount), covariance
 
     def implausible(self, stamp_ns: int) -> list[Head]:
         """Return the heads whose mounts have left what their files allow."""

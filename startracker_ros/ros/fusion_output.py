@@ -103,6 +103,8 @@ class FusionOutput:
                                        for key, count in head.counts.items()})
             if head.state is not HeadState.USED or head.reason:
                 troubles.append(f'{name} {head.state}: {head.reason}')
+            if head.needs_temperature:
+                troubles.append(f'{name}/temperature is missing: its mount bends with it')
         if fusion.motion.gyro_trouble:
             troubles.append(fusion.motion.gyro_trouble)
         diagnostics.values['gyro'] = 'used' if fusion.motion.uses_gyro else 'unused'

@@ -7,9 +7,11 @@ from datetime import datetime
 import numpy as np
 from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo
+from sensor_msgs.srv import SetCameraInfo
 from startracker_ros.astro.epoch import stamp_from_datetime
+from startracker_ros.bag.layouts import camera_from_message
 from startracker_ros.camera.files import load_camera
-from startracker_ros.camera.model import Camera
+from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
 from startracker_ros.ros.frames import FrameOptions
@@ -65,19 +67,29 @@ class CameraOptions(Options):
 
 
 class ImageSourceNode(PipelineNode):
-    """Publishes images and the camera that took them."""
+    """
+    Publishes images and the camera that took them.
+
+    set_camera_info replaces the camera of the parameters until these have another, as
+    camera_info_manager does; it is not written to camera_file.
+    """
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self._published_camera: Camera | None = None
+        self._own_camera: Camera | None = None
+        self._replaced: tuple[Camera, Camera] | None = None
         self._image = ImageOutput(self)
         self._camera_info = self.advertise(CameraInfo, 'camera_info', qos.LIST)
+        self.create_service(SetCameraInfo, 'set_camera_info', self._on_set_camera_info)
 
     def publish_image(self, image: np.ndarray, camera: Camera, header: Header) -> None:
         """Publish an image (H, W) and the camera that took it."""
         # As in image_transport, the image goes first: camera_info wakes all nodes, which would
         # delay the image. Only a new camera goes before its first image.
-        same, self._published_camera = camera == self._published_camera, camera
+        calibrated = self._calibrated(camera)
+        same = calibrated == self._published_camera
+        self._published_camera = calibrated
         if not same:
             self._publish_camera_info(camera, header)
         self._image.publish(image, header)
@@ -86,7 +98,32 @@ class ImageSourceNode(PipelineNode):
         self.diagnostics.counts['frames'] += 1
 
     def _publish_camera_info(self, camera: Camera, header: Header) -> None:
-        self._camera_info.publish(camera_to_message(camera, header))
+        self._own_camera = camera
+        self._camera_info.publish(camera_to_message(self._calibrated(camera), header))
+
+    def _calibrated(self, camera: Camera) -> Camera:
+        """Return the camera that was set in the place of this one, or this one."""
+        if self._replaced is not None and self._replaced[0] == camera:
+            return self._replaced[1]
+        return camera
+
+    def _on_set_camera_info(self, request: SetCameraInfo.Request,
+                            response: SetCameraInfo.Response) -> SetCameraInfo.Response:
+        own = self._own_camera
+        try:
+            camera = camera_from_message(request.camera_info)
+            if own is None or (camera.width, camera.height) != (own.width, own.height):
+                size = 'none yet' if own is None else f'{own.width} x {own.height} px'
+                raise CameraError(f'image size {camera.width} x {camera.height} px, images have '
+                                  f'{size}')
+        except CameraError as error:
+            response.success, response.status_message = False, str(error)
+            return response
+        self._replaced = (own, camera)
+        self.get_logger().info(f'set_camera_info: focal length {camera.fx:.3f} px, principal '
+                               f'point {camera.cx:.2f} {camera.cy:.2f} px')
+        response.success = True
+        return response
 
     def sensor_header(self, stamp_ns: int) -> Header:
         """Return a header in the sensor frame."""

@@ -180,6 +180,71 @@ def test_late_repeated_and_future_frames_are_named_and_the_others_go_on():
     assert '3600' in heads.fusion.heads['head_3'].reason
 
 
+def test_a_clock_that_is_ahead_of_the_gyro_decides_nothing_alone():
+    # Beyond the newest rate the prediction is too uncertain to reject what is wrong.
+    heads = Heads(3)
+    results = []
+    for index in range(400):
+        heads.fusion.add_rate(START_NS + round((index + 1) * 0.05 * 1e9), RATE)
+        if index % 4 == 3:
+            late = index > 200
+            results += [heads.run(1, heads=[0, 2] if late else None)[-1]]
+            if late:
+                results += [heads.frame(1, heads.time_s, stamp_s=heads.time_s + 0.7)]
+    assert heads.fusion.motion.uses_gyro
+    assert heads.fusion.heads['head_2'].counts['ahead'] > 40
+    assert 'ahead of imu' in heads.fusion.heads['head_2'].reason
+    assert heads.state(0) is heads.state(2) is HeadState.USED
+    assert max(heads.error_arcsec(result) for result in results if result) < 0.1
+
+
+def test_a_gyro_that_comes_too_late_is_named_and_not_used():
+    heads, results = Heads(2), []
+    for index in range(80):
+        if index > 8:
+            heads.fusion.add_rate(START_NS + round((index - 7) * 0.05 * 1e9), RATE)
+        if index % 4 == 3:
+            results += heads.run(1)
+    assert not heads.fusion.motion.uses_gyro and all(results[3:])
+    assert heads.fusion.motion.gyro_trouble == 'imu is 0.41 s behind the heads'
+
+
+def test_heads_go_on_when_the_gyro_ends():
+    heads, results = Heads(2), []
+    for index in range(120):
+        if index < 60:
+            heads.fusion.add_rate(START_NS + round((index + 1) * 0.05 * 1e9), RATE)
+        if index % 4 == 3:
+            results += heads.run(1)
+    assert heads.fusion.motion.uses_gyro is False
+    # The frames of at most a second are lost.
+    assert sum(result is None for result in results) <= 10 and all(results[-20:])
+    assert max(heads.error_arcsec(result) for result in results if result) < 0.1
+
+
+def test_an_hour_in_which_all_are_blinded_is_no_error_of_the_gyro():
+    heads, results = Heads(2), []
+    for index in range(80):
+        heads.time_s += 3600.0 * (index == 40)
+        for tick in range(4):
+            heads.fusion.add_rate(START_NS + round((heads.time_s + 0.05 * (tick + 1)) * 1e9), RATE)
+        results += heads.run(1)
+        assert not heads.fusion.motion.gyro_trouble
+    assert heads.fusion.motion.uses_gyro and all(results[-60:])
+    assert max(heads.error_arcsec(result) for result in results if result) < 0.1
+
+
+def test_the_sign_of_a_quaternion_means_nothing():
+    heads, rng = Heads(3), np.random.default_rng(6)
+    first = heads.run(10)[-1]
+    heads.mounts = [q * rng.choice([-1, 1]) for q in heads.mounts]
+    for _ in range(10):
+        heads.mounts = [-q for q in heads.mounts]
+        results = heads.run(1)
+        assert all(result.quaternion @ first.quaternion > 0 for result in results)
+    assert all(heads.state(head) is HeadState.USED for head in range(3))
+
+
 def test_time_that_goes_back_for_all_is_a_new_start():
     heads = Heads(2)
     heads.time_s = 1000.0

@@ -104,6 +104,18 @@ def test_the_misalignment_is_about_body_axes():
     assert not fusion.heads['b'].set_temperature(float('nan'))
 
 
+def test_a_law_of_the_file_counts_where_none_is_learnt():
+    law = np.array([[1e-5, 0, 0], [0, 2e-5, 0], [0, 0, 0]])
+    learnt = Mount(MOUNT, law=law, law_covariance=np.eye(12) * 1e-14, temperature_c=20.0)
+    fusion = AttitudeFusion({'a': Mount(MOUNT), 'b': learnt})
+    assert fusion.heads['b'].needs_temperature and not fusion.heads['a'].needs_temperature
+    fusion.heads['b'].set_temperature(21.0)
+    assert not fusion.heads['b'].needs_temperature
+    bent, covariance = fusion.mounts.misalignment('b', 0)
+    np.testing.assert_allclose(bent, [1e-5, 2e-5, 0], atol=1e-15)
+    np.testing.assert_allclose(np.diag(covariance), 3e-14)
+
+
 def test_the_basis_lasts_over_a_restart():
     np.testing.assert_allclose(basis(5700 * 10 ** 9 * 3 + 1425 * 10 ** 9, 2.0, 5700.0),
                                [1, 2, 0, 1], atol=1e-12)

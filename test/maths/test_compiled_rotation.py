@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from startracker_ros.maths import compiled_rotation, rotation
+from startracker_ros.maths.compiled_quaternion import multiplied, rotation_between
 
 RNG = np.random.default_rng(2)
 # Half turns about every axis leave each of the four branches nearly singular.
@@ -44,3 +45,14 @@ def test_directions_on_sensor_axes():
     icrf = RNG.normal(0, 1, (5, 3))
     sensor = compiled_rotation.sensor_directions(TURNS[0].as_matrix(), icrf)
     np.testing.assert_allclose(sensor, TURNS[0].inv().apply(icrf), atol=1e-14)
+
+
+def test_products_and_differences_of_single_quaternions_are_those_of_arrays():
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        a, b = rotation.random_attitude(rng), rotation.random_attitude(rng)
+        np.testing.assert_allclose(multiplied(a, b), rotation.multiply(a, b), atol=1e-15)
+        error = rotation.attitude_error(b, a)
+        np.testing.assert_allclose(rotation_between(a, b), error, atol=1e-12)
+        np.testing.assert_allclose(rotation_between(a, -b), error, atol=1e-12)
+    assert not rotation_between(a, a).any()

@@ -1,8 +1,12 @@
 """Live calibration: photographs through the nodes, a camera YAML out of the service."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from sensor_msgs.msg import CameraInfo, PointCloud2
+from sensor_msgs.msg import CameraInfo, PointCloud2, Temperature
+from sensor_msgs.srv import SetCameraInfo
+from startracker_ros.bag.layouts import camera_from_message
 from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
@@ -12,8 +16,10 @@ from startracker_ros.maths.rotation import (
     multiply, quaternion_from_rotation_vector, random_attitude)
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.camera_info import camera_to_message
-from startracker_ros.ros.messages.clouds import stars_to_message
+from startracker_ros.ros.messages.clouds import (
+    centroids_to_message, stars_to_message, tracks_to_message)
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.track.tracks import Tracks
 from std_srvs.srv import Trigger
 
 CAMERA = Camera.from_fov(1024, 768, 15.0)
@@ -94,3 +100,75 @@ def test_what_is_missing_is_said(nodes, probe, tmp_path):
     assert call(probe, 'reset').success
     probe.wait(lambda: value(probe, 'frames') == '0', 'nothing left')
     assert '0 identified images' in call(probe, 'calibrate').message
+
+
+def tracks_of(hip, uv):
+    """Return tracks at pixels (N, 2)."""
+    none = np.zeros(len(hip))
+    return Tracks(hip, none, uv, none, none, none + 0.1, none, np.arange(len(hip)), none, none,
+                  none + 1, np.zeros_like(uv), np.zeros((len(hip), 2, 2)))
+
+
+def test_a_camera_that_has_changed_in_flight_is_proposed_and_applied(nodes, probe, tmp_path):
+    applied = []
+
+    def on_set(request, response):
+        applied.append(camera_from_message(request.camera_info))
+        response.success = True
+        return response
+    probe.create_service(SetCameraInfo, 'set_camera_info', on_set)
+    output = tmp_path / 'camera.yaml'
+    nodes.start('camera_calibrator', {
+        'calibration_mode': 'apply', 'output_file': str(output), 'aberration': 'none'})
+    probe.collect(CameraInfo, 'proposed_camera_info', qos.STATE)
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
+    topics = [probe.advertise(PointCloud2, name, qos.LIST) for name in ('centroids', 'tracks')]
+    temperature = probe.advertise(Temperature, 'temperature', qos.LIST)
+    info.publish(camera_to_message(CAMERA, header(0)))
+    probe.wait(lambda: value(probe, 'frames') == '0', 'the camera')
+    rng, truth, index = np.random.default_rng(3), CAMERA.with_focal_ratio(1.0005), 0
+
+    def send(*, change=lambda spots: spots, later=False):
+        """Send both clouds of a random pointing; the tracks are those of the camera in use."""
+        nonlocal index
+        index += 1
+        spots, hip = star_list(ONBOARD, truth, random_attitude(rng), 0.1, rng)
+        inside = CAMERA.contains(spots.uv)
+        spots, hip = spots.select(inside), hip[inside]
+        tracks = tracks_to_message(tracks_of(hip, spots.uv + 0.3), CAMERA, header(index))
+        clouds = [centroids_to_message(change(spots), CAMERA, header(index)), tracks]
+        for topic, cloud in list(zip(topics, clouds))[::-1 if later else 1]:
+            topic.publish(cloud)
+        probe.spin_for(0.01)
+
+    temperature.publish(Temperature(temperature=float('nan')))
+    probe.wait_diagnostic('nan degC is no temperature')
+    temperature.publish(Temperature(temperature=21.0))
+
+    def mirrored(spots):
+        return replace(spots, uv=spots.uv * [1, -1] + [0, CAMERA.height - 1])
+
+    def rejected():
+        send(change=lambda spots: replace(spots, uv=spots.uv + rng.normal(0, 1.0, spots.uv.shape)))
+        return probe.find_diagnostic('another camera')
+    probe.wait(rejected, 'the frames of another camera')
+    send(change=mirrored)
+
+    def proposed():
+        for later in (False, True):
+            send(later=later)
+        return probe.received['proposed_camera_info'] and applied
+    probe.wait(proposed, 'the proposal')
+    camera = camera_from_message(probe.received['proposed_camera_info'][-1])
+    assert abs(camera.fx / truth.fx - 1) < 1e-4 and applied[0] == camera
+    assert load_camera(output) == camera
+    probe.wait_diagnostic('camera proposed: focal changed by up to 0.3')
+    # The source has it now: what is learnt of the lens lasts.
+    info.publish(camera_to_message(camera, header(index)))
+    probe.wait_diagnostic('another camera: 1024 x 768 px')
+    before = int(value(probe, 'tracked frames used'))
+    for _ in range(8):
+        send()
+    probe.wait(lambda: int(value(probe, 'tracked frames used')) > before, 'further frames')
+    assert value(probe, 'cameras applied') == '1'
+    assert len(applied) == 1

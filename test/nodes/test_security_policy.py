@@ -23,6 +23,7 @@ ANY = {'bag_recorder', 'bag_player'}
 # Every way of starting a node that opens other topics.
 VARIANTS = {
     'sky_simulator': ({}, {'motion': 'topic'}),
+    'camera_calibrator': ({}, {'calibration_mode': 'apply'}),
     'star_identifier': ({}, {'method': 'extended_grid'}),
     'attitude_estimator': ({'source': 'tracks'}, {'source': 'stars'})}
 
@@ -148,7 +149,8 @@ def test_each_topic_of_the_pipeline_has_one_source():
 def test_only_the_operator_changes_anything_and_the_manager_states():
     flight = profiles(FLIGHT)
     asking = {node for node, rules in flight.items() if ('services', 'request') in rules}
-    assert asking == {'operator', 'pipeline_manager'}
+    assert asking == {'operator', 'pipeline_manager', 'camera_calibrator'}
+    assert flight['camera_calibrator']['services', 'request'] == {'/set_camera_info'}
     assert flight['pipeline_manager']['services', 'request'] == {
         f'/{stage}/{service}' for stage in STAGES for service in ('change_state', 'get_state')}
     offered = set().union(*(flight[node]['services', 'reply']

@@ -1,5 +1,6 @@
 """What the two nodes that make images promise of their pace and of their files."""
 
+from dataclasses import replace
 import signal
 import time
 from typing import Any
@@ -7,8 +8,11 @@ from typing import Any
 import cv2
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image
-from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
+from sensor_msgs.srv import SetCameraInfo
+from startracker_ros.bag.layouts import camera_from_message, image_from_message, ns_from_stamp
 from startracker_ros.ros import qos
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from std_msgs.msg import Header
 
 
 def test_a_source_makes_up_for_the_time_that_it_stood_still(nodes, probe):
@@ -23,6 +27,18 @@ def test_a_source_makes_up_for_the_time_that_it_stood_still(nodes, probe):
                'an image that is not late')
     steps_ns = np.diff([ns_from_stamp(message.header.stamp) for message in heard])
     assert np.abs(steps_ns - 100_000_000).max() <= 1, 'none is left out'
+    # A calibrated camera replaces that of the parameters; an impossible one does not.
+    camera = camera_from_message(heard[-1])
+    better = camera.with_focal_ratio(1.001)
+    for message, words in (
+            (camera_to_message(replace(better, width=65), Header()), 'images have 64 x 64 px'),
+            (CameraInfo(width=64, height=64, k=[float('nan')] * 9), 'NaN')):
+        answer = probe.call(SetCameraInfo, 'set_camera_info', SetCameraInfo.Request(
+            camera_info=message))
+        assert not answer.success and words in answer.status_message
+    assert probe.call(SetCameraInfo, 'set_camera_info', SetCameraInfo.Request(
+        camera_info=camera_to_message(better, Header()))).success
+    probe.wait(lambda: camera_from_message(heard[-1]) == better, 'the calibrated camera')
 
 
 def test_looped_files_are_read_again_when_they_change(nodes, probe, tmp_path):

@@ -1,6 +1,4 @@
-"""camera_calibrator: stars, camera_info -> a camera YAML, when ~/calibrate is called."""
-
-from dataclasses import dataclass
+"""camera_calibrator: stars or tracks, camera_info -> a camera YAML, proposed_camera_info."""
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2
@@ -11,11 +9,11 @@ from startracker_ros.calibration.adjustment import CalibrationError
 from startracker_ros.calibration.collection import CollectionOptions, ViewCollection
 from startracker_ros.calibration.estimate import calibrate, MIN_FRAME_STARS
 from startracker_ros.calibration.matching import View
+from startracker_ros.calibration.online import OnlineOptions
 from startracker_ros.calibration.summary import sentence
 from startracker_ros.camera.files import save_camera
 from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.catalog.onboard import onboard_catalog
-from startracker_ros.options import option, Options
 from startracker_ros.pipeline.cloud_rows import centroids_from_rows
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
@@ -23,27 +21,22 @@ from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.odometry_input import OdometryInput
-
-
-@dataclass(frozen=True)
-class OutputOptions(Options):
-    """Where the calibration goes."""
-
-    output_file: str = option(
-        'camera.yaml', 'file that ~/calibrate writes, as camera_calibration does',
-        read_only=True)
+from startracker_ros.ros.online_lens import OnlineLens, OutputOptions
 
 
 class CameraCalibratorNode(CameraNode):
-    """Collects frames of identified stars and calibrates from them on request."""
+    """Calibrates from identified stars on request, and from tracked stars in flight."""
 
-    option_classes = (CollectionOptions, OutputOptions, AberrationOptions,
+    option_classes = (CollectionOptions, OutputOptions, OnlineOptions, AberrationOptions,
                       InertialFrameOptions)
     task = 'calibration'
 
     def __init__(self) -> None:
         super().__init__('camera_calibrator')
         self._observer = OdometryInput(self, InertialFrameOptions)
+        self._online = None
+        if self.options(OnlineOptions).calibration_mode != 'on_request':
+            self._online = OnlineLens(self, self._observer)
         self.subscribe(PointCloud2, 'stars', self._on_stars, qos.LIST)
         self.advertise_trigger('calibrate', self._calibrate)
         self.advertise_reset()
@@ -55,6 +48,8 @@ class CameraCalibratorNode(CameraNode):
                 camera_catalog(self.camera), self.camera, self.epoch_year)
             self._collection = ViewCollection(self.camera, self.options(CollectionOptions))
             self._describe()
+            if self._online is not None:
+                self._online.rebuild(self.camera, self._onboard)
 
     def _on_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)
