@@ -5,12 +5,14 @@ from typing import NamedTuple
 
 import erfa
 import numpy as np
-from startracker_ros.astro.constants import AU_M, DAY_S, SPEED_OF_LIGHT_M_S, YEAR_S
+from startracker_ros.astro.constants import (
+    AU_M, DAY_S, EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S, YEAR_S)
 from startracker_ros.astro.earth import earth_state, julian_date
 
 PLANETS = ('Mercury', 'Venus', 'Mars', 'Jupiter', 'Saturn', 'Uranus', 'Neptune')
 BODIES = (*PLANETS, 'Moon', 'Sun')
 
+_SUN, _MOON = BODIES.index('Sun'), BODIES.index('Moon')
 _NUMBERS = (1, 2, 4, 5, 6, 7, 8)  # of the planets in ERFA, whose third is the Earth with the Moon
 _LIGHT_DAYS_PER_AU = AU_M / SPEED_OF_LIGHT_M_S / DAY_S
 _TT_UTC_S = 69.184
@@ -72,6 +74,23 @@ def bodies_from_earth(year: float, position_m: np.ndarray | None = None) -> Bodi
         _SUN_MAGNITUDE)
     return BodiesInSky(from_observer / distance_au[:, None], magnitude,
                        np.arcsin(1e3 * _RADIUS_KM / AU_M / distance_au))
+
+
+def bright_bodies(year: float, position_m: np.ndarray | None = None
+                  ) -> dict[str, tuple[np.ndarray, float]]:
+    """
+    Return directions (3,) in GCRS and radii in rad of Sun, Moon and, from a position, Earth.
+
+    Arguments and errors are those of bodies_from_earth(); inside the Earth its radius is 90 deg.
+    """
+    sky = bodies_from_earth(year, position_m)
+    found = {name: (sky.direction[index], float(sky.radius_rad[index]))
+             for name, index in (('Sun', _SUN), ('Moon', _MOON))}
+    if position_m is not None:
+        distance_m = float(np.linalg.norm(position_m))
+        found['Earth'] = -position_m / distance_m, float(
+            np.arcsin(min(EARTH_RADIUS_M / distance_m, 1.0)))
+    return found
 
 
 def _with_light_time(geocentric_au: Callable[[float], np.ndarray], fraction: float,

@@ -5,7 +5,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.astro.bodies import BODIES, bodies_from_earth
+from startracker_ros.astro.bodies import bright_bodies
 from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.earth import EpochError
 from startracker_ros.astro.epoch import epoch_year_from_stamp
@@ -16,7 +16,6 @@ from startracker_ros.maths.rotation import (
 from startracker_ros.options import option, Options
 
 HORIZON_S, STEP_S = 600.0, 5.0
-_SUN, _MOON = BODIES.index('Sun'), BODIES.index('Moon')
 
 
 @dataclass(frozen=True)
@@ -98,11 +97,9 @@ class BlindingForecast:
 def _bodies(stamp_ns: int, time_s: np.ndarray, state: State | None
             ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return directions (T, 3) or (3,) and radii (T,) or () in rad by body."""
-    year = epoch_year_from_stamp(stamp_ns)
     if state is None:
-        sky = bodies_from_earth(year)
-        return {name: (sky.direction[index], sky.radius_rad[index])
-                for name, index in (('Sun', _SUN), ('Moon', _MOON))}
+        return {name: (direction, np.array(radius_rad)) for name, (direction, radius_rad)
+                in bright_bodies(epoch_year_from_stamp(stamp_ns)).items()}
     position_m, velocity_m_s = state.position_m, state.velocity_m_s
     positions = []
     for step in range(len(time_s)):
@@ -112,12 +109,12 @@ def _bodies(stamp_ns: int, time_s: np.ndarray, state: State | None
     radius_m = np.linalg.norm(positions, axis=1)
     found = {'Earth': (-np.array(positions) / radius_m[:, None], np.arcsin(
         np.minimum(EARTH_RADIUS_M / radius_m, 1.0)))}
-    skies = [bodies_from_earth(epoch_year_from_stamp(stamp_ns + round(time_s[index] * 1e9)),
-                               positions[index]) for index in (0, -1)]
+    ends = [bright_bodies(epoch_year_from_stamp(stamp_ns + round(time_s[index] * 1e9)),
+                          positions[index]) for index in (0, -1)]
     share = (time_s / time_s[-1])[:, None]
-    for name, index in (('Sun', _SUN), ('Moon', _MOON)):
-        before, after = (sky.direction[index] for sky in skies)
+    for name in ('Sun', 'Moon'):
+        before, after = (end[name][0] for end in ends)
         direction = before + share * (after - before)
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        found[name] = direction, np.full(len(time_s), skies[0].radius_rad[index])
+        found[name] = direction, np.full(len(time_s), ends[0][name][1])
     return found

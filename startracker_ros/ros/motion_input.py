@@ -16,6 +16,7 @@ from startracker_ros.ros.messages.odometry import motion_from_odometry
 from startracker_ros.ros.source import SourceNode, SourceOptions
 from startracker_ros.sky.motion import MotionOptions
 from startracker_ros.sky.motion_state import MotionState
+from startracker_ros.sky.mounted import HeadOptions
 from startracker_ros.sky.sampled_motion import SampledMotion
 
 TOPIC = 'motion/odometry'
@@ -93,7 +94,9 @@ class MotionInput:
         if self._has_users is None:
             return
         node, frames = self._node, self._node.options(FrameOptions)
-        state = motion_from_odometry(message, frames.inertial_frame_id, frames.sensor_frame_id)
+        state = motion_from_odometry(
+            message, frames.inertial_frame_id,
+            node.options(HeadOptions).body_frame_id or frames.sensor_frame_id)
         stamp_ns, counts = ns_from_stamp(message.header.stamp), node.diagnostics.counts
         self._received_s = time.monotonic()
         if self._newest_ns - stamp_ns > RESTART_NS:

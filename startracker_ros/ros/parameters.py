@@ -59,7 +59,10 @@ def declare(node: Node, classes: Sequence[type[Options]]) -> dict[type[Options],
             node.declare_parameter(row.name, _to_ros(row.default), _descriptor(row))
         except ParameterException as error:
             raise ParameterError(str(error)) from error
-    return {cls: read(node, cls) for cls in classes}
+    try:
+        return {cls: read(node, cls) for cls in classes}
+    except ValueError as error:
+        raise ParameterError(str(error)) from error
 
 
 def _check_override(row: Option, value: object) -> None:

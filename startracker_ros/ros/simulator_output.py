@@ -1,10 +1,10 @@
-"""What the simulator publishes beside its images: truth, gyro, navigation."""
+"""What the simulator publishes beside its images: truth, gyro, navigation, temperature."""
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import QuaternionStamped
 from nav_msgs.msg import Odometry
 import numpy as np
-from sensor_msgs.msg import Imu, PointCloud2
+from sensor_msgs.msg import Imu, PointCloud2, Temperature
 from startracker_ros.astro.state import State
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
@@ -66,6 +66,17 @@ class NavigationOutput:
         state = State(position_m, velocity_m_s, np.eye(3) * options.position_sigma_m ** 2)
         self._odometry.publish(state_to_odometry(
             state, options.velocity_sigma_m_s ** 2, header, options.satellite_frame_id))
+
+
+class TemperatureOutput:
+    """Publishes the temperature of the head."""
+
+    def __init__(self, node: PipelineNode) -> None:
+        self._temperature = node.advertise(Temperature, 'temperature', qos.LIST)
+
+    def publish(self, celsius: float, header: Header) -> None:
+        """Publish the temperature at the stamp of a frame."""
+        self._temperature.publish(Temperature(header=header, temperature=celsius))
 
 
 class GyroOutput:

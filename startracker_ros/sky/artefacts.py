@@ -78,10 +78,14 @@ class ArtefactOptions(Options):
     stamp: str = option(
         'middle', 'the instant of the exposure that is stamped: middle is right, start and end '
         'are half an exposure wrong', choices=('middle', 'start', 'end'))
+    time_offset_s: float = option(
+        0.0, 'how late the stamps of the images are, in addition: the error of the clock of a '
+        'head', unit='s', low=-1.0, high=1.0)
 
     def stamp_offset_s(self, exposure_s: float) -> float:
         """Return the stamp minus the middle of the exposure."""
-        return {'middle': 0.0, 'start': -0.5, 'end': 0.5}[self.stamp] * exposure_s
+        share = {'middle': 0.0, 'start': -0.5, 'end': 0.5}[self.stamp]
+        return share * exposure_s + self.time_offset_s
 
 
 @dataclass(frozen=True)

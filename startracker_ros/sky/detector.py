@@ -8,10 +8,11 @@ from startracker_ros.options import option, Options
 from startracker_ros.sky import psf
 from startracker_ros.sky.artefacts import ArtefactOptions, NO_TRAILS
 from startracker_ros.sky.blooming import bloom
+from startracker_ros.sky.bright_bodies import BodyLight
 from startracker_ros.sky.cosmic_rays import add_cosmic_rays
 from startracker_ros.sky.defects import draw_defects, saturated_charge
 from startracker_ros.sky.fixed_pattern import fixed_pattern
-from startracker_ros.sky.limbs import disc_coverage, discs
+from startracker_ros.sky.limbs import disc_coverage, discs, pixel_directions
 from startracker_ros.sky.noise import digitise, noise_tables, read_out, Readout
 from startracker_ros.sky.starlight import add_starlight, reach_px
 from startracker_ros.sky.stray_light import stray_light
@@ -152,7 +153,7 @@ class Detector:
             falloff_deg=options.stray_light_falloff_deg)
         clear = np.ones((1, 1), np.float32)
         for disc in discs(self._artefacts):
-            coverage = disc_coverage(camera, disc)
+            coverage = disc_coverage(pixel_directions(camera), disc)
             light_e = light_e + disc.peak_e * coverage
             clear = clear * (1 - coverage)
         # Stars behind a disc are not visible.
@@ -211,12 +212,13 @@ class Detector:
         corner = self.options.psf_corner_sigma_px or centre
         return centre + (corner - centre) * self._field_distance(uv) ** 2
 
-    def visible(self, uv: np.ndarray) -> np.ndarray:
+    def visible(self, uv: np.ndarray, bodies: BodyLight | None = None) -> np.ndarray:
         """Return whether stars at uv (N, 2) px are in the image and not behind a disc."""
+        clear = self._clear if bodies is None else self._clear * bodies.clear
         visible = self._camera.contains(uv)
         last = np.subtract(self._shape[::-1], 1)
         column, row = np.minimum(np.rint(uv[visible]), last).astype(int).T
-        visible[visible] = self._clear[row, column] > 0.5
+        visible[visible] = clear[row, column] > 0.5
         return visible
 
     def ghosts(self, uv: np.ndarray, electrons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -226,22 +228,27 @@ class Detector:
         return 2 * self._axis_px - uv[bright], electrons[bright]
 
     def expose(self, uv: np.ndarray, magnitude: np.ndarray, rng: np.random.Generator,
-               weight: np.ndarray | float = 1.0, trails: np.ndarray = NO_TRAILS) -> int:
+               weight: np.ndarray | float = 1.0, trails: np.ndarray = NO_TRAILS,
+               bodies: BodyLight | None = None) -> int:
         """
-        Expose the sensor to stars at uv (N, 2) px and trails (M, 4).
+        Expose the sensor to stars at uv (N, 2) px, trails (M, 4) and bright bodies.
 
         weight (N,) is the fraction of the exposure that each contributes: a moving star is
         several points whose weights add up to 1. Returns the number of cosmic-ray hits.
         """
         light_e, artefacts = self._light_e, self._artefacts
         np.copyto(light_e, self._background_e)
+        star_response = self._star_response
+        if bodies is not None:
+            light_e += bodies.light_e * self._response
+            star_response = star_response * bodies.clear
         uv, electrons = self._copies(np.ascontiguousarray(uv, float),
                                      self.flux_e(magnitude) * weight)
         near = self._camera.contains(uv, -self.margin_px)
-        add_starlight(*self._gaussians(uv[near], electrons[near]), self._star_response, light_e)
+        add_starlight(*self._gaussians(uv[near], electrons[near]), star_response, light_e)
         if len(trails):
-            add_trails(trails, artefacts.trail_peak_e, artefacts.trail_sigma_px,
-                       self._star_response, light_e)
+            add_trails(trails, artefacts.trail_peak_e, artefacts.trail_sigma_px, star_response,
+                       light_e)
         hits = 0
         if self._hits_mean:
             # Photon noise is added to their charge as well: 4 % of that of a weak hit.

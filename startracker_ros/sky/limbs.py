@@ -23,13 +23,22 @@ class Disc(NamedTuple):
     softness_deg: float
 
 
-def disc_coverage(camera: Camera, disc: Disc) -> np.ndarray:
-    """Return the part (H, W) float32 of each pixel that a disc covers: 1 inside, 0 outside."""
+def pixel_directions(camera: Camera) -> np.ndarray:
+    """Return the unit vectors (H, W, 3) of all pixels on sensor axes."""
+    return camera.unproject(np.stack(
+        np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1))
+
+
+def disc_coverage(direction: np.ndarray, disc: Disc) -> np.ndarray:
+    """
+    Return the part (H, W) float32 of each pixel that a disc covers: 1 inside, 0 outside.
+
+    direction (H, W, 3) are the pixel_directions() of the camera.
+    """
     distance, angle = np.radians([disc.distance_deg, disc.angle_deg])
     centre = np.array([np.sin(distance) * np.cos(angle), np.sin(distance) * np.sin(angle),
                        np.cos(distance)])
-    pixel = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1)
-    away_deg = np.degrees(np.arccos(np.clip(camera.unproject(pixel) @ centre, -1, 1)))
+    away_deg = np.degrees(np.arccos(np.clip(direction @ centre, -1, 1)))
     outside = np.clip((away_deg - disc.radius_deg) / disc.softness_deg, -80, 80)
     return (1 / (1 + np.exp(outside))).astype(np.float32)
 

@@ -9,6 +9,7 @@ from startracker_ros.maths.rotation import (
     ARCSEC, conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
 from startracker_ros.options import option, Options
 from startracker_ros.sky.motion_state import Motion, MotionState
+from startracker_ros.sky.mounted import HeadOptions, mounted
 from startracker_ros.sky.shake import ShakenMotion
 
 
@@ -111,8 +112,13 @@ class MotionOptions(Options):
             [self.inclination_deg, self.node_deg, self.latitude_deg]))
 
 
-def motion_from_options(options: MotionOptions = MotionOptions(), *, seed: int = 0) -> Motion:
-    """Return the motion of the options, other than topic; seed is that of jitter and shake."""
+def motion_from_options(options: MotionOptions = MotionOptions(), *, seed: int = 0,
+                        head: HeadOptions = HeadOptions()) -> Motion:
+    """
+    Return the motion of a head by the options, other than topic.
+
+    seed is that of jitter and shake, which are of the sensor, not of the body.
+    """
     orbit = options.orbit
     q_start = quaternion_from_pointing(
         *np.radians([options.ra_deg, options.dec_deg, options.roll_deg]))
@@ -124,7 +130,7 @@ def motion_from_options(options: MotionOptions = MotionOptions(), *, seed: int =
         # The orbit frame rotates about the orbit normal, which is fixed on the axes of a sensor
         # that is fixed in the orbit frame: a constant rate on sensor axes.
         rate_rad_s = rotate(conjugate(q_start), orbit.rate_rad_s * orbit.normal)
-    motion: Motion = SteadyMotion(q_start, rate_rad_s, orbit)
+    motion: Motion = mounted(SteadyMotion(q_start, rate_rad_s, orbit), head)
     if options.jitter_deg_s:
         motion = RollJitter(
             motion, np.radians(options.jitter_deg_s), options.jitter_block_s, seed)

@@ -3,11 +3,13 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from startracker_ros.astro.constants import YEAR_S
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.sky.artefacts import (
     ArtefactOptions, Artefacts, draw_spots, draw_trails, NO_TRAILS)
+from startracker_ros.sky.bright_bodies import BrightBodies, BrightBodyOptions
 from startracker_ros.sky.detector import Detector, DetectorOptions
 from startracker_ros.sky.exposure import image_paths
 from startracker_ros.sky.gyro import Gyro, GyroOptions
@@ -61,6 +63,7 @@ class SkySimulator:
 
     def __init__(self, camera: Camera, motion: Motion, catalog: StarCatalog, epoch_year: float,
                  *, sky_options: SkyOptions = SkyOptions(),
+                 body_options: BrightBodyOptions = BrightBodyOptions(),
                  detector_options: DetectorOptions = DetectorOptions(),
                  artefact_options: ArtefactOptions = ArtefactOptions(),
                  gyro_options: GyroOptions = GyroOptions(),
@@ -82,6 +85,8 @@ class SkySimulator:
         self._sky = Sky(catalog, epoch_year, motion, camera.corner_angle_rad, sky_options,
                         target=self.target, seed=seed)
         self._detector = Detector(camera, detector_options, artefact_options, seed=seed)
+        self._bodies = BrightBodies(camera, body_options, detector_options.full_well_e)
+        self._epoch_year = epoch_year
         self._artefact_options = artefact_options
         self._gyro_options = gyro_options
         self._navigation_options = navigation_options
@@ -122,8 +127,11 @@ class SkySimulator:
             uv, magnitude = np.vstack([uv, false.uv]), np.append(magnitude, false.magnitude)
             weight = np.append(weight, np.ones(spots))
         rng = self._rng(_FRAMES, time_ns)
-        hits = detector.expose(uv, magnitude, rng, weight, trails)
-        stars = scene.select(detector.visible(scene.uv))
+        taken_s = time_s - offset_s
+        bodies = self._bodies.light(
+            self._epoch_year + taken_s / YEAR_S, self._motion.at(taken_s))
+        hits = detector.expose(uv, magnitude, rng, weight, trails, bodies)
+        stars = scene.select(detector.visible(scene.uv, bodies))
         ghosts, second_images = self._copies(scene)
         shaking = STILL
         if isinstance(self._motion, ShakenMotion) and detector.options.motion_smear:
