@@ -58,5 +58,5 @@ test-core: .venv/package
 	touch $@
 
 clean:
-	rm -rf .venv build install log demo demo_closed_loop *.egg-info .pytest_cache .mypy_cache .hypothesis
+	rm -rf .venv build install log demo demo_closed_loop demo_heads *.egg-info .pytest_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -55,6 +55,23 @@ def demo_two_satellite(output: Path, seconds: float, seed: int, as_json: bool) -
     finish(result, as_json)
 
 
+@demo.command('heads')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              default='demo_heads', show_default=True,
+              help='Folder for bag, picture, report page, mounts and logs.')
+@click.option('--seconds', type=click.FloatRange(10, 600), default=600.0, show_default=True,
+              help='Sky time; each head is blinded three times in 600 s.')
+@seed_option
+@json_option
+def demo_heads(output: Path, seconds: float, seed: int, as_json: bool) -> None:
+    """Three heads, one attitude; each is blinded in turn by Moon, Sun and Earth."""
+    from startracker_ros.harness.heads_demo import run_heads_demo
+    from startracker_ros.harness.processes import HarnessError
+    with exit_1_on(HarnessError):
+        result = run_heads_demo(output, seconds=seconds, seed=seed)
+    finish(result, as_json)
+
+
 @demo.command('closed-loop')
 @click.option('--output', type=click.Path(path_type=Path, file_okay=False),
               default='demo_closed_loop', show_default=True,

@@ -134,12 +134,13 @@ class NodeProcesses:
     def start(self, node: str, parameters: dict[str, object] | None = None,
               extra: Sequence[str] = (), *, namespace: str = '') -> subprocess.Popen:
         """Start a node, or start it again; in a namespace its name is NAMESPACE.NODE."""
-        arguments = [*parameter_arguments(parameters or {}), *extra]
+        arguments = parameter_arguments(parameters or {})
         name = node
         if namespace:
             name = f'{namespace}.{node}'
             arguments += ['-r', f'__ns:=/{namespace}']
-        return self.run(name, node_command(node, arguments))
+        # Last: they may end the arguments of ROS.
+        return self.run(name, node_command(node, [*arguments, *extra]))
 
     def run(self, name: str, command: Sequence[str]) -> subprocess.Popen:
         """Run a command under a name."""

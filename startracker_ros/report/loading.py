@@ -23,6 +23,7 @@ TOPIC_TYPES = {
     'attitude_imu': 'sensor_msgs/msg/Imu',
     'truth/attitude': 'geometry_msgs/msg/QuaternionStamped',
     'tracker_state': 'diagnostic_msgs/msg/DiagnosticStatus'}
+HEADS_TOPIC, HEADS_TYPE = 'heads', 'diagnostic_msgs/msg/DiagnosticArray'
 _DIAGNOSTICS, _DIAGNOSTICS_TYPE = '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray'
 # Topics that identify the namespace of a star tracker; other cameras have image_raw as well.
 _STAR_TRACKER_TOPICS = (
@@ -35,9 +36,9 @@ def load_recording(bag: Path, namespace: str | None = None) -> Recording:
     """
     Read a bag folder or file; BagError if it is none. Images are counted, not decoded.
 
-    namespace: of the star tracker, by default the only one in the bag; BagError names them
-    if there are several. Of an unfinished or damaged bag what is whole is read, and problems
-    say so, as they do of messages that are not what their topic promises.
+    namespace: of the star tracker, by default that of a fusion, or the only one in the bag;
+    BagError names them if there are several. Of an unfinished or damaged bag what is whole is
+    read, and problems say so, as they do of messages that are not what their topic promises.
     """
     try:
         return _load(bag, namespace, tolerant=False)
@@ -83,10 +84,19 @@ def _find_namespace(topics: Mapping[str, BagTopic]) -> str:
                     for name in topics for topic in _STAR_TRACKER_TOPICS
                     if name.endswith(f'/{topic}') and not name.endswith('/truth/attitude')
                     and not name.endswith('/truth/stars')})
+    fusions = [name for name in found if is_fusion(topics, name)]
+    if len(fusions) == 1:
+        return fusions[0]
     if len(found) > 1:
         raise BagError(f'the bag holds several star trackers: choose the namespace '
                        f'{", ".join(repr(name) for name in found)}')
     return found[0] if found else ''
+
+
+def is_fusion(topics: Mapping[str, BagTopic], namespace: str) -> bool:
+    """Return whether a bag has the heads of a fusion in a namespace."""
+    topic = topics.get(full_name(namespace, HEADS_TOPIC))
+    return topic is not None and topic.type_name == HEADS_TYPE
 
 
 class _Reader:

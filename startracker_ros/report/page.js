@@ -3,7 +3,8 @@
 
 const data = JSON.parse(document.getElementById('data').textContent);
 const SVG = 'http://www.w3.org/2000/svg';
-const STATES = {TRACKING: 'good', ACQUIRING: 'warn', LOST: 'bad'};
+const STATES = {TRACKING: 'good', ACQUIRING: 'warn', LOST: 'bad',
+  used: 'good', checked: 'warn', excluded: 'bad'};
 const view = {from: 0, to: data.duration || 1, cursor: null};
 const figures = [];
 
@@ -326,10 +327,10 @@ function plotPanel(holder, panel) {
   }
 }
 
-function plotStates(holder) {
-  const at = (time) => data.states.findLast((part) => part.from <= time);
-  timeFigure(holder, 'state of the tracker over time', () => 64, (svg, axis, box, x) => {
-    for (const part of data.states) {
+function plotStates(holder, states, words) {
+  const at = (time) => states.findLast((part) => part.from <= time);
+  timeFigure(holder, words, () => 64, (svg, axis, box, x) => {
+    for (const part of states) {
       const left = Math.max(box.left, x(part.from));
       const right = Math.min(box.right, x(part.to));
       if (right < box.left || left > box.right) {
@@ -341,8 +342,8 @@ function plotStates(holder) {
     }
   }, (time) => (at(time) ? at(time).state : 'state not known'));
   const head = makeHtml(holder, 'p', 'faint');
-  for (const state of new Set(data.states.map((part) => part.state))) {
-    const total = data.states.filter((part) => part.state === state)
+  for (const state of new Set(states.map((part) => part.state))) {
+    const total = states.filter((part) => part.state === state)
       .reduce((sum, part) => sum + part.to - part.from, 0);
     makeHtml(head, 'span', `swatch ${STATES[state] || 'other'}`);
     head.append(`${state} ${total.toFixed(1)} s   `);
@@ -579,8 +580,12 @@ for (const panel of data.panels) {
   plotPanel(document.getElementById(panel.id), panel);
 }
 if (data.states.length) {
-  plotStates(document.getElementById('states'));
+  plotStates(document.getElementById('states'), data.states, 'state of the tracker over time');
 }
+data.heads.forEach((head, index) => {
+  plotStates(document.getElementById(`heads-${index}`), head.states,
+    `state of ${head.name} over time`);
+});
 data.histograms.forEach((histogram, index) => {
   plotHistogram(document.getElementById(`histogram-${index}`), histogram);
 });

@@ -14,6 +14,8 @@ import numpy as np
 from startracker_ros.bag.errors import BagError
 from startracker_ros.catalog.deep import star_name
 from startracker_ros.report.frames import frame_pictures, FramePicture
+from startracker_ros.report.heads import load_heads
+from startracker_ros.report.heads_panels import head_states, mount_panels
 from startracker_ros.report.loading import load_recording
 from startracker_ros.report.panels import diagnostics_table, Panel, Panels, utc
 from startracker_ros.report.recording import Recording
@@ -50,9 +52,12 @@ def render_page(bag: Path, panels: Panels) -> str:
     pictures, why_no_frames = frame_pictures(bag, recording)
     groups = {name: [panel for panel in getattr(panels, name)() if _drawn(panel)]
               for name in ('attitude', 'errors', 'stars', 'residuals', 'latency')}
+    heads = load_heads(bag, recording.namespace, tolerant=not recording.complete)
+    groups['mounts'] = mount_panels(panels, heads) if heads else []
+    head_rows = head_states(panels, heads) if heads else []
     sky, histograms, states = sky_map(panels), panels.histograms(), panels.states()
     data = {'duration': panels.duration_s, 'panels': sum(groups.values(), []), 'states': states,
-            'histograms': histograms, 'sky': sky}
+            'heads': head_rows, 'histograms': histograms, 'sky': sky}
     style, script = (resource(_PACKAGE, name) for name in ('page.css', 'page.js'))
     page = template(_PACKAGE, 'page.html.j2', degrees=np.degrees, utc=utc, levels=_LEVELS,
                     listed=_LISTED)
@@ -60,6 +65,7 @@ def render_page(bag: Path, panels: Panels) -> str:
         title=f'Star tracker: {bag.resolve().name}', policy=content_policy(style, script),
         style=style, script=script,
         data=json_block(data), panels=panels, recording=recording, groups=groups, states=states,
+        heads=head_rows,
         histograms=histograms, sky=sky, no_truth=_no_truth(recording),
         error_count=len(recording.errors()[0]),
         has_covariance=np.isfinite(recording.sigma_arcsec()).any(),

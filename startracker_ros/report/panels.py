@@ -69,25 +69,31 @@ class Panels:
     def duration_s(self) -> float:
         return (self.end_ns - self.start_ns) / 1e9
 
-    def _time(self, stamp_ns: np.ndarray) -> list[float | int | None]:
+    def times(self, stamp_ns: np.ndarray) -> list[float | int | None]:
+        """Return the JSON numbers of stamps (N,)."""
         return numbers((stamp_ns - self.start_ns) / 1e9, 4)
 
-    def _series(self, name: str, kind: str, stamp_ns: np.ndarray, values: np.ndarray,
-                digits: int) -> dict[str, Any]:
+    def series(self, name: str, kind: str, stamp_ns: np.ndarray, values: np.ndarray,
+               digits: int) -> dict[str, Any]:
+        """Return a curve of values (N,) at stamps (N,), of not too many samples."""
         keep = thinned([values])
-        return {'name': name, 'kind': kind, 't': self._time(stamp_ns[keep]),
+        return {'name': name, 'kind': kind, 't': self.times(stamp_ns[keep]),
                 'y': numbers(values[keep], digits)}
 
     def states(self) -> list[dict[str, Any]]:
         """Return the intervals from, to, state of the tracker."""
         recording = self.recording
-        stamp_ns = recording.state_ns - recording.receipt_delay_ns()
-        changes = [index for index, state in enumerate(recording.state)
-                   if index == 0 or state != recording.state[index - 1]]
+        return self.intervals(
+            recording.state_ns - recording.receipt_delay_ns(), recording.state)
+
+    def intervals(self, stamp_ns: np.ndarray, states: Sequence[str]) -> list[dict[str, Any]]:
+        """Return the intervals from, to, state of states (N,) that begin at stamps (N,)."""
+        changes = [index for index, state in enumerate(states)
+                   if index == 0 or state != states[index - 1]]
         starts = np.clip(stamp_ns[changes], self.start_ns, self.end_ns)
         ends = np.append(starts[1:], self.end_ns)
-        return [{'from': first, 'to': last, 'state': recording.state[index]}
-                for first, last, index in zip(self._time(starts), self._time(ends), changes)]
+        return [{'from': first, 'to': last, 'state': states[index]}
+                for first, last, index in zip(self.times(starts), self.times(ends), changes)]
 
     def attitude(self) -> list[Panel]:
         """Return panels of right ascension, declination and roll, the truth behind them."""
@@ -110,7 +116,7 @@ class Panels:
                     # Both curves on the same turn of the circle.
                     start_deg = values[0] if start_deg is None else start_deg
                     values = values - 360 * np.round((values[0] - start_deg) / 360)
-                series.append({'name': label, 'kind': kind, 't': self._time(stamp_ns),
+                series.append({'name': label, 'kind': kind, 't': self.times(stamp_ns),
                                'y': numbers(values, 6)})
             panels.append({'id': f'attitude-{name.replace(" ", "-")}', 'title': name,
                            'unit': 'deg', 'series': series, 'circle': 360 if circle else None})
@@ -126,9 +132,9 @@ class Panels:
         for axis, name in enumerate(AXES):
             series = []
             if np.isfinite(sigma[:, axis]).any():
-                series.append(self._series('3 sigma', 'band', stamps, 3 * sigma[:, axis], 4))
+                series.append(self.series('3 sigma', 'band', stamps, 3 * sigma[:, axis], 4))
             if len(error):
-                series.append(self._series('error', 'dots', stamps, error[:, axis], 4))
+                series.append(self.series('error', 'dots', stamps, error[:, axis], 4))
             panels.append({'id': f'error-{"xyz"[axis]}', 'title': name, 'unit': 'arcsec',
                            'series': series, 'range': _error_range(error, sigma, axis)})
         return panels
@@ -164,7 +170,7 @@ class Panels:
                 ('seen and identified', recording.tracks, usable(recording.tracks))):
             if len(clouds):
                 kind = 'dots' if clouds is recording.stars else 'line'
-                series.append(self._series(name, kind, clouds.stamp_ns,
+                series.append(self.series(name, kind, clouds.stamp_ns,
                                            clouds.count(which).astype(float), 0))
         return [{'id': 'stars', 'title': 'stars', 'unit': '', 'series': series, 'zero': True}]
 
@@ -181,14 +187,14 @@ class Panels:
                 rms = np.sqrt(np.bincount(frame, residual ** 2, len(clouds)) / count)
             largest = np.full(len(clouds), -np.inf)
             np.maximum.at(largest, frame, residual)
-            series = [self._series('largest', 'line', clouds.stamp_ns, largest, 4),
-                      self._series('rms', 'line', clouds.stamp_ns, rms, 4)]
+            series = [self.series('largest', 'line', clouds.stamp_ns, largest, 4),
+                      self.series('rms', 'line', clouds.stamp_ns, rms, 4)]
         return [{'id': 'residuals', 'title': 'residuals', 'unit': 'px', 'series': series,
                  'zero': True}]
 
     def latency(self) -> list[Panel]:
         """Return one panel of the time that each stage took."""
-        series = [self._series(name, 'line', stamps, spent, 3) for name, stamps, spent in (
+        series = [self.series(name, 'line', stamps, spent, 3) for name, stamps, spent in (
             (name, *self.recording.stage_ms(*ends)) for name, ends in STAGES.items())
             if len(stamps)]
         return [{'id': 'latency', 'title': 'latency', 'unit': 'ms', 'series': series,

@@ -2,18 +2,20 @@
 
 from dataclasses import dataclass
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import (
     PoseWithCovarianceStamped, QuaternionStamped, TwistWithCovarianceStamped)
 import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.attitude.result import AttitudeEstimate
+from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.fusion.fusion import AttitudeFusion, FusedAttitude
 from startracker_ros.fusion.head import HeadState
 from startracker_ros.fusion.hints import hint_for
 from startracker_ros.maths.rotation import ARCSEC
 from startracker_ros.options import option, Options
 from startracker_ros.ros import qos
-from startracker_ros.ros.diagnostics import OK, WARN
+from startracker_ros.ros.diagnostics import OK, status_message, WARN
 from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, attitude_to_pose, hint_to_imu, mount_to_pose, quaternion_to_message,
@@ -22,8 +24,10 @@ from startracker_ros.ros.messages.gyro import drift_to_twist
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.track.tracks import TrackedAttitude
+from std_msgs.msg import Header
 
 _NS = 1_000_000_000
+_SILENT = 'silent'
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,8 @@ class FusionOutput:
         self._mounts = {name: node.advertise(PoseWithCovarianceStamped, f'{name}/mount', qos.STATE)
                         for name in heads}
         self._hints = {name: node.advertise(Imu, f'{name}/hint', qos.LIST) for name in heads}
+        self._heads = node.advertise(DiagnosticArray, 'heads', qos.STATE)
+        self._conditions: dict[str, str] = {}
         self.frame_ids = dict.fromkeys(heads, '')
         self._mounts_ns: int | None = None
         self._published = self._reported = 0
@@ -56,6 +62,7 @@ class FusionOutput:
     def publish(self, fusion: AttitudeFusion, stamp_ns: int, fused: FusedAttitude | None) -> None:
         """Publish what a frame has given; where there is no attitude attitude_imu is invalid."""
         body_frame_id = self._node.options(BodyFrameOptions).body_frame_id
+        self._publish_heads(fusion, make_header(stamp_ns, body_frame_id))
         if fused is None:
             if fusion.trouble:
                 self._imu.publish(attitude_to_imu(None, make_header(stamp_ns, body_frame_id)))
@@ -89,6 +96,19 @@ class FusionOutput:
                 f'{step.stamp_ns / _NS:.0f} s')
         fusion.steps.clear()
 
+    def _publish_heads(self, fusion: AttitudeFusion, header: Header) -> None:
+        """Publish which heads count, when that has changed: silent are those without frames."""
+        stamp_ns = ns_from_stamp(header.stamp)
+        conditions = {
+            name: _SILENT if head.state is HeadState.USED and fusion.is_missing(name, stamp_ns)
+            else str(head.state) for name, head in fusion.heads.items()}
+        if conditions == self._conditions:
+            return
+        self._conditions = conditions
+        self._heads.publish(DiagnosticArray(header=header, status=[status_message(
+            f'attitude_fusion: {name}', name, OK if text == HeadState.USED else WARN, text,
+            {'reason': fusion.heads[name].reason}) for name, text in conditions.items()]))
+
     def report(self, fusion: AttitudeFusion | None) -> None:
         """Report the condition of the heads."""
         diagnostics = self._node.diagnostics
@@ -97,12 +117,15 @@ class FusionOutput:
             return
         troubles = []
         for name, head in fusion.heads.items():
-            diagnostics.values[name] = f'{head.state}: {head.reason}' if head.reason else str(
-                head.state)
+            reason = head.reason
+            if head.state is HeadState.WAITING and diagnostics.counts[f'{name} without attitude']:
+                # Mirrored, of another focal length, or blinded from the start.
+                reason = 'its tracker has no attitude'
+            diagnostics.values[name] = f'{head.state}: {reason}' if reason else str(head.state)
             diagnostics.values.update({f'{name} {key}': count
                                        for key, count in head.counts.items()})
-            if head.state is not HeadState.USED or head.reason:
-                troubles.append(f'{name} {head.state}: {head.reason}')
+            if head.state is not HeadState.USED or reason:
+                troubles.append(f'{name} {head.state}: {reason}')
             if head.needs_temperature:
                 troubles.append(f'{name}/temperature is missing: its mount bends with it')
         if fusion.motion.gyro_trouble:

@@ -140,6 +140,32 @@ def test_two_heads_give_the_attitude_of_the_body_and_faults_are_named(body, prob
     probe.wait(lambda: probe.received['attitude_imu'][-1].orientation_covariance[0] == -1,
                'an invalid attitude')
     assert len(probe.received['attitude']) == before
+    # A head whose tracker identifies nothing: mirrored, or with another focal length.
+
+    def without():
+        body.run(1, heads=(0,))
+        body.heads[1].publish(attitude_to_imu(None, make_header(
+            body.stamp_ns(body.time_s), 'optical')))
+        return probe.find_diagnostic('tracker_2 waiting: its tracker has no attitude')
+    probe.wait(without, 'the head without attitudes')
+    # Two heads with the mount of one.
+
+    def alike():
+        body.run(1, heads=(0,))
+        body.send(1, quaternion=multiply(body.truth(body.time_s), body.mounts[0]))
+        return probe.find_diagnostic('no attitude: tracker_1 and tracker_2 disagree by 120 deg')
+    probe.wait(alike, 'the head with the mount of another')
+    assert len(probe.received['attitude']) == before
+    # A clock that is 0.2 s off: 82 arcsec at this rate.
+    body.run(10)
+    probe.wait(body.has_attitude, 'the attitude of both heads again')
+
+    def slow():
+        body.run(1, heads=(0,))
+        body.send(1, later_s=0.2)
+        return probe.find_diagnostic('publishing attitude; tracker_2 excluded: 0.02')
+    probe.wait(slow, 'the head with another clock')
+    assert probe.wait(body.has_attitude, 'the attitude of the other head')
 
 
 def test_a_start_that_cannot_be_is_named(nodes, tmp_path):

@@ -48,6 +48,8 @@ def test_page_fetches_nothing_and_runs_nothing_but_its_own(report: Path) -> None
             assert link.startswith(('#', 'data:image/png;base64,')), link
     assert [tag for tag, _ in elements.found].count('script') == 2
     assert any(attributes.get('name') == 'viewport' for _, attributes in elements.found)
+    # There is no fusion in the bag.
+    assert not any(attributes.get('id') == 'section-heads' for _, attributes in elements.found)
     policy, = [attributes['content'] for _, attributes in elements.found
                if attributes.get('http-equiv') == 'Content-Security-Policy']
     assert "default-src 'none'" in policy and 'unsafe' not in policy
