@@ -156,13 +156,13 @@ def test_two_heads_give_the_attitude_of_the_body_and_faults_are_named(body, prob
         return probe.find_diagnostic('no attitude: tracker_1 and tracker_2 disagree by 120 deg')
     probe.wait(alike, 'the head with the mount of another')
     assert len(probe.received['attitude']) == before
-    # A clock that is 0.2 s off: 82 arcsec at this rate.
+    # A clock that is 0.2 s slow: 82 arcsec at this rate.
     body.run(10)
     probe.wait(body.has_attitude, 'the attitude of both heads again')
 
     def slow():
         body.run(1, heads=(0,))
-        body.send(1, later_s=0.2)
+        body.send(1, later_s=-0.2)
         return probe.find_diagnostic('publishing attitude; tracker_2 excluded: 0.02')
     probe.wait(slow, 'the head with another clock')
     assert probe.wait(body.has_attitude, 'the attitude of the other head')

@@ -6,7 +6,7 @@ from startracker_ros.harness.processes import set_environment
 from startracker_ros.report.heads import load_heads
 from startracker_ros.report.loading import load_recording
 
-BEGIN_S, SECONDS = 46.0, 17.0
+BEGIN_S, SECONDS = 44.0, 24.0
 
 
 @pytest.fixture(scope='module')
