@@ -148,7 +148,7 @@ class HeadsDemo(Demo):
         return wall_s
 
     def history(self) -> HeadsHistory:
-        """Return what the heads went through."""
+        """Return the run of the heads."""
         stamps_ns = np.array(self._stamps_ns)
         return HeadsHistory(
             stamps_ns, self._motion, EXCLUSION_DEG,
@@ -158,7 +158,7 @@ class HeadsDemo(Demo):
             tuple(self._forecasts))
 
     def _step(self, stamp_ns: int) -> None:
-        """Publish the truth of a frame, and wait for what all heads see."""
+        """Publish the truth of a frame, and wait for the attitudes of all heads."""
         state = self._motion.at((stamp_ns - START_NS) * 1e-9)
         header = make_header(stamp_ns, _INERTIAL)
         self._stamps_ns.append(stamp_ns)

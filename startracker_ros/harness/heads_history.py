@@ -1,4 +1,4 @@
-"""What three heads went through: key figures of the demo, and its picture."""
+"""The run of three heads: key figures of the demo, and its picture."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ _COLOURS = {'Sun': 'tab:orange', 'Moon': 'tab:grey', 'Earth': 'tab:blue'}
 
 
 class Forecast(NamedTuple):
-    """What a head says of its blinding at a stamp: body or none, and seconds."""
+    """The next blinding of a head as tracker_state has it at a stamp: body or none, seconds."""
 
     head: str
     stamp_ns: int

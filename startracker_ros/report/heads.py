@@ -1,6 +1,5 @@
-"""What a bag says about several heads: which count, their mounts against the truth."""
+"""Several heads of a body out of a bag: which count, and their mounts against the truth."""
 
-from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,13 +56,10 @@ class HeadsRecording:
 
     def in_use(self, stamp_ns: np.ndarray) -> dict[str, np.ndarray]:
         """Return whether each head counts at stamps (N,)."""
-        return {name: np.array([condition == USED for condition in self._at(name, stamp_ns)], bool)
-                for name in self.conditions}
-
-    def _at(self, name: str, stamp_ns: np.ndarray) -> list[str]:
-        changed_ns, conditions = self.changed_ns.tolist(), self.conditions[name]
-        places = [bisect_right(changed_ns, stamp) - 1 for stamp in stamp_ns.tolist()]
-        return [conditions[place] if place >= 0 else '' for place in places]
+        # The condition before the first message is unknown: index -1.
+        index = np.searchsorted(self.changed_ns, stamp_ns, 'right') - 1
+        return {name: np.array([*(condition == USED for condition in conditions), False])[index]
+                for name, conditions in self.conditions.items()}
 
 
 def load_heads(bag: Path, namespace: str = '', *, tolerant: bool = False

@@ -171,7 +171,7 @@ class Panels:
             if len(clouds):
                 kind = 'dots' if clouds is recording.stars else 'line'
                 series.append(self.series(name, kind, clouds.stamp_ns,
-                                           clouds.count(which).astype(float), 0))
+                                          clouds.count(which).astype(float), 0))
         return [{'id': 'stars', 'title': 'stars', 'unit': '', 'series': series, 'zero': True}]
 
     def residuals(self) -> list[Panel]:

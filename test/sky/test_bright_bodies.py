@@ -81,6 +81,7 @@ def test_a_sun_behind_the_earth_sheds_no_light():
 def test_a_blinded_image_is_full_and_others_are_what_they_were():
     def frame(at, options):
         class Fixed:
+
             def at(self, time_s):
                 return at
         return SkySimulator(CAMERA, Fixed(), load_catalog().brighter_than(6.0), YEAR,
