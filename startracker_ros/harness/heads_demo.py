@@ -28,17 +28,20 @@ from startracker_ros.maths.rotation import (
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import (
     quaternion_from_message, quaternion_to_message, tracked_attitude_from_imu)
+from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header, stamp_from_ns
 from startracker_ros.ros.messages.odometry import motion_to_odometry
+from startracker_ros.sky.gyro import Gyro, GyroOptions
 from startracker_ros.table import Result
 
 FRAME_RATE_HZ = 5.0
 _HEADS = tuple(MOUNTS)
 _INERTIAL, _BODY = 'icrf', 'base_link'
-_ANSWER_S = 30.0
+_ANSWER_S = 120.0
 EXCLUSION_DEG = {'Sun': 25.0, 'Moon': 10.0, 'Earth': 15.0}
 # Their glare fills the image two degrees nearer: the last stars fade within the exclusion angle.
 _GLARE_DEG = {name: angle - 2.0 for name, angle in EXCLUSION_DEG.items()}
+_RATES = 4  # of the gyro from frame to frame
 _GYRO_NOISE = {'gyro_noise_deg_sqrt_h': 0.01}
 _BEND_RMS_ARCSEC, _SWING_K = 6.4, 10.0
 _MOUNT_ERROR_ARCSEC = 5.0  # of mounts.yaml, each axis
@@ -66,7 +69,7 @@ class HeadsDemo(Demo):
 
     # Within the process of a head subscriptions are not in DDS.
     endpoints = {
-        'attitude_imu': (1, 1), 'attitude': (1, 2), 'heads': (1, 1), **{
+        'attitude_imu': (1, 1), 'attitude': (1, 2), 'heads': (1, 1), 'imu': (1, 1), **{
             f'{name}/{topic}': (1, 2) for name in _HEADS for topic in (
                 'attitude_imu', 'tracker_state', 'stars', 'frame_attitude', 'hint',
                 'temperature')}}
@@ -88,6 +91,7 @@ class HeadsDemo(Demo):
         self._clock = publish(Clock, '/clock', qos.LIST)
         self._odometry = publish(Odometry, 'motion/odometry', qos.LIST)
         self._truth = publish(QuaternionStamped, 'truth/attitude', qos.LIST)
+        self._imu = publish(Imu, 'imu', qos.IMU)
         subscribe(QuaternionStamped, 'attitude', self._on_attitude, qos.LIST)
         for name in _HEADS:
             subscribe(Imu, f'{name}/attitude_imu', partial(self._on_head, name), qos.LIST)
@@ -98,6 +102,7 @@ class HeadsDemo(Demo):
     def start(self, seed: int, **parameters: object) -> None:
         """Start all nodes; parameters replace those of the heads."""
         rng = np.random.default_rng(seed)
+        self._gyro = Gyro(GyroOptions(**_GYRO_NOISE), rng=np.random.default_rng([seed, 1]))
         mounts, bends = {}, {}
         for index, (name, mount) in enumerate(MOUNTS.items()):
             # The mount of the first head defines the body.
@@ -112,9 +117,7 @@ class HeadsDemo(Demo):
             'folder': str(self.bag), 'exclude': list(_NOT_RECORDED)})
         self.processes.start('attitude_fusion', {
             'use_sim_time': True, 'heads': list(_HEADS), 'mounts_file': str(self.mounts_file),
-            'mount_temperature_arcsec_k': 1.0, 'body_frame_id': _BODY,
-            'imu_quaternion': MOUNTS[_HEADS[0]].tolist(), **_GYRO_NOISE},
-            ('-r', f'imu:=/{_HEADS[0]}/imu'))
+            'mount_temperature_arcsec_k': 1.0, 'body_frame_id': _BODY, **_GYRO_NOISE})
         for name, mount in MOUNTS.items():
             self.processes.start('composed_pipeline', {
                 **_PARAMETERS, 'seed': seed, 'mount_quaternion': mount.tolist(),
@@ -164,6 +167,7 @@ class HeadsDemo(Demo):
         self._stamps_ns.append(stamp_ns)
         self._clock.publish(Clock(clock=stamp_from_ns(stamp_ns)))
         self._truth.publish(quaternion_to_message(state.q_icrf_from_sensor, header))
+        self._publish_rates(stamp_ns, state.rate_rad_s)
         self._odometry.publish(motion_to_odometry(
             state.position_m, state.velocity_m_s, state.q_icrf_from_sensor, state.rate_rad_s,
             header, _BODY))
@@ -176,6 +180,15 @@ class HeadsDemo(Demo):
                     f'{", ".join(ended)} ended early' if ended else
                     f'no attitude_imu of {", ".join(missing)} for frame {self.frames} within '
                     f'{_ANSWER_S:g} s: see {self.log_folder}')
+
+    def _publish_rates(self, stamp_ns: int, rate_rad_s: np.ndarray) -> None:
+        """Publish the rates of the gyro of the body up to a frame."""
+        dt_s = 1 / (FRAME_RATE_HZ * _RATES)
+        sigma_rad_s = np.radians(_GYRO_NOISE['gyro_noise_deg_sqrt_h'] / 60) / np.sqrt(dt_s)
+        for before in range(_RATES - 1, -1, -1):
+            self._imu.publish(gyro_to_imu(
+                self._gyro.measure(rate_rad_s, dt_s), sigma_rad_s,
+                make_header(stamp_ns - round(before * dt_s * 1e9), _BODY)))
 
     def _is_connected(self) -> bool:
         # The nodes learn the epoch of the sky with the camera.
