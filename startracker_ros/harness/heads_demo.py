@@ -42,7 +42,8 @@ EXCLUSION_DEG = {'Sun': 25.0, 'Moon': 10.0, 'Earth': 15.0}
 # Their glare fills the image two degrees nearer: the last stars fade within the exclusion angle.
 _GLARE_DEG = {name: angle - 2.0 for name, angle in EXCLUSION_DEG.items()}
 _RATES = 4  # of the gyro from frame to frame
-_GYRO_NOISE = {'gyro_noise_deg_sqrt_h': 0.01}
+_GYRO_NOISE_DEG_SQRT_H = 0.01
+_GYRO_NOISE = {'gyro_noise_deg_sqrt_h': _GYRO_NOISE_DEG_SQRT_H}
 _BEND_RMS_ARCSEC, _SWING_K = 6.4, 10.0
 _MOUNT_ERROR_ARCSEC = 5.0  # of mounts.yaml, each axis
 _TIME_OFFSETS_S = {'tracker_2': 0.05}
@@ -102,7 +103,8 @@ class HeadsDemo(Demo):
     def start(self, seed: int, **parameters: object) -> None:
         """Start all nodes; parameters replace those of the heads."""
         rng = np.random.default_rng(seed)
-        self._gyro = Gyro(GyroOptions(**_GYRO_NOISE), rng=np.random.default_rng([seed, 1]))
+        self._gyro = Gyro(GyroOptions(gyro_noise_deg_sqrt_h=_GYRO_NOISE_DEG_SQRT_H),
+                          rng=np.random.default_rng([seed, 1]))
         mounts, bends = {}, {}
         for index, (name, mount) in enumerate(MOUNTS.items()):
             # The mount of the first head defines the body.
@@ -184,7 +186,7 @@ class HeadsDemo(Demo):
     def _publish_rates(self, stamp_ns: int, rate_rad_s: np.ndarray) -> None:
         """Publish the rates of the gyro of the body up to a frame."""
         dt_s = 1 / (FRAME_RATE_HZ * _RATES)
-        sigma_rad_s = np.radians(_GYRO_NOISE['gyro_noise_deg_sqrt_h'] / 60) / np.sqrt(dt_s)
+        sigma_rad_s = np.radians(_GYRO_NOISE_DEG_SQRT_H / 60) / np.sqrt(dt_s)
         for before in range(_RATES - 1, -1, -1):
             self._imu.publish(gyro_to_imu(
                 self._gyro.measure(rate_rad_s, dt_s), sigma_rad_s,
