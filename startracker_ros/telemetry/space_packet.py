@@ -88,7 +88,8 @@ def decode(packet: bytes) -> FrameReport:
     if found['TIME_CODE'] != TIME_CODE:
         raise TelemetryError(f'time code {found["TIME_CODE"]:#04x} must be {TIME_CODE:#04x}')
     if found['TIME_MS'] >= _LONGEST_DAY_MS or found['TIME_PS'] >= 10 ** 9:
-        raise TelemetryError(f'{found["TIME_MS"]} ms and {found["TIME_PS"]} ps are no time of a day')
+        raise TelemetryError(
+            f'{found["TIME_MS"]} ms and {found["TIME_PS"]} ps are no time of a day')
     code = int(found['TRACKER_STATE'])
     if code not in {*TrackerCode}:
         raise TelemetryError(f'tracker state {code} is none of {[*map(int, TrackerCode)]}')
