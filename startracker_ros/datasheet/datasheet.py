@@ -184,6 +184,7 @@ def run_datasheet(lens: Camera, detector: DetectorOptions, output: Path, *, seed
         'interval': '95 %, bootstrap over calibrations, fields or runs',
         'bound': 'Cramer-Rao bound of the noise, from all stars of the catalogue in the field',
         'published': 'Sodern Auriga, 3 sigma',
+        'not as good as published': rows.worse_than_published(table),
         'simulated in': f'{time.perf_counter() - begin_s:.0f} s', 'seed': seed}
     write_page(output, SheetPage(
         instrument, table, conditions, done.errors, magnitudes, done.fields, limit))

@@ -51,6 +51,20 @@ class SheetRow:
     method: str = IMAGES
 
 
+def worse_than_published(table: Sequence[SheetRow]) -> str:
+    """Return the rows whose figure is not as good as the published one, 'none' without any."""
+    worse = []
+    for row in table:
+        if row.published is not None:
+            ours = row.ours if row.three_sigma is None else row.three_sigma
+            # A rate that is followed is better if it is larger, an error or a time if smaller.
+            good = ours is not None and (
+                ours >= row.published if row.unit == 'deg/s' else ours <= row.published)
+            if not good:
+                worse.append(row.case)
+    return '; '.join(worse) or 'none'
+
+
 def mechanical_rows() -> Iterator[SheetRow]:
     """Yield what no simulation of images shows."""
     for case in ('thermo-elastic error', 'alignment to the mounting frame'):

@@ -7,7 +7,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from startracker_ros.bag.yaml_text import load_yaml
+from startracker_ros.yaml_text import load_yaml
 from startracker_ros.options import Options
 from startracker_ros.pipeline.pipeline import PipelineOptions
 

@@ -14,6 +14,7 @@ from startracker_ros.datasheet.design_options import DesignOptions
 from startracker_ros.datasheet.instrument import (
     DETECTOR, Instrument, load_optics, OpticsError)
 from startracker_ros.datasheet.motions import Pointings, RUN_S, Spins
+from startracker_ros.datasheet.rows import SheetRow, worse_than_published
 from startracker_ros.datasheet.single_images import image_errors
 from startracker_ros.datasheet.sky_coverage import field_magnitudes, star_counts
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, random_attitude
@@ -89,6 +90,18 @@ def test_a_page_holds_all_rows(tmp_path, monkeypatch):
     assert 'ST-16RT2' in text and '<script' not in text and '://' not in text
     document = json.dumps(result.records)
     assert 'NaN' not in document
+
+
+def test_what_is_not_as_good_as_published_is_named():
+    table = [SheetRow('', 'noise', 2.0, 'arcsec', 6.0, published=5.0),
+             SheetRow('', 'other noise', 1.0, 'arcsec', 3.0, published=5.0),
+             SheetRow('', 'rate', 3.0, 'deg/s', published=3.0),
+             SheetRow('', 'lower rate', 2.0, 'deg/s', published=3.0),
+             SheetRow('', 'never acquired', np.inf, 's', published=3.8),
+             SheetRow('', 'not measured', np.nan, 's', published=3.8),
+             SheetRow('', 'nothing published', 9.0, 's')]
+    assert worse_than_published(table) == 'noise; lower rate; never acquired; not measured'
+    assert worse_than_published(table[1:3]) == 'none'
 
 
 @pytest.mark.parametrize(('text', 'words'), [
