@@ -81,9 +81,9 @@ def _draw_errors(sheet: SheetPage) -> Any:
                 continue
             found = [each[name] for each in by_rate]
             value, low, high = np.array([each[:3] for each in found]).T
-            panel.errorbar(rates_deg_s, value, [np.maximum(value - low, 0),
-                                                      np.maximum(high - value, 0)],
-                           label=name, marker='o', markersize=3, capsize=2)
+            panel.errorbar(
+                rates_deg_s, value, [np.maximum(value - low, 0), np.maximum(high - value, 0)],
+                label=name, marker='o', markersize=3, capsize=2)
             if found[0].bound is not None:
                 panel.plot(rates_deg_s, [each.bound for each in found], 'k:',
                            label='Cramer-Rao bound of the noise')
