@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from startracker_ros.bag.errors import BagError, CONVERT
-from startracker_ros.bag.yaml_text import load_yaml
+from startracker_ros.yaml_text import load_yaml
 
 _MAX_METADATA_BYTES = 2 ** 24
 _PACKED = '.zstd'

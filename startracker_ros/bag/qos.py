@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from startracker_ros.bag.yaml_text import load_yaml
+from startracker_ros.yaml_text import load_yaml
 
 INFINITE_NS = 2 ** 63 - 1
 

@@ -4,9 +4,8 @@ from pathlib import Path
 
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.camera.wcs_file import read_wcs_camera, SUFFIXES
+from startracker_ros.yaml_text import read_yaml
 import yaml
-
-_LARGEST_FILE_BYTES = 1_000_000
 
 
 def load_camera(path: str | Path) -> Camera:
@@ -18,11 +17,7 @@ def load_camera(path: str | Path) -> Camera:
     if is_wcs(path):
         return read_wcs_camera(path).camera
     try:
-        with open(path, 'rb') as file:
-            text = file.read(_LARGEST_FILE_BYTES + 1)
-        if len(text) > _LARGEST_FILE_BYTES:
-            raise CameraError(f'more than {_LARGEST_FILE_BYTES} bytes')
-        document = yaml.safe_load(text)
+        document = read_yaml(path)
         matrix = [float(value) for value in document['camera_matrix']['data']]
         distortion = tuple(float(v) for v in document['distortion_coefficients']['data'])
         width, height = document['image_width'], document['image_height']
@@ -32,8 +27,7 @@ def load_camera(path: str | Path) -> Camera:
         raise CameraError(f'camera file {path}: {error.strerror}') from error
     except CameraError as error:
         raise CameraError(f'camera file {path}: {error}') from error
-    except (yaml.YAMLError, KeyError, IndexError, TypeError, ValueError, OverflowError,
-            RecursionError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
         raise CameraError(
             f'camera file {path}: not a ROS camera calibration ({error!r})') from error
 

@@ -14,11 +14,10 @@ from startracker_ros.gnc.history import FINE_RMS_ARCSEC, History, LOST_DEG, SETT
 from startracker_ros.gnc.loop import ClosedLoop, Step
 from startracker_ros.gnc.navigation import Navigation
 from startracker_ros.gnc.plan import Phase, Plan, PlanOptions
-from startracker_ros.gnc.spacecraft import CONTROL_NS, Spacecraft, SpacecraftOptions
-from startracker_ros.maths.rotation import random_attitude
+from startracker_ros.gnc.spacecraft import (
+    CONTROL_NS, SpacecraftOptions, TUMBLE_DEG_S, tumbling)
 from startracker_ros.table import Result
 
-TUMBLE_DEG_S = 3.0
 _STEP_S = CONTROL_NS * 1e-9
 _BLOCK = 18_000
 """Frames that are kept at a time, an hour."""
@@ -129,10 +128,7 @@ def make_loop(condition: LoopCondition, seed: int) -> ClosedLoop:
             coulomb_n_m=tuple(rng.uniform(0.0, 0.002, 4)),
             gyro_bias_rad_s=tuple(np.radians(rng.uniform(-30, 30, 3) / 3600)))
         fault = Faults(condition.duration_s, rng).fault
-    axis = rng.standard_normal(3)
-    spacecraft = Spacecraft(
-        random_attitude(rng), np.radians(TUMBLE_DEG_S) * axis / np.linalg.norm(axis), options,
-        seed=seed)
+    spacecraft = tumbling(rng, options, seed=seed)
     camera: LoopCamera = (ImageCamera(seed=seed, frame_rate_hz=1 / _STEP_S) if condition.images
                           else StarListCamera(seed=seed))
     return ClosedLoop(spacecraft, camera, Navigation(np.array(options.inertia_kg_m2)),

@@ -11,7 +11,7 @@ from startracker_ros.datasheet.design import (
     zero_flux_e_s)
 from startracker_ros.datasheet.design_options import DesignOptions
 from startracker_ros.datasheet.estimates import (
-    AXES, bias, fov_spatial, pixel_spatial, temporal_noise)
+    AXES, bias, EXACT, fov_spatial, pixel_spatial, temporal_noise)
 from startracker_ros.datasheet.single_images import image_errors, ImageErrors
 from startracker_ros.datasheet.sky_coverage import field_magnitudes
 from startracker_ros.figures.machine import machine
@@ -84,8 +84,8 @@ def _stars(best: Expectation) -> Iterator[DesignRow]:
 
 def _exposures(expected: list[Expectation], best: Expectation) -> Iterator[DesignRow]:
     """Yield the expected error of some exposures around the best."""
-    place = expected.index(best)
-    for one in expected[max(place - _SHOWN, 0):place + _SHOWN + 1]:
+    index = expected.index(best)
+    for one in expected[max(index - _SHOWN, 0):index + _SHOWN + 1]:
         yield DesignRow(f'across the boresight at {one.exposure_s:g} s',
                         one.cross_rad / ARCSEC, None, 'arcsec')
 
@@ -98,7 +98,8 @@ def _accuracy(options: DesignOptions, best: Expectation, errors: ImageErrors
         noise = temporal_noise(errors, columns)
         yield DesignRow(f'noise, {axis}, 1 sigma', formula[axis], noise.value, 'arcsec')
         yield DesignRow(f'Cramer-Rao bound, {axis}, 1 sigma', None, noise.bound, 'arcsec')
-        others = [each(errors, columns).value for each in (bias, fov_spatial, pixel_spatial)]
+        others = [bias(EXACT, errors, columns).value, fov_spatial(EXACT, errors, columns).value,
+                  pixel_spatial(errors, columns).value]
         total[axis] = float(np.linalg.norm([noise.value, *others]))
     cross = total['cross boresight']
     for axis, value in total.items():

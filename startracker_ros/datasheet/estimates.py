@@ -7,6 +7,9 @@ import numpy as np
 from startracker_ros.datasheet.single_images import ImageErrors, SHIFTS
 from startracker_ros.maths.rotation import ARCSEC
 
+EXACT = np.zeros((1, 2, 3))
+"""Errors of the fields of a camera that is known exactly."""
+
 AXES = {'cross boresight': slice(0, 2), 'about boresight': slice(2, 3)}
 """The axes of each name: both cross axes are pooled."""
 
@@ -23,19 +26,20 @@ class Estimate(NamedTuple):
     bound: float | None = None
 
 
-def bootstrapped(statistic: Callable[[np.ndarray], float], groups: np.ndarray) -> Estimate:
+def bootstrapped(statistic: Callable[..., float], *groups: np.ndarray) -> Estimate:
     """
     Return a statistic in rad of independent groups (G, ...), with its interval, in arcsec.
 
-    The groups are resampled (Efron, Ann. Statist. 7, 1979, the percentile method).
+    The groups are resampled, of several arrays each by itself (Efron, Ann. Statist. 7, 1979, the
+    percentile method).
     """
-    rng = np.random.default_rng(len(groups))
-    if not len(groups):
+    rng = np.random.default_rng(len(groups[0]))
+    if not all(map(len, groups)):
         return Estimate(np.nan, np.nan, np.nan)
-    resampled = [statistic(groups[rng.integers(0, len(groups), len(groups))])
+    resampled = [statistic(*(each[rng.integers(0, len(each), len(each))] for each in groups))
                  for _ in range(_RESAMPLES)]
     low, high = np.nanpercentile(resampled, _CONFIDENCE_PERCENT)
-    return Estimate(*(float(value) / ARCSEC for value in (statistic(groups), low, high)))
+    return Estimate(*(float(value) / ARCSEC for value in (statistic(*groups), low, high)))
 
 
 def rms(values: np.ndarray) -> float:
@@ -54,21 +58,33 @@ def pixel_spatial(errors: ImageErrors, axes: slice) -> Estimate:
     return bootstrapped(_within, _complete(errors.spatial[..., axes]))
 
 
-def fov_spatial(errors: ImageErrors, axes: slice) -> Estimate:
-    """Return the scatter of the mean errors of the fields, less what the pixels add to it."""
-    return bootstrapped(_between, _complete(errors.spatial[..., axes]))
+def fov_spatial(calibrations: np.ndarray, errors: ImageErrors, axes: slice) -> Estimate:
+    """
+    Return the scatter of the errors from field to field.
 
-
-def bias(errors: ImageErrors, axes: slice) -> Estimate:
-    """Return the length of the mean error of all fields."""
+    It is that of each of the calibrations (C, F, 3), and that of the images of a camera known
+    exactly, less what the pixels add to it.
+    """
     return bootstrapped(
-        lambda groups: float(np.linalg.norm(np.mean(groups, axis=(0, 1)))),
-        _complete(errors.spatial[..., axes]))
+        lambda each, images: float(np.hypot(_scatter(each), _between(images))),
+        calibrations[..., axes], _complete(errors.spatial[..., axes]))
+
+
+def bias(calibrations: np.ndarray, errors: ImageErrors, axes: slice) -> Estimate:
+    """Return the rms over the calibrations (C, F, 3) of the length of the mean error."""
+    return bootstrapped(
+        lambda each, images: float(np.sqrt(np.mean(np.sum(np.square(
+            np.nanmean(each, axis=1) + np.mean(images, axis=(0, 1))), axis=-1)))),
+        calibrations[..., axes], _complete(errors.spatial[..., axes]))
 
 
 def _complete(spatial: np.ndarray) -> np.ndarray:
     """Return the fields (G, SHIFTS, A) with an attitude in each image."""
     return spatial[np.isfinite(spatial).all(axis=(1, 2))]
+
+
+def _scatter(calibrations: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(np.nanvar(calibrations, axis=1, ddof=1))))
 
 
 def _within(groups: np.ndarray) -> float:

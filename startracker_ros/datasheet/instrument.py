@@ -8,7 +8,7 @@ from startracker_ros.astro.epoch import stamp_from_epoch_year
 from startracker_ros.astro.orbit import CircularOrbit
 from startracker_ros.camera.model import Camera
 from startracker_ros.sky.detector import DetectorOptions
-import yaml
+from startracker_ros.yaml_text import read_yaml
 
 EPOCH_YEAR = 2026.5
 START_NS = stamp_from_epoch_year(EPOCH_YEAR)
@@ -20,8 +20,6 @@ DETECTOR = DetectorOptions(
     motion_smear=True, flat_field_percent=1.0, hot_pixel_fraction=1e-5, dark_current_e_s=50.0)
 """The sensor of the simulator with smear and with the unevenness of its pixels: without PRNU,
 dark current and hot pixels there would be no pixel spatial error."""
-
-_LARGEST_FILE_BYTES = 1_000_000
 
 
 class OpticsError(ValueError):
@@ -60,15 +58,11 @@ def load_optics(path: Path) -> DetectorOptions:
     the file leaves out is that of DETECTOR. OpticsError names what is wrong.
     """
     try:
-        with open(path, 'rb') as file:
-            text = file.read(_LARGEST_FILE_BYTES + 1)
-        if len(text) > _LARGEST_FILE_BYTES:
-            raise OpticsError(f'{path}: more than {_LARGEST_FILE_BYTES} bytes')
-        values = yaml.safe_load(text)
+        values = read_yaml(path)
     except OSError as error:
         raise OpticsError(f'{path}: {error.strerror}') from error
-    except (yaml.YAMLError, RecursionError) as error:
-        raise OpticsError(f'{path}: no YAML ({error})') from error
+    except ValueError as error:
+        raise OpticsError(f'{path}: {error}') from error
     for key in ('sky_simulator', 'ros__parameters'):
         if isinstance(values, dict) and list(values) == [key]:
             values = values[key]

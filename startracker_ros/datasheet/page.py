@@ -13,8 +13,7 @@ import numpy as np
 from startracker_ros.datasheet.estimates import AXES
 from startracker_ros.datasheet.instrument import Instrument
 from startracker_ros.datasheet.published import PUBLISHED
-from startracker_ros.datasheet.rows import SheetRow, SPLIT
-from startracker_ros.datasheet.single_images import ImageErrors
+from startracker_ros.datasheet.rows import SheetRow, SplitErrors
 from startracker_ros.datasheet.sky_coverage import SkyFields, star_counts
 from startracker_ros.extras import new_figure
 from startracker_ros.report.template import content_policy, resource, template
@@ -30,8 +29,7 @@ class SheetPage:
     instrument: Instrument
     rows: Sequence[SheetRow]
     conditions: Mapping[str, object]
-    rates_deg_s: Sequence[float]
-    errors: Sequence[ImageErrors]
+    errors: Sequence[SplitErrors]
     magnitudes: list[np.ndarray]
     fields: SkyFields
     limit: float
@@ -74,18 +72,20 @@ def _png(figure: Any) -> str:
 
 def _draw_errors(sheet: SheetPage) -> Any:
     figure = new_figure(figsize=(6, 6.5))
-    for place, (axis, columns) in enumerate(AXES.items()):
-        panel = figure.add_subplot(2, 1, place + 1)
-        for name, estimate in SPLIT.items():
+    rates_deg_s = [each.rate_deg_s for each in sheet.errors]
+    for number, (axis, columns) in enumerate(AXES.items(), 1):
+        panel = figure.add_subplot(2, 1, number)
+        by_rate = [each.estimates(columns) for each in sheet.errors]
+        for name in by_rate[0]:
             if name == 'bias':
                 continue
-            found = [estimate(each, columns) for each in sheet.errors]
+            found = [each[name] for each in by_rate]
             value, low, high = np.array([each[:3] for each in found]).T
-            panel.errorbar(sheet.rates_deg_s, value, [np.maximum(value - low, 0),
-                                                      np.maximum(high - value, 0)],
-                           label=name, marker='o', markersize=3, capsize=2)
+            panel.errorbar(
+                rates_deg_s, value, [np.maximum(value - low, 0), np.maximum(high - value, 0)],
+                label=name, marker='o', markersize=3, capsize=2)
             if found[0].bound is not None:
-                panel.plot(sheet.rates_deg_s, [each.bound for each in found], 'k:',
+                panel.plot(rates_deg_s, [each.bound for each in found], 'k:',
                            label='Cramer-Rao bound of the noise')
         panel.set(ylabel=f'{axis} [arcsec]', yscale='log')
         panel.grid(alpha=0.3)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.campaign.integrity_tally import Tally
@@ -15,12 +16,13 @@ from startracker_ros.datasheet.sky_coverage import SkyFields, star_counts
 from startracker_ros.datasheet.tracked_runs import RunCase, Runs
 
 IMAGES, TRACKER = 'images, one by one', 'images through the tracker'
+CALIBRATIONS = 'calibrations and images'
 STAR_LISTS, CATALOGUE = 'star lists', 'catalogue'
 FORMULA, NOT_SIMULATED, THIS_MACHINE = 'closed formula', 'not simulated', 'this machine'
 
-SPLIT = {'bias': estimates.bias, 'field-of-view spatial error': estimates.fov_spatial,
-         'pixel spatial error': estimates.pixel_spatial,
-         'temporal noise': estimates.temporal_noise}
+_OF_CALIBRATION = {'bias': estimates.bias, 'field-of-view spatial error': estimates.fov_spatial}
+_OF_IMAGES = {'pixel spatial error': estimates.pixel_spatial,
+              'temporal noise': estimates.temporal_noise}
 
 TRACKED_PERCENT = 95.0
 """Share of the frames with an attitude from which on a motion counts as tracked."""
@@ -49,22 +51,55 @@ class SheetRow:
     method: str = IMAGES
 
 
+def worse_than_published(table: Sequence[SheetRow]) -> str:
+    """Return the rows whose figure is not as good as the published one, 'none' without any."""
+    worse = []
+    for row in table:
+        if row.published is not None:
+            ours = row.ours if row.three_sigma is None else row.three_sigma
+            # A rate that is followed is better if it is larger, an error or a time if smaller.
+            good = ours is not None and (
+                ours >= row.published if row.unit == 'deg/s' else ours <= row.published)
+            if not good:
+                worse.append(row.case)
+    return '; '.join(worse) or 'none'
+
+
 def mechanical_rows() -> Iterator[SheetRow]:
     """Yield what no simulation of images shows."""
     for case in ('thermo-elastic error', 'alignment to the mounting frame'):
         yield SheetRow('Not simulated', case, None, 'arcsec', method=NOT_SIMULATED)
 
 
-def split_rows(rates_deg_s: Sequence[float], errors: Sequence[ImageErrors]) -> Iterator[SheetRow]:
+class SplitErrors(NamedTuple):
+    """
+    Errors at one rate: of the images of a camera that is known exactly, and of calibrations.
+
+    calibrations (C, F, 3) rad are the errors of F fields that each of C calibrations makes.
+    """
+
+    rate_deg_s: float
+    images: ImageErrors
+    calibrations: np.ndarray
+
+    def estimates(self, axes: slice) -> dict[str, Estimate]:
+        """Return the estimates by the kind of error."""
+        return {**{name: estimate(self.calibrations, self.images, axes)
+                   for name, estimate in _OF_CALIBRATION.items()},
+                **{name: estimate(self.images, axes) for name, estimate in _OF_IMAGES.items()}}
+
+
+def split_rows(errors: Sequence[SplitErrors]) -> Iterator[SheetRow]:
     """Yield the errors of single images, by their kind, rate and axis."""
-    for name, estimate in SPLIT.items():
-        for rate_deg_s, each in zip(rates_deg_s, errors):
-            for number, (axis, columns) in enumerate(AXES.items()):
-                found = estimate(each, columns)
+    found = [[each.estimates(columns) for columns in AXES.values()] for each in errors]
+    for name in (*_OF_CALIBRATION, *_OF_IMAGES):
+        for each, of_axes in zip(errors, found):
+            for number, (axis, one) in enumerate(zip(AXES, of_axes)):
                 published = AURIGA_3_SIGMA_ARCSEC.get(name, (None, None))[number]
                 yield _error_row(
-                    'Error of a single image', f'{name}, {rate_deg_s:g} deg/s, {axis}', found,
-                    published, three_sigma=name != 'bias')
+                    'Error of a single image', f'{name}, {each.rate_deg_s:g} deg/s, {axis}',
+                    one[name], published, CALIBRATIONS if name in _OF_CALIBRATION else IMAGES,
+                    three_sigma=name != 'bias')
 
 
 def _error_row(section: str, case: str, found: Estimate, published: float | None = None,
@@ -119,15 +154,15 @@ def _largest(runs: Sequence[tuple[float, Runs]], bias_rad: np.ndarray) -> float:
     return tracked
 
 
-def acquisition_rows(rates_deg_s: Sequence[float], errors: Sequence[ImageErrors],
-                     runs: Sequence[Runs], fields: SkyFields) -> Iterator[SheetRow]:
+def acquisition_rows(errors: Sequence[SplitErrors], runs: Sequence[Runs], fields: SkyFields
+                     ) -> Iterator[SheetRow]:
     """Yield time and probability of an acquisition, lost in space."""
     section = 'Acquisition, lost in space'
-    for rate_deg_s, image, run in zip(rates_deg_s, errors, runs):
-        yield SheetRow(section, f'a single image is identified, {rate_deg_s:g} deg/s',
-                       100 * float(np.mean(image.identified)), '%')
+    for each, run in zip(errors, runs):
+        yield SheetRow(section, f'a single image is identified, {each.rate_deg_s:g} deg/s',
+                       100 * float(np.mean(each.images.identified)), '%')
         yield SheetRow(section, f'first image to first attitude, 95 % of runs, '
-                       f'{rate_deg_s:g} deg/s',
+                       f'{each.rate_deg_s:g} deg/s',
                        float(np.percentile(run.acquired_s, 95, method='higher')), 's',
                        published=AURIGA_ACQUISITION_S, method=TRACKER)
     yield SheetRow(section, 'fields of the whole sky identified from one image',

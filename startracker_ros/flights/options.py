@@ -3,8 +3,8 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from startracker_ros.bag.yaml_text import load_yaml
 from startracker_ros.options import option, Options
+from startracker_ros.yaml_text import load_yaml
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from startracker_ros.maths.rotation import ARCSEC
 from startracker_ros.options import option, Options
+from startracker_ros.yaml_text import read_yaml
 import yaml
 
-_LARGEST_FILE_BYTES = 1_000_000
 _NORM_TOLERANCE = 1e-3
 
 
@@ -77,11 +77,7 @@ def basis(stamp_ns: int, temperature_k: float, period_s: float) -> np.ndarray:
 def load_mounts(path: str | Path, heads: tuple[str, ...]) -> dict[str, Mount]:
     """Return the mounts of the named heads; MountError names what is wrong in the file."""
     try:
-        with open(path, 'rb') as file:
-            text = file.read(_LARGEST_FILE_BYTES + 1)
-        if len(text) > _LARGEST_FILE_BYTES:
-            raise MountError(f'more than {_LARGEST_FILE_BYTES} bytes')
-        document = yaml.safe_load(text)
+        document = read_yaml(path)
         entries = document.get('heads') if isinstance(document, dict) else None
         if not isinstance(entries, dict):
             raise MountError('no heads: with a mount for each head')
@@ -91,10 +87,8 @@ def load_mounts(path: str | Path, heads: tuple[str, ...]) -> dict[str, Mount]:
         return {head: _mount(head, entries[head]) for head in heads}
     except OSError as error:
         raise MountError(f'mounts file {path}: {error.strerror}') from error
-    except MountError as error:
+    except ValueError as error:
         raise MountError(f'mounts file {path}: {error}') from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise MountError(f'mounts file {path}: no YAML ({error})') from error
 
 
 def _mount(head: str, entry: object) -> Mount:

@@ -80,7 +80,10 @@ class ClosedLoop:
             time_ns, self._motion, fault)
         used, over = self._use(time_ns, seen, truth)
         state = navigation.state
-        if plan.update(time_ns * 1e-9, spacecraft.gyro_rad_s(), state):
+        if (plan.update(time_ns * 1e-9, spacecraft.gyro_rad_s(), state)
+                and plan.phase is Phase.SLEW):
+            # From here on the attitude is controlled. Later the integral is that of the friction
+            # of the wheels: without it the boresight would leave its reference.
             spacecraft.reset_integral()
         self._command(time_ns, state, momentum)
         return self._record(time_ns, truth, seen, state, used, over)

@@ -8,6 +8,7 @@ from startracker_ros.astro.orbit import CircularOrbit
 from startracker_ros.gnc.basilisk_messages import (
     import_basilisk, mrp_from_quaternion, navigation_payload, quaternion_from_mrp)
 from startracker_ros.gnc.guidance import Reference
+from startracker_ros.maths.rotation import random_attitude
 
 _NULL_SIGNS = (1, -1, 1, -1)
 """Turns of the wheels whose momenta cancel."""
@@ -21,6 +22,7 @@ _FIRST = 100
 STEP_NS = 100_000_000
 """Step of the integration (Runge-Kutta 4) and of gyro measurements."""
 
+TUMBLE_DEG_S = 3.0
 CONTROL_NS = 200_000_000
 LATENCY_NS = 100_000_000
 """The controller runs at 5 Hz, so long after the middle of each exposure."""
@@ -72,6 +74,14 @@ class Truth:
     velocity_m_s: np.ndarray
     wheel_rad_s: np.ndarray
     torque_n_m: np.ndarray
+
+
+def tumbling(rng: np.random.Generator, options: SpacecraftOptions = SpacecraftOptions(), *,
+             seed: int) -> 'Spacecraft':
+    """Return a spacecraft that turns at TUMBLE_DEG_S about any axis, from any attitude."""
+    axis = rng.standard_normal(3)
+    return Spacecraft(random_attitude(rng),
+                      np.radians(TUMBLE_DEG_S) * axis / np.linalg.norm(axis), options, seed=seed)
 
 
 class Spacecraft:

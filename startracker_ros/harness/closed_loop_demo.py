@@ -24,10 +24,10 @@ from startracker_ros.gnc.history import draw, History, rows_of
 from startracker_ros.gnc.loop import ClosedLoop, Step
 from startracker_ros.gnc.navigation import Navigation
 from startracker_ros.gnc.plan import Plan
-from startracker_ros.gnc.spacecraft import CONTROL_NS, Spacecraft, SpacecraftOptions
+from startracker_ros.gnc.spacecraft import CONTROL_NS, tumbling
 from startracker_ros.harness.live_demo import Demo, draw_if_possible
 from startracker_ros.harness.processes import HarnessError
-from startracker_ros.maths.rotation import ARCSEC, random_attitude
+from startracker_ros.maths.rotation import ARCSEC
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import (
     quaternion_to_message, tracked_attitude_from_imu)
@@ -37,7 +37,6 @@ from startracker_ros.ros.messages.odometry import motion_to_odometry
 from startracker_ros.sky.sampled_motion import SampledMotion
 from startracker_ros.table import Result
 
-TUMBLE_DEG_S = 3.0
 _INERTIAL, _SENSOR = 'icrf', 'star_tracker_optical_frame'
 _RATE_HZ = 1e9 / CONTROL_NS
 _ANSWER_S = 30.0
@@ -197,17 +196,12 @@ def _write_report(bag: Path, page: Path) -> None:
 
 def run_closed_loop_demo(output: Path, *, seed: int) -> Result:
     """Run the loop over the nodes; HarnessError when a node fails."""
-    rng = np.random.default_rng(seed)
-    options = SpacecraftOptions()
-    axis = rng.standard_normal(3)
-    spacecraft = Spacecraft(
-        random_attitude(rng), np.radians(TUMBLE_DEG_S) * axis / np.linalg.norm(axis), options,
-        seed=seed)
+    spacecraft = tumbling(np.random.default_rng(seed), seed=seed)
     with ClosedLoopDemo(output) as demo:
         demo.start(seed)
         plan = Plan()
         wall_s = demo.run(ClosedLoop(
-            spacecraft, demo, Navigation(np.array(options.inertia_kg_m2)), plan))
+            spacecraft, demo, Navigation(np.array(spacecraft.options.inertia_kg_m2)), plan))
         demo.finish()
     history = demo.history(plan)
     pace = float(history.time_s[-1] / wall_s)

@@ -30,8 +30,10 @@ def quaternion_from_matrix(matrix: np.ndarray) -> np.ndarray:
 
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the Hamilton product a b, (..., 4): first b, then a."""
-    return np.stack(quaternion.product(np.moveaxis(np.asarray(a, float), -1, 0),
-                                       np.moveaxis(np.asarray(b, float), -1, 0)), -1)
+    a, b = np.asarray(a, float), np.asarray(b, float)
+    if a.ndim == b.ndim == 1:
+        return np.array(quaternion.product(a.tolist(), b.tolist()))
+    return np.stack(quaternion.product(np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)), -1)
 
 
 def conjugate(q: np.ndarray) -> np.ndarray:
@@ -46,8 +48,10 @@ def rotate(q: np.ndarray, vectors: ArrayLike) -> np.ndarray:
 
 def quaternion_from_rotation_vector(rotation: ArrayLike) -> np.ndarray:
     """Return quaternions (..., 4) of rotation vectors (..., 3) in rad."""
-    components = np.moveaxis(np.asarray(rotation, float), -1, 0)
-    return np.stack(quaternion.from_rotation_vector(components), -1)
+    rotation = np.asarray(rotation, float)
+    if rotation.ndim == 1:
+        return np.array(quaternion.from_rotation_vector(rotation.tolist()))
+    return np.stack(quaternion.from_rotation_vector(np.moveaxis(rotation, -1, 0)), -1)
 
 
 def rotation_vector_from_quaternion(q: np.ndarray) -> np.ndarray:

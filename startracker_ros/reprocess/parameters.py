@@ -7,9 +7,9 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from startracker_ros.bag.yaml_text import load_yaml
 from startracker_ros.options import Options
 from startracker_ros.pipeline.pipeline import PipelineOptions
+from startracker_ros.yaml_text import load_yaml
 
 NODES = {
     'centroid_extractor': ('extraction', 'search'),

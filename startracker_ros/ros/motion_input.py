@@ -65,7 +65,8 @@ class MotionInput:
         """
         self._has_users, self._reach_s = has_users, reach_s
         self.motion = SampledMotion()
-        self._first_ns = self._newest_ns = self._index = 0
+        self._newest_ns: int | None = None
+        self._first_ns = self._index = 0
         self._due_from_ns = self._due_index = 0
         self._received_s = time.monotonic()
         self._subscribe_if_used()
@@ -99,17 +100,18 @@ class MotionInput:
             node.options(HeadOptions).body_frame_id or frames.sensor_frame_id)
         stamp_ns, counts = ns_from_stamp(message.header.stamp), node.diagnostics.counts
         self._received_s = time.monotonic()
-        if self._newest_ns - stamp_ns > RESTART_NS:
-            back_s = (self._newest_ns - stamp_ns) * 1e-9
+        back_ns = -1 if self._newest_ns is None else self._newest_ns - stamp_ns
+        if back_ns > RESTART_NS:
+            back_s = back_ns * 1e-9
             counts[f'{TOPIC} restarts'] += 1
             node.diagnostics.report_event(
                 f'{TOPIC}: time went back by {back_s:.1f} s, the motion begins anew')
             self.rebuild(self._has_users, self._reach_s)
-        elif stamp_ns <= self._newest_ns:
+        elif back_ns >= 0:
             counts[f'{TOPIC} out of order'] += 1
             node.diagnostics.report(WARN, f'{TOPIC}: message out of order dropped')
             return
-        if not self._newest_ns:
+        if self._newest_ns is None:
             self._first_ns = stamp_ns
             self._begin(stamp_ns)
         self._newest_ns = stamp_ns

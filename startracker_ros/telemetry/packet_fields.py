@@ -1,6 +1,10 @@
-"""The fields of the space packet: the one table of encoder, decoder, XTCE and documentation."""
+"""The fields of the space packet: the one table of encoder, decoder and XTCE."""
 
+from collections.abc import Mapping
+import struct
 from typing import NamedTuple
+
+from startracker_ros.telemetry.report import TelemetryError
 
 
 class Field(NamedTuple):
@@ -15,6 +19,15 @@ class Field(NamedTuple):
 
 TIME_CODE = 0x42
 """P-field of CDS: epoch 1958, 16 bits of days, 32 bits of picoseconds (CCSDS 301.0-B-4, 3.3)."""
+
+PRIMARY_HEADER = (
+    Field('VERSION', 'uint', 3, '', 'packet version number'),
+    Field('TYPE', 'uint', 1, '', '0: telemetry'),
+    Field('SEC_HDR_FLG', 'uint', 1, '', '1: with a secondary header'),
+    Field('PKT_APID', 'uint', 11, '', 'application process identifier'),
+    Field('SEQ_FLGS', 'uint', 2, '', '3: unsegmented'),
+    Field('SRC_SEQ_CTR', 'uint', 14, '', 'sequence count'),
+    Field('PKT_LEN', 'uint', 16, '', 'bytes behind this header, less one'))
 
 FIELDS = (
     Field('TIME_CODE', 'uint', 8, '', f'P-field of the time, {TIME_CODE:#04x}: CDS, picoseconds'),
@@ -44,3 +57,39 @@ where a float is not known."""
 
 DATA_BYTES = sum(field.bits for field in FIELDS) // 8
 """Length of the packet without its primary header."""
+
+_FLOATS = {32: struct.Struct('>f'), 64: struct.Struct('>d')}
+
+
+def pack(values: Mapping[str, int | float]) -> bytes:
+    """Return FIELDS as bytes; TelemetryError names a value that its field cannot hold."""
+    number = 0
+    for field in FIELDS:
+        number = number << field.bits | _encoded(field, values[field.name])
+    return number.to_bytes(DATA_BYTES, 'big')
+
+
+def unpack(data: bytes) -> dict[str, int | float]:
+    """Return the values of FIELDS by name; data has DATA_BYTES."""
+    number, left, values = int.from_bytes(data, 'big'), 8 * DATA_BYTES, {}
+    for field in FIELDS:
+        left -= field.bits
+        values[field.name] = _decoded(field, number >> left & (1 << field.bits) - 1)
+    return values
+
+
+def _encoded(field: Field, value: int | float) -> int:
+    try:
+        if field.kind == 'float':
+            return int.from_bytes(_FLOATS[field.bits].pack(value), 'big')
+        if not 0 <= int(value) < 1 << field.bits:
+            raise OverflowError
+        return int(value)
+    except OverflowError:
+        raise TelemetryError(f'{field.name} = {value} does not fit {field.bits} bits') from None
+
+
+def _decoded(field: Field, number: int) -> int | float:
+    if field.kind == 'uint':
+        return number
+    return float(_FLOATS[field.bits].unpack(number.to_bytes(field.bits // 8, 'big'))[0])

@@ -1,12 +1,12 @@
 """The frame report as a CCSDS space packet (133.0-B-2) of telemetry."""
 
 import binascii
-from collections.abc import Mapping
-import struct
+from collections.abc import Iterator, Mapping
+import re
 
 import numpy as np
 from startracker_ros.extras import extra
-from startracker_ros.telemetry.packet_fields import DATA_BYTES, FIELDS, TIME_CODE
+from startracker_ros.telemetry.packet_fields import DATA_BYTES, pack, TIME_CODE, unpack
 from startracker_ros.telemetry.report import FrameReport, TelemetryError, TrackerCode
 
 HEADER_BYTES = 6
@@ -14,40 +14,43 @@ LENGTH = HEADER_BYTES + DATA_BYTES
 
 _DAY_NS = 86_400_000_000_000
 _DAYS_1958_TO_1970 = 4383
-_BITS = ('ATTITUDE_VALID', 'RATE_VALID', 'BACKGROUND_VALID', 'TEMPERATURE_VALID', 'SPARE',
-         'TRACKER_STATE')
-# The bits make one byte.
-_LAYOUT = struct.Struct('>BHIIBH4d9fH')
-_NAMES = [field.name for field in FIELDS]
-_LAST_DAY = 65535
+_LAST_DAY = _MOST_STARS = 65535
+_LONGEST_DAY_MS = 86_401_000
+"""With a leap second."""
+
+# Telemetry with a secondary header, unsegmented, of this length; one may begin within another.
+_ANY_PACKET = re.compile(b'(?s)(?=[\x08-\x0f].[\xc0-\xff].%b.{%d})' % (
+    re.escape((DATA_BYTES - 1).to_bytes(2, 'big')), DATA_BYTES))
 
 
 def encode(report: FrameReport, apid: int, sequence: int) -> bytes:
     """
     Return the packet; sequence counts the packets of an apid, modulo 2^14.
 
-    TelemetryError for a stamp that its time cannot hold, MissingLibraryError without
-    spacepackets.
+    TelemetryError for what its fields cannot hold, MissingLibraryError without spacepackets.
     """
     days, within_ns = divmod(report.stamp_ns, _DAY_NS)
     if not 0 <= days + _DAYS_1958_TO_1970 <= _LAST_DAY:
         raise TelemetryError(f'stamp of {report.stamp_ns} ns is outside of 1958 to 2137')
-    valid = [report.quaternion is not None, report.rate_rad_s is not None,
-             np.isfinite(report.background_dn), np.isfinite(report.temperature_c), False]
-    status = sum(int(bit) << 7 - place for place, bit in enumerate(valid)) | report.state
-    unknown = np.full(3, np.nan)
-    data = _LAYOUT.pack(
-        TIME_CODE, days + _DAYS_1958_TO_1970, within_ns // 1_000_000,
-        within_ns % 1_000_000 * 1000, status, min(report.stars, 65535),
-        *_or(report.quaternion, np.zeros(4)), *_or(report.sigma_rad, unknown),
-        *_or(report.rate_rad_s, unknown), report.residual_px, report.background_dn,
-        report.temperature_c, 0)
+    q, unknown = report.quaternion, np.full(3, np.nan)
+    data = pack({
+        'TIME_CODE': TIME_CODE, 'TIME_DAY': days + _DAYS_1958_TO_1970,
+        'TIME_MS': within_ns // 1_000_000, 'TIME_PS': within_ns % 1_000_000 * 1000,
+        'ATTITUDE_VALID': q is not None, 'RATE_VALID': report.rate_rad_s is not None,
+        'BACKGROUND_VALID': np.isfinite(report.background_dn),
+        'TEMPERATURE_VALID': np.isfinite(report.temperature_c), 'SPARE': 0,
+        'TRACKER_STATE': report.state, 'STARS': min(report.stars, _MOST_STARS),
+        **_named('Q_', np.zeros(4) if q is None else q, 'XYZW'),
+        **_named('SIGMA_', unknown if report.sigma_rad is None else report.sigma_rad),
+        **_named('RATE_', unknown if report.rate_rad_s is None else report.rate_rad_s),
+        'RESIDUAL': report.residual_px, 'BACKGROUND': report.background_dn,
+        'TEMPERATURE': report.temperature_c, 'CHECKSUM': 0})
     packet = _header(apid, sequence) + data[:-2]
     return packet + binascii.crc_hqx(packet, 0xFFFF).to_bytes(2, 'big')
 
 
-def _or(values: np.ndarray | None, otherwise: np.ndarray) -> list[float]:
-    return (otherwise if values is None else np.asarray(values, float)).tolist()
+def _named(prefix: str, values: np.ndarray, axes: str = 'XYZ') -> dict[str, float]:
+    return {f'{prefix}{axis}': float(value) for axis, value in zip(axes, values)}
 
 
 def _header(apid: int, sequence: int) -> bytes:
@@ -76,11 +79,7 @@ def check(packet: bytes) -> None:
 def values(packet: bytes) -> dict[str, int | float]:
     """Return the fields of a packet by name; TelemetryError names what is wrong."""
     check(packet)
-    numbers = [*_LAYOUT.unpack(packet[HEADER_BYTES:])]
-    status = numbers.pop(_NAMES.index(_BITS[0]))
-    bits = [status >> 7 - place & 1 for place in range(5)]
-    first = _NAMES.index(_BITS[0])
-    return dict(zip(_NAMES, [*numbers[:first], *bits, status & 7, *numbers[first:]]))
+    return unpack(packet[HEADER_BYTES:])
 
 
 def decode(packet: bytes) -> FrameReport:
@@ -88,6 +87,9 @@ def decode(packet: bytes) -> FrameReport:
     found = values(packet)
     if found['TIME_CODE'] != TIME_CODE:
         raise TelemetryError(f'time code {found["TIME_CODE"]:#04x} must be {TIME_CODE:#04x}')
+    if found['TIME_MS'] >= _LONGEST_DAY_MS or found['TIME_PS'] >= 10 ** 9:
+        raise TelemetryError(
+            f'{found["TIME_MS"]} ms and {found["TIME_PS"]} ps are no time of a day')
     code = int(found['TRACKER_STATE'])
     if code not in {*TrackerCode}:
         raise TelemetryError(f'tracker state {code} is none of {[*map(int, TrackerCode)]}')
@@ -100,6 +102,14 @@ def decode(packet: bytes) -> FrameReport:
         _vector(found, 'RATE_') if found['RATE_VALID'] else None, TrackerCode(code),
         int(found['STARS']), *(float(found[name]) for name in (
             'RESIDUAL', 'BACKGROUND', 'TEMPERATURE')))
+
+
+def apids(data: bytes) -> Iterator[int]:
+    """Yield the apid of each intact packet in some bytes, whichever it is."""
+    for found in _ANY_PACKET.finditer(data):
+        packet = data[found.start():found.start() + LENGTH]
+        if not binascii.crc_hqx(packet, 0xFFFF):
+            yield int.from_bytes(packet[:2], 'big') & 0x7FF
 
 
 def sequence_of(packet: bytes) -> int:

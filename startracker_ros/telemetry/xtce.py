@@ -2,19 +2,10 @@
 
 from xml.etree import ElementTree as XML
 
-from startracker_ros.telemetry.packet_fields import Field, FIELDS
+from startracker_ros.telemetry.packet_fields import Field, FIELDS, PRIMARY_HEADER
 from startracker_ros.telemetry.report import TrackerCode
 
 NAMESPACE = 'http://www.omg.org/spec/XTCE/20180204'
-
-_HEADER = (
-    Field('VERSION', 'uint', 3, '', 'packet version number'),
-    Field('TYPE', 'uint', 1, '', '0: telemetry'),
-    Field('SEC_HDR_FLG', 'uint', 1, '', '1: with a secondary header'),
-    Field('PKT_APID', 'uint', 11, '', 'application process identifier'),
-    Field('SEQ_FLGS', 'uint', 2, '', '3: unsegmented'),
-    Field('SRC_SEQ_CTR', 'uint', 14, '', 'sequence count'),
-    Field('PKT_LEN', 'uint', 16, '', 'bytes behind this header, less one'))
 
 
 def xtce_text(apid: int) -> str:
@@ -24,13 +15,13 @@ def xtce_text(apid: int) -> str:
     telemetry = XML.SubElement(root, _tag('TelemetryMetaData'))
     types = XML.SubElement(telemetry, _tag('ParameterTypeSet'))
     parameters = XML.SubElement(telemetry, _tag('ParameterSet'))
-    for field in (*_HEADER, *FIELDS):
+    for field in (*PRIMARY_HEADER, *FIELDS):
         _add_type(types, field)
         parameter = XML.SubElement(parameters, _tag('Parameter'), name=field.name,
                                    parameterTypeRef=f'{field.name}_TYPE')
         XML.SubElement(parameter, _tag('LongDescription')).text = field.meaning
     containers = XML.SubElement(telemetry, _tag('ContainerSet'))
-    _add_container(containers, 'CCSDSPacket', _HEADER).set('abstract', 'true')
+    _add_container(containers, 'CCSDSPacket', PRIMARY_HEADER).set('abstract', 'true')
     frame = _add_container(containers, 'STAR_TRACKER_FRAME', FIELDS)
     base = XML.SubElement(frame, _tag('BaseContainer'), containerRef='CCSDSPacket')
     criteria = XML.SubElement(base, _tag('RestrictionCriteria'))

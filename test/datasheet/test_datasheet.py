@@ -9,16 +9,18 @@ import pytest
 from startracker_ros.camera.model import Camera
 from startracker_ros.cli import main
 from startracker_ros.datasheet import datasheet, design
+from startracker_ros.datasheet.calibrated import field_errors
 from startracker_ros.datasheet.design_options import DesignOptions
 from startracker_ros.datasheet.instrument import (
     DETECTOR, Instrument, load_optics, OpticsError)
 from startracker_ros.datasheet.motions import Pointings, RUN_S, Spins
+from startracker_ros.datasheet.rows import SheetRow, worse_than_published
 from startracker_ros.datasheet.single_images import image_errors
 from startracker_ros.datasheet.sky_coverage import field_magnitudes, star_counts
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, random_attitude
 
 SMALL = Camera.from_fov(384, 384, 10.0)
-EFFORT = datasheet.Effort(2, 1, 12, 1, 1, 2, 20, 2)
+EFFORT = datasheet.Effort(2, 5, 2, 1, 12, 1, 1, 2, 20, 2)
 
 
 def test_a_spin_turns_as_its_rate_says():
@@ -42,11 +44,22 @@ def test_errors_of_images_are_those_of_a_star_tracker():
     noise, bound = np.sqrt(np.mean(errors.noise[..., :2] ** 2)), np.sqrt(errors.bound[..., 0])
     assert 0.5 * bound.min() < noise < 3 * bound.max()
     assert np.abs(errors.spatial[..., :2]).max() < 2 * ARCSEC
-    # A camera whose centre is off by a pixel has a bias of a pixel, and the same noise.
-    shifted = image_errors(Instrument(SMALL, replace(SMALL, cx=SMALL.cx + 1)), 0.0, 2, 1)
-    moved = np.mean(shifted.spatial - errors.spatial, axis=(0, 1)) / SMALL.pixel_rad
-    assert np.abs(moved[1]) == pytest.approx(1, abs=0.02)
-    assert np.abs(moved[0]) < 0.02
+
+
+def test_errors_of_a_calibration_are_those_of_images_with_that_camera():
+    # Off the axis by a pixel, and barrel-shaped by 0.4 px in the corner.
+    wrong = Instrument(SMALL, replace(SMALL, cx=SMALL.cx + 1, distortion=(0.1, 0, 0, 0, 0)))
+    images = image_errors(wrong, 0.0, 3, 1).spatial - image_errors(
+        Instrument(SMALL, SMALL), 0.0, 3, 1).spatial
+    moved = images.mean(axis=(0, 1)) / SMALL.pixel_rad
+    assert np.abs(moved[:2]) == pytest.approx([0, 1], abs=0.1)
+    fields, = field_errors(wrong, (0.0,), 300, 1)
+    scatter = fields.std(axis=0)
+    # Each field of images is one of the distribution.
+    assert (np.abs(images.mean(axis=1) - fields.mean(axis=0)) < 4 * scatter).all()
+    assert (np.abs(images.mean(axis=1) - fields.mean(axis=0)).max(axis=0) > scatter / 10).all()
+    exact, = field_errors(Instrument(SMALL, SMALL), (0.0,), 10, 1)
+    assert np.abs(exact).max() < 1e-6 * ARCSEC
 
 
 def test_stars_in_the_field_are_those_of_the_catalogue():
@@ -77,6 +90,18 @@ def test_a_page_holds_all_rows(tmp_path, monkeypatch):
     assert 'ST-16RT2' in text and '<script' not in text and '://' not in text
     document = json.dumps(result.records)
     assert 'NaN' not in document
+
+
+def test_what_is_not_as_good_as_published_is_named():
+    table = [SheetRow('', 'noise', 2.0, 'arcsec', 6.0, published=5.0),
+             SheetRow('', 'other noise', 1.0, 'arcsec', 3.0, published=5.0),
+             SheetRow('', 'rate', 3.0, 'deg/s', published=3.0),
+             SheetRow('', 'lower rate', 2.0, 'deg/s', published=3.0),
+             SheetRow('', 'never acquired', np.inf, 's', published=3.8),
+             SheetRow('', 'not measured', np.nan, 's', published=3.8),
+             SheetRow('', 'nothing published', 9.0, 's')]
+    assert worse_than_published(table) == 'noise; lower rate; never acquired; not measured'
+    assert worse_than_published(table[1:3]) == 'none'
 
 
 @pytest.mark.parametrize(('text', 'words'), [

@@ -1,9 +1,11 @@
 """The split of errors into bias, field-of-view, pixel and temporal ones."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from startracker_ros.datasheet.estimates import (
-    AXES, bias, fov_spatial, pixel_spatial, temporal_noise)
+    AXES, bias, EXACT, fov_spatial, pixel_spatial, temporal_noise)
 from startracker_ros.datasheet.single_images import ImageErrors, SHIFTS
 from startracker_ros.maths.rotation import ARCSEC
 
@@ -29,18 +31,32 @@ def errors() -> ImageErrors:
 @pytest.mark.parametrize('axis', AXES)
 def test_each_part_is_found_again(errors, axis):
     columns = AXES[axis]
-    for estimate, true in ((temporal_noise, NOISE), (pixel_spatial, PIXEL), (fov_spatial, FOV)):
+    for estimate, true in ((temporal_noise, NOISE), (pixel_spatial, PIXEL),
+                           (partial(fov_spatial, EXACT), FOV)):
         found = estimate(errors, columns)
         assert found.value == pytest.approx(true, rel=0.1)
         assert found.low < found.value < found.high
         assert found.high - found.low < 0.3 * true
     assert temporal_noise(errors, columns).bound == pytest.approx(1.5)
-    assert bias(errors, columns).value == pytest.approx(
+    assert bias(EXACT, errors, columns).value == pytest.approx(
         BIAS if axis == 'cross boresight' else 0.0, abs=0.05)
+
+
+def test_calibrations_add_their_bias_and_their_scatter(errors):
+    rng, columns = np.random.default_rng(2), AXES['cross boresight']
+    means, scatter = rng.normal(0, 3.0, (400, 1, 3)), rng.normal(0, 0.4, (400, 50, 3))
+    calibrations = (means + scatter) * ARCSEC
+    calibrations[3, 7] = np.nan
+    found = bias(calibrations, errors, columns)
+    assert found.value == pytest.approx(np.sqrt(BIAS ** 2 + 2 * 3.0 ** 2), rel=0.05)
+    assert found.low < found.value < found.high
+    assert fov_spatial(calibrations, errors, columns).value == pytest.approx(
+        np.hypot(FOV, 0.4), rel=0.05)
 
 
 def test_without_any_attitude_there_is_no_figure():
     nothing = np.full((3, SHIFTS, 3), np.nan)
     empty = ImageErrors(nothing, nothing, nothing, np.zeros(3, bool))
-    for estimate in (pixel_spatial, fov_spatial, bias, temporal_noise):
+    for estimate in (pixel_spatial, partial(fov_spatial, EXACT), partial(bias, EXACT),
+                     temporal_noise):
         assert np.isnan(estimate(empty, AXES['cross boresight']).value)

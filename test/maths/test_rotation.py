@@ -72,6 +72,14 @@ def test_known_quaternions_point_where_the_photographs_point(sky_data):
             assert np.degrees(dec) == pytest.approx(float(row['dec_deg']), abs=1e-3)
 
 
+def test_one_rotation_is_computed_as_each_of_many():
+    rng = np.random.default_rng(1)
+    vectors, a, b = rng.normal(0, 1, (50, 3)), rng.normal(0, 1, (50, 4)), rng.normal(0, 1, (50, 4))
+    np.testing.assert_array_equal(rotation.multiply(a, b), [*map(rotation.multiply, a, b)])
+    np.testing.assert_array_equal(rotation.quaternion_from_rotation_vector(vectors),
+                                  [*map(rotation.quaternion_from_rotation_vector, vectors)])
+
+
 def test_sign_continuity():
     q = np.array([0.1, 0.2, 0.3, -0.9]) / np.linalg.norm([0.1, 0.2, 0.3, -0.9])
     assert rotation.sign_continuous(q, None)[3] > 0

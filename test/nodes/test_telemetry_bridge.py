@@ -1,6 +1,7 @@
 """telemetry_bridge over DDS: what it receives is what it sends, and never more."""
 
 from collections.abc import Iterator
+from functools import partial
 import socket
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -79,6 +80,17 @@ def test_packets_hold_what_was_published(bridge: Rig, receiver: socket.socket):
         return (report.state, report.stars, round(report.residual_px, 3), report.background_dn,
                 report.temperature_c) == (TrackerCode.TRACKING, 37, 0.061, 71.5, -12.25)
     probe.wait(complete, 'state, background and temperature')
+    # What no packet can hold is rejected, and packets go on.
+    state.publish(DiagnosticStatus(message='TRACKING', values=[
+        KeyValue(key='stars_matched', value='-3'), KeyValue(key='residual_px', value='0.5')]))
+    temperature.publish(Temperature(temperature=1e300))
+    diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(
+        hardware_id='star_tracker', values=[KeyValue(key='background_dn', value='many')])]))
+    for topic in ('tracker_state', 'temperature', '/diagnostics'):
+        probe.wait(partial(probe.diagnostic_value, 'telemetry_bridge: telemetry',
+                           f'{topic} rejected'), f'{topic} rejected')
+    attitude.publish(imu(10_000))
+    assert (space_packet.decode(receiver.recv(1000)).quaternion == Q).all()
     # Without an attitude: sent, and marked.
     attitude.publish(imu(20_000, None))
     packet = receiver.recv(1000)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from startracker_ros.cli import main
 from startracker_ros.telemetry import nos3, space_packet
+from startracker_ros.telemetry.capture import decode_capture
 from startracker_ros.telemetry.link import Link, LinkError
 from startracker_ros.telemetry.report import FrameReport
 from startracker_ros.telemetry.stream import CUT_SHORT, DAMAGED, PacketStream, SKIPPED
@@ -126,3 +127,28 @@ def test_a_capture_is_decoded_and_its_damage_reported(tmp_path):
     result = CliRunner().invoke(
         main, ['telemetry', 'decode', str(tmp_path / 'nos3'), '--format', 'nos3', '--json'])
     assert [row['valid'] for row in json.loads(result.output)['rows']] == [True] * 4
+
+
+@pytest.mark.parametrize(('numbers', 'missing', 'back'), [
+    ((0, 1, 2), 0, 0), ((16382, 16383, 0, 1), 0, 0), ((16382, 2), 3, 0), ((5, 5, 6), 0, 1),
+    ((5, 7, 6, 8), 2, 1), ((4000, 0, 1), 0, 1)])
+def test_sequence_counts_wrap_repeat_and_begin_anew(tmp_path, numbers, missing, back):
+    file = tmp_path / 'capture'
+    file.write_bytes(b''.join(space_packet.encode(FrameReport(0, Q), 100, number)
+                              for number in numbers))
+    conditions = decode_capture(file, 'ccsds', 100).conditions
+    assert conditions['packets'] == len(numbers)
+    assert conditions['packets missing by their sequence'] == missing
+    assert conditions['steps back of the sequence'] == back
+
+
+def test_packets_of_other_apids_are_named(tmp_path):
+    file = tmp_path / 'capture'
+    file.write_bytes(b'xy' + b''.join(space_packet.encode(FrameReport(0, Q), apid, 0)
+                                      for apid in (42, 100, 42, 7)))
+    conditions = decode_capture(file, 'ccsds', 100).conditions
+    assert conditions['packets'] == 1
+    assert conditions['packets of other apids'] == '1 of 7, 2 of 42'
+    assert conditions[SKIPPED] == 2 + 3 * 90
+    file.write_bytes(b'')
+    assert decode_capture(file, 'ccsds', 100).conditions['packets of other apids'] == 'none'

@@ -9,6 +9,7 @@ import lxml.etree
 import numpy as np
 import pytest
 import space_packet_parser
+from spacepackets.ccsds.time import CdsShortTimestamp
 from startracker_ros.telemetry import space_packet
 from startracker_ros.telemetry.report import FrameReport, TelemetryError, TrackerCode
 from startracker_ros.telemetry.xtce import xtce_text
@@ -115,9 +116,40 @@ def test_damage_is_named(packet):
             space_packet.decode(bytes(wrong))
     with pytest.raises(TelemetryError, match='data length 85'):
         space_packet.decode(packet[:5] + b'\x54' + packet[6:])
-    # A zero quaternion with the flag of a valid one, and the checksum right.
-    zero = bytearray(packet)
-    zero[20:52] = bytes(32)
-    zero[88:] = space_packet.binascii.crc_hqx(bytes(zero[:88]), 0xFFFF).to_bytes(2, 'big')
-    with pytest.raises(TelemetryError, match='is no rotation'):
-        space_packet.decode(bytes(zero))
+
+
+@pytest.mark.parametrize(('begin', 'data', 'words'), [
+    (6, b'\x41', 'time code 0x41'), (9, b'\x05\x26\x60\xe8', '86401256 ms'),
+    (13, b'\x3b\x9a\xca\x00', '1000000000 ps'), (17, b'\x83', 'tracker state 3'),
+    (20, bytes(32), 'is no rotation')])
+def test_what_is_wrong_in_spite_of_its_checksum_is_named(packet, begin, data, words):
+    wrong = bytearray(packet)
+    wrong[begin:begin + len(data)] = data
+    wrong[88:] = space_packet.binascii.crc_hqx(bytes(wrong[:88]), 0xFFFF).to_bytes(2, 'big')
+    with pytest.raises(TelemetryError, match=words):
+        space_packet.decode(bytes(wrong))
+
+
+def test_both_signs_of_a_quaternion_are_kept():
+    for sign in (1, -1):
+        back = space_packet.decode(space_packet.encode(
+            FrameReport(STAMP_NS, sign * REPORT.quaternion), 100, 0))
+        assert (back.quaternion == sign * REPORT.quaternion).all()
+
+
+def test_what_a_field_cannot_hold_is_named():
+    with pytest.raises(TelemetryError, match=r'TEMPERATURE = 1e\+300 does not fit 32 bits'):
+        space_packet.encode(FrameReport(STAMP_NS, temperature_c=1e300), 100, 0)
+    with pytest.raises(TelemetryError, match='STARS = -3 does not fit 16 bits'):
+        space_packet.encode(FrameReport(STAMP_NS, stars=-3), 100, 0)
+    most = space_packet.encode(FrameReport(STAMP_NS, stars=70_000), 100, 0)
+    assert space_packet.decode(most).stars == 65535
+
+
+def test_the_time_is_that_of_another_library():
+    packet = space_packet.encode(FrameReport(STAMP_NS), 100, 0)
+    other = CdsShortTimestamp.from_datetime(datetime.fromtimestamp(STAMP_NS // 10 ** 9, UTC))
+    days, ms = struct.unpack('>HI', other.pack()[1:])
+    # Its P-field has no digits below the millisecond.
+    assert packet[6] & 0xFC == other.pack()[0]
+    assert struct.unpack('>HI', packet[7:13]) == (days, ms + 123)

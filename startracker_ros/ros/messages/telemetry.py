@@ -2,7 +2,7 @@
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import Imu, Temperature
 from startracker_ros.bag.layouts import MessageError, ns_from_stamp
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
 from startracker_ros.telemetry.report import FrameReport, TrackerCode
@@ -28,17 +28,40 @@ def state_from_status(message: DiagnosticStatus) -> tuple[TrackerCode, int, floa
     """Return state, stars matched and residual in px of `tracker_state`; MessageError."""
     values = {pair.key: pair.value for pair in message.values}
     try:
-        return (TrackerCode[message.message], int(values['stars_matched']),
-                float(values['residual_px']))
+        state, stars = TrackerCode[message.message], int(values['stars_matched'])
+        residual_px = _single(values['residual_px'], 'residual_px')
     except (KeyError, ValueError) as error:
         raise MessageError(f'state {message.message!r} with {values}: {error!r}') from error
+    if stars < 0:
+        raise MessageError(f'stars_matched {stars} is negative')
+    return state, stars, residual_px
+
+
+def temperature_from_message(message: Temperature) -> float:
+    """Return the temperature in deg C; MessageError for what no packet can hold."""
+    return _single(message.temperature, 'temperature')
 
 
 def background_from_diagnostics(message: DiagnosticArray, hardware_id: str) -> float | None:
-    """Return the background in DN that the extractor of a star tracker reports, None without."""
+    """
+    Return the background in DN that the extractor of a star tracker reports, None without.
+
+    MessageError for what is no number.
+    """
     for status in message.status:
         if status.hardware_id == hardware_id:
             for pair in status.values:
                 if pair.key == 'background_dn':
-                    return float(pair.value)
+                    return _single(pair.value, 'background_dn')
     return None
+
+
+def _single(value: str | float, name: str) -> float:
+    """Return a number of single precision, NaN for one that is not known; MessageError."""
+    try:
+        number = float(value)
+    except ValueError as error:
+        raise MessageError(f'{name} {value!r} is no number') from error
+    if abs(number) > np.finfo(np.float32).max:
+        raise MessageError(f'{name} {number:g} is out of the range of single precision')
+    return number

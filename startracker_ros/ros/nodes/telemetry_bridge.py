@@ -11,7 +11,7 @@ from startracker_ros.extras import MissingLibraryError
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages.telemetry import (
-    background_from_diagnostics, report_from_imu, state_from_status)
+    background_from_diagnostics, report_from_imu, state_from_status, temperature_from_message)
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
 from startracker_ros.telemetry.encoder import Encoder, TelemetryOptions
 from startracker_ros.telemetry.link import Link, LinkError
@@ -62,7 +62,7 @@ class TelemetryBridgeNode(PipelineNode):
         self._set('tracker_state', state=state, stars=stars, residual_px=residual_px)
 
     def _on_temperature(self, message: Temperature) -> None:
-        self._set('temperature', temperature_c=message.temperature)
+        self._set('temperature', temperature_c=temperature_from_message(message))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         background_dn = background_from_diagnostics(message, self.hardware_id)

@@ -1,10 +1,21 @@
 """YAML of unknown origin."""
 
+from pathlib import Path
 from typing import Any
 
 import yaml
 
 _MAX_DEPTH = 30
+_LARGEST_FILE_BYTES = 1_000_000
+
+
+def read_yaml(path: str | Path) -> Any:
+    """Return the document of a file of at most 1 MB; OSError, ValueError as of load_yaml()."""
+    with open(path, 'rb') as file:
+        text = file.read(_LARGEST_FILE_BYTES + 1)
+    if len(text) > _LARGEST_FILE_BYTES:
+        raise ValueError(f'more than {_LARGEST_FILE_BYTES} bytes')
+    return load_yaml(text)
 
 
 def load_yaml(text: str | bytes) -> Any:
