@@ -28,6 +28,30 @@ KINDS = {
     'package/test_lint.py': 'long',
     'test_compiled.py': 'long',
 }
+# Those that take longest, first: with several workers none is left alone with one of them.
+LONGEST = (
+    'nodes/test_faults.py',
+    'pipeline/test_photographs.py',
+    'nodes/test_replay.py',
+    'nodes/test_lifecycle.py',
+    'nodes/test_managed.py',
+    'package/test_install.py',
+    'campaign/test_integrity_campaign.py',
+    'nodes/test_latency.py',
+    'package/test_lint.py',
+    'nodes/test_tracking_nodes.py',
+    'bench/test_lost_in_space.py',
+    'campaign/test_jpdaf_campaign.py',
+    'nodes/test_soak.py',
+    'nodes/test_bag_player.py',
+    'bench/test_identification_bench.py',
+    'nodes/test_extended_grid_node.py',
+    'nodes/test_bad_input.py',
+    'nodes/test_bag_recorder.py',
+    'datasheet/test_datasheet.py',
+    'track/test_attitude_model.py',
+    'pipeline/test_solve.py',
+)
 NOT_RUN = pytest.StashKey[str]()
 
 
@@ -71,7 +95,9 @@ def kind_of(path: Path) -> str:
 
 @pytest.hookimpl(tryfirst=True, wrapper=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Any:
-    """Mark each test by its kind; then leave out what needs a program that is not there."""
+    """Mark each test by its kind, the longest first; leave out what lacks a program."""
+    ranks = {ROOT / name: rank for rank, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: ranks.get(item.path, len(ranks)))
     for item in items:
         if not any(item.get_closest_marker(kind) for kind in set(KINDS.values())):
             item.add_marker(kind_of(item.path))
