@@ -1,8 +1,10 @@
 """What tests of every room use, and which of them run where."""
 
+from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+import pickle
 from types import ModuleType
 from typing import Any
 
@@ -78,6 +80,33 @@ settings.load_profile('startracker')
 def sky_data() -> Path:
     """Return the folder of real star images with known attitudes."""
     return ROOT / 'data'
+
+
+class InThisProcess:
+    """An executor of processes that uses this one, where the package is imported already."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        pass
+
+    def __enter__(self) -> 'InThisProcess':
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def map(self, work: Callable, *columns: Iterable) -> Iterator[Any]:  # noqa: A003
+        """Yield the results of work that goes to it and comes back as to another process."""
+        for piece in zip(*columns):
+            function, arguments = pickle.loads(pickle.dumps((work, piece)))
+            yield pickle.loads(pickle.dumps(function(*arguments)))
+
+
+@pytest.fixture(scope='module')
+def one_process() -> Iterator[None]:
+    """Run the pieces of campaigns and benches in this process; others test that of several."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('startracker_ros.campaign.parallel.ProcessPoolExecutor', InThisProcess)
+        yield
 
 
 @pytest.fixture(scope='session')
