@@ -27,7 +27,8 @@ demo-closed-loop: .venv/package .venv/gnc
 
 # Everything. The demos measure what they show, so they have both cores to themselves.
 PYTEST := $(RUN) -m pytest -q
-ON_BOTH_CORES := -n 2 --dist loadfile
+# Three workers: tests of nodes wait half of their time. The order is that of test/conftest.py.
+ON_BOTH_CORES := -n 3 --dist loadfile --no-loadscope-reorder
 DEMOS := $(addprefix test/nodes/,test_demo.py test_two_satellite_demo.py test_closed_loop_demo.py)
 test: .venv/package .venv/gnc
 	@$(PYTEST) $(ON_BOTH_CORES) test $(DEMOS:%=--ignore %); others=$$?; \

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from numba.core import caching
+from numba.core.runtime import rtsys
 from startracker_ros.machine_code import code_name, folders_to_read, machine_code_folder
 
 
@@ -73,7 +74,10 @@ class MachineCodeCache(caching._Cache):
     def load_overload(self, signature: Any, context: Any) -> Any:
         if self._caches is None:
             self._caches = [kind(self._function) for kind in _caches_to_read()]
-        found = (cache.load_overload(signature, context) for cache in self._caches)
+        # Not by load_overload(), which imports all of the compiler first, for half a second: code
+        # that is compiled needs the runtime only. The compiler does the same when it is called.
+        rtsys.initialize(context)
+        found = (cache._load_overload(signature, context) for cache in self._caches)
         return next((one for one in found if one is not None), None)
 
     def save_overload(self, signature: Any, result: Any) -> None:

@@ -1,8 +1,10 @@
 """What tests of every room use, and which of them run where."""
 
+from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+import pickle
 from types import ModuleType
 from typing import Any
 
@@ -28,6 +30,30 @@ KINDS = {
     'package/test_lint.py': 'long',
     'test_compiled.py': 'long',
 }
+# Those that take longest, first: with several workers none is left alone with one of them.
+LONGEST = (
+    'nodes/test_faults.py',
+    'pipeline/test_photographs.py',
+    'nodes/test_replay.py',
+    'nodes/test_lifecycle.py',
+    'nodes/test_managed.py',
+    'package/test_install.py',
+    'campaign/test_integrity_campaign.py',
+    'nodes/test_latency.py',
+    'package/test_lint.py',
+    'nodes/test_tracking_nodes.py',
+    'bench/test_lost_in_space.py',
+    'campaign/test_jpdaf_campaign.py',
+    'nodes/test_soak.py',
+    'nodes/test_bag_player.py',
+    'bench/test_identification_bench.py',
+    'nodes/test_extended_grid_node.py',
+    'nodes/test_bad_input.py',
+    'nodes/test_bag_recorder.py',
+    'datasheet/test_datasheet.py',
+    'track/test_attitude_model.py',
+    'pipeline/test_solve.py',
+)
 NOT_RUN = pytest.StashKey[str]()
 
 
@@ -56,6 +82,33 @@ def sky_data() -> Path:
     return ROOT / 'data'
 
 
+class InThisProcess:
+    """An executor of processes that uses this one, where the package is imported already."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        pass
+
+    def __enter__(self) -> 'InThisProcess':
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def map(self, work: Callable, *columns: Iterable) -> Iterator[Any]:  # noqa: A003
+        """Yield the results of work that goes to it and comes back as to another process."""
+        for piece in zip(*columns):
+            function, arguments = pickle.loads(pickle.dumps((work, piece)))
+            yield pickle.loads(pickle.dumps(function(*arguments)))
+
+
+@pytest.fixture(scope='module')
+def one_process() -> Iterator[None]:
+    """Run the pieces of campaigns and benches in this process; others test that of several."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('startracker_ros.campaign.parallel.ProcessPoolExecutor', InThisProcess)
+        yield
+
+
 @pytest.fixture(scope='session')
 def basilisk() -> ModuleType:
     """Return the package of Basilisk, for the tests that need it."""
@@ -71,7 +124,9 @@ def kind_of(path: Path) -> str:
 
 @pytest.hookimpl(tryfirst=True, wrapper=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Any:
-    """Mark each test by its kind; then leave out what needs a program that is not there."""
+    """Mark each test by its kind, the longest first; leave out what lacks a program."""
+    ranks = {ROOT / name: rank for rank, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: ranks.get(item.path, len(ranks)))
     for item in items:
         if not any(item.get_closest_marker(kind) for kind in set(KINDS.values())):
             item.add_marker(kind_of(item.path))

@@ -69,7 +69,7 @@ def test_a_hundred_bright_false_spots_are_no_obstacle():
     assert outcome.correct.all()
 
 
-def test_the_command_prints_rows_that_hold():
+def test_the_command_prints_rows_that_hold(one_process):
     done = CliRunner().invoke(main, [
         'bench', 'identification', '--trials', '100', '--json', '--only', 'resolved',
         '--only', '100 bright false spots'])

@@ -1,14 +1,14 @@
 """Small runs of the campaign: what it counts, that it repeats, what it prints and draws."""
 
 import json
-import subprocess
-import sys
 
+from click.testing import CliRunner
 import cv2
 import numpy as np
 import pytest
 from startracker_ros.campaign import extended_grid as campaign
 from startracker_ros.campaign.extended_grid_frames import frames, predicted, triangle_votes
+from startracker_ros.cli import main
 from startracker_ros.identify.extended_grid import PredictedField
 from startracker_ros.maths.rotation import attitude_error
 
@@ -62,10 +62,9 @@ def test_triangles_need_two_neighbours_and_one_match():
     assert (triangle_votes(place[:2], pair, 0.005, 1e-6) == -1).all()
 
 
-def test_the_command_prints_the_rows_and_draws_the_curves(tmp_path):
-    done = subprocess.run(
-        [sys.executable, '-m', 'startracker_ros', 'campaign', 'extended-grid', '--trials', '6',
-         '--json', '--output', str(tmp_path)], capture_output=True, text=True, timeout=600)
+def test_the_command_prints_the_rows_and_draws_the_curves(tmp_path, one_process):
+    done = CliRunner().invoke(main, ['campaign', 'extended-grid', '--trials', '6', '--json',
+                                     '--output', str(tmp_path)])
     document = json.loads(done.stdout.splitlines()[-1])
     assert document['name'] == 'campaign extended-grid' and document['conditions']['trials'] == 6
     rows = {row['case']: row for row in document['rows']}
@@ -73,6 +72,6 @@ def test_the_command_prints_the_rows_and_draws_the_curves(tmp_path):
     assert rows['success, position noise 1 px']['paper'] == '> 97.4'
     assert rows['nearest neighbour right, extended image']['paper'] == '86.7'
     assert next(row for case, row in rows.items() if 'wrong star' in case)['ours'] == 0
-    assert done.returncode == (0 if all(row['holds'] for row in rows.values()) else 1)
+    assert done.exit_code == (0 if all(row['holds'] for row in rows.values()) else 1)
     picture = cv2.imread(str(tmp_path / 'extended_grid.png'))
     assert picture.shape[0] > 300 and picture.std() > 10

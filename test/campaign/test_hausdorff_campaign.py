@@ -8,7 +8,7 @@ CELLS_TO_RUN = (('pivot', 5.5), ('segment', 6.0))
 
 
 @pytest.fixture(scope='module')
-def rows():
+def rows(one_process):
     result = run_hausdorff_campaign(trials=20, seed=1, cells=CELLS_TO_RUN)
     assert result.conditions['trials'] == 20
     return {(row.case, row.variant): row for row in result.rows}

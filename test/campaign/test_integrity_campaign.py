@@ -65,7 +65,7 @@ def test_images_without_stars_are_due():
     assert small_run('start with 100 spots', frames=4, detector=dark) == Tally(frames=4, due=1)
 
 
-def test_the_command_runs_both_kinds():
+def test_the_command_runs_both_kinds(one_process):
     done = CliRunner().invoke(main, [
         'campaign', 'integrity', '--trials', '1', '--json', '--only', 'steady turn',
         '--only', 'start with 100 spots'])

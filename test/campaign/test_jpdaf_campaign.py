@@ -135,7 +135,7 @@ def test_a_seed_repeats(found):
     assert not np.array_equal(campaign.errors(STILL, 1, 6).error, again.error)
 
 
-def test_the_command_prints_every_cell_and_draws(tmp_path, monkeypatch):
+def test_the_command_prints_every_cell_and_draws(tmp_path, monkeypatch, one_process):
     cells = {cell: PUBLISHED[cell] for cell in (STILL, TURNING, Cell('linear', 0.1, 0.02))}
     monkeypatch.setattr(campaign, 'PUBLISHED', cells)
     monkeypatch.setattr(campaign, '_MODEL_RUNS', 10)

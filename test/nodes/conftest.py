@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from fork_server import ForkedNodes
 import pytest
 from startracker_ros.harness.processes import NodeProcesses, set_environment
 
@@ -15,6 +16,16 @@ from startracker_ros.harness.rig import Rig  # noqa: E402
 
 HANGS_S = 120.0
 """After this time a node hangs: on a busy machine everything takes ten times as long."""
+
+
+@pytest.fixture(scope='session', autouse=True)
+def forked() -> Iterator[None]:
+    """Fork the nodes of all rigs from a process that has loaded them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('startracker_ros.harness.rig.NodeProcesses', ForkedNodes)
+        yield
+    if ForkedNodes.server is not None:
+        ForkedNodes.server.close()
 
 
 @contextmanager
@@ -52,4 +63,11 @@ def probe(rig: Rig) -> Probe:
 @pytest.fixture
 def nodes(rig: Rig) -> NodeProcesses:
     """Return the processes of the rig."""
+    return rig.processes
+
+
+@pytest.fixture
+def fresh_nodes(rig: Rig) -> NodeProcesses:
+    """Return processes of the rig that start as those of a user do."""
+    rig.processes = NodeProcesses(rig.log_folder)
     return rig.processes

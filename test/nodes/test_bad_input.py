@@ -1,9 +1,6 @@
 """What cannot be right is named, on real nodes; they live on and publish no wrong attitude."""
 
-from importlib import import_module
-import multiprocessing
-import os
-
+from fork_server import ForkedNodes
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
@@ -11,7 +8,6 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from startracker_ros.bag.layouts import CENTROID_DTYPE, read_cloud, STAR_DTYPE
 from startracker_ros.camera.model import Camera
 from startracker_ros.executables import NODES
-from startracker_ros.harness.processes import parameter_arguments
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import cloud_to_message
@@ -72,34 +68,13 @@ def test_too_few_stars_give_no_attitude(nodes, probe):
     assert not probe.received['attitude']
 
 
-def main_of_node(node, arguments, output):
-    """Run the main function of a node; what it prints goes to a file."""
-    descriptor = os.open(output, os.O_WRONLY | os.O_CREAT)
-    os.dup2(descriptor, 1)
-    os.dup2(descriptor, 2)
-    import_module(NODES[node]).main(arguments)
-
-
-@pytest.fixture(scope='module')
-def forks():
-    """Return the context of processes that start with all nodes imported."""
-    context = multiprocessing.get_context('forkserver')
-    context.set_forkserver_preload(list(NODES.values()))
-    return context
-
-
 @pytest.fixture
-def exit_of(forks, tmp_path):
+def exit_of(tmp_path):
     """Return a function that runs a node and returns its exit code and what it printed."""
     def run(node, parameters):
-        output = tmp_path / 'output'
-        process = forks.Process(target=main_of_node, args=(
-            node, parameter_arguments(parameters), output))
-        process.start()
-        process.join(HANGS_S)
-        process.kill()
-        process.join()
-        return process.exitcode, output.read_text()
+        with ForkedNodes(tmp_path) as nodes:
+            code = nodes.start(node, parameters).wait(HANGS_S)
+        return code, (tmp_path / f'{node}.log').read_text()
     return run
 
 

@@ -229,7 +229,9 @@ def check_topics_and_reset(probe, places, folder):
         assert (reset in services) == (node in RESETTABLE), node
 
 
-def test_every_node_has_its_topics_and_parameters_and_ends(nodes, probe, tmp_path, sky_data):
+def test_every_node_has_its_topics_and_parameters_and_ends(
+        fresh_nodes, probe, tmp_path, sky_data):
+    nodes = fresh_nodes
     places = start_all(nodes, probe, tmp_path, sky_data)
     check_topics_and_reset(probe, places, tmp_path)
     check_parameters(probe, places, tmp_path)

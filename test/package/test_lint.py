@@ -10,14 +10,27 @@ ROOT = Path(__file__).parents[2]
 SOURCES = ('startracker_ros', 'test', 'launch', 'bags', 'docs', 'setup.py')
 
 
+# Without the plugins whose rules ruff has (D, Q, C4, A and UP), in a hundredth of their time.
+AMENT_FLAKE8 = """
+from importlib import metadata
+import sys
+every = metadata.distributions
+metadata.distributions = lambda: (one for one in every() if one.metadata['name'] not in (
+    'flake8-docstrings', 'flake8-quotes', 'flake8-comprehensions', 'flake8-builtins',
+    'flake8-deprecated'))
+from ament_flake8.main import main
+sys.exit(main())
+"""
+
+
 @pytest.mark.parametrize('linter', [
-    # The order of imports and names as ament wants them; ruff has the rules of ament_pep257.
-    ('ament_flake8.main', *SOURCES),
-    ('ruff', 'check', '--no-cache', *SOURCES),
-    ('mypy', '--no-error-summary'),
-], ids=lambda words: words[0])
+    # The order of imports as ament wants it, and all that ruff has not.
+    ('-c', AMENT_FLAKE8, *SOURCES),
+    ('-m', 'ruff', 'check', '--no-cache', *SOURCES),
+    ('-m', 'mypy', '--no-error-summary'),
+], ids=['ament_flake8', 'ruff', 'mypy'])
 def test_nothing_is_found(linter):
-    done = subprocess.run([sys.executable, '-m', *linter], cwd=ROOT, stdout=subprocess.PIPE,
+    done = subprocess.run([sys.executable, *linter], cwd=ROOT, stdout=subprocess.PIPE,
                           stderr=subprocess.STDOUT, text=True)
     found = [line for line in done.stdout.splitlines() if not line.startswith('checking ')]
     assert done.returncode == 0, '\n'.join(found)
