@@ -1,6 +1,7 @@
 """What every node shares: options from parameters, diagnostics, clean shutdown."""
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from functools import partial
 import gc
 from importlib import import_module
@@ -144,7 +145,9 @@ class PipelineNode(ManagedNode):
                 self.diagnostics.report(ERROR, f'{topic}: {error}')
 
         def subscribe_dds() -> None:
-            self.create_subscription(message_type, topic, guarded, profile, raw=decode is not None,
+            # A copy: rclpy writes the overrides into the profile that it receives.
+            self.create_subscription(message_type, topic, guarded, copy(profile),
+                                     raw=decode is not None,
                                      qos_overriding_options=qos.overridable())
         if self.composition is None:
             subscribe_dds()
@@ -161,7 +164,7 @@ class PipelineNode(ManagedNode):
 
     def advertise(self, message_type: type, topic: str, profile: QoSProfile) -> Any:
         """Return a publisher whose quality of service can be overridden."""
-        publisher = self.create_publisher(message_type, topic, profile,
+        publisher = self.create_publisher(message_type, topic, copy(profile),
                                           qos_overriding_options=qos.overridable())
         if self.composition is None:
             return publisher
