@@ -28,6 +28,7 @@ from startracker_ros.ros import parameters, qos
 from startracker_ros.ros.composition import Composition
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR
 from startracker_ros.ros.forced_exit import exit_after
+from startracker_ros.ros.incompatible_qos import IncompatiblePublishers
 from startracker_ros.ros.managed import LifecycleOptions, ManagedNode, StartError
 from startracker_ros.ros.shared_memory import remove_left_behind
 from startracker_ros.ros.shutdown import Shutdown
@@ -78,6 +79,7 @@ class PipelineNode(ManagedNode):
         self._options = parameters.declare(self, self.option_classes)
         self.hardware_id = self.get_namespace().strip('/') or 'star_tracker'
         self.diagnostics = Diagnostics(self, self.task, self.hardware_id)
+        self._incompatible_publishers = IncompatiblePublishers(self, self.diagnostics)
 
     def begin(self) -> None:
         """Configure and activate unless a manager does, and accept changes of parameters."""
@@ -149,7 +151,8 @@ class PipelineNode(ManagedNode):
                 # A copy: rclpy writes the overrides into the profile that it receives.
                 self.create_subscription(
                     message_type, topic, guarded, copy(profile), raw=decode is not None,
-                    qos_overriding_options=qos.overridable())
+                    qos_overriding_options=qos.overridable(),
+                    event_callbacks=self._incompatible_publishers.callbacks(topic))
         if self.composition is None:
             subscribe_dds()
         else:

@@ -1,13 +1,11 @@
 """sky_simulator: nothing -> image_raw, camera_info, imu, odometry, and the truth of all."""
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from startracker_ros.astro.epoch import epoch_year_from_stamp
 from startracker_ros.catalog.band import BandOptions
-from startracker_ros.catalog.deep import camera_catalog, DEEP_LIMIT
-from startracker_ros.options import option, Options
+from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.ros.diagnostics import OK
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.image_topic import TransportOptions
@@ -23,28 +21,14 @@ from startracker_ros.sky.gyro import GyroOptions
 from startracker_ros.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sky.motion_state import Motion
 from startracker_ros.sky.navigation import NavigationOptions
-from startracker_ros.sky.presets import PRESETS, with_preset
+from startracker_ros.sky.presets import with_preset
+from startracker_ros.sky.scene_options import SceneOptions
 from startracker_ros.sky.simulator import SkySimulator
 from startracker_ros.sky.sources import SkyOptions
 from startracker_ros.sky.target import TargetOptions
 
-
-@dataclass(frozen=True)
-class SceneOptions(Options):
-    """Which sky is simulated, and how many pixels see it."""
-
-    width: int = option(1024, 'image width; a camera_file brings its own', unit='px',
-                        low=16, high=4096)
-    height: int = option(1024, 'image height; a camera_file brings its own', unit='px',
-                         low=16, high=4096)
-    faint_limit: float = option(
-        9.0, 'faintest star that is drawn, V; beyond 9 only fields below 4 deg have stars',
-        unit='mag', low=0.0, high=DEEP_LIMIT)
-    seed: int = option(1, 'seed of all noise: the same seed gives the same images',
-                       low=0, high=2 ** 31 - 1)
-    preset: str = option(
-        'none', 'harsh: a bad day of a worn sensor; its values replace those of the parameters '
-        'that are at their defaults', choices=tuple(PRESETS))
+# No star of the catalogue moves by more than 0.2 arcsec in this time.
+_EPOCH_TOLERANCE_NS = 18 * 86400 * 10 ** 9
 
 
 class SkySimulatorNode(SourceNode):
@@ -78,11 +62,18 @@ class SkySimulatorNode(SourceNode):
         self._build(motion_from_options(motion, seed=scene.seed), self.start_ns())
         self.start(self._camera, self._publish_frame)
 
+    def before_first_image(self, stamp_ns: int) -> None:
+        # With simulated time the node may be configured before it receives /clock.
+        motion, start_ns = self._built
+        if abs(stamp_ns - start_ns) > _EPOCH_TOLERANCE_NS:
+            self._build(motion, stamp_ns)
+
     def _begin(self, stamp_ns: int) -> None:
         self._build(self._motion.motion, stamp_ns)
 
     def _build(self, motion: Motion, start_ns: int) -> None:
         scene = self.options(SceneOptions)
+        self._built = motion, start_ns
         self._simulator = SkySimulator(
             self._camera, motion,
             camera_catalog(self._camera, band=self.options(BandOptions)).brighter_than(
