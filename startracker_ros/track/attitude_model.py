@@ -65,6 +65,8 @@ class AttitudeModel(StarModel):
         across, roll = options.acceleration_deg_s2, options.roll_acceleration_deg_s2
         self._acceleration_rad_s2 = np.radians([across, across, roll])
         self.gyro_trouble = ''
+        # Its scatter is reported before the first start.
+        self._stamp_jitter = StampJitter()
 
     def start(self, start: Start) -> None:
         frame = start.frame
