@@ -16,15 +16,23 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from startracker_ros.executables import STAGES
 from startracker_ros.harness.launching import node, RESPAWN, shared_arguments
 
+LISTS = ('centroids', 'stars', 'tracks', 'tracked_attitude')
+
+
+def queue_depth(topic: str, end: str, argument: str) -> dict:
+    """Return the parameter that sets the depth of the publisher or subscription of a topic."""
+    # Its name contains that of the topic.
+    name = PathJoinSubstitution(['/', LaunchConfiguration('namespace'), topic])
+    return {('qos_overrides.', name, f'.{end}.depth'): LaunchConfiguration(argument)}
+
 
 def generate_launch_description() -> LaunchDescription:
     """Return the four stages of the star tracker and, on request, the recorder."""
     composed = LaunchConfiguration('composed')
-    # The name of the parameter contains that of the topic.
-    topic = PathJoinSubstitution(['/', LaunchConfiguration('namespace'), 'image_raw'])
-    image_depth = [{('qos_overrides.', topic, '.subscription.depth'):
-                    LaunchConfiguration('image_depth')}]
     managed = {'autostart': False}
+    depths = [queue_depth('image_raw', 'subscription', 'image_depth'),
+              *(queue_depth(topic, end, 'list_depth')
+                for topic in LISTS for end in ('publisher', 'subscription'))]
     return LaunchDescription([
         *shared_arguments(),
         DeclareLaunchArgument(
@@ -32,14 +40,17 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             'image_depth', default_value='2', description='images that centroid_extractor may '
             'have in its queue'),
+        DeclareLaunchArgument(
+            'list_depth', default_value='10', description='frames that each following stage may '
+            'have in its queues'),
         node('bag_recorder', name='bag_recorder',
              condition=IfCondition(LaunchConfiguration('record'))),
         *(node(name, name=name, condition=UnlessCondition(composed), **RESPAWN,
-               parameters=[managed, *(image_depth if name == STAGES[0] else ())])
+               parameters=[managed, *depths])
           for name in STAGES),
         # Without a name: it would rename all nodes of the process.
         node('composed_pipeline', files=STAGES, condition=IfCondition(composed), **RESPAWN,
-             parameters=[managed, *image_depth]),
+             parameters=[managed, *depths]),
         node('pipeline_manager', name='pipeline_manager', **RESPAWN,
              condition=IfCondition(LaunchConfiguration('manager'))),
     ])

@@ -4,7 +4,7 @@ import os
 import shutil
 import struct
 import tempfile
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import lz4.frame
 from mcap.exceptions import McapError
@@ -48,16 +48,24 @@ def unpack(data: bytes | memoryview, compression: str, size: int | None = None) 
     return unpacked
 
 
-def unpack_file(packed: BinaryIO) -> BinaryIO:
+def first_unpacked_bytes(packed: bytes, count: int) -> bytes:
+    """Return the first bytes of the begin of a zstd file, fewer where it is damaged."""
+    try:
+        return zstandard.ZstdDecompressor().stream_reader(packed).read(count)
+    except zstandard.ZstdError:
+        return b''
+
+
+def unpack_file(packed: BinaryIO) -> Any:
     """
-    Return a temporary file with a zstd file unpacked, as far as that goes, at its begin.
+    Return a named temporary file with a zstd file unpacked, as far as that goes, at its begin.
 
     ZstdError on malformed bytes, OSError if the disk fails, ValueError if half of its free space
     is not enough: a few bytes may declare any size.
     """
     folder = tempfile.gettempdir()
     limit = int(_SHARE_OF_FREE_SPACE * shutil.disk_usage(folder).free)
-    unpacked = tempfile.TemporaryFile(dir=folder)
+    unpacked = tempfile.NamedTemporaryFile(dir=folder)
     try:
         with zstandard.ZstdDecompressor().stream_reader(
                 packed, read_across_frames=True, closefd=False) as stream:

@@ -5,16 +5,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from startracker_ros.bag.errors import BagError, CONVERT
+from startracker_ros.bag.errors import BagError
 from startracker_ros.yaml_text import load_yaml
 
 _MAX_METADATA_BYTES = 2 ** 24
 _PACKED = '.zstd'
+_SUFFIXES = {'mcap': '.mcap', 'sqlite3': '.db3'}
 
 
 @dataclass(frozen=True)
 class BagFiles:
-    """MCAP files in the order of recording, and what each message is compressed with, if any."""
+    """The files in the order of recording, and what each message is compressed with, if any."""
 
     paths: tuple[Path, ...]
     message_compression: str = ''
@@ -24,13 +25,15 @@ def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
     """
     Return the files of a bag folder, or the file itself; BagError if they cannot be read.
 
-    Without a metadata.yaml, which a killed recorder does not write, these are all .mcap files.
+    Without a metadata.yaml, which a killed recorder does not write, these are all .mcap files, or
+    .db3 files where there are none.
     With report, a damaged metadata.yaml is reported and ignored.
     """
     if not bag.is_dir():
         return BagFiles((bag,))
-    found = tuple(sorted(bag.glob('*.mcap'), key=_order) or sorted(
-        bag.glob(f'*.mcap{_PACKED}'), key=_order))
+    found = next((tuple(sorted(paths, key=_order)) for suffix in _SUFFIXES.values()
+                  for packed in ('', _PACKED) if (paths := list(bag.glob(f'*{suffix}{packed}')))),
+                 ())
     metadata = bag / 'metadata.yaml'
     if metadata.is_file():
         try:
@@ -40,7 +43,7 @@ def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
                 raise BagError(f'{metadata}: {error}') from error
             report(f'{metadata}: {error}')
     if not found:
-        raise BagError(f'{bag} holds no .mcap file')
+        raise BagError(f'{bag} holds no .mcap and no .db3 file')
     return BagFiles(found)
 
 
@@ -71,8 +74,10 @@ def _information(path: Path) -> dict[str, Any]:
 
 def _named_files(bag: Path, information: dict[str, Any]) -> BagFiles:
     storage = information.get('storage_identifier')
-    if storage != 'mcap':
-        raise BagError(f'{bag} is stored as {storage}, only mcap can be read; {CONVERT}')
+    if storage not in _SUFFIXES:
+        raise BagError(f'{bag} is stored as {storage}, only {" and ".join(_SUFFIXES)} can be '
+                       'read; on a ROS install `ros2 bag convert` makes an mcap bag of it, see '
+                       'docs/bags.md')
     names = information.get('relative_file_paths')
     if not isinstance(names, list) or not names or not all(
             isinstance(name, str) and name for name in names):

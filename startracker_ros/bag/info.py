@@ -5,8 +5,8 @@ from pathlib import Path
 
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.folder import BagFiles, find_files
-from startracker_ros.bag.mcap_file import McapFile
 from startracker_ros.bag.reader import BagTopic, read_span_ns, read_topics
+from startracker_ros.bag.storage import open_file
 from startracker_ros.table import Result
 
 
@@ -55,7 +55,7 @@ def _compression(files: BagFiles) -> str:
         return f'{files.message_compression}, each message'
     names: set[str] = set()
     for path in files.paths:
-        with McapFile(path) as file:
+        with open_file(path) as file:
             if file.compressed_file:
                 return 'zstd, whole files'
             names |= file.compressions

@@ -20,11 +20,11 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 from startracker_ros.bag.compression import (
     DECODING_ERRORS, MAX_RECORD_BYTES, unpack, unpack_file, ZSTD_MAGIC)
-from startracker_ros.bag.errors import BagError, CONVERT, UnfinishedBagError
+from startracker_ros.bag.errors import BagError, UnfinishedBagError
+from startracker_ros.bag.raw_message import RawMessage
 import zstandard
 
 _MAX_PENDING_BYTES = 2 ** 30
-_SQLITE = b'SQLite format 3'
 _MAGIC = b'\x89MCAP0\r\n'
 # Before each record: opcode and length of the content.
 _FRAME = struct.Struct('<BQ')
@@ -33,17 +33,6 @@ _CHUNK = struct.Struct('<QQQLL')
 # Channel, sequence number, log time, publish time.
 _MESSAGE = struct.Struct('<HLQQ')
 _ERRORS = (*DECODING_ERRORS, OSError)
-
-
-@dataclass(frozen=True)
-class RawMessage:
-    """A message as it stands in the file."""
-
-    channel: Channel
-    schema: Schema | None
-    log_time_ns: int
-    publish_time_ns: int
-    data: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +82,7 @@ class McapFile:
             raise BagError(f'cannot read {path}: {error.strerror}') from error
         if magic != _MAGIC:
             self._file.close()
-            hint = f'; {CONVERT}' if magic == _SQLITE[:len(magic)] else ''
-            raise BagError(f'{path} is no MCAP file: it starts with {magic!r}{hint}')
+            raise BagError(f'{path} is no MCAP file: it starts with {magic!r}')
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.statistics: Statistics | None = None
@@ -137,6 +125,11 @@ class McapFile:
     def blocks_ns(self) -> list[tuple[int, int]]:
         """First and last log time of each chunk with messages, by their heads."""
         return [(b.start_ns, b.end_ns) for b in self._blocks if b.end_ns or not b.is_chunk]
+
+    @property
+    def message_counts(self) -> dict[int, int] | None:
+        """Numbers of messages by channel as the file states them, None where it does not."""
+        return None if self.statistics is None else self.statistics.channel_message_counts
 
     @property
     def is_sound(self) -> bool:

@@ -11,9 +11,10 @@ from mcap_ros2.decoder import DecoderFactory
 from startracker_ros.bag.compression import DECODING_ERRORS, unpack
 from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.folder import find_files
-from startracker_ros.bag.mcap_file import McapFile, RawMessage
 from startracker_ros.bag.qos import qos_from_yaml, QosProfile
+from startracker_ros.bag.raw_message import RawMessage
 from startracker_ros.bag.schemas import message_schema, MessageSchema
+from startracker_ros.bag.storage import BagFile, open_file
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
                   end_ns: int = 2 ** 64, tolerant: bool = False,
                   report: Callable[[str], None] = _ignore) -> Iterator[BagMessage]:
     """
-    Yield the messages of a bag folder or an MCAP file in the order of their log times.
+    Yield the messages of a bag folder or one of its files in the order of their log times.
 
     topics: only these, all if empty; start_ns: skip earlier log times; end_ns: and those from
     this one on.
@@ -62,7 +63,7 @@ def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
     """
     files = find_files(Path(bag), report if tolerant else None)
     for path in files.paths:
-        with McapFile(path) as file:
+        with open_file(path) as file:
             in_order = file.is_sound
             for record in _records(file, topics, start_ns, tolerant, report):
                 if record.log_time_ns >= end_ns and in_order:
@@ -89,7 +90,7 @@ def read_topics(bag: Path, *, tolerant: bool = False, report: Callable[[str], No
     """Return the topics of a bag by name; tolerant, report and errors as in read_messages()."""
     topics: dict[str, BagTopic] = {}
     for path in find_files(Path(bag), report if tolerant else None).paths:
-        with McapFile(path) as file:
+        with open_file(path) as file:
             for topic in _topics_of(file, tolerant, report):
                 before = topics.get(topic.name)
                 count = topic.message_count + (before.message_count if before else 0)
@@ -124,7 +125,7 @@ def read_span_ns(bag: Path) -> tuple[int, int] | None:
     """Return the first and last log time of a bag, as far as it goes; None without messages."""
     spans = []
     for path in find_files(Path(bag), _ignore).paths:
-        with McapFile(path) as file:
+        with open_file(path) as file:
             if file.span_ns is not None:
                 spans.append(file.span_ns)
     return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
@@ -134,12 +135,12 @@ def read_blocks_ns(bag: Path) -> list[tuple[int, int]]:
     """Return the first and last log time of each chunk of a bag, as far as it goes."""
     spans: list[tuple[int, int]] = []
     for path in find_files(Path(bag), _ignore).paths:
-        with McapFile(path) as file:
+        with open_file(path) as file:
             spans += file.blocks_ns
     return spans
 
 
-def _records(file: McapFile, topics: Sequence[str], start_ns: int, tolerant: bool,
+def _records(file: BagFile, topics: Sequence[str], start_ns: int, tolerant: bool,
              report: Callable[[str], None]) -> Iterator[RawMessage]:
     if not tolerant:
         return file.messages(topics, start_ns)
@@ -152,7 +153,7 @@ def _name(schema: Schema | None) -> str:
     return schema.name if schema else ''
 
 
-def _topics_of(file: McapFile, tolerant: bool, report: Callable[[str], None]
+def _topics_of(file: BagFile, tolerant: bool, report: Callable[[str], None]
                ) -> Iterator[BagTopic]:
     counts: dict[int, int] = {}
     if tolerant:
@@ -160,11 +161,12 @@ def _topics_of(file: McapFile, tolerant: bool, report: Callable[[str], None]
             counts[message.channel.id] = counts.get(message.channel.id, 0) + 1
     else:
         file.check()
-        if file.statistics is None:
+        stated = file.message_counts
+        if stated is None:
             for message in file.messages():
                 counts[message.channel.id] = counts.get(message.channel.id, 0) + 1
         else:
-            counts = file.statistics.channel_message_counts
+            counts = stated
     for channel in file.channels.values():
         yield _topic(channel, file.schemas.get(channel.schema_id), counts.get(channel.id, 0))
 

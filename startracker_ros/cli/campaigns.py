@@ -118,6 +118,21 @@ def campaign_faults(only: tuple[str, ...], seed: int, as_json: bool) -> None:
     finish(result, as_json)
 
 
+@campaign.command('lifecycle')
+@trials_option(1000, 'Sequences of four random transitions in each mode.')
+@click.option('--only', multiple=True, help='Modes to run, by name: composed, processes.')
+@seed_option
+@json_option
+def campaign_lifecycle(trials: int, only: tuple[str, ...], seed: int, as_json: bool) -> None:
+    """Configure, activate, deactivate and clean up the nodes at random: they always return."""
+    from startracker_ros.campaign.lifecycle import MODES, run_lifecycle_campaign
+    from startracker_ros.harness.processes import HarnessError
+    check_names('mode', only, MODES)
+    with exit_1_on(HarnessError):
+        result = run_lifecycle_campaign(trials=trials, seed=seed, only=only)
+    finish(result, as_json)
+
+
 @campaign.command('full-frame')
 @trials_option(5, 'Chips, of ten images each.')
 @seed_option

@@ -110,7 +110,7 @@ class CameraNode(PipelineNode):
         if self.camera is None:
             self.diagnostics.report(WARN, 'waiting for camera_info')
         if early:
-            self.diagnostics.report_event(f'{early} {_EARLY}: those frames are lost')
+            self.diagnostics.report_event(f'{early} {_EARLY}: images that came with them are lost')
         self.on_warm()
         super().prepare()
 

@@ -1,6 +1,7 @@
 """What every node shares: options from parameters, diagnostics, clean shutdown."""
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from functools import partial
 import gc
 from importlib import import_module
@@ -27,6 +28,7 @@ from startracker_ros.ros import parameters, qos
 from startracker_ros.ros.composition import Composition
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR
 from startracker_ros.ros.forced_exit import exit_after
+from startracker_ros.ros.incompatible_qos import IncompatiblePublishers
 from startracker_ros.ros.managed import LifecycleOptions, ManagedNode, StartError
 from startracker_ros.ros.shared_memory import remove_left_behind
 from startracker_ros.ros.shutdown import Shutdown
@@ -77,6 +79,7 @@ class PipelineNode(ManagedNode):
         self._options = parameters.declare(self, self.option_classes)
         self.hardware_id = self.get_namespace().strip('/') or 'star_tracker'
         self.diagnostics = Diagnostics(self, self.task, self.hardware_id)
+        self._incompatible_publishers = IncompatiblePublishers(self, self.diagnostics)
 
     def begin(self) -> None:
         """Configure and activate unless a manager does, and accept changes of parameters."""
@@ -144,8 +147,12 @@ class PipelineNode(ManagedNode):
                 self.diagnostics.report(ERROR, f'{topic}: {error}')
 
         def subscribe_dds() -> None:
-            self.create_subscription(message_type, topic, guarded, profile, raw=decode is not None,
-                                     qos_overriding_options=qos.overridable())
+            with qos.named_errors('subscription', topic):
+                # A copy: rclpy writes the overrides into the profile that it receives.
+                self.create_subscription(
+                    message_type, topic, guarded, copy(profile), raw=decode is not None,
+                    qos_overriding_options=qos.overridable(),
+                    event_callbacks=self._incompatible_publishers.callbacks(topic))
         if self.composition is None:
             subscribe_dds()
         else:
@@ -161,8 +168,9 @@ class PipelineNode(ManagedNode):
 
     def advertise(self, message_type: type, topic: str, profile: QoSProfile) -> Any:
         """Return a publisher whose quality of service can be overridden."""
-        publisher = self.create_publisher(message_type, topic, profile,
-                                          qos_overriding_options=qos.overridable())
+        with qos.named_errors('publisher', topic):
+            publisher = self.create_publisher(message_type, topic, copy(profile),
+                                              qos_overriding_options=qos.overridable())
         if self.composition is None:
             return publisher
         return self.composition.advertise(
@@ -197,6 +205,9 @@ class PipelineNode(ManagedNode):
         """
         changed = [p for p in parameter_list if not parameters.is_current(self, p)]
         try:
+            for name in (p.name for p in changed if not self.has_parameter(p.name)):
+                # The text of rclpy does not name it.
+                raise parameters.ParameterError(parameters.unknown(name, [self]))
             parameters.check(self.option_classes, {p.name: p.value for p in changed})
         except parameters.ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -238,7 +249,8 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
     # First, so that an early signal is not lost.
     shutdown = PipelineNode.shutdown = Shutdown()
     remove_left_behind()
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    if not _initialize(args, node_classes[0]):
+        return 2
     nodes: list[PipelineNode] = []
     code = 1
     executor: Any = None
@@ -265,8 +277,7 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
                 executor.spin_once(timeout_sec=1.0)
         code = 0
     except (parameters.ParameterError, StartError, CameraError) as error:
-        # Not by the module, which is __main__ under `python -m`.
-        rclpy.logging.get_logger(Path(inspect.getfile(node_class)).stem).fatal(str(error))
+        _log_fatal(node_class, error)
         code = 2
     except (Exception, KeyboardInterrupt):
         # An interrupted callback may raise anything.
@@ -276,8 +287,7 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
     finally:
         for node in nodes:
             node.close()
-        if nodes:
-            exit_after(EXIT_TIMEOUT_S, code)
+        exit_after(EXIT_TIMEOUT_S, code)
         # The events executor aborts if it is destroyed with callbacks of a node in it.
         if executor is not None:
             for node in nodes:
@@ -292,6 +302,23 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
             sys.stderr.flush()
             os._exit(code)
     return code
+
+
+def _initialize(args: list[str] | None, node_class: type[PipelineNode]) -> bool:
+    """Initialize rclpy; False for wrong arguments or a parameter file that cannot be read."""
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        _log_fatal(node_class, error)
+        return False
+    return True
+
+
+def _log_fatal(node_class: type[PipelineNode], error: Exception) -> None:
+    """Log why a node cannot start, without the lines of the C sources of rcl."""
+    # Not by the module, which is __main__ under `python -m`.
+    rclpy.logging.get_logger(Path(inspect.getfile(node_class)).stem).fatal(
+        str(error).partition(', at /')[0])
 
 
 def _collect_between_frames(node: PipelineNode) -> None:

@@ -83,6 +83,14 @@ def check(classes: Sequence[type[Options]], changes: dict[str, object]) -> None:
         _check_override(row, changes[row.name])
 
 
+def unknown(name: str, nodes: Sequence[Node]) -> str:
+    """Return what is wrong with a name that no node declares, and the closest declared one."""
+    declared = [row for node in nodes for row in declared_parameters(node) if '.' not in row]
+    near = difflib.get_close_matches(name, declared, 1)
+    return f'unknown parameter {name}' + (
+        f'; did you mean {near[0]}?' if near else f'; known: {", ".join(declared)}')
+
+
 def is_current(node: Node, parameter: Parameter) -> bool:
     """Return whether a declared parameter has the type and the value of another."""
     if not node.has_parameter(parameter.name):
@@ -110,8 +118,4 @@ def reject_unknown(nodes: Sequence[Node]) -> None:
              if node.has_parameter(name)}
     for name in (name for node in nodes for name in parameter_overrides(node)):
         if not (name in known or name in _RCLPY_PARAMETERS or name.startswith('qos_overrides.')):
-            declared = [row for node in nodes for row in declared_parameters(node)
-                        if '.' not in row]
-            near = difflib.get_close_matches(name, declared, 1)
-            hint = f'; did you mean {near[0]}?' if near else f'; known: {", ".join(declared)}'
-            raise ParameterError(f'unknown parameter {name}{hint}')
+            raise ParameterError(unknown(name, nodes))

@@ -159,6 +159,9 @@ class SourceNode(ImageSourceNode):
         self._timer = self.create_timer(
             1 / self.options(SourceOptions).frame_rate_hz, self._tick)
 
+    def before_first_image(self, stamp_ns: int) -> None:
+        """Get ready for the first image, whose stamp is known now."""
+
     def stop(self) -> None:
         """Call no more."""
         if self._timer is not None:
@@ -192,6 +195,7 @@ class SourceNode(ImageSourceNode):
             if not self.has_users(self._waiting_camera, now_ns + self._stamp_offset_ns):
                 return
             self._begin_ns = now_ns
+            self.before_first_image(now_ns + self._stamp_offset_ns)
         since_ns = now_ns - self._begin_ns
         self._publish_next(self._begin_ns, since_ns)
         # Make up for a missed tick, so that later images are not late, too.

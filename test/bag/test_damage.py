@@ -221,8 +221,8 @@ def test_files_outside_of_the_folder_are_not_touched(whole: bytes, tmp_path: Pat
 
 
 @pytest.mark.parametrize('metadata, words', [
-    (METADATA.format(storage='sqlite3', mode='none', name='run_0.db3'),
-     'is stored as sqlite3, only mcap can be read; on a ROS install `ros2 bag convert`'),
+    (METADATA.format(storage='other', mode='none', name='run_0.other'),
+     'is stored as other, only mcap and sqlite3 can be read; on a ROS install `ros2 bag convert`'),
     (METADATA.format(storage='mcap', mode='FILE', name='run_0.mcap').replace('zstd', 'lz4'),
      'compressed by rosbag2 as whole files with lz4, only zstd can be read'),
     (METADATA.format(storage='mcap', mode='none', name='gone.mcap'), "'gone.mcap' is not there"),
@@ -243,7 +243,7 @@ def test_metadata_that_says_nothing(whole: bytes, tmp_path: Path, metadata: str,
     (tmp_path / 'metadata.yaml').write_text(metadata)
     with pytest.raises(BagError, match=words):
         numbers(tmp_path)
-    if 'storage_identifier: sqlite3' in metadata or 'FILE' in metadata:
+    if 'storage_identifier: other' in metadata or 'FILE' in metadata:
         return
     problems: list[str] = []
     assert numbers(tmp_path, tolerant=True, report=problems.append) == list(range(COUNT))

@@ -95,7 +95,7 @@ def test_what_is_no_bag(tmp_path: Path) -> None:
     (tmp_path / 'text.mcap').write_text('rosbag2_bagfile_information:')
     (tmp_path / 'nothing.mcap').touch()
     for name, reason in (('missing', 'cannot read .*missing: No such file'),
-                         ('empty', 'empty holds no .mcap file'),
+                         ('empty', 'empty holds no .mcap and no .db3 file'),
                          ('text.mcap', "text.mcap is no MCAP file: it starts with b'rosbag2_'"),
                          ('nothing.mcap', "nothing.mcap is no MCAP file: it starts with b''")):
         for tolerant in (False, True):

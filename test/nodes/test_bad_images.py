@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.camera.model import Camera
@@ -122,6 +123,14 @@ def test_black_and_white_images_hold_no_star(extractor, probe, sky, value):
                            for s in probe.statuses()
                            if s.name == 'centroid_extractor: centroids'), 'a warning')
     extractor.still_works(sky)
+
+
+def test_best_effort_publishers_are_named(extractor, probe):
+    publisher = probe.create_publisher(
+        Image, 'image_raw', QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT))
+    probe.wait_diagnostic('nothing is received from best effort publishers: set '
+                          'qos_overrides./image_raw.subscription.reliability to best_effort')
+    probe.destroy_publisher(publisher)
 
 
 def test_image_out_of_order_is_counted_and_dropped(extractor, probe, sky):

@@ -71,9 +71,9 @@ def test_too_few_stars_give_no_attitude(nodes, probe):
 @pytest.fixture
 def exit_of(tmp_path):
     """Return a function that runs a node and returns its exit code and what it printed."""
-    def run(node, parameters):
+    def run(node, parameters, *extra):
         with ForkedNodes(tmp_path) as nodes:
-            code = nodes.start(node, parameters).wait(HANGS_S)
+            code = nodes.start(node, parameters, extra).wait(HANGS_S)
         return code, (tmp_path / f'{node}.log').read_text()
     return run
 
@@ -101,9 +101,23 @@ def test_unknown_parameter_stops_the_start(node, exit_of, tmp_path):
     ('attitude_estimator', {'min_stars': 0}, 'min_stars = 0 is out of range 2 .. 100'),
     ('attitude_estimator', {'source': 'sun'}, "source = 'sun' must be one of tracks, stars"),
     ('bag_recorder', {'folder': '/proc/bag'}, '/proc/bag'),
+    ('attitude_estimator', {'qos_overrides./tracks.subscription.reliability': 'often'},
+     'qos_overrides of the subscription of tracks: Unexpected QoS override for policy'),
+    ('attitude_estimator', {'qos_overrides./tracks.subscription.depth': -3},
+     'qos_overrides of the subscription of tracks: Failed to create subscription'),
 ])
 def test_parameter_that_cannot_be_right_stops_the_start(node, parameters, words, exit_of):
     code, printed = exit_of(node, parameters)
     assert code == 2
     assert words in printed
+    assert 'Traceback' not in printed
+
+
+@pytest.mark.parametrize('words, expected', [
+    (['-r', '__ns:=/trk//x'], "Couldn't parse remap rule: '-r __ns:=/trk//x'"),
+    (['--params-file', '/no/such.yaml'], "parse params file: '--params-file /no/such.yaml'")])
+def test_ros_arguments_that_cannot_be_right_stop_the_start(words, expected, exit_of):
+    code, printed = exit_of('attitude_estimator', {}, '--ros-args', *words)
+    assert code == 2
+    assert expected in printed
     assert 'Traceback' not in printed

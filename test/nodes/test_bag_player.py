@@ -194,8 +194,8 @@ def test_what_is_whole_of_a_cut_bag_is_played(nodes, probe, tmp_path):
 
 
 @pytest.mark.parametrize('content, words', [
-    (b'SQLite format 3\0',
-     "is no MCAP file: it starts with b'SQLite f'; on a ROS install `ros2 bag convert`"),
+    (b'SQLite format 2\0', "is no MCAP file: it starts with b'SQLite f'"),
+    (b'SQLite format 3\0', 'is damaged: file is not a database'),
     (b'\x89MCAP0\r\n', 'nothing to play among no topics')])
 def test_what_is_no_bag_is_refused(tmp_path, content, words):
     (tmp_path / 'file.mcap').write_bytes(content)

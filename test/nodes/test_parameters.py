@@ -51,6 +51,8 @@ def test_the_values_that_a_node_has_are_no_change(nodes, probe, tmp_path):
                           SetParameters.Request(parameters=parameters)).results
     assert [result.reason for result in set_parameters(*dump) if not result.successful] == []
     assert 'parameters changed' not in log.read_text()
+    misspelt, = set_parameters(RclpyParameter('magnitud_limit', value=5.5).to_parameter_msg())
+    assert misspelt.reason == 'unknown parameter magnitud_limit; did you mean magnitude_limit?'
     limit = RclpyParameter('magnitude_limit', value=5.5).to_parameter_msg()
     assert all(result.successful for result in set_parameters(limit, limit))
     # The call may be repeated: still one change.

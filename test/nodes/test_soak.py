@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from startracker_ros.campaign.soak import growth, rows_of
+from startracker_ros.campaign.resources import growth
+from startracker_ros.campaign.soak import rows_of
 from startracker_ros.harness.soak import NODES, Soak
 
 
@@ -35,7 +36,7 @@ def test_the_table_has_a_row_for_each_figure(result):
 def test_growth_is_found_where_there_is_some():
     frames = np.arange(0, 100_000, 500)
     noise = np.random.default_rng(1).normal(0, 1, len(frames))
-    slope, error = growth(frames, 150 + 20 * frames / 1e5 + noise)
+    slope, error = growth(frames / 1e5, 150 + 20 * frames / 1e5 + noise)
     assert abs(slope - 20) < 2 * error < 4
-    slope, error = growth(frames, 150 + noise)
+    slope, error = growth(frames / 1e5, 150 + noise)
     assert abs(slope) < 2 * error

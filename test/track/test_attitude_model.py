@@ -201,3 +201,10 @@ def test_better_than_a_filter_for_each_star():
                   for k, tracker in frames_of(motion, gyro=gyro, model=model)]
         rms[model, gyro] = np.sqrt(np.mean(np.square(errors))) / ARCSEC
     assert rms['attitude', true] < rms['attitude', None] < rms['constant_velocity', None]
+
+
+@pytest.mark.parametrize('model', TrackerOptions.table()[0].choices)
+def test_a_tracker_reports_before_its_first_start(model):
+    """As the node does when it receives camera_info."""
+    tracker = StarTracker(CAMERA, ONBOARD, TrackerOptions(model=model), GYRO)
+    assert tracker.stamp_sigma_s == 0.0

@@ -17,9 +17,13 @@ from startracker_ros.ros.simulator_output import (
 from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
 from startracker_ros.sky.gyro import GyroOptions
 from startracker_ros.sky.motion import MotionOptions
+from startracker_ros.sky.motion_state import Motion
 from startracker_ros.sky.mounted import HeadOptions
 from startracker_ros.sky.navigation import NavigationOptions
 from startracker_ros.sky.sources import SkyOptions
+
+# No star of the catalogue moves by more than 0.2 arcsec in this time.
+_EPOCH_TOLERANCE_NS = 18 * 86400 * 10 ** 9
 
 
 class SkySimulatorNode(SourceNode):
@@ -49,11 +53,21 @@ class SkySimulatorNode(SourceNode):
                 detector.exposure_s + 1e-6 * detector.line_time_us * self._camera.height) / 2)
             return
         self._motion.rebuild(None, 0.0)
-        self._simulator = make_simulator(self, self._camera, self.start_ns())
+        self._build(None, self.start_ns())
         self.start(self._camera, self._publish_frame)
 
+    def before_first_image(self, stamp_ns: int) -> None:
+        # With simulated time the node may be configured before it receives /clock.
+        body, start_ns = self._built
+        if abs(stamp_ns - start_ns) > _EPOCH_TOLERANCE_NS:
+            self._build(body, stamp_ns)
+
     def _begin(self, stamp_ns: int) -> None:
-        self._simulator = make_simulator(self, self._camera, stamp_ns, self._motion.motion)
+        self._build(self._motion.motion, stamp_ns)
+
+    def _build(self, body: Motion | None, start_ns: int) -> None:
+        self._built = body, start_ns
+        self._simulator = make_simulator(self, self._camera, start_ns, body)
 
     def _publish_frame(self, index: int, stamp_ns: int, time_s: float) -> None:
         simulator = self._simulator
