@@ -15,9 +15,7 @@ _MOST_LEVERAGE = 0.9
 
 
 class Stars(NamedTuple):
-    """
-    Tracked stars of a frame: apparent direction (N, 3), uv (N, 2), sigma_px (N,), magnitude (N,).
-    """
+    """Tracked stars: apparent direction (N, 3), uv (N, 2), sigma_px (N,), magnitude (N,)."""
 
     direction: np.ndarray
     uv: np.ndarray
@@ -29,10 +27,11 @@ class FrameFit(NamedTuple):
     """
     What the centroids of one frame say without those before.
 
-    star (K,) indexes the stars that have a centroid, magnitude (K,) is theirs. turn_rad (3,) about sensor axes from the
-    tracked attitude to the best fit, covariance (3, 3). lens (5,) are the normal equations of
-    changes f of the focal ratio and k of k1, the attitude eliminated: ff, fk, kk, f, k. residual
-    (K, 2) rad to the east and north of each star, as the others see it, sigma (K,) rad.
+    star (K,) indexes the stars that have a centroid, magnitude (K,) is theirs. turn_rad (3,) about
+    sensor axes from the tracked attitude to the best fit, covariance (3, 3). lens (5,) are the
+    normal equations of changes f of the focal ratio and k of k1, the attitude eliminated: ff, fk,
+    kk, f, k. residual (K, 2) rad to the east and north of each star, as the others see it, sigma
+    (K,) rad.
     zero_point (K,) is V + 2.5 log10 flux, NaN where the flux is not positive; zero_point_mag is
     the median.
     """

@@ -174,7 +174,7 @@ class SegmentRun:
 
     def _fit(self, centroids: Centroids, frame: PipelineFrame, pipeline: Pipeline
              ) -> tuple[np.ndarray, FrameFit | None]:
-        """Return the fit of the stars of a frame alone, None without an attitude, and their hip."""
+        """Return hip (K,) of the stars of a frame and their fit, None without an attitude."""
         attitude = frame.trusted.attitude
         if attitude is None or self._camera is None:
             return _NO_STARS, None

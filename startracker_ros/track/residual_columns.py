@@ -1,9 +1,9 @@
 """
 Whitened residuals fitted with columns, compiled.
 
-A residual r of a star with covariance R = L L^T is whitened as L^-1 r. Columns that are no error of
-the rows or of the lens (a rotation of all stars, a scale) are taken out by an orthonormal basis Q:
-x <- x - Q Q^T x.
+A residual r of a star with covariance R = L L^T is whitened as L^-1 r. Columns that are no error
+of the rows or of the lens (a rotation of all stars, a scale) are taken out by an orthonormal basis
+Q: x <- x - Q Q^T x.
 """
 
 import math
@@ -53,8 +53,8 @@ def fit_rows(uv: np.ndarray, residual: np.ndarray, error: np.ndarray, flow: np.n
     """
     Fit residuals (K, 2) of error (K, 2, 2) with velocity (K, 2) g(v), g a line or one of steps.
 
-    Columns of rotation, flow (K, 2, 3), of scale and of radial distortion about axis (2,) are taken
-    out before.
+    Columns of rotation, flow (K, 2, 3), of scale and of radial distortion about axis (2,) are
+    taken out before.
     """
     count, first = len(uv), _ROTATION_AND_RADIAL + 1
     rows = (uv[:, 1] - (height - 1) / 2) / height
