@@ -8,7 +8,6 @@ from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.flights.truth import Truth
 from startracker_ros.maths.rotation import matrix_from_quaternion
 
-_BRIGHTEST_ERROR = 0.2
 _FLUX = 1e6
 
 
@@ -33,8 +32,7 @@ def centroid_frames(truth: Truth, onboard: OnboardCatalog, head: int, time_s: np
     uv = camera.project(np.einsum('fji,fmj->fmi', matrix, direction))
     uv = centre + (uv - centre) * truth.focal_ratio(head, time_s)[:, None, None]
     magnitude = onboard.magnitude[star]
-    sigma_px = options.sigma_px * np.maximum(
-        10 ** (0.2 * (magnitude - options.magnitude_limit)), _BRIGHTEST_ERROR)
+    sigma_px = options.centroid_sigma_px(magnitude)
     with np.errstate(invalid='ignore'):
         seen = camera.contains(uv) & (rng.random(uv.shape[:2]) >= options.missing)
     frame, which = np.nonzero(seen)

@@ -3,8 +3,11 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
 from startracker_ros.bag.yaml_text import load_yaml
 from startracker_ros.options import option, Options
+
+_BRIGHTEST_ERROR = 0.2
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,11 @@ class FlightOptions(Options):
     focal_step_percent: float = option(
         0.0, 'step of that focal length', unit='%', low=-1.0, high=1.0)
     focal_step_day: float = option(0.0, 'when', unit='d', low=0.0, high=3660.0)
+
+    def centroid_sigma_px(self, magnitude: np.ndarray) -> np.ndarray:
+        """Return the 1 sigma errors (N,) of the centroids of stars (N,), per axis."""
+        return self.sigma_px * np.maximum(
+            10 ** (0.2 * (magnitude - self.magnitude_limit)), _BRIGHTEST_ERROR)
 
 
 def flight_options(settings: Iterable[str]) -> FlightOptions:
