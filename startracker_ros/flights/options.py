@@ -29,6 +29,12 @@ class FlightOptions(Options):
         'stars have less, down to a fifth', unit='px', low=0.001, high=2.0)
     missing: float = option(0.02, 'probability that a star is not seen', low=0.0, high=0.9)
     false: float = option(0.5, 'false centroids in a frame, mean', low=0.0, high=100.0)
+    objects_hour: float = option(
+        0.0, 'moving objects that pass the middle of the field of each head in an hour, mean',
+        low=0.0, high=10_000.0)
+    object_snr: float = option(7.0, 'their SNR; a star of magnitude_limit has 1 / sigma_px',
+                               low=3.0, high=1000.0)
+    hot_pixels: int = option(0, 'hot pixels of each head', low=0, high=1000)
     gyro_bias_deg_h: float = option(
         1.0, 'bias of the gyro about each axis, 1 sigma', unit='deg/h', low=0.0, high=1000.0)
     gyro_walk_deg_h_sqrt_h: float = option(

@@ -21,6 +21,7 @@ from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.pipeline.cloud_rows import centroids_from_rows
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineFrame, PipelineOptions
 from startracker_ros.reprocess.frame_fit import fit_frame, FrameFit, Stars
+from startracker_ros.reprocess.leftovers import Leftovers
 from startracker_ros.reprocess.output import INERTIAL, SegmentBag
 from startracker_ros.reprocess.plan import full_name, IMAGE, Segment
 from startracker_ros.reprocess.smoothing import Smoothing
@@ -53,9 +54,11 @@ class SegmentRun:
     """Reads the messages of a segment; results go to bag and tables."""
 
     def __init__(self, segment: Segment, options: PipelineOptions, bag: SegmentBag | None,
-                 tables: SegmentTables, smoothing: Smoothing | None = None) -> None:
+                 tables: SegmentTables, leftovers: Leftovers,
+                 smoothing: Smoothing | None = None) -> None:
         self._segment, self._options = segment, options
         self._bag, self._tables, self._smoothing = bag, tables, smoothing
+        self._leftovers = leftovers
         self._camera = segment.camera
         self._cameras = 0
         self._pipeline: Pipeline | None = None
@@ -151,6 +154,9 @@ class SegmentRun:
         if holds:
             self._record(stamp_ns, content[0], frame, pipeline)
             self._tables.add(stamp_ns, frame, pipeline.tracker.residual_px, truth, hip, fit)
+            assert self._camera is not None, 'a pipeline has a camera'
+            self._leftovers.add(stamp_ns, self._camera, content[0], frame, pipeline,
+                                np.nan if fit is None else fit.zero_point_mag)
         if self._smoothing is not None:
             attitude = frame.trusted.attitude
             self._smoothing.add(stamp_ns, None if attitude is None else attitude.quaternion,
