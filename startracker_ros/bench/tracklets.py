@@ -9,7 +9,7 @@ from startracker_ros.figures.rows import Row
 from startracker_ros.flights.bags import write_bag
 from startracker_ros.flights.options import FlightOptions
 from startracker_ros.flights.truth import Truth
-from startracker_ros.maths.rotation import ARCSEC, conjugate, rotate
+from startracker_ros.maths.rotation import ARCSEC, matrix_from_quaternion
 from startracker_ros.reprocess.parameters import parameter_sets
 from startracker_ros.reprocess.plan import find_bags, plan_bag, SegmentOptions
 from startracker_ros.reprocess.tables import read_table
@@ -87,6 +87,7 @@ def _frames_seen(truth: Truth, trials: int) -> np.ndarray:
         one = type(objects)(*(column[number:number + 1] for column in objects))
         time_s = np.arange(max(0.0, np.ceil(one.time_s[0] - 120)),
                            min(trials, one.time_s[0] + 120))
-        sensor = rotate(conjugate(truth.attitude(0, time_s)), one.at(time_s)[:, 0])
+        sensor = np.einsum('fji,fj->fi', matrix_from_quaternion(truth.attitude(0, time_s)),
+                           one.at(time_s)[:, 0])
         count.append(np.count_nonzero(truth.camera.contains(truth.camera.project(sensor))))
     return np.array(count)

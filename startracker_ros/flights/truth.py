@@ -10,8 +10,8 @@ from startracker_ros.astro.orbit import CircularOrbit
 from startracker_ros.camera.model import Camera
 from startracker_ros.flights.options import FlightOptions
 from startracker_ros.maths.rotation import (
-    ARCSEC, conjugate, multiply, quaternion_from_axes, quaternion_from_rotation_vector,
-    rotate, rotation_vector_from_quaternion)
+    ARCSEC, conjugate, matrix_from_quaternion, multiply, quaternion_from_axes,
+    quaternion_from_rotation_vector, rotation_vector_from_quaternion)
 
 _ALTITUDE_M = 600e3
 _INCLINATION_RAD, _NODE_RAD = np.radians([97.8, 40.0])
@@ -27,10 +27,15 @@ _OBJECT_S = 120.0
 
 
 class MovingObjects(NamedTuple):
-    """Objects that are at direction (N, 3) at time_s (N,) and turn by rate_rad_s (N, 3)."""
+    """
+    Objects on great circles: at direction (N, 3) at time_s (N,), with rate_rad_s (N,).
+
+    heading (N, 3) is the unit vector across the direction into which they move.
+    """
 
     time_s: np.ndarray
     direction: np.ndarray
+    heading: np.ndarray
     rate_rad_s: np.ndarray
 
     def near(self, begin_s: float, end_s: float) -> 'MovingObjects':
@@ -40,8 +45,8 @@ class MovingObjects(NamedTuple):
 
     def at(self, time_s: np.ndarray) -> np.ndarray:
         """Return their directions (F, N, 3) at times (F,)."""
-        turn = (time_s[:, None] - self.time_s)[..., None] * self.rate_rad_s
-        return rotate(quaternion_from_rotation_vector(turn), self.direction)
+        angle = ((time_s[:, None] - self.time_s) * self.rate_rad_s)[..., None]
+        return np.cos(angle) * self.direction + np.sin(angle) * self.heading
 
 
 @dataclass(frozen=True)
@@ -123,11 +128,12 @@ class Truth:
             time_s = np.sort(rng.uniform(0, options.days * 86400, count))
             middle = self.camera.unproject(rng.uniform(0.25, 0.75, (count, 2))
                                            * options.width_px)
-            direction = rotate(self.attitude(head, time_s), middle)
-            axis = np.cross(direction, rng.standard_normal((count, 3)))
-            axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-            rate = np.radians(np.exp(rng.uniform(*np.log(_OBJECT_RATES_DEG_S), count)))
-            found.append(MovingObjects(time_s, direction, axis * rate[:, None]))
+            direction = np.einsum('nij,nj->ni', matrix_from_quaternion(
+                self.attitude(head, time_s)), middle)
+            heading = np.cross(direction, rng.standard_normal((count, 3)))
+            heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+            found.append(MovingObjects(time_s, direction, heading, np.radians(np.exp(
+                rng.uniform(*np.log(_OBJECT_RATES_DEG_S), count)))))
         return found
 
     def hot_pixels(self, head: int) -> np.ndarray:
