@@ -14,6 +14,7 @@ from startracker_ros.report.panels import utc
 from startracker_ros.reprocess.compare import extremes
 from startracker_ros.reprocess.runs import open_run
 from startracker_ros.table import Result
+from startracker_ros.trend.pixels import hot_pixels, PixelRow
 from startracker_ros.trend.series import all_series, distortion, Series
 from startracker_ros.trend.stars import bad_stars, StarRow
 from startracker_ros.trend.steps import drift, find_steps, Step, StepSearch
@@ -42,18 +43,23 @@ def trend(folder: Path, page: Path | None, orbit_s: float) -> Result:
     found = [(series, find_steps(series.stamp_ns, series.values, orbit_s))
              for series in all_series(run)]
     rows = [row for series, search in found for row in drift_rows(series, search)]
+    for series, _ in found:
+        rows += _month_rows(series) if series.name.endswith('zero point') else []
     for tracker in run.trackers:
         change, sigma = distortion(run, tracker)
         rows.append(TrendRow(f'{tracker} distortion', 'k1 minus camera_info', '', change, sigma,
                              '1', None))
     stars = bad_stars(run)
+    pixels = [row for tracker in run.trackers for row in hot_pixels(run, tracker)]
     if page is not None:
         page.parent.mkdir(parents=True, exist_ok=True)
-        page.write_text(trend_page(folder.name, found, rows, stars))
+        page.write_text(trend_page(folder.name, found, rows, stars, pixels))
     return Result('trend', rows, {
         'orbit_s': orbit_s, 'steps': sum(len(search.steps) for _, search in found),
         'stars with a fault': ', '.join(
-            f'{star.hip} ({star.faults})' for star in stars[:10]) or 'none'})
+            f'{star.hip} ({star.faults})' for star in stars[:10]) or 'none',
+        'hot pixels': ', '.join(
+            f'{pixel.tracker} {pixel.u} {pixel.v}' for pixel in pixels[:10]) or 'none'})
 
 
 def drift_rows(series: Series, search: StepSearch) -> list[TrendRow]:
@@ -76,22 +82,36 @@ def drift_rows(series: Series, search: StepSearch) -> list[TrendRow]:
     return rows
 
 
+def _month_rows(series: Series) -> list[TrendRow]:
+    """Return the median of each month, with its standard error."""
+    months = series.stamp_ns.astype('datetime64[ns]').astype('datetime64[M]')
+    rows = []
+    for month in np.unique(months):
+        values = series.values[months == month, 0]
+        sigma = np.std(values) * np.sqrt(np.pi / 2 / len(values))
+        rows.append(TrendRow(series.name, 'median of the month', str(month),
+                             float(np.median(values)), float(sigma), series.unit, None))
+    return rows
+
+
 def _name(series: Series, column: int) -> str:
     return (f'{series.name}, {series.columns[column]}' if len(series.columns) > 1
             else series.name)
 
 
 def trend_page(name: str, found: Sequence[tuple[Series, StepSearch]], rows: Sequence[TrendRow],
-               stars: Sequence[StarRow]) -> str:
+               stars: Sequence[StarRow], pixels: Sequence[PixelRow]) -> str:
     """Return one HTML page without scripts: its size does not grow with the frames."""
     pictures = ''.join(f'<h2>{escape(series.name)}</h2>{_picture(series, search.steps)}'
                        for series, search in found)
     return ('<!doctype html><html lang="en"><head><meta charset="utf-8">'
             f'<title>Trend of {escape(name)}</title><style>{_STYLE}</style></head><body>'
             f'<h1>Trend of {escape(name)}</h1>{_table(rows)}{pictures}'
-            f'<h2>Stars with a fault</h2>{_table(stars)}</body></html>\n')
+            f'<h2>Stars with a fault</h2>{_table(stars[:_MOST_ROWS])}'
+            f'<h2>Hot pixels</h2>{_table(pixels[:_MOST_ROWS])}</body></html>\n')
 
 
+_MOST_ROWS = 200
 _STYLE = ('body{font:15px sans-serif;max-width:60em;margin:1em auto}td,th{padding:.2em .6em;'
           'text-align:left}img{max-width:100%}')
 
