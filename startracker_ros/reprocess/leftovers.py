@@ -19,9 +19,9 @@ TRACKLET_DTYPE = np.dtype([
     *((f'position_{axis}_m', 'f8') for axis in 'xyz'),
     *((f'velocity_{axis}_m_s', 'f8') for axis in 'xyz')])
 """
-One row for each detection of a moving object. The direction is the apparent one on ICRF axes, with
-aberration by the velocity of the observer about the Sun; its covariance is on axes to the east and
-north. Position and velocity are those of the observer, geocentric, NaN without odometry.
+One row for each detection of a moving object. The direction is the apparent one on ICRF axes:
+neither aberration nor light time is removed; its covariance is on axes to the east and north.
+Position and velocity are those of the observer, geocentric, NaN without odometry.
 """
 
 PIXEL_DTYPE = np.dtype([('stamp_ns', 'i8'), ('u', 'i4'), ('v', 'i4'), ('count', 'i4')])
