@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -122,6 +123,7 @@ class Truth:
     @cached_property
     def _objects(self) -> 'list[MovingObjects]':
         options, found = self.options, []
+        slowest, fastest = map(math.log, _OBJECT_RATES_DEG_S)
         for head in range(options.heads):
             rng = np.random.default_rng([self.seed, 2_000_000, head])
             count = rng.poisson(options.objects_hour * options.days * 24)
@@ -133,7 +135,7 @@ class Truth:
             heading = np.cross(direction, rng.standard_normal((count, 3)))
             heading /= np.linalg.norm(heading, axis=1, keepdims=True)
             found.append(MovingObjects(time_s, direction, heading, np.radians(np.exp(
-                rng.uniform(*np.log(_OBJECT_RATES_DEG_S), count)))))
+                rng.uniform(slowest, fastest, count)))))
         return found
 
     def hot_pixels(self, head: int) -> np.ndarray:
