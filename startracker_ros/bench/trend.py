@@ -63,9 +63,9 @@ def _step_rows(flight: '_Flight', number: int, kind: str, size: float, unit: str
     for trial in range(trials):
         rng = np.random.default_rng([seed, number, trial])
         day = rng.uniform(0.25, 0.75) * FLIGHT_DAYS
-        options = FlightOptions(days=FLIGHT_DAYS, **{
-            'mount': {'mount_step_arcsec': size, 'mount_step_day': day},
-            'focal': {'focal_step_percent': size, 'focal_step_day': day}}[kind])
+        options = FlightOptions(days=FLIGHT_DAYS, mount_step_day=day, focal_step_day=day,
+                                mount_step_arcsec=size if kind == 'mount' else 0.0,
+                                focal_step_percent=size if kind == 'focal' else 0.0)
         series = flight.series(options, rng)[kind == 'mount']
         search = find_steps(series.stamp_ns, series.values, flight.orbit_s)
         apart_s = [abs(step.stamp_ns * 1e-9 - options.start_utc_s - day * 86400)
