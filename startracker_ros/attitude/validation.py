@@ -1,12 +1,13 @@
 """The attitude of one frame of known stars, reported only when it can be trusted."""
 
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 from startracker_ros.attitude.result import AttitudeEstimate, SOLVERS, with_velocity_error
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
-from startracker_ros.maths.rotation import conjugate, rotate, sign_continuous
+from startracker_ros.maths.rotation import matrix_from_quaternion, sign_continuous
 from startracker_ros.options import option, Options
 
 FALSE_ALARM = 1e-3
@@ -105,9 +106,9 @@ class AttitudeValidator:
         known, icrf = self._known(hip)
         if len(icrf) < self._options.min_stars:
             return self._too_few(len(icrf), 'tracked')
-        predicted = self._camera.project(rotate(conjugate(tracked.quaternion), icrf))
+        predicted = self._camera.project(icrf @ matrix_from_quaternion(tracked.quaternion))
         distance_px = np.hypot(*(uv[known] - predicted).T)
-        residual_px = np.sqrt(np.mean(distance_px ** 2))
+        residual_px = math.sqrt(distance_px @ distance_px / len(icrf))
         if not residual_px <= self._options.max_residual_px:
             return TrustedAttitude(
                 None, f'the tracks are {residual_px:.2f} px from where tracked_attitude has them, '

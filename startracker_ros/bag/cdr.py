@@ -53,6 +53,15 @@ class PointField(NamedTuple):
     datatype: int
 
 
+class Quaternion(NamedTuple):
+    """Components with the names that messages have."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
 class Rates(NamedTuple):
     """What an Imu says of the body rate: rate (3,) rad/s and its covariance (9,)."""
 
@@ -241,13 +250,23 @@ def _layout(cdr: bytes, begin: int) -> _Layout:
 
 def read_rates(cdr: bytes) -> Rates:
     """Return header and body rate of an Imu; MessageError where the bytes are none."""
+    header, doubles = _header_and_doubles(cdr, 37, 'Imu')
+    return Rates(header, doubles[13:16], doubles[16:25])
+
+
+def _header_and_doubles(cdr: bytes, count: int, kind: str) -> tuple[Header, np.ndarray]:
+    """Return the header and the float64 (count,) behind it; MessageError where there are none."""
     try:
         header, at = _read_header(cdr)
-        at = 4 + _aligned(at - 4, 8)
-        doubles = np.frombuffer(cdr, '<f8', 37, at)
+        return header, np.frombuffer(cdr, '<f8', count, 4 + _aligned(at - 4, 8))
     except (struct.error, UnicodeDecodeError, ValueError) as error:
-        raise MessageError(f'{len(cdr)} bytes are no Imu: {error}') from error
-    return Rates(header, doubles[13:16], doubles[16:25])
+        raise MessageError(f'{len(cdr)} bytes are no {kind}: {error}') from error
+
+
+def read_quaternion(cdr: bytes) -> tuple[Header, Quaternion]:
+    """Return header and quaternion of a QuaternionStamped; MessageError where it is none."""
+    header, doubles = _header_and_doubles(cdr, 4, 'QuaternionStamped')
+    return header, Quaternion(*doubles.tolist())
 
 
 def read_stamp_ns(cdr: bytes) -> int:

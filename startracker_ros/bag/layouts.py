@@ -91,7 +91,9 @@ def read_cloud(message: Any, wanted: np.dtype) -> np.ndarray:
     layout = _layout(tuple((f.name, f.offset, f.datatype) for f in message.fields),
                      message.point_step, wanted)
     read = np.frombuffer(message.data, layout, count)
-    if layout.names == wanted.names:
+    if layout is wanted:
+        rows = read.copy()
+    elif layout.names == wanted.names:
         # From structure to structure NumPy copies by position, the order of the names.
         rows = read.astype(wanted)
     else:
@@ -122,8 +124,9 @@ def _layout(fields: tuple[tuple[str, int, int], ...], point_step: int, wanted: n
                                f'must be {POINT_FIELD_TYPES[wanted[name].str[1:]]}')
         if offset + wanted[name].itemsize > point_step:
             raise MessageError(f'cloud field {name!r} lies outside the point')
-    return np.dtype({'names': names, 'formats': [wanted[name] for name in names],
-                     'offsets': [offered[name][0] for name in names], 'itemsize': point_step})
+    layout = np.dtype({'names': names, 'formats': [wanted[name] for name in names],
+                       'offsets': [offered[name][0] for name in names], 'itemsize': point_step})
+    return wanted if layout == wanted else layout
 
 
 @lru_cache

@@ -47,8 +47,9 @@ class ApparentCatalog:
     def direction(self, star_index: np.ndarray) -> np.ndarray:
         """Return the apparent unit vectors (M, 3) of entries (M,)."""
         if self._vantage is not None:
-            missing = star_index[~self._computed[star_index]]
-            if len(missing):
+            computed = self._computed[star_index]
+            if not computed.all():
+                missing = star_index[~computed]
                 self._direction[missing] = apparent_directions(
                     self.onboard.direction[missing], self._vantage)
                 self._computed[missing] = True

@@ -7,7 +7,8 @@ from startracker_ros import __version__
 from startracker_ros.cli.bags import export, info, play, record, report
 from startracker_ros.cli.benches import bench
 from startracker_ros.cli.campaigns import campaign
-from startracker_ros.cli.flights import compare, reprocess, simulate, trend
+from startracker_ros.cli.flights import (
+    compare, reprocess, simulate, tracklets, trend)
 from startracker_ros.cli.instruments import datasheet, design
 from startracker_ros.cli.nodes import demo, doctor, live, run
 from startracker_ros.cli.photographs import calibrate, solve
@@ -32,5 +33,5 @@ def main() -> None:
 
 for _command in (run, live, solve, calibrate, demo, record, play, info, report, export, doctor,
                  campaign, bench, datasheet, design, telemetry, simulate, reprocess, compare,
-                 trend):
+                 trend, tracklets):
     main.add_command(_command)

@@ -180,6 +180,28 @@ def bench_reprocess(trials: int, seed: int, only: tuple[str, ...], as_json: bool
     finish(run_reprocess_bench(trials=trials, seed=seed, only=only or CASES), as_json)
 
 
+@bench.command('tracklets')
+@trials_option(7200, 'Frames of the recording.', least=600)
+@seed_option
+@json_option
+def bench_tracklets(trials: int, seed: int, as_json: bool) -> None:
+    """Find moving objects in simulated flights, among false centroids and hot pixels."""
+    from startracker_ros.bench.tracklets import run_tracklet_bench
+    finish(run_tracklet_bench(trials=trials, seed=seed), as_json)
+
+
+@bench.command('trend')
+@trials_option(200, 'Flights with a step of each kind.', least=10)
+@click.option('--only', multiple=True, help='Cases to run, by name.')
+@seed_option
+@json_option
+def bench_trend(trials: int, seed: int, only: tuple[str, ...], as_json: bool) -> None:
+    """Search long flights for injected steps of mounts and focal lengths, and clean months."""
+    from startracker_ros.bench.trend import CASES, run_trend_bench
+    check_names('case', only, CASES)
+    finish(run_trend_bench(trials=trials, seed=seed, only=only or CASES), as_json)
+
+
 @bench.command('smoothing')
 @_bench
 def bench_smoothing(trials: int, seed: int, only: tuple[str, ...], as_json: bool) -> None:

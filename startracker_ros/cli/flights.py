@@ -1,4 +1,4 @@
-"""Commands about long flights: simulate, reprocess, compare, trend."""
+"""Commands about long flights: simulate, reprocess, compare, trend, tracklets."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -130,4 +130,19 @@ def trend(out: Path, output: Path, orbit_s: float, as_json: bool) -> None:
     from startracker_ros.trend.trend import trend as find_trend
     with exit_1_on(BagError, output=output):
         result = find_trend(out, output, orbit_s)
+    print_result(result, as_json)
+
+
+@click.command()
+@click.argument('out', type=click.Path(path_type=Path))
+@_output_option('tracklets')
+@click.option('--originator', default='UNKNOWN', show_default=True,
+              help='Who makes the messages, for their header.')
+@json_option
+def tracklets(out: Path, output: Path, originator: str, as_json: bool) -> None:
+    """List the moving objects in a run of reprocess; write them as CCSDS TDM."""
+    from startracker_ros.bag.errors import BagError
+    from startracker_ros.reprocess.tracklets import tracklets as find_tracklets
+    with exit_1_on(BagError, output=output):
+        result = find_tracklets(out, output, originator)
     print_result(result, as_json)

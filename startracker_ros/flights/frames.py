@@ -1,5 +1,7 @@
 """The centroids of many frames at once."""
 
+from typing import NamedTuple
+
 import numpy as np
 from startracker_ros.astro.aberration import apparent_directions, vantage_near_earth
 from startracker_ros.astro.epoch import epoch_year_from_stamp
@@ -8,7 +10,6 @@ from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.flights.truth import Truth
 from startracker_ros.maths.rotation import matrix_from_quaternion
 
-_BRIGHTEST_ERROR = 0.2
 _FLUX = 1e6
 
 
@@ -33,23 +34,45 @@ def centroid_frames(truth: Truth, onboard: OnboardCatalog, head: int, time_s: np
     uv = camera.project(np.einsum('fji,fmj->fmi', matrix, direction))
     uv = centre + (uv - centre) * truth.focal_ratio(head, time_s)[:, None, None]
     magnitude = onboard.magnitude[star]
-    sigma_px = options.sigma_px * np.maximum(
-        10 ** (0.2 * (magnitude - options.magnitude_limit)), _BRIGHTEST_ERROR)
-    with np.errstate(invalid='ignore'):
-        seen = camera.contains(uv) & (rng.random(uv.shape[:2]) >= options.missing)
-    frame, which = np.nonzero(seen)
-    sigma_px = sigma_px[which]
-    uv = uv[seen] + rng.standard_normal((len(frame), 2)) * sigma_px[:, None]
-    magnitude = magnitude[which] + rng.normal(0, 0.05, len(frame))
+    parts = [_seen(truth, uv, np.broadcast_to(magnitude, uv.shape[:2]), rng)]
+    objects = truth.objects(head).near(time_s[0], time_s[-1])
+    hot_uv = truth.hot_pixels(head)
+    # The SNR, 1 / sigma_px, falls as 10^(-0.2 magnitude).
+    for uv, brightness in (
+            (camera.project(np.einsum('fji,fmj->fmi', matrix, objects.at(time_s))),
+             options.magnitude_limit - 5 * np.log10(options.object_snr * options.sigma_px)),
+            (np.broadcast_to(hot_uv, (len(time_s), *hot_uv.shape)), options.magnitude_limit)):
+        parts.append(_seen(truth, uv, np.full(uv.shape[:2], brightness), rng))
     false = rng.poisson(options.false, len(time_s))
-    frame = np.concatenate([frame, np.repeat(np.arange(len(time_s)), false)])
-    uv = np.concatenate([uv, rng.uniform(0, options.width_px - 1, (false.sum(), 2))])
-    magnitude = np.concatenate([magnitude, rng.uniform(
-        options.magnitude_limit - 2, options.magnitude_limit, false.sum())])
-    sigma_px = np.concatenate([sigma_px, np.full(false.sum(), options.sigma_px)])
+    parts.append(_Spots(
+        np.repeat(np.arange(len(time_s)), false),
+        rng.uniform(0, options.width_px - 1, (false.sum(), 2)),
+        rng.uniform(options.magnitude_limit - 2, options.magnitude_limit, false.sum()),
+        np.full(false.sum(), options.sigma_px)))
+    frame, uv, magnitude, sigma_px = map(np.concatenate, zip(*parts))
     order = np.lexsort((magnitude, frame))
     rows = _rows(truth, uv[order], magnitude[order], sigma_px[order])
     return np.split(rows, np.cumsum(np.bincount(frame, minlength=len(time_s)))[:-1])
+
+
+class _Spots(NamedTuple):
+    """Spots (N,): number of the frame, uv (N, 2), magnitude and sigma_px."""
+
+    frame: np.ndarray
+    uv: np.ndarray
+    magnitude: np.ndarray
+    sigma_px: np.ndarray
+
+
+def _seen(truth: Truth, uv: np.ndarray, magnitude: np.ndarray, rng: np.random.Generator
+          ) -> _Spots:
+    """Return what is seen at pixels (F, M, 2), of magnitude (F, M): most of it, with errors."""
+    with np.errstate(invalid='ignore'):
+        seen = truth.camera.contains(uv) & (rng.random(uv.shape[:2]) >= truth.options.missing)
+    sigma_px = truth.options.centroid_sigma_px(magnitude[seen])
+    return _Spots(
+        np.nonzero(seen)[0], uv[seen] + rng.standard_normal((len(sigma_px), 2))
+        * sigma_px[:, None], magnitude[seen] + rng.normal(0, 0.05, len(sigma_px)), sigma_px)
 
 
 def _apparent(truth: Truth, direction: np.ndarray, time_s: float) -> np.ndarray:

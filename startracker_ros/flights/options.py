@@ -3,8 +3,11 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
 from startracker_ros.options import option, Options
 from startracker_ros.yaml_text import load_yaml
+
+_BRIGHTEST_ERROR = 0.2
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,12 @@ class FlightOptions(Options):
         'stars have less, down to a fifth', unit='px', low=0.001, high=2.0)
     missing: float = option(0.02, 'probability that a star is not seen', low=0.0, high=0.9)
     false: float = option(0.5, 'false centroids in a frame, mean', low=0.0, high=100.0)
+    objects_hour: float = option(
+        0.0, 'moving objects that pass the middle of the field of each head in an hour, mean',
+        low=0.0, high=10_000.0)
+    object_snr: float = option(7.0, 'their SNR; a star of magnitude_limit has 1 / sigma_px',
+                               low=3.0, high=1000.0)
+    hot_pixels: int = option(0, 'hot pixels of each head', low=0, high=1000)
     gyro_bias_deg_h: float = option(
         1.0, 'bias of the gyro about each axis, 1 sigma', unit='deg/h', low=0.0, high=1000.0)
     gyro_walk_deg_h_sqrt_h: float = option(
@@ -48,6 +57,11 @@ class FlightOptions(Options):
     focal_step_percent: float = option(
         0.0, 'step of that focal length', unit='%', low=-1.0, high=1.0)
     focal_step_day: float = option(0.0, 'when', unit='d', low=0.0, high=3660.0)
+
+    def centroid_sigma_px(self, magnitude: np.ndarray) -> np.ndarray:
+        """Return the 1 sigma errors (N,) of the centroids of stars (N,), per axis."""
+        return self.sigma_px * np.maximum(
+            10 ** (0.2 * (magnitude - self.magnitude_limit)), _BRIGHTEST_ERROR)
 
 
 def flight_options(settings: Iterable[str]) -> FlightOptions:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+import math
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.astro.constants import EARTH_RADIUS_M
@@ -9,8 +11,8 @@ from startracker_ros.astro.orbit import CircularOrbit
 from startracker_ros.camera.model import Camera
 from startracker_ros.flights.options import FlightOptions
 from startracker_ros.maths.rotation import (
-    ARCSEC, conjugate, multiply, quaternion_from_axes, quaternion_from_rotation_vector,
-    rotation_vector_from_quaternion)
+    ARCSEC, conjugate, matrix_from_quaternion, multiply, quaternion_from_axes,
+    quaternion_from_rotation_vector, rotation_vector_from_quaternion)
 
 _ALTITUDE_M = 600e3
 _INCLINATION_RAD, _NODE_RAD = np.radians([97.8, 40.0])
@@ -19,6 +21,33 @@ _WOBBLE = ((20.0, 0.31, (1.0, 0.2, -0.4)), (8.0, 0.083, (-0.3, 1.0, 0.5)),
            (40.0, 0.011, (0.4, -0.6, 1.0)))
 """Attitude errors of the body: amplitude in arcsec, frequency in rad/s, axis."""
 _BIAS_KNOT_S = 600.0
+
+
+_OBJECT_RATES_DEG_S = (0.01, 0.5)
+_OBJECT_S = 120.0
+
+
+class MovingObjects(NamedTuple):
+    """
+    Objects on great circles: at direction (N, 3) at time_s (N,), with rate_rad_s (N,).
+
+    heading (N, 3) is the unit vector across the direction into which they move.
+    """
+
+    time_s: np.ndarray
+    direction: np.ndarray
+    heading: np.ndarray
+    rate_rad_s: np.ndarray
+
+    def near(self, begin_s: float, end_s: float) -> 'MovingObjects':
+        """Return those that are seen between two times: within two minutes of time_s."""
+        chosen = slice(*np.searchsorted(self.time_s, [begin_s - _OBJECT_S, end_s + _OBJECT_S]))
+        return MovingObjects(*(column[chosen] for column in self))
+
+    def at(self, time_s: np.ndarray) -> np.ndarray:
+        """Return their directions (F, N, 3) at times (F,)."""
+        angle = ((time_s[:, None] - self.time_s) * self.rate_rad_s)[..., None]
+        return np.cos(angle) * self.direction + np.sin(angle) * self.heading
 
 
 @dataclass(frozen=True)
@@ -86,6 +115,33 @@ class Truth:
             options.focal_drift_percent_day * time_s / 86400
             + options.focal_orbit_percent * np.cos(self.orbit.rate_rad_s * time_s)
             + options.focal_step_percent * (time_s >= options.focal_step_day * 86400))
+
+    def objects(self, head: int) -> 'MovingObjects':
+        """Return the moving objects that a head sees."""
+        return self._objects[head]
+
+    @cached_property
+    def _objects(self) -> 'list[MovingObjects]':
+        options, found = self.options, []
+        slowest, fastest = map(math.log, _OBJECT_RATES_DEG_S)
+        for head in range(options.heads):
+            rng = np.random.default_rng([self.seed, 2_000_000, head])
+            count = rng.poisson(options.objects_hour * options.days * 24)
+            time_s = np.sort(rng.uniform(0, options.days * 86400, count))
+            middle = self.camera.unproject(rng.uniform(0.25, 0.75, (count, 2))
+                                           * options.width_px)
+            direction = np.einsum('nij,nj->ni', matrix_from_quaternion(
+                self.attitude(head, time_s)), middle)
+            heading = np.cross(direction, rng.standard_normal((count, 3)))
+            heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+            found.append(MovingObjects(time_s, direction, heading, np.radians(np.exp(
+                rng.uniform(slowest, fastest, count)))))
+        return found
+
+    def hot_pixels(self, head: int) -> np.ndarray:
+        """Return the hot pixels (N, 2) of a head."""
+        rng = np.random.default_rng([self.seed, 3_000_000, head])
+        return rng.integers(0, self.options.width_px, (self.options.hot_pixels, 2)).astype(float)
 
     def rate_rad_s(self, head: int, time_s: np.ndarray, interval_s: float) -> np.ndarray:
         """Return the mean body rates (F, 3) over the intervals before times."""

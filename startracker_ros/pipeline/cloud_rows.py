@@ -37,14 +37,21 @@ def track_rows(tracks: Tracks, camera: Camera) -> np.ndarray:
 def centroids_from_rows(rows: np.ndarray) -> Centroids:
     """Return the centroids of `centroids` or `stars` rows."""
     known = rows['cov_uu'] > 0
-    covariance, common = (
-        np.stack([rows[name + end] for end in ('uu', 'uv', 'uv', 'vv')], -1).reshape(-1, 2, 2)
-        for name in ('cov_', 'common_'))
+    uv = np.empty((len(rows), 2))
+    uv[:, 0], uv[:, 1] = rows['u'], rows['v']
     return Centroids(
-        uv=np.stack([rows['u'], rows['v']], -1).astype(float), flux=rows['flux'].astype(float),
+        uv=uv, flux=rows['flux'].astype(float),
         snr=rows['snr'].astype(float), sigma_px=rows['sigma_px'].astype(float),
-        covariance=covariance.astype(float) if known.all() else ROUND,
-        delay_s=rows['stamp_offset'].astype(float), common=common.astype(float))
+        covariance=_matrices(rows, 'cov') if known.all() else ROUND,
+        delay_s=rows['stamp_offset'].astype(float), common=_matrices(rows, 'common'))
+
+
+def _matrices(rows: np.ndarray, name: str) -> np.ndarray:
+    """Return the matrices (N, 2, 2) of columns uu, uv and vv."""
+    found = np.empty((len(rows), 2, 2))
+    found[:, 0, 0], found[:, 1, 1] = rows[f'{name}_uu'], rows[f'{name}_vv']
+    found[:, 0, 1] = found[:, 1, 0] = rows[f'{name}_uv']
+    return found
 
 
 def _rows(dtype: np.dtype, uv: np.ndarray, flux: np.ndarray, snr: np.ndarray,

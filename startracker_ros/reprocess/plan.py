@@ -14,9 +14,13 @@ from startracker_ros.bag.layouts import camera_from_message, MessageError
 from startracker_ros.bag.reader import BagTopic, decode, read_blocks_ns, read_messages, read_topics
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.options import option, Options
+from startracker_ros.reprocess.remote import fetch, is_url
 
 IMAGE = 'sensor_msgs/msg/Image'
 SOURCES = {'centroids': cdr.POINT_CLOUD, 'image_raw': IMAGE}
+COPIES = '.copies'
+"""Folder of the copies of bags at URLs, in that of the run."""
+
 _SPARSE = 20_000
 """Most camera_info of a bag that are read to find the one before each segment."""
 
@@ -94,18 +98,21 @@ class BagPlan:
     problems: list[Problem] = field(default_factory=list)
 
 
-def find_bags(named: Iterable[str]) -> list[Path]:
+def find_bags(named: Iterable[str], copies: Path = Path(COPIES)) -> list[Path]:
     """
     Return the bags under folders, of patterns, or listed in text files, one a line; sorted.
 
-    BagError for a name that leads to none.
+    Those at URLs are copied below copies. BagError for a name that leads to none.
     """
     found: list[Path] = []
     for name in named:
         path = Path(name)
-        if path.suffix in ('.txt', '.list') and path.is_file():
-            lines = path.read_text().split('\n')
-            bags = find_bags(str(path.parent / line.strip()) for line in lines if line.strip())
+        if is_url(name):
+            bags = find_bags(map(str, fetch(name, copies)))
+        elif path.suffix in ('.txt', '.list') and path.is_file():
+            lines = [line.strip() for line in path.read_text().split('\n')]
+            bags = find_bags((line if is_url(line) else str(path.parent / line)
+                              for line in lines if line), copies)
         elif path.is_dir():
             bags = _bags_under(path)
         elif path.exists():

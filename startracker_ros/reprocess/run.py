@@ -15,7 +15,7 @@ from startracker_ros.export.tables import load_parquet_writer
 from startracker_ros.reprocess.metadata import write_metadata
 from startracker_ros.reprocess.parameters import ParameterSet
 from startracker_ros.reprocess.plan import (
-    bag_names, find_bags, plan_bag, Problem, Segment, SegmentOptions)
+    bag_names, COPIES, find_bags, plan_bag, Problem, Segment, SegmentOptions)
 from startracker_ros.reprocess.work import (
     finished, Outputs, process, remove_partial, SegmentRecord)
 from startracker_ros.table import Result
@@ -70,14 +70,14 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
     or the folder cannot be written.
     """
     load_parquet_writer()
-    bags = find_bags(request.bags)
-    names = bag_names(bags)
     try:
         request.folder.mkdir(parents=True, exist_ok=True)
         (request.folder / '.writable').touch()
         (request.folder / '.writable').unlink()
     except OSError as error:
         raise BagError(f'{request.folder}: {error.strerror}') from error
+    bags = find_bags(request.bags, request.folder / COPIES)
+    names = bag_names(bags)
     with cluster(workers, scheduler) as client:
         segments, problems = _plan(client, bags, names, request)
         runs = [_Run(item, request, segments) for item in request.sets]

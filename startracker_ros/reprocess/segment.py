@@ -4,7 +4,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from startracker_ros.astro.epoch import epoch_year_from_stamp, RESTART_NS
@@ -20,7 +20,8 @@ from startracker_ros.camera.model import CameraError
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.pipeline.cloud_rows import centroids_from_rows
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineFrame, PipelineOptions
-from startracker_ros.reprocess.frame_fit import fit_frame, FrameFit, matched
+from startracker_ros.reprocess.frame_fit import fit_frame, FrameFit, Stars
+from startracker_ros.reprocess.leftovers import Leftovers
 from startracker_ros.reprocess.output import INERTIAL, SegmentBag
 from startracker_ros.reprocess.plan import full_name, IMAGE, Segment
 from startracker_ros.reprocess.smoothing import Smoothing
@@ -31,6 +32,7 @@ _EPOCH_STEPS = 20
 
 _MOST_CAMERAS = 10
 _TRUTH_FRAMES = 1000
+_NO_STARS = np.empty(0, np.int32)
 
 
 class SegmentError(ValueError):
@@ -48,21 +50,15 @@ class Tally:
     problems: Counter[str] = field(default_factory=Counter)
 
 
-class _FittedStars(NamedTuple):
-    """The fit of a frame, the catalogue entries (N,) of its stars and their flux (N,)."""
-
-    fit: FrameFit
-    star_index: np.ndarray
-    flux: np.ndarray
-
-
 class SegmentRun:
     """Reads the messages of a segment; results go to bag and tables."""
 
     def __init__(self, segment: Segment, options: PipelineOptions, bag: SegmentBag | None,
-                 tables: SegmentTables, smoothing: Smoothing | None = None) -> None:
+                 tables: SegmentTables, leftovers: Leftovers,
+                 smoothing: Smoothing | None = None) -> None:
         self._segment, self._options = segment, options
         self._bag, self._tables, self._smoothing = bag, tables, smoothing
+        self._leftovers = leftovers
         self._camera = segment.camera
         self._cameras = 0
         self._pipeline: Pipeline | None = None
@@ -123,8 +119,8 @@ class SegmentRun:
             ns_from_stamp(decoded.header.stamp), state)
 
     def _on_truth(self, message: BagMessage) -> None:
-        decoded = _decoded(message)
-        self._truth[ns_from_stamp(decoded.header.stamp)] = unit_quaternion(decoded.quaternion)
+        header, quaternion = cdr.read_quaternion(message.data)
+        self._truth[header.stamp_ns] = unit_quaternion(quaternion)
         if len(self._truth) > _TRUTH_FRAMES:
             del self._truth[next(iter(self._truth))]
 
@@ -153,20 +149,25 @@ class SegmentRun:
             content = extraction.centroids, pipeline.extraction.directed
         frame = pipeline.update(stamp_ns, *content)
         holds, truth = self._segment.holds(message.log_time_ns), self._truth.pop(stamp_ns, None)
-        stars = self._fit(content[0], frame, pipeline) if holds or self._smoothing else None
+        hip, fit = (self._fit(content[0], frame, pipeline) if holds or self._smoothing
+                    else (_NO_STARS, None))
         if holds:
-            self._record(stamp_ns, content[0], frame, pipeline, truth, stars)
+            self._record(stamp_ns, content[0], frame, pipeline)
+            self._tables.add(stamp_ns, frame, pipeline.tracker.residual_px, truth, hip, fit)
+            assert self._camera is not None, 'a pipeline has a camera'
+            self._leftovers.add(stamp_ns, self._camera, content[0], frame, pipeline,
+                                np.nan if fit is None else fit.zero_point_mag)
         if self._smoothing is not None:
             attitude = frame.trusted.attitude
             self._smoothing.add(stamp_ns, None if attitude is None else attitude.quaternion,
-                                None if stars is None else stars.fit, truth,
+                                fit, truth,
                                 uses_gyro=pipeline.tracker.gyro_condition == 'used',
                                 wanted=holds)
         pipeline.tracker.acquire_new_stars()
 
     def _record(self, stamp_ns: int, centroids: Centroids, frame: PipelineFrame,
-                pipeline: Pipeline, truth: np.ndarray | None, stars: _FittedStars | None) -> None:
-        """Add the results of a frame to bag and tables."""
+                pipeline: Pipeline) -> None:
+        """Count a frame and add its results to the bag."""
         assert self._camera is not None, 'a pipeline has a camera'
         self.tally.frames += 1
         self.tally.attitudes += frame.trusted.attitude is not None
@@ -176,26 +177,21 @@ class SegmentRun:
         if self._bag is not None:
             self._bag.write(stamp_ns, self._frame_id, self._camera, centroids,
                             self._segment.source != 'centroids', frame, pipeline)
-        self._tables.add(stamp_ns, frame, pipeline.tracker.residual_px, truth)
-        if stars is not None:
-            self._tables.add_fit(stamp_ns, stars.fit, pipeline.attitude.sky.onboard,
-                                 stars.star_index, stars.flux)
 
     def _fit(self, centroids: Centroids, frame: PipelineFrame, pipeline: Pipeline
-             ) -> _FittedStars | None:
-        """Return the fit of the stars of a frame alone, None without an attitude."""
+             ) -> tuple[np.ndarray, FrameFit | None]:
+        """Return hip (K,) of the stars of a frame and their fit, None without an attitude."""
         attitude = frame.trusted.attitude
         if attitude is None or self._camera is None:
-            return None
+            return _NO_STARS, None
         tracks, sky = frame.tracks, pipeline.attitude.sky
-        used = np.flatnonzero(tracks.usable)
-        seen = matched(tracks.uv[used], tracks.position_sigma_px[used], centroids.uv,
-                       centroids.sigma_px)
-        used, seen = used[seen >= 0], seen[seen >= 0]
-        star_index = sky.onboard.index_of(tracks.hip[used])
-        fit = fit_frame(self._camera, attitude.quaternion, sky.direction(star_index),
-                        centroids.uv[seen], centroids.sigma_px[seen])
-        return None if fit is None else _FittedStars(fit, star_index, centroids.flux[seen])
+        used = tracks.usable
+        hip = tracks.hip[used]
+        stars = Stars(sky.direction(sky.onboard.index_of(hip)), tracks.uv[used],
+                      tracks.position_sigma_px[used], tracks.magnitude[used])
+        fit = fit_frame(self._camera, attitude.quaternion, stars, centroids.uv,
+                        centroids.sigma_px, centroids.flux)
+        return (_NO_STARS, None) if fit is None else (hip[fit.star], fit)
 
     def _pipeline_at(self, stamp_ns: int) -> Pipeline:
         """Return the pipeline, a new one after another camera came or time went back."""

@@ -18,6 +18,7 @@ SMOOTHED_DTYPE = np.dtype([
     *((f'error_{axis}_arcsec', 'f4') for axis in 'xyz')])
 """One row for each frame; bias is NaN without a gyro, error without truth."""
 
+_UNKNOWN = np.full(4, np.nan), np.full(3, np.nan), np.full((3, 3), np.nan)
 _LONGEST_GAP_S = 600.0
 """A recording is smoothed in parts on both sides of a longer gap."""
 
@@ -32,7 +33,8 @@ class Smoothing:
         self._stamps: list[int] = []
         self._wanted: list[bool] = []
         self._with_gyro: list[bool] = []
-        self._measured: list[np.ndarray] = []
+        self._tracked: list[np.ndarray] = []
+        self._turn: list[np.ndarray] = []
         self._covariance: list[np.ndarray] = []
         self._truth: list[np.ndarray] = []
         self._rates: list[tuple[int, np.ndarray]] = []
@@ -51,21 +53,21 @@ class Smoothing:
         """
         if self._stamps and stamp_ns <= self._stamps[-1]:
             return
-        measured, covariance = np.full(4, np.nan), np.full((3, 3), np.nan)
+        tracked, turn, covariance = _UNKNOWN
         if quaternion is not None and fit is not None:
-            measured = multiply(quaternion, quaternion_from_rotation_vector(fit.turn_rad))
-            covariance = fit.covariance
+            tracked, turn, covariance = quaternion, fit.turn_rad, fit.covariance
             self._with_gyro.append(uses_gyro)
         self._stamps.append(stamp_ns)
         self._wanted.append(wanted)
-        self._measured.append(measured)
+        self._tracked.append(tracked)
+        self._turn.append(turn)
         self._covariance.append(covariance)
-        self._truth.append(np.full(4, np.nan) if truth is None else truth)
+        self._truth.append(_UNKNOWN[0] if truth is None else truth)
 
     def table(self) -> np.ndarray:
         """Return the smoothed rows of the wanted frames."""
         stamp_ns = np.array(self._stamps, np.int64)
-        known = np.flatnonzero(np.isfinite(np.array(self._measured).reshape(-1, 4)[:, 0]))
+        known = np.flatnonzero(np.isfinite(np.array(self._tracked).reshape(-1, 4)[:, 0]))
         if not len(known):
             return np.empty(0, SMOOTHED_DTYPE)
         parts = np.split(known, 1 + np.flatnonzero(
@@ -77,8 +79,10 @@ class Smoothing:
         """Return the rows of frames from begin to end, both measured."""
         stamp_ns, chosen = stamps[begin:end], slice(begin, end)
         gyro = self._mean_rates(stamp_ns)
-        found = smooth(stamp_ns, np.array(self._measured[chosen]),
-                       np.array(self._covariance[chosen]), self._noise(stamp_ns), gyro)
+        measured = multiply(np.array(self._tracked[chosen]),
+                            quaternion_from_rotation_vector(np.array(self._turn[chosen])))
+        found = smooth(stamp_ns, measured, np.array(self._covariance[chosen]),
+                       self._noise(stamp_ns), gyro)
         wanted = np.flatnonzero(self._wanted[chosen])
         rows = np.zeros(len(wanted), SMOOTHED_DTYPE)
         rows['stamp_ns'] = stamp_ns[wanted]

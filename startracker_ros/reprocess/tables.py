@@ -2,13 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
-from startracker_ros.catalog.onboard import OnboardCatalog
+from startracker_ros.attitude.result import AttitudeEstimate
 from startracker_ros.export.tables import load_parquet_writer
 from startracker_ros.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.pipeline.pipeline import PipelineFrame
 from startracker_ros.reprocess.frame_fit import FrameFit
+from startracker_ros.track.tracker import TrackerState
 
 STATES = ('LOST', 'ACQUIRING', 'TRACKING')
 PAIRS = ('xx', 'xy', 'xz', 'yy', 'yz', 'zz')
@@ -40,85 +42,122 @@ STAR_DTYPE = np.dtype([
 north in arcsec, their squares over sigma^2, and of magnitude minus catalogue."""
 
 
-def _empty_row() -> np.ndarray:
-    row = np.zeros(1, FRAME_DTYPE)
-    for name in FRAME_DTYPE.names or ():
-        if FRAME_DTYPE[name].kind == 'f':
-            row[name] = np.nan
-    return row
+class _Frame(NamedTuple):
+    """What the tables hold of a frame; hip (K,) are the stars of its fit."""
 
-
-_EMPTY = _empty_row()
+    stamp_ns: int
+    state: TrackerState
+    residual_px: float
+    attitude: AttitudeEstimate | None
+    rate_rad_s: np.ndarray | None
+    truth: np.ndarray | None
+    hip: np.ndarray
+    fit: FrameFit | None
 
 
 class SegmentTables:
-    """Collects the frames of a segment."""
+    """Collects the frames of a segment; the tables are computed from all of them at once."""
 
     def __init__(self) -> None:
-        self._frames: list[np.ndarray] = []
-        self._lens: dict[int, np.ndarray] = {}
-        self._stars: list[np.ndarray] = []
+        self._frames: list[_Frame] = []
 
     def add(self, stamp_ns: int, frame: PipelineFrame, residual_px: float,
-            truth: np.ndarray | None) -> None:
-        """Add a frame; truth is its true attitude (4,) where the bag holds it."""
-        row = _EMPTY.copy()
-        row['stamp_ns'], row['state'] = stamp_ns, STATES.index(frame.state.value)
-        row['residual_px'] = residual_px
+            truth: np.ndarray | None, hip: np.ndarray, fit: FrameFit | None) -> None:
+        """Add a frame, its true attitude (4,) where the bag holds it, and the fit of its stars."""
         attitude = frame.trusted.attitude
-        if attitude is not None:
-            row['stars'] = attitude.stars
-            fill(row, 'q_{}', 'xyzw', attitude.quaternion)
-            fill(row, 'cov_{}_rad2', PAIRS, attitude.covariance_sensor[UPPER])
-            if frame.tracked is not None:
-                fill(row, 'rate_{}_rad_s', 'xyz', frame.tracked.rate_rad_s)
-            if truth is not None:
-                fill(row, 'error_{}_arcsec', 'xyz',
-                     attitude_error(attitude.quaternion, truth) / ARCSEC)
-        self._frames.append(row)
-
-    def add_fit(self, stamp_ns: int, fit: FrameFit, onboard: OnboardCatalog,
-                star_index: np.ndarray, flux: np.ndarray) -> None:
-        """Add the fit of the last frame: star_index and flux (N,) of its stars."""
-        row = self._frames[-1]
-        fill(row, 'single_{}_arcsec', 'xyz', fit.turn_rad / ARCSEC)
-        fill(row, 'single_cov_{}_arcsec2', PAIRS, fit.covariance[UPPER] / ARCSEC ** 2)
-        magnitude = onboard.magnitude[star_index]
-        with np.errstate(invalid='ignore', divide='ignore'):
-            zero = magnitude + 2.5 * np.log10(flux)
-        row['zero_point_mag'] = np.median(zero)
-        number = stamp_ns // round(LENS_BIN_S * 1e9)
-        lens = self._lens.setdefault(number, np.zeros(6))
-        lens += (1, fit.lens_information[0, 0], fit.lens_information[0, 1],
-                 fit.lens_information[1, 1], *fit.lens_vector)
-        sigma, residual = fit.sigma / ARCSEC, fit.residual / ARCSEC
-        self._stars.append(np.stack([
-            onboard.hip[star_index], magnitude, 1 / sigma ** 2, *residual.T,
-            np.median(zero) - zero], -1))
+        self._frames.append(_Frame(
+            stamp_ns, frame.state, residual_px, attitude,
+            None if frame.tracked is None else frame.tracked.rate_rad_s, truth, hip, fit))
 
     def tables(self, begin_ns: int) -> dict[str, np.ndarray]:
         """Return the tables frames, lens and stars of a segment."""
-        frames = np.concatenate(self._frames) if self._frames else np.empty(0, FRAME_DTYPE)
-        lens = np.zeros(len(self._lens), LENS_DTYPE)
-        for row, (number, sums) in zip(lens, sorted(self._lens.items())):
-            row['stamp_ns'] = round((number + 0.5) * LENS_BIN_S * 1e9)
-            for name, value in zip(('frames', 'ff', 'fk', 'kk', 'f', 'k'), sums):
-                row[name] = value
-        return {'frames': frames, 'lens': lens, 'stars': self._star_sums(begin_ns)}
+        fitted = [frame for frame in self._frames if frame.fit is not None]
+        return {'frames': self._frame_rows(), 'lens': _lens_rows(fitted),
+                'stars': _star_rows(fitted, begin_ns)}
 
-    def _star_sums(self, begin_ns: int) -> np.ndarray:
-        if not self._stars:
-            return np.empty(0, STAR_DTYPE)
-        hip, magnitude, weight, east, north, difference = np.concatenate(self._stars).T
-        known, first, which = np.unique(hip, return_index=True, return_inverse=True)
-        rows = np.zeros(len(known), STAR_DTYPE)
-        rows['stamp_ns'], rows['hip'], rows['magnitude'] = begin_ns, known, magnitude[first]
-        for name, values in (
-                ('count', np.ones(len(hip))), ('weight', weight), ('east', weight * east),
-                ('north', weight * north), ('chi2', weight * (east ** 2 + north ** 2)),
-                ('difference_mag', difference), ('square_mag2', difference ** 2)):
-            rows[name] = np.bincount(which, values, len(known))
+    def _frame_rows(self) -> np.ndarray:
+        """Return the table frames."""
+        frames = self._frames
+        rows = np.zeros(len(frames), FRAME_DTYPE)
+        for name in FRAME_DTYPE.names or ():
+            if FRAME_DTYPE[name].kind == 'f':
+                rows[name] = np.nan
+        if not frames:
+            return rows
+        rows['stamp_ns'] = [frame.stamp_ns for frame in frames]
+        rows['state'] = [STATES.index(frame.state.value) for frame in frames]
+        rows['residual_px'] = [frame.residual_px for frame in frames]
+        attitudes = [frame.attitude for frame in frames if frame.attitude is not None]
+        known = np.array([frame.attitude is not None for frame in frames])
+        if attitudes:
+            quaternion = np.array([attitude.quaternion for attitude in attitudes])
+            covariance = np.array([attitude.covariance_sensor for attitude in attitudes])
+            _set(rows, 'stars', known, [attitude.stars for attitude in attitudes])
+            _set_all(rows, 'q_{}', 'xyzw', known, quaternion)
+            _set_all(rows, 'cov_{}_rad2', PAIRS, known, covariance[:, UPPER[0], UPPER[1]])
+            rate, truth = (np.array([np.full(size, np.nan) if value is None else value
+                                     for value in values]) for size, values in (
+                (3, [frame.rate_rad_s for frame in frames]),
+                (4, [frame.truth for frame in frames])))
+            _set_all(rows, 'rate_{}_rad_s', 'xyz', known, rate[known])
+            _set_all(rows, 'error_{}_arcsec', 'xyz', known,
+                     attitude_error(quaternion, truth[known]) / ARCSEC)
+        fits = [frame.fit for frame in frames if frame.fit is not None]
+        if fits:
+            known = np.array([frame.fit is not None for frame in frames])
+            covariance = np.array([fit.covariance for fit in fits]) / ARCSEC ** 2
+            _set_all(rows, 'single_{}_arcsec', 'xyz', known,
+                     np.array([fit.turn_rad for fit in fits]) / ARCSEC)
+            _set_all(rows, 'single_cov_{}_arcsec2', PAIRS, known,
+                     covariance[:, UPPER[0], UPPER[1]])
+            _set(rows, 'zero_point_mag', known, [fit.zero_point_mag for fit in fits])
         return rows
+
+
+def _set(rows: np.ndarray, name: str, known: np.ndarray, values: Any) -> None:
+    """Set a column of the known rows (N,) to values (K,)."""
+    rows[name][known] = values
+
+
+def _set_all(rows: np.ndarray, pattern: str, names: Sequence[str], known: np.ndarray,
+             values: np.ndarray) -> None:
+    """Set columns, by a pattern of their names, of the known rows (N,) to values (K, C)."""
+    for name, column in zip(names, values.T):
+        _set(rows, pattern.format(name), known, column)
+
+
+def _lens_rows(frames: Sequence[_Frame]) -> np.ndarray:
+    """Return the table lens of frames with a fit."""
+    number = np.array([frame.stamp_ns for frame in frames], np.int64) // round(LENS_BIN_S * 1e9)
+    bins, which = np.unique(number, return_inverse=True)
+    rows = np.zeros(len(bins), LENS_DTYPE)
+    rows['stamp_ns'] = np.rint((bins + 0.5) * LENS_BIN_S * 1e9)
+    rows['frames'] = np.bincount(which, minlength=len(bins))
+    sums = np.array([frame.fit.lens for frame in frames if frame.fit]).reshape(-1, 5)
+    for name, column in zip(('ff', 'fk', 'kk', 'f', 'k'), sums.T):
+        rows[name] = np.bincount(which, column, len(bins))
+    return rows
+
+
+def _star_rows(frames: Sequence[_Frame], begin_ns: int) -> np.ndarray:
+    """Return the table stars of frames with a fit."""
+    fits = [frame.fit for frame in frames if frame.fit is not None]
+    if not fits:
+        return np.empty(0, STAR_DTYPE)
+    hip = np.concatenate([frame.hip for frame in frames])
+    weight = (ARCSEC / np.concatenate([fit.sigma for fit in fits])) ** 2
+    east, north = np.concatenate([fit.residual for fit in fits]).T / ARCSEC
+    difference = np.concatenate([fit.zero_point_mag - fit.zero_point for fit in fits])
+    magnitude = np.concatenate([fit.magnitude for fit in fits])
+    known, first, which = np.unique(hip, return_index=True, return_inverse=True)
+    rows = np.zeros(len(known), STAR_DTYPE)
+    rows['stamp_ns'], rows['hip'], rows['magnitude'] = begin_ns, known, magnitude[first]
+    for name, values in (
+            ('count', np.ones(len(hip))), ('weight', weight), ('east', weight * east),
+            ('north', weight * north), ('chi2', weight * (east ** 2 + north ** 2)),
+            ('difference_mag', difference), ('square_mag2', difference ** 2)):
+        rows[name] = np.bincount(which, values, len(known))
+    return rows
 
 
 def fill(row: np.ndarray, pattern: str, names: Sequence[str], values: np.ndarray) -> None:

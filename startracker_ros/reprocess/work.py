@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from startracker_ros.pipeline.pipeline import PipelineOptions
+from startracker_ros.reprocess.leftovers import Leftovers
 from startracker_ros.reprocess.output import SegmentBag
 from startracker_ros.reprocess.plan import Segment
 from startracker_ros.reprocess.segment import segment_folder, SegmentRun
@@ -61,7 +62,8 @@ def process(segment: Segment, options: PipelineOptions, digest: str, outputs: Ou
     OSError where they cannot be written, SegmentError where it cannot be processed.
     """
     folder = outputs.folder
-    tables, smoothing = SegmentTables(), Smoothing(options) if outputs.smooth else None
+    tables, leftovers = SegmentTables(), Leftovers()
+    smoothing = Smoothing(options) if outputs.smooth else None
     (folder / RECORDS).mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=_PARTIAL, dir=folder / RECORDS) as name:
         partial = Path(name)
@@ -71,11 +73,11 @@ def process(segment: Segment, options: PipelineOptions, digest: str, outputs: Ou
         bag = SegmentBag(bag_folder, segment.namespace, outputs.bag_topics,
                          first_id % _MAX_TRACK_IDS) if outputs.bag_topics else None
         try:
-            tally = SegmentRun(segment, options, bag, tables, smoothing).run()
+            tally = SegmentRun(segment, options, bag, tables, leftovers, smoothing).run()
         finally:
             if bag is not None:
                 bag.close()
-        found = tables.tables(segment.begin_ns)
+        found = tables.tables(segment.begin_ns) | leftovers.tables(segment.begin_ns)
         if smoothing is not None:
             found['smoothed'] = smoothing.table()
         paths = write_tables(found, partial / 'tables', segment.tracker, bag_folder.name)

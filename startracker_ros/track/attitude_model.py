@@ -93,7 +93,8 @@ class AttitudeModel(StarModel):
         icrf = self._sky.direction(self.bank.star_index)
         uv = np.ascontiguousarray(frame.uv)
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
-        error = self._scale.value ** 2 * self.error_px2(frame)
+        error_px2 = self.error_px2(frame)
+        error = self._scale.value ** 2 * error_px2
         common = pointing_covariance(frame.common_error, self._camera, self._state.rate)
         for hypothesis in self._hypotheses(stamp_ns, dark):
             predicted = _with_error(hypothesis.state, common)
@@ -127,7 +128,7 @@ class AttitudeModel(StarModel):
             if not self.uses_gyro:
                 self._compare_gyro(before_ns, hypothesis.level)
             return FrameUpdate(True, fit, correction.unassociated,
-                               self._residuals(correction, frame))
+                               self._residuals(correction, uv, error_px2))
         assert nominal is not None, 'there is always a hypothesis'
         # Propagate without an update: every star counts as missed.
         hypothesis, correction = nominal
@@ -188,16 +189,17 @@ class AttitudeModel(StarModel):
         good = fit.is_good(stars, self._options.min_stars, self._options.max_residual_px)
         return fit if good else None
 
-    def _residuals(self, correction: Correction, frame: Centroids) -> Residuals:
-        """Return the residuals of the detected stars, by the corrected state."""
+    def _residuals(self, correction: Correction, uv: np.ndarray, error_px2: np.ndarray
+                   ) -> Residuals:
+        """Return the residuals of the detected stars, centroids uv (M, 2), by the new state."""
         bank = self.bank
         seen = np.isfinite(correction.distance) & bank.confirmed
         centroid = correction.best[seen]
         direction = rotate(conjugate(self._state.quaternion),
                            self._sky.direction(bank.star_index[seen]))
         flow = image_jacobian(self._camera, direction)
-        uv = frame.uv[centroid]
-        stars = Residuals(uv, uv - bank.uv[seen], self.error_px2(frame.select(centroid)), flow,
+        uv = uv[centroid]
+        stars = Residuals(uv, uv - bank.uv[seen], error_px2[centroid], flow,
                           flow @ self._state.rate)
         self._lens_error.add(bank.star_index[seen], stars)
         return stars

@@ -12,11 +12,13 @@ rotation, the focal length and a radial distortion. A column c = f g(v), f the v
 and g(v) a step or a line, improves chi-square by (c' r)^2 / (c' c), both after those columns.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.compiled import compiled
+from startracker_ros.track.residual_columns import fit_rows
 
 LEAST_STARS = 8
 STEPS = 12  # rows at which a frame may be torn
@@ -54,6 +56,7 @@ class RowPattern:
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
+        self._axis_px = np.array([camera.cx, camera.cy])
         self._slope = np.zeros(3)
 
     def find(self, stars: Residuals) -> str:
@@ -61,22 +64,11 @@ class RowPattern:
         if len(stars.uv) < LEAST_STARS:
             return ''
         height = self._camera.height
-        rows = (stars.uv[:, 1] - (height - 1) / 2) / height
-        edges = np.sort(rows)[3:-3]
-        edges = edges[np.linspace(0, len(edges) - 1, STEPS).astype(int)]
-        patterns = np.concatenate([rows[None], (rows > edges[:, None]) - 0.5])
-        whiten = np.linalg.inv(np.linalg.cholesky(stars.error))
-        centred = (stars.uv - [self._camera.cx, self._camera.cy]) / height
-        radial = centred * np.sum(centred ** 2, axis=1, keepdims=True)
-        basis = np.linalg.qr(_columns(whiten, np.concatenate(
-            [stars.flow, centred[..., None], radial[..., None]], axis=-1)))[0]
-        r = _columns(whiten, stars.residual)[:, 0]
-        c = _columns(whiten, stars.velocity[..., None] * patterns.T[:, None])
-        r, c = r - basis @ (basis.T @ r), c - basis @ (basis.T @ c)
-        product, energy, chi2 = c.T @ r, np.maximum((c * c).sum(axis=0), 1e-12), r @ r
-        dof = max(len(r) - basis.shape[1] - 1, 1)
+        fit = fit_rows(*stars, self._axis_px, height, STEPS)
+        product, energy, chi2 = fit.product, np.maximum(fit.energy, 1e-12), fit.chi2
+        dof = max(2 * len(stars.uv) - 6, 1)
         gain = product ** 2 / energy
-        speed_px_s = float(np.sqrt(np.mean(stars.velocity ** 2) * 2))
+        speed_px_s = math.sqrt(2 * float(np.mean(stars.velocity ** 2)))
         scatter = max(1.0, (chi2 - gain[0]) / dof)
         slope = self._slope = MEMORY * self._slope + np.array(
             [product[0], energy[0], chi2 - dof]) / scatter
@@ -85,7 +77,7 @@ class RowPattern:
         shift_s = product[best] / energy[best]
         if (gain[best] > SIGNIFICANT * scale and gain[best] > EXPLAINED * chi2
                 and abs(shift_s) * speed_px_s > LEAST_STEP_PX and best):
-            row = (edges[best - 1] + 0.5) * height
+            row = (fit.edges[best - 1] + 0.5) * height
             return (f'the rows beyond {row:.0f} are {shift_s:.3g} s later than those before: '
                     'a torn frame')
         line_s = slope[0] / slope[1] / height
@@ -95,11 +87,6 @@ class RowPattern:
             return (f'the residuals grow along the rows: line_time_us is off by '
                     f'{1e6 * line_s:.3g} us')
         return ''
-
-
-def _columns(whiten: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return vectors (K, 2, C) or (K, 2), whitened by (K, 2, 2), as columns (2 K, C)."""
-    return np.einsum('kij,kj...->ki...', whiten, vectors).reshape(2 * len(vectors), -1)
 
 
 def expected_stars(expected: np.ndarray, velocity: np.ndarray, uv: np.ndarray,

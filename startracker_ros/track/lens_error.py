@@ -18,6 +18,7 @@ import math
 import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.track.consistency import Residuals
+from startracker_ros.track.residual_columns import lens_sums
 
 MEMORY = 0.98  # of the products of the frames before
 SIGNIFICANT = 4.0  # standard deviations of their mean by chance
@@ -37,37 +38,26 @@ class LensError:
         self.value_px = self.scale = 0.0
         self._outwards = self._square = 0.0
         self._star_index = np.empty(0, np.int64)
-        self._residual = self._variance = np.empty(0)
+        self._residual, self._variance = np.empty((0, 2)), np.empty(0)
         self._product = self._weight = self._chance = 0.0
 
     def add(self, star_index: np.ndarray, stars: Residuals) -> None:
         """Add the residuals of a frame, of catalogue entries (K,)."""
         if len(star_index) < LEAST_STARS:
             return
-        variance = np.trace(stars.error, axis1=1, axis2=2) / 2
-        root = np.repeat(1 / np.sqrt(variance), 2)
-        flow, residual = stars.flow.reshape(-1, 3), stars.residual.reshape(-1)
-        basis = np.linalg.qr(flow * root[:, None])[0]
-        # Of the residuals, I - out into^T leaves what is no rotation.
-        out, into = basis / root[:, None], basis * root[:, None]
-        residual = residual - out @ (into.T @ residual)
-        away = (stars.uv - self._axis_px).reshape(-1)
-        away = away - out @ (into.T @ away)
-        self._outwards = MEMORY * self._outwards + float((residual * root) @ (away * root))
-        self._square = MEMORY * self._square + float((away * root) @ (away * root))
+        sums = lens_sums(stars.uv, stars.residual, stars.error, stars.flow, self._axis_px)
+        self._outwards = MEMORY * self._outwards + sums.outwards
+        self._square = MEMORY * self._square + sums.square
         significant = self._outwards ** 2 > SIGNIFICANT ** 2 * self._square
         self.scale = self._outwards / self._square if significant else 0.0
-        residual = (residual - self.scale * away).reshape(-1, 2)
-        left = 1 - 2 * np.sum(out * into, axis=1) + np.sum(out @ (into.T @ into) * out, axis=1)
-        left = left.reshape(-1, 2).mean(axis=1)
-        _, now, before = np.intersect1d(star_index, self._star_index, assume_unique=True,
-                                        return_indices=True)
+        residual, variance = sums.residual - self.scale * sums.away, sums.variance
+        now, before = np.nonzero(star_index[:, None] == self._star_index)
         if len(now):
             # The mean of two products, one of each axis, has half the variance of one.
             weight = 1 / (variance[now] * self._variance[before])
-            product = np.sum(residual[now] * self._residual[before], axis=1) / 2
+            product = (residual[now] * self._residual[before]).sum(axis=1) / 2
             self._product = MEMORY * self._product + float(weight @ product)
-            self._weight = MEMORY * self._weight + float(weight @ left[now])
+            self._weight = MEMORY * self._weight + float(weight @ sums.left[now])
             self._chance = MEMORY ** 2 * self._chance + float(weight.sum()) / 2
             significant = self._product > SIGNIFICANT * math.sqrt(self._chance)
             self.value_px = math.sqrt(self._product / self._weight) if significant else 0.0

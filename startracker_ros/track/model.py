@@ -136,8 +136,9 @@ class StarModel(ABC):
     def error_px2(self, centroids: Centroids) -> np.ndarray:
         """Return the covariances (M, 2, 2) of centroids, no axis below sigma_floor_px."""
         error, floor = centroids.covariance.copy(), self._options.sigma_floor_px ** 2
-        missing = np.maximum(floor - error[:, [0, 1], [0, 1]], 0.0)
-        error[:, [0, 1], [0, 1]] += missing
+        for axis in range(2):
+            variance = error[:, axis, axis]
+            variance += np.maximum(floor - variance, 0.0)
         return error
 
     def is_dark(self, frame: Centroids) -> bool:

@@ -2,7 +2,9 @@
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.camera.lens import Lens
 from startracker_ros.centroid.prediction import PredictedStars
+from startracker_ros.compiled import compiled
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.motion_models import image_flows
 from startracker_ros.track.options import TrackerOptions
@@ -14,10 +16,33 @@ SPARE_STARS = 1.5  # per star that is followed: some are blended or too faint
 def visible_stars(stars: StarsInView, attitude: AttitudeEstimate, rate_rad_s: np.ndarray,
                   faintest: float) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels (N, 2) and velocities (N, 2) px/s of single stars up to a magnitude."""
-    index, sensor, uv = _in_image(stars, attitude, faintest, BORDER_PX)
-    single = ~stars.onboard.crowded[index]
-    flow = image_flows(stars.camera.lens, sensor[single])
-    return uv[single], flow @ rate_rad_s
+    onboard = stars.onboard
+    return _visible(*stars.of(attitude), onboard.magnitude, onboard.crowded, faintest,
+                    stars.camera.lens, np.ascontiguousarray(rate_rad_s))
+
+
+@compiled
+def _visible(index: np.ndarray, sensor: np.ndarray, uv: np.ndarray, magnitude: np.ndarray,
+             crowded: np.ndarray, faintest: float, lens: Lens, rate_rad_s: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray]:
+    """Return what visible_stars() does, of stars brightest first as stars.of() returns them."""
+    right, bottom = lens.width - 0.5 - BORDER_PX, lens.height - 0.5 - BORDER_PX
+    chosen, count = np.empty(len(index), np.int64), 0
+    for i in range(len(index)):
+        if magnitude[index[i]] > faintest:
+            break
+        u, v = uv[i]
+        if (-0.5 + BORDER_PX <= u <= right and -0.5 + BORDER_PX <= v <= bottom
+                and not crowded[index[i]]):
+            chosen[count] = i
+            count += 1
+    chosen = chosen[:count]
+    flow, velocity = image_flows(lens, sensor[chosen]), np.zeros((count, 2))
+    for i in range(count):
+        for axis in range(2):
+            for k in range(3):
+                velocity[i, axis] += flow[i, axis, k] * rate_rad_s[k]
+    return uv[chosen], velocity
 
 
 def predict_stars(stars: StarsInView, stamp_ns: int, attitude: AttitudeEstimate,
@@ -25,7 +50,7 @@ def predict_stars(stars: StarsInView, stamp_ns: int, attitude: AttitudeEstimate,
     """Return the brightest stars in the image at an attitude, and how they move."""
     most = slice(int(SPARE_STARS * options.max_stars))
     index, sensor, uv = (column[most] for column in _in_image(
-        stars, attitude, options.magnitude_limit, 0.0))
+        stars, attitude, options.magnitude_limit))
     flow = image_flows(stars.camera.lens, sensor)
     covariance = flow @ attitude.covariance_sensor @ np.swapaxes(flow, 1, 2)
     return PredictedStars(
@@ -34,10 +59,10 @@ def predict_stars(stars: StarsInView, stamp_ns: int, attitude: AttitudeEstimate,
         stars.onboard.hip[index])
 
 
-def _in_image(stars: StarsInView, attitude: AttitudeEstimate, faintest: float, border_px: float
+def _in_image(stars: StarsInView, attitude: AttitudeEstimate, faintest: float
               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what stars.of() does, of the stars up to a magnitude inside a border."""
+    """Return what stars.of() does, of the stars up to a magnitude in the image."""
     index, sensor, uv = stars.of(attitude)
     bright = np.searchsorted(stars.onboard.magnitude[index], faintest, side='right')
-    inside = stars.camera.contains(uv[:bright], border_px)
+    inside = stars.camera.contains(uv[:bright])
     return index[:bright][inside], sensor[:bright][inside], uv[:bright][inside]

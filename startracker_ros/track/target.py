@@ -121,6 +121,14 @@ def _unexplained(uv: np.ndarray, sigma_px: np.ndarray, stars: np.ndarray) -> np.
     return left
 
 
+def unexplained(stars: StarsInView, attitude: AttitudeEstimate, centroids: Centroids
+                ) -> Centroids:
+    """Return the centroids that are no catalogue star."""
+    return centroids.select(_unexplained(
+        np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.sigma_px),
+        stars.of(attitude)[2]))
+
+
 @dataclass(frozen=True)
 class TargetSpot:
     """
@@ -171,7 +179,7 @@ class TargetTracker:
         if dt_s > MAX_GAP_S:
             self.reset()
         self._stamp_ns = stamp_ns
-        left = self.unexplained(attitude, centroids)
+        left = unexplained(self._stars, attitude, centroids)
         self.spots = len(left)
         left = left.select(slice(MOST_SPOTS))
         directions = rotate(attitude.quaternion, self._camera.unproject(left.uv))
@@ -202,12 +210,6 @@ class TargetTracker:
         return TargetSpot(left.select(np.array([associated[target]])),
                           float(np.degrees(np.linalg.norm(self._target.rate))),
                           self._target.detections)
-
-    def unexplained(self, attitude: AttitudeEstimate, centroids: Centroids) -> Centroids:
-        """Return the centroids that are no catalogue star."""
-        return centroids.select(_unexplained(
-            np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.sigma_px),
-            self._stars.of(attitude)[2]))
 
     def _confirmed(self, track: _Track) -> bool:
         # Not the filtered rate, whose sigma allows for a manoeuvre at any time.

@@ -14,9 +14,10 @@ from startracker_ros.report.panels import utc
 from startracker_ros.reprocess.compare import extremes
 from startracker_ros.reprocess.runs import open_run
 from startracker_ros.table import Result
+from startracker_ros.trend.pixels import hot_pixels, PixelRow
 from startracker_ros.trend.series import all_series, distortion, Series
 from startracker_ros.trend.stars import bad_stars, StarRow
-from startracker_ros.trend.steps import drift, find_steps, Step
+from startracker_ros.trend.steps import drift, find_steps, Step, StepSearch
 
 
 @dataclass(frozen=True)
@@ -41,31 +42,55 @@ def trend(folder: Path, page: Path | None, orbit_s: float) -> Result:
     run = open_run(folder)
     found = [(series, find_steps(series.stamp_ns, series.values, orbit_s))
              for series in all_series(run)]
-    rows = [row for series, steps in found for row in _rows(series, steps)]
+    rows = [row for series, search in found for row in drift_rows(series, search)]
+    for series, _ in found:
+        rows += _month_rows(series) if series.name.endswith('zero point') else []
     for tracker in run.trackers:
         change, sigma = distortion(run, tracker)
         rows.append(TrendRow(f'{tracker} distortion', 'k1 minus camera_info', '', change, sigma,
                              '1', None))
     stars = bad_stars(run)
+    pixels = [row for tracker in run.trackers for row in hot_pixels(run, tracker)]
     if page is not None:
         page.parent.mkdir(parents=True, exist_ok=True)
-        page.write_text(_page(folder, found, rows, stars))
+        page.write_text(trend_page(folder.name, found, rows, stars, pixels))
     return Result('trend', rows, {
-        'orbit_s': orbit_s, 'steps': sum(len(steps) for _, steps in found),
+        'orbit_s': orbit_s, 'steps': sum(len(search.steps) for _, search in found),
         'stars with a fault': ', '.join(
-            f'{star.hip} ({star.faults})' for star in stars[:10]) or 'none'})
+            f'{star.hip} ({star.faults})' for star in stars[:10]) or 'none',
+        'hot pixels': ', '.join(
+            f'{pixel.tracker} {pixel.u} {pixel.v}' for pixel in pixels[:10]) or 'none'})
 
 
-def _rows(series: Series, steps: Sequence[Step]) -> list[TrendRow]:
-    """Return the drift of each column, then the steps: the column of each that shows it best."""
-    slope = drift(series.stamp_ns, series.values, list(steps))
-    rows = [TrendRow(_name(series, column), 'drift', '', float(value), None, f'{series.unit}/d',
-                     None) for column, value in enumerate(slope)]
-    for step in sorted(steps, key=lambda step: step.stamp_ns):
+def drift_rows(series: Series, search: StepSearch) -> list[TrendRow]:
+    """
+    Return the drift of each column and the smallest step that is found, then the steps.
+
+    Of each step the column that shows it best.
+    """
+    slope = drift(series.stamp_ns, series.values, search.steps)
+    rows = [row for column in range(len(slope)) for row in (
+        TrendRow(_name(series, column), 'drift', '', float(slope[column]), None,
+                 f'{series.unit}/d', None),
+        TrendRow(_name(series, column), 'smallest step found', '', float(search.least[column]),
+                 None, series.unit, None))]
+    for step in sorted(search.steps, key=lambda step: step.stamp_ns):
         column = int(np.argmax(np.abs(step.size) / step.sigma))
         rows.append(TrendRow(
             _name(series, column), 'step', utc(step.stamp_ns), float(step.size[column]),
             float(step.sigma[column]), series.unit, step.significance))
+    return rows
+
+
+def _month_rows(series: Series) -> list[TrendRow]:
+    """Return the median of each month, with its standard error."""
+    months = series.stamp_ns.astype('datetime64[ns]').astype('datetime64[M]')
+    rows = []
+    for month in np.unique(months):
+        values = series.values[months == month, 0]
+        sigma = np.std(values) * np.sqrt(np.pi / 2 / len(values))
+        rows.append(TrendRow(series.name, 'median of the month', str(month),
+                             float(np.median(values)), float(sigma), series.unit, None))
     return rows
 
 
@@ -74,17 +99,19 @@ def _name(series: Series, column: int) -> str:
             else series.name)
 
 
-def _page(folder: Path, found: Sequence[tuple[Series, Sequence[Step]]],
-          rows: Sequence[TrendRow], stars: Sequence[StarRow]) -> str:
+def trend_page(name: str, found: Sequence[tuple[Series, StepSearch]], rows: Sequence[TrendRow],
+               stars: Sequence[StarRow], pixels: Sequence[PixelRow]) -> str:
     """Return one HTML page without scripts: its size does not grow with the frames."""
-    pictures = ''.join(f'<h2>{escape(series.name)}</h2>{_picture(series, steps)}'
-                       for series, steps in found)
+    pictures = ''.join(f'<h2>{escape(series.name)}</h2>{_picture(series, search.steps)}'
+                       for series, search in found)
     return ('<!doctype html><html lang="en"><head><meta charset="utf-8">'
-            f'<title>Trend of {escape(folder.name)}</title><style>{_STYLE}</style></head><body>'
-            f'<h1>Trend of {escape(folder.name)}</h1>{_table(rows)}{pictures}'
-            f'<h2>Stars with a fault</h2>{_table(stars)}</body></html>\n')
+            f'<title>Trend of {escape(name)}</title><style>{_STYLE}</style></head><body>'
+            f'<h1>Trend of {escape(name)}</h1>{_table(rows)}{pictures}'
+            f'<h2>Stars with a fault</h2>{_table(stars[:_MOST_ROWS])}'
+            f'<h2>Hot pixels</h2>{_table(pixels[:_MOST_ROWS])}</body></html>\n')
 
 
+_MOST_ROWS = 200
 _STYLE = ('body{font:15px sans-serif;max-width:60em;margin:1em auto}td,th{padding:.2em .6em;'
           'text-align:left}img{max-width:100%}')
 

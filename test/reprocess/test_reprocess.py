@@ -3,6 +3,8 @@
 from dataclasses import replace
 import hashlib
 import json
+import resource
+import struct
 
 import numpy as np
 import pytest
@@ -11,15 +13,20 @@ from startracker_ros.bag.errors import BagError
 from startracker_ros.bag.reader import decode, read_messages, read_topics
 from startracker_ros.bag.writer import BagWriter
 from startracker_ros.camera.model import Camera
+from startracker_ros.flights.bags import write_bag
+from startracker_ros.flights.options import FlightOptions
+from startracker_ros.flights.truth import Truth
 from startracker_ros.report.loading import load_recording
 from startracker_ros.reprocess.compare import compare
 from startracker_ros.reprocess.parameters import parameter_sets, ParameterError
 from startracker_ros.reprocess.plan import plan_bag, SegmentOptions
 from startracker_ros.reprocess.runs import open_run
 from startracker_ros.reprocess.work import finished
+from startracker_ros.trend.pixels import hot_pixels
 from startracker_ros.trend.trend import trend
 
 CAMERA = Camera.from_fov(640, 640, 15.0)
+FLIGHT = FlightOptions(days=0.0015, bag_hours=1.0, heads=1, magnitude_limit=5.5, fov_deg=15.0)
 
 
 def hashes(folder):
@@ -127,6 +134,38 @@ def test_of_a_truncated_bag_the_rest_is_used(bad_bags, reprocess, tmp_path):
     assert row['frames'] == 130
 
 
+def test_a_full_disk_is_a_row_and_the_command_continues_later(flight, reprocess, finished_run,
+                                                              tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        row, = reprocess([flight], tmp_path, smooth=True).records
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert row['frames'] == 0
+    assert all('File too large' in problem['reason'] for problem in errors(tmp_path))
+    row, = reprocess([flight], tmp_path, smooth=True).records
+    assert row['frames'] == 130 and errors(tmp_path) == []
+    assert hashes(tmp_path) == hashes(finished_run[0])
+
+
+def test_a_clock_that_jumps_back_is_a_row(flight, reprocess, tmp_path):
+    whole, = flight.glob('flight_*')
+    with BagWriter(tmp_path / 'jumps') as writer:
+        for name, topic in read_topics(whole).items():
+            writer.add_topic(name, topic.type_name)
+        for number, message in enumerate(read_messages(whole)):
+            data = message.data
+            if number > 200:
+                seconds, = struct.unpack_from('<i', data, 4)
+                data = data[:4] + struct.pack('<i', seconds - 600) + data[8:]
+            writer.write(message.topic, data, message.log_time_ns, message.log_time_ns)
+    row, = reprocess([tmp_path / 'jumps'], tmp_path / 'run', segment_s=600.0).records
+    assert row['frames'] == 130 and row['with_attitude_percent'] > 95
+    assert ['time went back' in problem['reason'] for problem in errors(tmp_path / 'run')] == [
+        True]
+
+
 def test_no_bag_or_no_right_to_write_is_an_error(flight, reprocess, tmp_path):
     with pytest.raises(BagError, match='no bag there'):
         reprocess([tmp_path / 'nothing'], tmp_path / 'out')
@@ -148,10 +187,25 @@ def test_the_page_of_trends_is_small_and_has_no_script(finished_run, tmp_path):
     assert result.conditions['steps'] == 0
     focal = next(row for row in result.records if row['series'] == 'head_1 focal length')
     assert focal['kind'] == 'drift' and focal['unit'] == '%/d'
+    months = [row for row in result.records if row['kind'] == 'median of the month']
+    assert [row['utc'] for row in months] == ['2026-01']
+    assert months[0]['size'] == pytest.approx(15.0, abs=0.05)
     page = (tmp_path / 'trend.html').read_text()
     assert len(page) < 1_000_000 and '<script' not in page and 'data:image/png' in page
     with pytest.raises(BagError, match='no finished run'):
         trend(tmp_path, tmp_path / 'trend.html', 5800.0)
+
+
+def test_hot_pixels_are_in_the_map_and_no_objects(reprocess, tmp_path):
+    (tmp_path / 'flight').mkdir()
+    write_bag(tmp_path / 'flight', replace(FLIGHT, hot_pixels=3), 2, 0)
+    reprocess([tmp_path / 'flight'], tmp_path / 'run', segment_s=200.0, bag_topics=frozenset())
+    run = open_run(tmp_path / 'run')
+    truth = Truth(replace(FLIGHT, hot_pixels=3), 2).hot_pixels(0).astype(int)
+    found = hot_pixels(run, 'head_1')
+    assert {(row.u, row.v) for row in found} == set(map(tuple, truth.tolist()))
+    assert min(row.frames for row in found) > 100
+    assert not len(run.table('tracklets', 'head_1', ['stamp_ns'])['stamp_ns'])
 
 
 def test_parameters_and_sweeps(tmp_path):

@@ -1,0 +1,145 @@
+"""Centroids that the catalogue does not explain: moving objects and hot pixels of a segment."""
+
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.astro.state import State
+from startracker_ros.camera.model import Camera
+from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.maths.rotation import ARCSEC, matrix_from_quaternion
+from startracker_ros.pipeline.pipeline import Pipeline, PipelineFrame
+from startracker_ros.track.in_view import StarsInView
+from startracker_ros.track.target import MOST_SPOTS, unexplained
+from startracker_ros.track.tracklets import Detections, link_tracklets
+
+TRACKLET_DTYPE = np.dtype([
+    ('stamp_ns', 'i8'), ('tracklet', 'i8'), ('ra_deg', 'f8'), ('dec_deg', 'f8'),
+    ('cov_ee_arcsec2', 'f4'), ('cov_en_arcsec2', 'f4'), ('cov_nn_arcsec2', 'f4'),
+    ('magnitude', 'f4'), ('u', 'f4'), ('v', 'f4'), ('sigma_px', 'f4'),
+    *((f'position_{axis}_m', 'f8') for axis in 'xyz'),
+    *((f'velocity_{axis}_m_s', 'f8') for axis in 'xyz')])
+"""
+One row for each detection of a moving object. The direction is the apparent one on ICRF axes:
+neither aberration nor light time is removed; its covariance is on axes to the east and north.
+Position and velocity are those of the observer, geocentric, NaN without odometry.
+"""
+
+PIXEL_DTYPE = np.dtype([('stamp_ns', 'i8'), ('u', 'i4'), ('v', 'i4'), ('count', 'i4')])
+"""Hot pixels: pixels with the centre of a spot that is no star, and the frames that have it."""
+
+_HOT_SPAN_S = 60.0
+_LEAST_HOT = 10
+_TRACKLETS = 1000
+_UNKNOWN = State(np.full(3, np.nan), np.full(3, np.nan), np.full((3, 3), np.nan))
+
+
+class _Spots(NamedTuple):
+    """The spots (M,) of a frame that are no star, and what turns them into directions."""
+
+    frame: int
+    stamp_ns: int
+    uv: np.ndarray
+    sigma_px: np.ndarray
+    flux: np.ndarray
+    quaternion: np.ndarray
+    covariance: np.ndarray
+    zero_point_mag: float
+    state: State
+    camera: Camera
+
+
+class Leftovers:
+    """Collects the leftovers of the frames of a segment."""
+
+    def __init__(self) -> None:
+        self._frames = 0
+        self._spots: list[_Spots] = []
+        self._stars: tuple[Pipeline, StarsInView] | None = None
+
+    def add(self, stamp_ns: int, camera: Camera, centroids: Centroids, frame: PipelineFrame,
+            pipeline: Pipeline, zero_point_mag: float) -> None:
+        """Add a frame; one without an attitude only counts."""
+        self._frames += 1
+        attitude = frame.trusted.attitude
+        if attitude is None:
+            return
+        if self._stars is None or self._stars[0] is not pipeline:
+            self._stars = pipeline, StarsInView(camera, pipeline.attitude.sky)
+        left = unexplained(self._stars[1], attitude, centroids)
+        if not len(left):
+            return
+        left = left.select(slice(MOST_SPOTS))
+        self._spots.append(_Spots(
+            self._frames, stamp_ns, left.uv, left.sigma_px, left.flux, attitude.quaternion,
+            attitude.covariance_sensor, zero_point_mag,
+            pipeline.motion.geocentric(stamp_ns) or _UNKNOWN, camera))
+
+    def tables(self, begin_ns: int) -> dict[str, np.ndarray]:
+        """Return the tables tracklets and hot_pixels of a segment."""
+        if not self._spots:
+            return {'tracklets': np.empty(0, TRACKLET_DTYPE),
+                    'hot_pixels': np.empty(0, PIXEL_DTYPE)}
+        return {'tracklets': self._tracklets(begin_ns), 'hot_pixels': self._hot_pixels(begin_ns)}
+
+    def _tracklets(self, begin_ns: int) -> np.ndarray:
+        rows = np.concatenate([_rows(spots) for spots in self._spots])
+        frame = np.repeat([spots.frame for spots in self._spots],
+                          [len(spots.uv) for spots in self._spots])
+        ra, dec = np.radians(rows['ra_deg']), np.radians(rows['dec_deg'])
+        found = link_tracklets(Detections(
+            frame, (rows['stamp_ns'] - rows['stamp_ns'][0]) * 1e-9,
+            np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], -1),
+            (rows['cov_ee_arcsec2'] + rows['cov_nn_arcsec2']).astype(float) / 2 * ARCSEC ** 2,
+            np.stack([rows['u'], rows['v']], -1).astype(float), rows['sigma_px'].astype(float)))
+        for number, member in enumerate(found):
+            rows['tracklet'][member] = begin_ns // 1_000_000_000 * _TRACKLETS + number
+        return rows[np.sort(np.concatenate(found))] if found else rows[:0]
+
+    def _hot_pixels(self, begin_ns: int) -> np.ndarray:
+        """Return the pixels that have a spot again and again; a star or an object passes."""
+        uv = np.concatenate([spots.uv for spots in self._spots])
+        count = [len(spots.uv) for spots in self._spots]
+        stamps = np.repeat([spots.stamp_ns for spots in self._spots], count)
+        camera = self._spots[0].camera
+        u, v = np.rint(uv).astype(int).T
+        pixel, which, seen = np.unique(v * camera.width + u, return_inverse=True,
+                                       return_counts=True)
+        first, last = np.full(len(pixel), 2 ** 62), np.zeros(len(pixel), np.int64)
+        np.minimum.at(first, which, stamps)
+        np.maximum.at(last, which, stamps)
+        hot = (seen >= _LEAST_HOT) & (last - first >= _HOT_SPAN_S * 1e9)
+        rows = np.zeros(np.count_nonzero(hot), PIXEL_DTYPE)
+        rows['stamp_ns'], rows['count'] = begin_ns, seen[hot]
+        rows['v'], rows['u'] = np.divmod(pixel[hot], camera.width)
+        return rows
+
+
+def _rows(spots: _Spots) -> np.ndarray:
+    """
+    Return the rows (M,) of the spots of a frame.
+
+    A turn e about sensor axes moves a direction by n.e to the east and by -e.east to the north,
+    with its axes east and n (north) in the sensor frame.
+    """
+    rows = np.zeros(len(spots.uv), TRACKLET_DTYPE)
+    matrix = matrix_from_quaternion(spots.quaternion)
+    d = spots.camera.unproject(spots.uv) @ matrix.T
+    east = np.stack([-d[:, 1], d[:, 0], np.zeros(len(d))], -1)
+    east /= np.linalg.norm(east, axis=1, keepdims=True)
+    e, n = east @ matrix, np.cross(d, east) @ matrix
+    variance = (spots.sigma_px * spots.camera.pixel_rad) ** 2
+    C = spots.covariance
+    rows['stamp_ns'] = spots.stamp_ns
+    rows['ra_deg'] = np.degrees(np.arctan2(d[:, 1], d[:, 0])) % 360
+    rows['dec_deg'] = np.degrees(np.arcsin(np.clip(d[:, 2], -1, 1)))
+    rows['cov_ee_arcsec2'] = (variance + np.sum(n @ C * n, axis=1)) / ARCSEC ** 2
+    rows['cov_nn_arcsec2'] = (variance + np.sum(e @ C * e, axis=1)) / ARCSEC ** 2
+    rows['cov_en_arcsec2'] = -np.sum(n @ C * e, axis=1) / ARCSEC ** 2
+    with np.errstate(invalid='ignore', divide='ignore'):
+        rows['magnitude'] = spots.zero_point_mag - 2.5 * np.log10(spots.flux)
+    rows['u'], rows['v'] = spots.uv.T
+    rows['sigma_px'] = spots.sigma_px
+    for axis, position_m, velocity_m_s in zip('xyz', spots.state.position_m,
+                                              spots.state.velocity_m_s):
+        rows[f'position_{axis}_m'], rows[f'velocity_{axis}_m_s'] = position_m, velocity_m_s
+    return rows
