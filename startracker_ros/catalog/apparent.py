@@ -3,7 +3,7 @@
 import numpy as np
 from startracker_ros.astro.aberration import apparent_directions
 from startracker_ros.astro.observer_motion import AT_REST, Observer
-from startracker_ros.catalog.onboard import OnboardCatalog
+from startracker_ros.catalog.onboard import CROWD_MAGNITUDES, OnboardCatalog
 
 _TOLERANCE_M_S = 1.5
 """Change of velocity that is ignored: 0.001 arcsec of aberration."""
@@ -53,3 +53,12 @@ class ApparentCatalog:
                     self.onboard.direction[missing], self._vantage)
                 self._computed[missing] = True
         return self._direction[star_index]
+
+    def crowded(self, star_index: np.ndarray) -> np.ndarray:
+        """Return which entries (M,) are blended: with a neighbour, a planet, the Moon, the Sun."""
+        crowded, bodies = self.onboard.crowded[star_index], self.observer.bodies
+        if bodies is None:
+            return crowded
+        near = bodies.near(self.onboard.direction[star_index], self.onboard.magnitude[star_index],
+                           self.onboard.crowd_rad, CROWD_MAGNITUDES)
+        return crowded | near.any(axis=1)

@@ -31,7 +31,7 @@ class OnboardCatalog:
     unit vectors in ICRS from the Earth, with parallax and without aberration; magnitude (N,) is
     that of all components together; crowded (N,) is True for entries blended with a neighbour.
     blended (N,) is True for these and for entries of several components, none much brighter than
-    the others: the image may be off the direction.
+    the others: the image may be off the direction. crowd_rad is the separation of neighbours.
     """
 
     hip: np.ndarray
@@ -39,6 +39,7 @@ class OnboardCatalog:
     magnitude: np.ndarray
     crowded: np.ndarray
     blended: np.ndarray
+    crowd_rad: float = 0.0
 
     def __len__(self) -> int:
         return len(self.hip)
@@ -88,7 +89,7 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     # In float32 like the catalogue, so that a star exactly at the limit is included.
     order = order[magnitude[order].astype(np.float32) <= np.float32(magnitude_limit)]
     return OnboardCatalog(catalog.hip[brightest[order]], direction[order], magnitude[order],
-                          crowded[order], blended[order])
+                          crowded[order], blended[order], crowd_rad)
 
 
 def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,

@@ -11,7 +11,7 @@ from startracker_ros.sky.blooming import bloom
 from startracker_ros.sky.cosmic_rays import add_cosmic_rays
 from startracker_ros.sky.defects import draw_defects, saturated_charge
 from startracker_ros.sky.fixed_pattern import fixed_pattern
-from startracker_ros.sky.limbs import disc_coverage, discs
+from startracker_ros.sky.limbs import Disc, disc_coverage, discs
 from startracker_ros.sky.noise import digitise, noise_tables, read_out, Readout
 from startracker_ros.sky.starlight import add_starlight, reach_px
 from startracker_ros.sky.stray_light import stray_light
@@ -226,9 +226,10 @@ class Detector:
         return 2 * self._axis_px - uv[bright], electrons[bright]
 
     def expose(self, uv: np.ndarray, magnitude: np.ndarray, rng: np.random.Generator,
-               weight: np.ndarray | float = 1.0, trails: np.ndarray = NO_TRAILS) -> int:
+               weight: np.ndarray | float = 1.0, trails: np.ndarray = NO_TRAILS,
+               disc: Disc | None = None) -> int:
         """
-        Expose the sensor to stars at uv (N, 2) px and trails (M, 4).
+        Expose the sensor to stars at uv (N, 2) px, trails (M, 4) and a disc.
 
         weight (N,) is the fraction of the exposure that each contributes: a moving star is
         several points whose weights add up to 1. Returns the number of cosmic-ray hits.
@@ -239,6 +240,8 @@ class Detector:
                                      self.flux_e(magnitude) * weight)
         near = self._camera.contains(uv, -self.margin_px)
         add_starlight(*self._gaussians(uv[near], electrons[near]), self._star_response, light_e)
+        if disc is not None:
+            light_e += disc.peak_e * disc_coverage(self._camera, disc) * self._response
         if len(trails):
             add_trails(trails, artefacts.trail_peak_e, artefacts.trail_sigma_px,
                        self._star_response, light_e)

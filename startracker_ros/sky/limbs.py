@@ -7,9 +7,12 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.sky.artefacts import ArtefactOptions
 
 
+MOON_SOFTNESS_DEG = 0.01
+
+
 class Disc(NamedTuple):
     """
-    A disc with a soft limb, fixed on the sensor.
+    A disc with a soft limb, on sensor axes.
 
     distance_deg is the angle from the boresight to its centre, angle_deg the direction of the
     centre in the image from +u towards +v. Over softness_deg about radius_deg the brightness
@@ -32,6 +35,14 @@ def disc_coverage(camera: Camera, disc: Disc) -> np.ndarray:
     away_deg = np.degrees(np.arccos(np.clip(camera.unproject(pixel) @ centre, -1, 1)))
     outside = np.clip((away_deg - disc.radius_deg) / disc.softness_deg, -80, 80)
     return (1 / (1 + np.exp(outside))).astype(np.float32)
+
+
+def disc_at(direction: np.ndarray, radius_rad: float, peak_e: float) -> Disc:
+    """Return the disc of a body in a direction (3,) on sensor axes."""
+    x, y, z = direction
+    radius_deg, distance_deg, angle_deg = np.degrees(
+        [radius_rad, np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)]).tolist()
+    return Disc(peak_e, radius_deg, distance_deg, angle_deg, MOON_SOFTNESS_DEG)
 
 
 def discs(options: ArtefactOptions) -> list[Disc]:

@@ -5,12 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import StarCatalog
-from startracker_ros.maths.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.maths.rotation import (
+    conjugate, multiply, quaternion_from_rotation_vector, rotate)
 from startracker_ros.sky.artefacts import (
     ArtefactOptions, Artefacts, draw_spots, draw_trails, NO_TRAILS)
 from startracker_ros.sky.detector import Detector, DetectorOptions
 from startracker_ros.sky.exposure import image_paths
 from startracker_ros.sky.gyro import Gyro, GyroOptions
+from startracker_ros.sky.limbs import Disc, disc_at
 from startracker_ros.sky.motion_state import Motion, MotionState
 from startracker_ros.sky.navigation import NavigationOptions
 from startracker_ros.sky.scene import SceneStars
@@ -122,7 +124,8 @@ class SkySimulator:
             uv, magnitude = np.vstack([uv, false.uv]), np.append(magnitude, false.magnitude)
             weight = np.append(weight, np.ones(spots))
         rng = self._rng(_FRAMES, time_ns)
-        hits = detector.expose(uv, magnitude, rng, weight, trails)
+        hits = detector.expose(uv, magnitude, rng, weight, trails,
+                               self._moon(time_s - offset_s))
         stars = scene.select(detector.visible(scene.uv))
         ghosts, second_images = self._copies(scene)
         shaking = STILL
@@ -133,6 +136,19 @@ class SkySimulator:
                               defects=detector.defects, stamp_offset_s=offset_s, shaking=shaking)
         return Frame(detector.read(rng), self._motion.at(time_s), stars,
                      detector.flux_dn(stars.magnitude), artefacts)
+
+    def _moon(self, time_s: float) -> Disc | None:
+        """Return the Moon at a time, None where it is not in the image."""
+        state, camera = self._motion.at(time_s), self._camera
+        moon = self._sky.moon(state, time_s)
+        if moon is None:
+            return None
+        direction = rotate(conjugate(state.q_icrf_from_sensor), moon.direction)
+        if direction[2] < np.cos(min(camera.corner_angle_rad + 2 * moon.radius_rad, np.pi)):
+            return None
+        area_px = np.pi * (moon.radius_rad / camera.pixel_rad) ** 2
+        return disc_at(direction, moon.radius_rad,
+                       float(self._detector.flux_e(np.array(moon.magnitude))) / area_px)
 
     def _sources(self, time_s: float) -> tuple[SceneStars, np.ndarray, np.ndarray, np.ndarray]:
         """

@@ -1,10 +1,11 @@
 """Light sources around the field of view: stars, planets, satellites."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.astro.aberration import apparent_directions, vantage_near_earth
-from startracker_ros.astro.bodies import bodies_from_earth, PLANETS
+from startracker_ros.astro.bodies import BODIES, bodies_from_earth, PLANETS
 from startracker_ros.astro.constants import YEAR_S
 from startracker_ros.astro.earth import earth_position_au, in_range
 from startracker_ros.catalog.stars import StarCatalog
@@ -23,6 +24,7 @@ class SkyOptions(Options):
         True, 'stellar aberration by the velocity of the orbit and of the Earth, and light '
         'deflection by the Sun')
     planets: bool = option(False, 'Mercury to Neptune at their positions of date')
+    moon: bool = option(False, 'the Moon at its position of date, an even disc without phase')
     satellites: int = option(0, 'number of satellites near the field', low=0, high=100)
     satellite_rate_deg_s: float = option(0.5, 'angular rate of the satellites among the stars',
                                          unit='deg/s', low=1e-4, high=20.0)
@@ -43,6 +45,14 @@ class LightSources:
     direction: np.ndarray
     drift_rad_s: np.ndarray
     magnitude: np.ndarray
+
+
+class Moon(NamedTuple):
+    """Direction (3,) on ICRF axes, radius in rad and V of the Moon."""
+
+    direction: np.ndarray
+    radius_rad: float
+    magnitude: float
 
 
 class Sky:
@@ -70,12 +80,15 @@ class Sky:
         options = self._options
         year = self._epoch_year + time_s / YEAR_S
         boresight = rotate(state.q_icrf_from_sensor, np.array([0.0, 0.0, 1.0]))
-        near = np.flatnonzero(self._directions @ boresight >= np.cos(radius_rad))
+        seen = self._directions @ boresight >= np.cos(radius_rad)
+        if (moon := self.moon(state, time_s)) is not None:
+            seen &= self._directions @ moon.direction < np.cos(moon.radius_rad)
+        near = np.flatnonzero(seen)
         hip, direction = self._catalog.hip[near], self._directions[near]
         magnitude = self._catalog.magnitude[near]
         if options.planets and in_range(year):
-            planets, planet_magnitude, _ = (
-                column[:len(PLANETS)] for column in bodies_from_earth(year))
+            planets, planet_magnitude = (
+                column[:len(PLANETS)] for column in bodies_from_earth(year)[:2])
             hip = np.concatenate([hip, np.zeros(len(planets), hip.dtype)])
             direction = np.concatenate([direction, planets])
             magnitude = np.concatenate([magnitude, planet_magnitude])
@@ -85,6 +98,18 @@ class Sky:
         still = LightSources(hip, direction, np.zeros_like(direction), magnitude)
         moving = self._moving(state, time_s)
         return (still, moving) if len(moving.hip) else (still,)
+
+    def moon(self, state: MotionState, time_s: float) -> 'Moon | None':
+        """Return the Moon as the observer sees it, None where it is not rendered."""
+        year = self._epoch_year + time_s / YEAR_S
+        if not (self._options.moon and in_range(year)):
+            return None
+        bodies, moon = bodies_from_earth(year, state.position_m), BODIES.index('Moon')
+        direction = bodies.direction[moon]
+        if self._options.aberration:
+            direction = apparent_directions(
+                direction[None], vantage_near_earth(year, state.velocity_m_s))[0]
+        return Moon(direction, float(bodies.radius_rad[moon]), float(bodies.magnitude[moon]))
 
     def _moving(self, state: MotionState, time_s: float) -> LightSources:
         """Return the satellites and, if visible, the target."""

@@ -29,10 +29,14 @@ def match_new_stars(stars: StarsInView, attitude: AttitudeEstimate, centroids: C
     """
     onboard = stars.onboard
     near, sensor, uv = stars.of(attitude)
-    return _match(near, sensor, uv, onboard.magnitude, onboard.crowded,
-                  np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.flux),
-                  np.ascontiguousarray(sigma_px), np.ascontiguousarray(attitude.covariance_sensor),
-                  stars.camera.lens, float(zero_point), float(magnitude_tolerance))
+    star_index, centroid = _match(
+        near, sensor, uv, onboard.magnitude, onboard.crowded,
+        np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.flux),
+        np.ascontiguousarray(sigma_px), np.ascontiguousarray(attitude.covariance_sensor),
+        stars.camera.lens, float(zero_point), float(magnitude_tolerance))
+    # The compiled function knows the neighbours among the stars only.
+    single = ~stars.sky.crowded(star_index)
+    return star_index[single], centroid[single]
 
 
 @compiled

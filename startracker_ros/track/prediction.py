@@ -15,7 +15,7 @@ def visible_stars(stars: StarsInView, attitude: AttitudeEstimate, rate_rad_s: np
                   faintest: float) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels (N, 2) and velocities (N, 2) px/s of single stars up to a magnitude."""
     index, sensor, uv = _in_image(stars, attitude, faintest, BORDER_PX)
-    single = ~stars.onboard.crowded[index]
+    single = ~stars.sky.crowded(index)
     flow = image_flows(stars.camera.lens, sensor[single])
     return uv[single], flow @ rate_rad_s
 

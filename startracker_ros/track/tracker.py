@@ -340,7 +340,7 @@ class StarTracker:
             self._end_bad_frame(frame)
 
     def _end_good_frame(self, stamp_ns: int, frame: Centroids, fit: RotationFit) -> None:
-        """Record the attitude, drop missed stars and outliers, confirm new stars."""
+        """Record the attitude, drop missed, blended and outlying stars, confirm new ones."""
         self._bad_frames = 0
         self._good_stamp_ns = stamp_ns
         if not self.contradiction:
