@@ -23,7 +23,8 @@ PUBLISHED_COUNTS = {5.0: 1627, 5.5: 2851, 6.0: 5044, 6.5: 8874}
 
 _COLUMNS = {
     'hip': 0, 'ra_rad': 4, 'dec_rad': 5, 'parallax_mas': 6, 'pm_ra_mas_yr': 7,
-    'pm_dec_mas_yr': 8, 'hp': 19, 'hp_scatter': 21, 'variability': 22, 'b_v': 23, 'b_v_error': 24, 'v_i': 25}
+    'pm_dec_mas_yr': 8, 'hp': 19, 'hp_scatter': 21, 'variability': 22, 'b_v': 23,
+    'b_v_error': 24, 'v_i': 25}
 
 # Colour V-I and Hp - V: linear spline, least squares against the V of 39358 stars to
 # V = 8 in XHIP (Anderson & Francis 2012, CDS V/137D). V-I instead of B-V: among red
@@ -43,7 +44,7 @@ _BP_RP = np.array([
     (2.0, 2.151), (2.2, 2.311), (2.4, 2.480), (2.6, 2.668), (2.8, 2.922), (3.0, 3.132),
     (3.3, 3.451), (3.6, 3.780), (4.0, 4.079)]).T
 
-# Of the field VA of hip2.dat: periodic, with a light curve in the variability annex of ESA SP-1200.
+# Of the field VA of hip2.dat: periodic, with a light curve in the variability annex (ESA SP-1200).
 _PERIODIC = 1
 # Eclipses are short: hardly any of the 100 observations of Algol is in one, which is 1.3 mag deep.
 _LEAST_PERIODIC_MAG = 0.2

@@ -28,7 +28,8 @@ def match_new_stars(stars: StarsInView, attitude: AttitudeEstimate, centroids: C
 
     sigma_px (M,) is the error of the centroids per axis; zero_point the magnitude of
     1 DN. A pair agrees in position and magnitude, and neither of the two agrees with any
-    other. Of a variable star the magnitude may be off by VARIABLE_SIGMAS more. A crowded star makes pairs ambiguous and is in none itself.
+    other. Of a variable star the magnitude may be off by VARIABLE_SIGMAS more. A crowded star
+    makes pairs ambiguous and is in none itself.
     """
     onboard = stars.onboard
     near, sensor, uv = stars.of(attitude)
