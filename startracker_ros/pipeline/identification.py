@@ -13,7 +13,7 @@ from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.extended_grid import (
     ExtendedGridIdentifier, ExtendedGridOptions, RecursiveIdentifier)
 from startracker_ros.identify.identification import Identification, IdentificationOptions
-from startracker_ros.identify.methods import make_identifier
+from startracker_ros.identify.methods import check_field, make_identifier
 from startracker_ros.options import option, Options
 from startracker_ros.pipeline.bodies import Bodies
 from startracker_ros.pipeline.sky_mapping import SkyMapping
@@ -53,6 +53,7 @@ class IdentificationStage:
                  band: BandOptions = BandOptions()) -> None:
         self._check_period_ns = round(check.check_period_s * 1e9)
         self._gyro = gyro
+        check_field(camera, options.method)
         self.identifier = (
             ExtendedGridIdentifier(camera, epoch_year, options,
                                    catalog_in_band(load_catalog(), band), grid=grid)
