@@ -1,13 +1,16 @@
 """Planets, Moon and Sun as seen from the Earth: directions and brightness."""
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import erfa
 import numpy as np
 from startracker_ros.astro.constants import (
     AU_M, DAY_S, EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S, YEAR_S)
-from startracker_ros.astro.earth import earth_state, julian_date
+from startracker_ros.astro.earth import earth_state, in_range, julian_date
+from startracker_ros.astro.epoch import epoch_year_from_stamp
+from startracker_ros.maths.rotation import ARCSEC
 
 PLANETS = ('Mercury', 'Venus', 'Mars', 'Jupiter', 'Saturn', 'Uranus', 'Neptune')
 BODIES = (*PLANETS, 'Moon', 'Sun')
@@ -28,15 +31,38 @@ _PHASE_MAGNITUDE = np.array([
     [-6.87, 0, 0, 0, 0], [0.23, 0.026, 0, 0, 4e-9]])
 _SUN_MAGNITUDE = -26.74
 # Equatorial radii in km (IAU Working Group on Cartographic Coordinates, 2015).
+# Of plan94 beside JPL ephemerides.
+_SERIES_ERROR_RAD = 60 * ARCSEC
+# Farthest from the centre of the Earth that an observer of unknown position is: 600 km high.
+_UNKNOWN_POSITION_M = EARTH_RADIUS_M + 600e3
+STEP_NS = 10 * 10 ** 9
+"""Time for which bodies_at() is the same: the Moon moves by 5 arcsec, seen from an orbit by 40."""
 _RADIUS_KM = np.array([2440.5, 6051.8, 3396.2, 71492, 60268, 25559, 24764, 1737.4, 695700])
 
 
 class BodiesInSky(NamedTuple):
-    """Directions (9, 3) in GCRS, V (9,) and radii (9,) in rad of the BODIES, in their order."""
+    """
+    The BODIES in their order: directions (9, 3) in GCRS, V (9,), radii (9,) in rad.
+
+    error_rad (9,) is how far off the directions are at most.
+    """
 
     direction: np.ndarray
     magnitude: np.ndarray
     radius_rad: np.ndarray
+    error_rad: np.ndarray
+
+    def near(self, direction: np.ndarray, magnitude: np.ndarray, margin_rad: float,
+             fainter_mag: float) -> np.ndarray:
+        """
+        Return whether the light at directions (N, 3) may be that of each body, (N, 9) bool.
+
+        Beyond its disc and error a body reaches margin_rad. One that is fainter than a star by
+        more than fainter_mag does not count there; magnitude (N,) is V of the stars, NaN for none.
+        """
+        reach_rad = np.minimum(self.radius_rad + self.error_rad + margin_rad, np.pi)
+        outshone = magnitude[:, None] < self.magnitude - fainter_mag
+        return (direction @ self.direction.T >= np.cos(reach_rad)) & ~outshone
 
 
 def bodies_from_earth(year: float, position_m: np.ndarray | None = None) -> BodiesInSky:
@@ -72,8 +98,25 @@ def bodies_from_earth(year: float, position_m: np.ndarray | None = None) -> Bodi
     magnitude = 5 * np.log10(np.append(sun_au, 1.0) * distance_au) + np.append(
         np.einsum('ij,ji->i', _PHASE_MAGNITUDE, phase_deg ** np.arange(5)[:, None]),
         _SUN_MAGNITUDE)
+    error_rad = np.full(len(BODIES), _SERIES_ERROR_RAD)
+    if position_m is None:
+        error_rad += np.arcsin(_UNKNOWN_POSITION_M / AU_M / distance_au)
     return BodiesInSky(from_observer / distance_au[:, None], magnitude,
-                       np.arcsin(1e3 * _RADIUS_KM / AU_M / distance_au))
+                       np.arcsin(1e3 * _RADIUS_KM / AU_M / distance_au), error_rad)
+
+
+def bodies_at(stamp_ns: int, position_m: np.ndarray | None = None) -> BodiesInSky | None:
+    """Return bodies_from_earth() within 5 s of a UNIX time in ns, None outside 1900 to 2100."""
+    place = None if position_m is None else tuple(position_m.tolist())
+    return _bodies_in_step(stamp_ns // STEP_NS, place)
+
+
+@lru_cache(maxsize=8)
+def _bodies_in_step(step: int, position_m: tuple[float, ...] | None) -> BodiesInSky | None:
+    year = epoch_year_from_stamp(step * STEP_NS + STEP_NS // 2)
+    if not in_range(year):
+        return None
+    return bodies_from_earth(year, None if position_m is None else np.array(position_m))
 
 
 def bright_bodies(year: float, position_m: np.ndarray | None = None

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.astro.aberration import Air, Vantage, vantage_near_earth
+from startracker_ros.astro.bodies import bodies_at, BodiesInSky, STEP_NS
 from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.earth import earth_state, EpochError
 from startracker_ros.astro.elements import orbit_velocity, OrbitOptions
@@ -37,7 +38,7 @@ EARTH_SIGMA_M_S = np.hypot(29.8e3, 7.9e3) / np.sqrt(3)
 
 _NO_ODOMETRY = 'no odometry'
 
-_EARTH_STEP_NS = 10 * 10 ** 9
+_EARTH_STEP_NS = STEP_NS
 """The velocity of the Earth changes by 0.06 m/s in this time."""
 
 
@@ -62,7 +63,8 @@ class Observer(NamedTuple):
 
     velocity_sigma_m_s is the 1 sigma of the unknown velocity per axis; used is full, earth_only
     or none, and reason why this is less than was requested, empty if it is not. trouble is
-    whether the reason is an input that is wrong, and not just one that is not there.
+    whether the reason is an input that is wrong, and not just one that is not there. bodies are
+    planets, Moon and Sun, None where the time is unknown.
     """
 
     vantage: Vantage | None
@@ -70,6 +72,7 @@ class Observer(NamedTuple):
     used: str
     reason: str = ''
     trouble: bool = False
+    bodies: BodiesInSky | None = None
 
     @property
     def condition(self) -> str:
@@ -102,6 +105,7 @@ class ObserverMotion:
         except OrbitError as error:
             self._orbit_error = str(error)
         self._last: tuple[int, Observer] | None = None
+        self._seen: tuple[tuple[int, bool], BodiesInSky | None] | None = None
 
     def warm_up(self) -> None:
         """Load what the first odometry needs, so that no frame waits for it."""
@@ -122,7 +126,7 @@ class ObserverMotion:
     def at(self, stamp_ns: int) -> Observer:
         """Return the motion of the observer at a stamp."""
         if self._last is None or self._last[0] != stamp_ns:
-            self._last = stamp_ns, self._at(stamp_ns)
+            self._last = stamp_ns, self._at(stamp_ns)._replace(bodies=self._bodies(stamp_ns))
         return self._last[1]
 
     def geocentric(self, stamp_ns: int) -> State | None:
@@ -134,6 +138,14 @@ class ObserverMotion:
             return state
         return State(*propagate(state.position_m, state.velocity_m_s, self._age_s(stamp_ns)),
                      state.covariance_m2)
+
+    def _bodies(self, stamp_ns: int) -> BodiesInSky | None:
+        """Return planets, Moon and Sun, from the position out of odometry where it is known."""
+        step = stamp_ns // STEP_NS, self._newest is not None
+        if self._seen is None or self._seen[0] != step:
+            state = self.geocentric(stamp_ns)
+            self._seen = step, bodies_at(stamp_ns, None if state is None else state.position_m)
+        return self._seen[1]
 
     def _at(self, stamp_ns: int) -> Observer:
         if self._mode == 'none':

@@ -29,8 +29,9 @@ STAR_DTYPE = np.dtype(_STAR_FIELDS + _MEASUREMENT_FIELDS, align=True)
 TRACK_DTYPE = np.dtype(_TRACK_FIELDS, align=True)
 PREDICTION_DTYPE = np.dtype([
     ('u', 'f4'), ('v', 'f4'), ('sigma', 'f4'), ('hip', 'u4'), ('u_rate', 'f4'),
-    ('v_rate', 'f4')], align=True)
-_OPTIONAL = {CENTROID_DTYPE: _MEASUREMENT_FIELDS, STAR_DTYPE: _MEASUREMENT_FIELDS}
+    ('v_rate', 'f4'), ('body', 'u1')], align=True)
+_OPTIONAL = {CENTROID_DTYPE: _MEASUREMENT_FIELDS, STAR_DTYPE: _MEASUREMENT_FIELDS,
+             PREDICTION_DTYPE: [('body', 'u1')]}
 
 # By the numbers of sensor_msgs/PointField.
 _NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}

@@ -80,7 +80,7 @@ class Scene:
         """Return the image of the stars, each of flux_e."""
         ra, dec = radec_from_unit(rotate(self.quaternion, _CAMERA.unproject(self.uv)))
         zero, number = np.zeros(len(self.uv)), np.arange(1, len(self.uv) + 1)
-        catalog = StarCatalog(number, ra, dec, zero, zero, zero, zero, zero)
+        catalog = StarCatalog(number, ra, dec, *[zero] * 6)
         # Stars move by (-wy, wx) f on the image.
         du, dv = self.streak_px / _CAMERA.fx / detector.exposure_s
         motion = SteadyMotion(self.quaternion, np.array([dv, -du, 0.0]), _ORBIT)

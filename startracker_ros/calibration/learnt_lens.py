@@ -23,9 +23,9 @@ from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.ladder import Attempt
+from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.maths.rotation import (
-    attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_axes,
-    quaternion_from_rotation_vector)
+    attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_axes)
 
 # Prior standard deviations: relative pixel ratio, principal point (of the width), k1.
 _RATIO, _CENTRE, _K1 = 0.05, 0.04, 0.25
@@ -118,12 +118,11 @@ class _Lens:
         """Return the lens with its parameters changed; CameraError for an impossible one."""
         camera, (a, b, g, h, k) = self.camera, change[3:]
         terms = (camera.distortion[0] + float(k), *camera.distortion[1:])
-        turned = quaternion_from_rotation_vector(change[:3])
         return _Lens(
             replace(camera, fx=float(camera.fx * np.exp(a)), fy=float(camera.fy * np.exp(a + b)),
                     cx=float(camera.cx + camera.width * g),
                     cy=float(camera.cy + camera.width * h), distortion=terms),
-            multiply(self.quaternion, turned))
+            turned(self.quaternion, change[:3]))
 
 
 def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
@@ -226,7 +225,9 @@ def _fit(lens: _Lens, start: Camera, free: np.ndarray, centroids: Centroids, sta
         square = np.sum(residual ** 2, axis=1)
         # For two axes the median is 2 ln 2 variances; few stars have hardly any freedom left.
         freedom = max(1 - 4.0 / max(2 * len(row), 1), 0.2)
-        error_px = np.sqrt(np.median(square) / (2 * np.log(2)) / freedom)
+        ranked = np.sort(square)
+        median = (ranked[(len(row) - 1) // 2] + ranked[len(row) // 2]) / 2
+        error_px = np.sqrt(median / (2 * np.log(2)) / freedom)
         sigma = np.maximum(np.hypot(centroids.sigma_px[row], _LEAST_ERROR_PX), error_px)
         weight = 1 / (sigma ** 2 * (1 + square / (3 * sigma) ** 2))
         drift = _drift(lens.camera, start)

@@ -11,6 +11,8 @@ from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.rotation import conjugate, rotate
 
+_FEW_PAIRS = 30_000  # of which all distances are computed faster than two trees are built
+
 
 @dataclass(frozen=True)
 class View:
@@ -60,8 +62,13 @@ def nearest_pairs(a: np.ndarray, b: np.ndarray, radius: float) -> tuple[np.ndarr
     """Return indices of mutual nearest neighbours within radius, of points (N, 2) and (M, 2)."""
     if not len(a) or not len(b):
         return np.empty(0, int), np.empty(0, int)
-    distance, to_b = cKDTree(b).query(a, distance_upper_bound=radius)
-    to_a = cKDTree(a).query(b)[1]
-    found = np.flatnonzero(np.isfinite(distance))
+    if len(a) * len(b) <= _FEW_PAIRS:
+        square = np.square(a[:, :1] - b[:, 0]) + np.square(a[:, 1:] - b[:, 1])
+        to_b, to_a = square.argmin(axis=1), square.argmin(axis=0)
+        found = np.flatnonzero(square[np.arange(len(a)), to_b] < radius ** 2)
+    else:
+        distance, to_b = cKDTree(b).query(a, distance_upper_bound=radius)
+        to_a = cKDTree(a).query(b)[1]
+        found = np.flatnonzero(np.isfinite(distance))
     found = found[to_a[to_b[found]] == found]
     return found, to_b[found]

@@ -7,8 +7,8 @@ from the centre of the image, in half diagonals:
     -2.5 log F = z_f + V + c (G - V) + d r^2.
 
 The zero points z_f, the colour term c (0 in V, 1 in G) and the dimming d in the corners are fitted
-by least squares; stars beyond 3 robust standard deviations, variables and blends among them, are
-left out of the fit, not of the scatter.
+by least squares. Stars that the catalogue has as variables and those beyond 3 robust standard
+deviations, blends among them, are left out of the fit, not of the scatter.
 """
 
 from dataclasses import dataclass
@@ -45,38 +45,48 @@ class Photometry:
 
 def fit_band(stars: MatchedStars, camera: Camera) -> Photometry:
     """Return the band that fits the fluxes of matched stars best."""
+    colours, variation_mag = _of_catalog(stars.hip, camera)
     measured = stars.flux > 0
+    steady = variation_mag[measured] == 0
     frames = np.unique(stars.frame[measured], return_inverse=True)[1]
     zero_points = np.eye(frames.max(initial=-1) + 1)[frames]
-    if len(frames) < _MIN_STARS_EACH * (zero_points.shape[1] + 2):
+    if np.count_nonzero(steady) < _MIN_STARS_EACH * (zero_points.shape[1] + 2):
         return Photometry(np.nan, np.nan, np.nan, np.nan, dict.fromkeys(BANDS, np.nan))
-    magnitude, colour = stars.magnitude[measured], _bp_rp(stars.hip[measured], camera)
+    magnitude, colour = stars.magnitude[measured], colours[measured]
     instrumental = -2.5 * np.log10(stars.flux[measured])
     middle = (np.array([camera.width, camera.height]) - 1) / 2
     r2 = np.sum((stars.uv[measured] - middle) ** 2, axis=1) / np.sum(middle ** 2)
     band_scatter = {
-        band: _fit(zero_points, instrumental - magnitude_in_band(magnitude, colour, band))[2]
+        band: _fit(zero_points, instrumental - magnitude_in_band(magnitude, colour, band),
+                   steady)[2]
         for band in BANDS}
     redness = magnitude_in_band(np.zeros(len(colour)), colour, G_BAND)
     value, sigma, scatter = _fit(np.column_stack([zero_points, redness, r2]),
-                                 instrumental - magnitude)
+                                 instrumental - magnitude, steady)
     return Photometry(float(value[-2]), float(sigma[-2]), float(value[-1]), scatter, band_scatter)
 
 
-def _bp_rp(hip: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the colours (N,) of stars of the catalogue."""
+def _of_catalog(hip: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Return the colours and the variation_mag (N,) of stars of the catalogue."""
     catalog = camera_catalog(camera)
     order = np.argsort(catalog.hip)
-    return catalog.bp_rp[order[np.searchsorted(catalog.hip, hip, sorter=order)]]
+    row = order[np.searchsorted(catalog.hip, hip, sorter=order)]
+    return catalog.bp_rp[row], catalog.variation_mag[row]
 
 
-def _fit(design: np.ndarray, observed: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return parameters (P,), their errors (P,) and the rms residual of all observed (N,)."""
-    used = np.ones(len(observed), bool)
+def _fit(design: np.ndarray, observed: np.ndarray, steady: np.ndarray
+         ) -> tuple[np.ndarray, np.ndarray, float]:
+    """
+    Return parameters (P,), their errors (P,) and the rms residual of all observed (N,).
+
+    Fitted are those of steady (N,) that are no outliers.
+    """
+    used = steady
     for _ in range(_ITERATIONS):
         value = np.linalg.lstsq(design[used], observed[used])[0]
         residual = observed - design @ value
-        within = np.abs(residual) <= _REJECT_SIGMAS * _MAD_SIGMA * np.median(np.abs(residual))
+        within = steady & (np.abs(residual) <= _REJECT_SIGMAS * _MAD_SIGMA * np.median(
+            np.abs(residual)))
         if (within == used).all():
             break
         used = within

@@ -3,7 +3,7 @@
 import numpy as np
 from startracker_ros.astro.aberration import apparent_directions
 from startracker_ros.astro.observer_motion import AT_REST, Observer
-from startracker_ros.catalog.onboard import OnboardCatalog
+from startracker_ros.catalog.onboard import CROWD_MAGNITUDES, OnboardCatalog
 
 _TOLERANCE_M_S = 1.5
 """Change of velocity that is ignored: 0.001 arcsec of aberration."""
@@ -24,10 +24,16 @@ class ApparentCatalog:
         self._direction = onboard.direction
         self._computed = np.empty(0, bool)
         self.version = 0
+        self._bodies = AT_REST.bodies
+        self._crowded, self._compared = onboard.crowded, np.empty(0, bool)
 
     def look_from(self, observer: Observer) -> None:
         """Set the observer; version changes with the directions."""
         self.observer = observer
+        if observer.bodies is not self._bodies:
+            self._bodies = observer.bodies
+            self._crowded = self.onboard.crowded.copy()
+            self._compared = np.zeros(len(self.onboard), bool)
         before, after = self._vantage, observer.vantage
         if after is before:
             return
@@ -54,3 +60,15 @@ class ApparentCatalog:
                     self.onboard.direction[missing], self._vantage)
                 self._computed[missing] = True
         return self._direction[star_index]
+
+    def crowded(self, star_index: np.ndarray) -> np.ndarray:
+        """Return which entries (M,) are blended: with a neighbour, a planet, the Moon, the Sun."""
+        if self._bodies is not None:
+            missing = star_index[~self._compared[star_index]]
+            if len(missing):
+                onboard = self.onboard
+                near = self._bodies.near(onboard.direction[missing], onboard.magnitude[missing],
+                                         onboard.crowd_rad, CROWD_MAGNITUDES)
+                self._crowded[missing] |= near.any(axis=1)
+                self._compared[missing] = True
+        return self._crowded[star_index]

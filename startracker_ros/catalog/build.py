@@ -23,7 +23,8 @@ PUBLISHED_COUNTS = {5.0: 1627, 5.5: 2851, 6.0: 5044, 6.5: 8874}
 
 _COLUMNS = {
     'hip': 0, 'ra_rad': 4, 'dec_rad': 5, 'parallax_mas': 6, 'pm_ra_mas_yr': 7,
-    'pm_dec_mas_yr': 8, 'hp': 19, 'b_v': 23, 'b_v_error': 24, 'v_i': 25}
+    'pm_dec_mas_yr': 8, 'hp': 19, 'hp_scatter': 21, 'variability': 22, 'b_v': 23,
+    'b_v_error': 24, 'v_i': 25}
 
 # Colour V-I and Hp - V: linear spline, least squares against the V of 39358 stars to
 # V = 8 in XHIP (Anderson & Francis 2012, CDS V/137D). V-I instead of B-V: among red
@@ -43,6 +44,11 @@ _BP_RP = np.array([
     (2.0, 2.151), (2.2, 2.311), (2.4, 2.480), (2.6, 2.668), (2.8, 2.922), (3.0, 3.132),
     (3.3, 3.451), (3.6, 3.780), (4.0, 4.079)]).T
 
+# Of the field VA of hip2.dat: periodic, with a light curve in the variability annex (ESA SP-1200).
+_PERIODIC = 1
+# Eclipses are short: hardly any of the 100 observations of Algol is in one, which is 1.3 mag deep.
+_LEAST_PERIODIC_MAG = 0.2
+
 # Stars with a wrong Hp, saturated (Sirius) or blended with a companion (alpha Cen B,
 # theta1 Ori C, alpha1 CVn): V of XHIP; sigma Ori E and theta1 Ori A: V of SIMBAD.
 _KNOWN_V = {32349: -1.44, 71681: 1.35, 26221: 5.13, 63121: 5.61, 26551: 6.66, 26220: 6.73}
@@ -53,11 +59,11 @@ _ADDED = (
     # xi UMa: position and proper motion of A, Fabricius et al. (2002); parallax of B, Gaia DR2
     {'hip': 55203, 'ra_rad': np.radians(169.5467153), 'dec_rad': np.radians(31.5305982),
      'pm_ra_mas_yr': -453.7, 'pm_dec_mas_yr': -591.4, 'parallax_mas': 114.49,
-     'magnitude': 3.79, 'bp_rp': 0.75},
+     'magnitude': 3.79, 'bp_rp': 0.75, 'variation_mag': 0.0},
     # xi Sco: A, Gaia DR3
     {'hip': 78727, 'ra_rad': np.radians(241.0924988), 'dec_rad': np.radians(-11.3731288),
      'pm_ra_mas_yr': -74.52, 'pm_dec_mas_yr': -32.32, 'parallax_mas': 35.66,
-     'magnitude': 4.16, 'bp_rp': 0.62},
+     'magnitude': 4.16, 'bp_rp': 0.62, 'variation_mag': 0.0},
 )
 
 
@@ -79,6 +85,8 @@ def read_hip2(path: Path, magnitude_limit: float = MAGNITUDE_LIMIT) -> dict[str,
     missing = (columns.pop('b_v') == 0) & (columns.pop('b_v_error') == 0) & (v_i == 0)
     v_i = np.where(missing, np.median(v_i[~missing]), v_i)
     columns['bp_rp'] = np.round(np.interp(v_i, *_BP_RP), 2)
+    columns['variation_mag'] = _variation_mag(
+        columns.pop('hp_scatter'), columns.pop('variability'))
     magnitude = johnson_v(hp, v_i)
     for hip, known in _KNOWN_V.items():
         magnitude[columns['hip'] == hip] = known
@@ -88,6 +96,16 @@ def read_hip2(path: Path, magnitude_limit: float = MAGNITUDE_LIMIT) -> dict[str,
     order = np.lexsort((columns['hip'], columns['magnitude']))
     order = order[columns['magnitude'][order] <= magnitude_limit]
     return {name: values[order] for name, values in columns.items()}
+
+
+def _variation_mag(hp_scatter: np.ndarray, variability: np.ndarray) -> np.ndarray:
+    """
+    Return the standard deviation (N,) of the brightness of variables, 0 for other stars.
+
+    Variable are stars in the variability annex: field VA (N,) is 1 or 2. hp_scatter (N,) is sHp.
+    """
+    least = np.where(variability == _PERIODIC, _LEAST_PERIODIC_MAG, 0.0)
+    return np.where(variability > 0, np.maximum(hp_scatter, least), 0.0)
 
 
 def write_catalog(columns: dict[str, np.ndarray], path: Path) -> None:

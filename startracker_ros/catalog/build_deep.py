@@ -61,7 +61,7 @@ def read_gaia(path: Path) -> Stars:
     zero = np.zeros(len(table))
     return {'hip': zero.astype(np.int32), 'ra_rad': np.radians(table['ra']),
             'dec_rad': np.radians(table['dec']), 'pm_ra_mas_yr': zero, 'pm_dec_mas_yr': zero,
-            'parallax_mas': zero, 'bp_rp': bp_rp,
+            'parallax_mas': zero, 'bp_rp': bp_rp, 'variation_mag': zero,
             'magnitude': table['g'] - magnitude_in_band(zero, bp_rp, G_BAND)}
 
 
@@ -77,7 +77,7 @@ def read_tycho(path: Path) -> Stars:
     return {'hip': zero.astype(np.int32), 'ra_rad': np.radians(ra), 'dec_rad': np.radians(dec),
             'pm_ra_mas_yr': pm_ra, 'pm_dec_mas_yr': pm_dec, 'parallax_mas': zero,
             'bp_rp': np.where(np.isnan(b_v), _BP_RP, _bp_rp_of_b_v(b_v)),
-            'magnitude': magnitude}
+            'magnitude': magnitude, 'variation_mag': zero}
 
 
 def join(hipparcos: Stars, gaia: Stars, tycho: Stars) -> Stars:

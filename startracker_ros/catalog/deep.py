@@ -120,6 +120,7 @@ def unpack(packed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     columns = {'hip': number, 'ra_rad': ra_rad, 'dec_rad': dec_rad, 'parallax_mas': parallax_mas}
     for name, step in _STEPS.items():
         columns[name] = (_joined(packed[name], np.int16) * step).astype(np.float32)
+    columns['variation_mag'] = np.zeros(len(zone), np.float32)
     return columns
 
 

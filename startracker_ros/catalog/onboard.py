@@ -31,7 +31,8 @@ class OnboardCatalog:
     unit vectors in ICRS from the Earth, with parallax and without aberration; magnitude (N,) is
     that of all components together; crowded (N,) is True for entries blended with a neighbour.
     blended (N,) is True for these and for entries of several components, none much brighter than
-    the others: the image may be off the direction.
+    the others: the image may be off the direction. crowd_rad is the separation of neighbours.
+    variation_mag (N,) is the standard deviation of the brightness of a variable, 0 for others.
     """
 
     hip: np.ndarray
@@ -39,6 +40,8 @@ class OnboardCatalog:
     magnitude: np.ndarray
     crowded: np.ndarray
     blended: np.ndarray
+    crowd_rad: float = 0.0
+    variation_mag: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.hip)
@@ -55,6 +58,12 @@ class OnboardCatalog:
             return np.full(hip.shape, -1)
         rank = np.minimum(np.searchsorted(ranked, hip), len(ranked) - 1)
         return np.where(ranked[rank] == hip, order[rank], -1)
+
+    def variation(self, star_index: np.ndarray) -> np.ndarray:
+        """Return variation_mag of entries (M,), 0 for a catalogue that has none."""
+        if self.variation_mag is None:
+            return np.zeros(len(star_index))
+        return self.variation_mag[star_index]
 
     @cached_property
     def _by_hip(self) -> tuple[np.ndarray, np.ndarray]:
@@ -88,7 +97,8 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     # In float32 like the catalogue, so that a star exactly at the limit is included.
     order = order[magnitude[order].astype(np.float32) <= np.float32(magnitude_limit)]
     return OnboardCatalog(catalog.hip[brightest[order]], direction[order], magnitude[order],
-                          crowded[order], blended[order])
+                          crowded[order], blended[order], crowd_rad,
+                          catalog.variation_mag[brightest[order]])
 
 
 def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,

@@ -32,6 +32,7 @@ class StarCatalog:
 
     hip is int32; ra_rad and dec_rad are float64, ICRS at J1991.25; the rest is float32.
     pm_ra_mas_yr holds the factor cos(dec); magnitude is Johnson V; bp_rp the colour of Gaia.
+    variation_mag is the standard deviation of the brightness of a variable, 0 for other stars.
     """
 
     hip: np.ndarray
@@ -42,6 +43,7 @@ class StarCatalog:
     parallax_mas: np.ndarray
     magnitude: np.ndarray
     bp_rp: np.ndarray
+    variation_mag: np.ndarray
 
     def __len__(self) -> int:
         return len(self.hip)

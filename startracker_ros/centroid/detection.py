@@ -7,8 +7,9 @@ from startracker_ros.centroid.background import background_at, interpolate_row, 
 from startracker_ros.centroid.smoothing import filter_across, filter_down, filtered_at, Kernel
 from startracker_ros.compiled import compiled
 
-PX_PER_PEAK = 400  # more peaks than one in so many pixels are noise, not stars
-FEW_PEAKS = 100  # never too many
+PX_PER_PEAK = 400  # of more peaks than one in so many pixels the highest are listed
+FEW_PEAKS = 100  # all of which are listed
+_PX_PER_MAXIMUM = 4  # at least: no two local maxima are neighbours
 ROUNDING = 1e-6  # relative, of a mean in float32
 PLATEAU_DN = 64  # a flat top lower than this may be rounding, not saturation
 RING_SIGMAS = 4.0  # radius of a ring around a peak
@@ -67,7 +68,7 @@ class Search(NamedTuple):
 
     @property
     def too_many(self) -> bool:
-        """Whether there are more peaks than an image of stars can have."""
+        """Whether there are more peaks than are listed: noise, a pattern, or a dense field."""
         return self.found > len(self.peaks.uv)
 
 
@@ -104,14 +105,15 @@ def find_peaks(image: np.ndarray, kernel: Kernel, mesh: Mesh, threshold: Thresho
     """
     Return the local maxima of image (H, W) after smoothing that exceed the threshold.
 
-    No more are listed than an image of stars can have. Peaks within or on the rim of something
+    Of more than one in PX_PER_PEAK the highest are listed. Peaks within or on the rim of something
     bright and large, such as the Moon, and peaks along a line are left out: their noise would
     otherwise make more peaks than the sky has stars.
     """
     ring = np.rint(RING_SIGMAS * kernel.sigma_px * _DIRECTIONS).astype(np.int64)
     max_peaks = max(FEW_PEAKS, image.size // PX_PER_PEAK)
-    peaks, no_stars, counts, row_max = _search(image, kernel, mesh, threshold, ring, max_peaks)
-    order = np.argsort(-peaks.height[:counts[STAR]], kind='stable')
+    peaks, no_stars, counts, row_max = _search(
+        image, kernel, mesh, threshold, ring, max(FEW_PEAKS, image.size // _PX_PER_MAXIMUM))
+    order = np.argsort(-peaks.height[:counts[STAR]], kind='stable')[:max_peaks]
     return Search(peaks.select(order), int(counts[STAR]), no_stars[0, :counts[DISC]],
                   no_stars[1, :counts[LINE]], row_max)
 

@@ -271,7 +271,7 @@ class CentroidExtractor:
     def _match_filter(self, frame: Frame) -> tuple[Frame, float]:
         """Return the width (px) of the stars and the frame, filtered anew if it does not match."""
         sigma_px = self._options.psf_sigma_px
-        if sigma_px or not frame.search.found or frame.search.too_many:
+        if sigma_px or not frame.search.found:
             return frame, sigma_px or FILTER_SIGMA_PX
         sigma_px = measure_width(frame)
         if 1 / FILTER_RATIO < sigma_px / FILTER_SIGMA_PX < FILTER_RATIO:
@@ -283,7 +283,7 @@ class CentroidExtractor:
                 ) -> tuple[Centroids, bool]:
         """Return the stars among the peaks of the frame, and whether all are smeared."""
         peaks = frame.search.peaks
-        if not len(peaks.uv) or frame.search.too_many:
+        if not len(peaks.uv):
             return Centroids.empty(), False
         hit = is_hit(frame.image, peaks.uv, peaks.level, peaks.noise / frame.kernel.noise_gain,
                      min(sigma_px, FILTER_SIGMA_PX))

@@ -20,6 +20,7 @@ from rclpy.executors import ExternalShutdownException
 from rich.live import Live
 from rich.table import Table
 from sensor_msgs.msg import Image, Imu, PointCloud2
+from startracker_ros.astro.bodies import bodies_at
 from startracker_ros.astro.epoch import epoch_year_from_stamp
 from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
 from startracker_ros.camera.capture import CaptureError, CaptureOptions, open_device
@@ -31,6 +32,7 @@ from startracker_ros.harness.processes import HarnessError
 from startracker_ros.harness.rig import Rig
 from startracker_ros.harness.sky_page import SkyPage
 from startracker_ros.maths.rotation import pointing_from_quaternion
+from startracker_ros.pipeline.bodies import Bodies
 from startracker_ros.pipeline.first_lens import first_lens
 from startracker_ros.pipeline.outputs import annotated
 from startracker_ros.pipeline.sky_mapping import SkyMapping
@@ -182,8 +184,9 @@ class LiveRig(Rig):
             stamp_ns = max(seen)
             uv = centroids_from_message(spots[stamp_ns]).uv
             hip = np.zeros(len(uv), int)
+        bodies = () if sky is None else Bodies(bodies_at(stamp_ns)).in_image(sky)
         return annotated(image_from_message(by_stamp[stamp_ns]), uv, hip, sky,
-                         epoch_year_from_stamp(stamp_ns))
+                         epoch_year_from_stamp(stamp_ns), bodies)
 
 
 def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None = None,

@@ -35,7 +35,8 @@ RUNGS = (
     Rung(0.2), Rung(0.5, 0.7), Rung(1.0, 0.7), Rung(1.0), Rung(2.0, 0.7), Rung(4.0),
     Rung(1.0, 0.7, pixel_ratio=0.5), Rung(1.0, 0.7, pixel_ratio=2.0),
     Rung(2.0, k1=-0.2), Rung(2.0, 0.7, pixel_ratio=0.935), Rung(2.0, 0.7, pixel_ratio=1.07),
-    Rung(4.0, k1=0.15), Rung(4.0, k1=-0.35), Rung(0.5, 1.3), Rung(1.0, 1.3))
+    Rung(4.0, k1=0.15), Rung(4.0, k1=-0.35), Rung(0.5, 1.3), Rung(1.0, 1.3),
+    Rung(4.0, pixel_ratio=1.07, k1=-0.2), Rung(4.0, pixel_ratio=0.935, k1=-0.2))
 # A search that succeeds mostly does so within a few milliseconds.
 _PASSES_S = (0.004, 0.02, 0.1, 0.5)
 # Mirrored images are named as such: the first rungs, each list of stars once.
@@ -142,10 +143,14 @@ class LadderIdentifier:
         return self._databases[deeper_mag]
 
     def _camera(self, rung: Rung) -> Camera | None:
-        """Return the camera with the pixel ratio and the distortion of a rung."""
+        """Return the camera with pixel ratio and distortion of a rung, of the same width."""
         camera = self.camera
+        # Of the edge of the image in undistorted coordinates, with this distortion.
+        edge = 1 + rung.k1 * camera.radius(camera.fov_x_rad / 2) ** 2
+        if edge <= 0:
+            return None
         try:
-            return replace(camera, fy=camera.fy * rung.pixel_ratio,
+            return replace(camera, fx=camera.fx / edge, fy=camera.fy / edge * rung.pixel_ratio,
                            distortion=(camera.distortion[0] + rung.k1, *camera.distortion[1:]))
         except CameraError:
             return None

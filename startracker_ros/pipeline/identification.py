@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from startracker_ros.astro.bodies import bodies_at
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.band import BandOptions, catalog_in_band
@@ -12,8 +13,10 @@ from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.extended_grid import (
     ExtendedGridIdentifier, ExtendedGridOptions, RecursiveIdentifier)
 from startracker_ros.identify.identification import Identification, IdentificationOptions
-from startracker_ros.identify.methods import make_identifier
+from startracker_ros.identify.methods import check_field, make_identifier
 from startracker_ros.options import option, Options
+from startracker_ros.pipeline.bodies import Bodies
+from startracker_ros.pipeline.sky_mapping import SkyMapping
 from startracker_ros.track.rolling_shutter import at_frame_time, fit_rate
 
 
@@ -37,6 +40,9 @@ class IdentificationStage:
 
     Method extended_grid identifies every frame: it predicts the attitude with the rates of a
     gyro, and only a fresh prediction identifies a field of two or three stars.
+
+    Planets, Moon and Sun are no stars: body_spots counts the centroids of the newest identified
+    frame that are these.
     """
 
     def __init__(self, camera: Camera, epoch_year: float,
@@ -47,6 +53,7 @@ class IdentificationStage:
                  band: BandOptions = BandOptions()) -> None:
         self._check_period_ns = round(check.check_period_s * 1e9)
         self._gyro = gyro
+        check_field(camera, options.method)
         self.identifier = (
             ExtendedGridIdentifier(camera, epoch_year, options,
                                    catalog_in_band(load_catalog(), band), grid=grid)
@@ -56,6 +63,7 @@ class IdentificationStage:
 
     def reset(self) -> None:
         """Forget the predicted attitude and when the last frame was identified."""
+        self.body_spots = 0
         self._identified_ns: int | None = None
         self._recursive = (RecursiveIdentifier(self.identifier, self._gyro)
                            if isinstance(self.identifier, ExtendedGridIdentifier) else None)
@@ -102,9 +110,25 @@ class IdentificationStage:
         self._identified_ns = stamp_ns
         if centroids.delay_s.any():
             centroids = self._at_frame_time(centroids)
-        if self._recursive is not None:
-            return self._recursive.identify(stamp_ns, centroids), centroids
-        return self.identifier.identify(centroids), centroids
+        found = (self.identifier.identify(centroids) if self._recursive is None else
+                 self._recursive.identify(stamp_ns, centroids))
+        return self._without_bodies(stamp_ns, found, centroids), centroids
+
+    def _without_bodies(self, stamp_ns: int, found: Identification, centroids: Centroids
+                        ) -> Identification:
+        """Return an identification in which planets, Moon and Sun are no stars."""
+        self.body_spots = 0
+        if found.attitude is None:
+            return found
+        mapping = SkyMapping(self.identifier.camera.with_focal_ratio(found.focal_ratio),
+                             found.attitude.quaternion)
+        spots = Bodies(bodies_at(stamp_ns)).spots(mapping, centroids, found.magnitude)
+        self.body_spots = int(np.count_nonzero(spots))
+        if not (spots & (found.hip > 0)).any():
+            return found
+        return replace(found, hip=np.where(spots, 0, found.hip).astype(np.int32),
+                       magnitude=np.where(spots, np.nan, found.magnitude),
+                       residual_px=np.where(spots, np.nan, found.residual_px))
 
     def _at_frame_time(self, centroids: Centroids) -> Centroids:
         """Return the centroids at the time of the frame, where their rate can be found."""

@@ -139,8 +139,8 @@ def _without_bodies(attempt: Attempt, lens: LearntLens, bodies: Bodies, fov_erro
     """Return the lens fitted without the spots of bodies, which may be near a catalogue star."""
     matched = lens.star >= 0
     magnitude = np.where(matched, attempt.identifier.onboard.magnitude[lens.star], np.nan)
-    seen, spots = bodies.in_image(SkyMapping(lens.camera, lens.axis_quaternion),
-                                  attempt.centroids, magnitude)
+    mapping = SkyMapping(lens.camera, lens.axis_quaternion)
+    seen, spots = bodies.in_image(mapping), bodies.spots(mapping, attempt.centroids, magnitude)
     if (spots & matched).any():
         found = attempt.identification
         attempt = attempt._replace(

@@ -50,7 +50,8 @@ def solve_image(image: np.ndarray, extractor: CentroidExtractor, identifier: Ide
     if solution.sky is None:
         return solution
     found = solution.identification
-    seen, spots = bodies.in_image(solution.sky, centroids, found.magnitude)
+    seen = bodies.in_image(solution.sky)
+    spots = bodies.spots(solution.sky, centroids, found.magnitude)
     if (spots & (found.hip > 0)).any():
         solution = _solve_centroids(centroids.select(~spots), identifier, sky)
     return replace(solution, bodies=seen if solution.sky else ())

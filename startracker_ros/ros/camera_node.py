@@ -207,4 +207,9 @@ class CameraNode(PipelineNode):
             self.get_logger().info(
                 f'camera {camera.width} x {camera.height} px, '
                 f'{np.degrees(camera.fov_x_rad):.2f} deg wide, epoch J{epoch_year:.2f}')
-            self.rebuild()
+            try:
+                self.rebuild()
+            except CameraError:
+                # What was built for the old camera does not fit.
+                self.camera = None
+                raise

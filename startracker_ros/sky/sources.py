@@ -74,8 +74,8 @@ class Sky:
         hip, direction = self._catalog.hip[near], self._directions[near]
         magnitude = self._catalog.magnitude[near]
         if options.planets and in_range(year):
-            planets, planet_magnitude, _ = (
-                column[:len(PLANETS)] for column in bodies_from_earth(year))
+            planets, planet_magnitude = (
+                column[:len(PLANETS)] for column in bodies_from_earth(year)[:2])
             hip = np.concatenate([hip, np.zeros(len(planets), hip.dtype)])
             direction = np.concatenate([direction, planets])
             magnitude = np.concatenate([magnitude, planet_magnitude])

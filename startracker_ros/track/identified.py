@@ -60,7 +60,7 @@ def fit_identified(camera: Camera, sky: ApparentCatalog, options: TrackerOptions
     out. Of several centroids with one hip the first, the brightest, counts.
     """
     star_index = sky.onboard.index_of(hip)
-    known = (star_index >= 0) & ~sky.onboard.crowded[star_index]
+    known = (star_index >= 0) & ~sky.crowded(star_index)
     known[known] = _first_of_each(star_index[known])
     centroids, sigma_px, star_index = centroids.select(known), sigma_px[known], star_index[known]
     if len(star_index) < options.min_stars:

@@ -13,6 +13,9 @@ from startracker_ros.track.motion_models import image_flow
 GATE_SIGMA = 4.0
 """Below rotation_fit.OUTLIER_SIGMA, so that a new star is no outlier in the next frame."""
 
+VARIABLE_SIGMAS = 2.0
+"""Of the brightness of a variable: a sine has its extremes at 1.4."""
+
 MAX_DISTANCE_PX = 5.0
 """Largest gate, whatever the covariance of the attitude."""
 
@@ -25,20 +28,26 @@ def match_new_stars(stars: StarsInView, attitude: AttitudeEstimate, centroids: C
 
     sigma_px (M,) is the error of the centroids per axis; zero_point the magnitude of
     1 DN. A pair agrees in position and magnitude, and neither of the two agrees with any
-    other. A crowded star makes pairs ambiguous and is in none itself.
+    other. Of a variable star the magnitude may be off by VARIABLE_SIGMAS more. A crowded star
+    makes pairs ambiguous and is in none itself.
     """
     onboard = stars.onboard
     near, sensor, uv = stars.of(attitude)
-    return _match(near, sensor, uv, onboard.magnitude, onboard.crowded,
-                  np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.flux),
-                  np.ascontiguousarray(sigma_px), np.ascontiguousarray(attitude.covariance_sensor),
-                  stars.camera.lens, float(zero_point), float(magnitude_tolerance))
+    star_index, centroid = _match(
+        near, sensor, uv, onboard.magnitude, onboard.crowded,
+        np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.flux),
+        np.ascontiguousarray(sigma_px), np.ascontiguousarray(attitude.covariance_sensor),
+        stars.camera.lens, float(zero_point),
+        magnitude_tolerance + VARIABLE_SIGMAS * onboard.variation(near).astype(float))
+    # The compiled function knows the neighbours among the stars only.
+    single = ~stars.sky.crowded(star_index)
+    return star_index[single], centroid[single]
 
 
 @compiled
 def _match(near: np.ndarray, sensor: np.ndarray, uv: np.ndarray, magnitude: np.ndarray,
            crowded: np.ndarray, centroid_uv: np.ndarray, flux: np.ndarray, sigma_px: np.ndarray,
-           covariance: np.ndarray, lens: Lens, zero_point: float, magnitude_tolerance: float
+           covariance: np.ndarray, lens: Lens, zero_point: float, tolerance: np.ndarray
            ) -> tuple[np.ndarray, np.ndarray]:
     star, centroid = [], []
     of_star, of_centroid = np.zeros(len(near), np.int64), np.zeros(len(flux), np.int64)
@@ -52,7 +61,7 @@ def _match(near: np.ndarray, sensor: np.ndarray, uv: np.ndarray, magnitude: np.n
             square = du * du + dv * dv
             # Written so that NaN never agrees.
             if not (square < MAX_DISTANCE_PX ** 2
-                    and abs(measured_magnitude[j] - magnitude[near[i]]) <= magnitude_tolerance):
+                    and abs(measured_magnitude[j] - magnitude[near[i]]) <= tolerance[i]):
                 continue
             a, b = plane_point(lens.equidistant, sensor[i, 0], sensor[i, 1], sensor[i, 2])
             image_flow(lens, a, b, jacobian)

@@ -16,8 +16,8 @@ SPARE_STARS = 1.5  # per star that is followed: some are blended or too faint
 def visible_stars(stars: StarsInView, attitude: AttitudeEstimate, rate_rad_s: np.ndarray,
                   faintest: float) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels (N, 2) and velocities (N, 2) px/s of single stars up to a magnitude."""
-    onboard = stars.onboard
-    return _visible(*stars.of(attitude), onboard.magnitude, onboard.crowded, faintest,
+    index, sensor, uv = stars.of(attitude)
+    return _visible(index, sensor, uv, stars.onboard.magnitude, stars.sky.crowded(index), faintest,
                     stars.camera.lens, np.ascontiguousarray(rate_rad_s))
 
 
@@ -33,7 +33,7 @@ def _visible(index: np.ndarray, sensor: np.ndarray, uv: np.ndarray, magnitude: n
             break
         u, v = uv[i]
         if (-0.5 + BORDER_PX <= u <= right and -0.5 + BORDER_PX <= v <= bottom
-                and not crowded[index[i]]):
+                and not crowded[i]):
             chosen[count] = i
             count += 1
     chosen = chosen[:count]

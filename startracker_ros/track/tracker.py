@@ -340,15 +340,14 @@ class StarTracker:
             self._end_bad_frame(frame)
 
     def _end_good_frame(self, stamp_ns: int, frame: Centroids, fit: RotationFit) -> None:
-        """Record the attitude, drop missed stars and outliers, confirm new stars."""
-        self._bad_frames = 0
-        self._good_stamp_ns = stamp_ns
+        """Record the attitude, drop missed, blended and outlying stars, confirm new ones."""
+        self._bad_frames, self._good_stamp_ns = 0, stamp_ns
         if not self.contradiction:
             self.frames_since_fix = 0
             self._history.append((stamp_ns, fit.attitude))
         bank = self._model.bank
         outlier = (fit.normalised > OUTLIER_SIGMA) & (bank.missed == 0)
-        bank = bank.select(~(self._missed_too_often(frame) | outlier))
+        bank = bank.select(~(self._useless(frame) | outlier))
         old = (bank.age >= self._options.confirm_frames) & (bank.missed == 0)
         self._model.bank = replace(bank, confirmed=bank.confirmed | old)
 
@@ -368,16 +367,17 @@ class StarTracker:
         """Drop missed stars, and enter LOST after max_bad_frames."""
         # A dark frame is no evidence against the tracks.
         self._bad_frames += not self._model.is_dark(frame)
-        self._model.bank = self._model.bank.select(~self._missed_too_often(frame))
+        self._model.bank = self._model.bank.select(~self._useless(frame))
         if self._bad_frames >= self._options.max_bad_frames:
             self._enter(TrackerState.LOST, f'{self._bad_frames} bad frames: {self.stars_matched} '
                         f'stars agreed in the last one, residual {self.residual_px:.2f} px')
 
-    def _missed_too_often(self, frame: Centroids) -> np.ndarray:
-        """Return the tracks (N,) to drop; unconfirmed ones may be missed in half of the frames."""
+    def _useless(self, frame: Centroids) -> np.ndarray:
+        """Return the tracks (N,) missed too often, half of the time if new, or near a planet."""
         bank = self._model.bank
         most = np.inf if self._model.is_dark(frame) else self._options.max_missed
-        return bank.missed > np.where(bank.confirmed, most, bank.age // 2)
+        return self.sky.crowded(bank.star_index) | (
+            bank.missed > np.where(bank.confirmed, most, bank.age // 2))
 
     def _add_tracks(self, star_index: np.ndarray, centroids: Centroids, *, confirmed: bool
                     ) -> None:

@@ -42,6 +42,19 @@ def test_variables_change_the_scatter_and_not_the_band():
     assert 0.3 < found.scatter_mag < 0.5
 
 
+def test_known_variables_are_not_fitted():
+    """Half of the stars, all of them variables and all too bright in the red."""
+    catalog = load_catalog()
+    stars = stars_of('V', np.random.default_rng(5))
+    variables = np.flatnonzero((catalog.variation_mag > 0) & (catalog.magnitude < 7))[:400]
+    swapped = np.arange(0, 400, 2)
+    stars.hip[swapped] = catalog.hip[variables[swapped]]
+    stars.flux[swapped] *= 1.3 ** catalog.bp_rp[variables[swapped]]
+    found = fit_band(stars, CAMERA)
+    assert abs(found.colour_term) < 3.5 * found.colour_term_sigma < 0.15
+    assert found.scatter_mag > 0.2
+
+
 @pytest.mark.parametrize('count', [0, 5, 17])
 def test_too_few_stars_have_no_band(count):
     stars = stars_of('V', np.random.default_rng(3), count=400).select(np.arange(count))

@@ -22,7 +22,7 @@ def catalog_of(ra_rad, dec_rad, magnitude) -> StarCatalog:
     return StarCatalog(
         np.arange(1, len(order) + 1, dtype=np.int32), np.asarray(ra_rad, float)[order],
         np.asarray(dec_rad, float)[order], zeros, zeros, zeros,
-        np.asarray(magnitude, np.float32)[order], zeros)
+        np.asarray(magnitude, np.float32)[order], zeros, zeros)
 
 
 def angle_rad(a: np.ndarray, b: np.ndarray) -> float:

@@ -17,11 +17,12 @@ from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.maths.rotation import quaternion_from_pointing, rotate, unit_from_radec
+from startracker_ros.pipeline.bodies import BodyInImage
 from startracker_ros.ros.messages.attitude import attitude_to_imu, attitude_to_pose
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import (
-    centroids_from_message, centroids_to_message, cloud_to_message, predictions_from_message,
-    predictions_to_message, tracks_from_message, tracks_to_message)
+    bodies_from_message, centroids_from_message, centroids_to_message, cloud_to_message,
+    predictions_from_message, predictions_to_message, tracks_from_message, tracks_to_message)
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
 from startracker_ros.track.tracks import Tracks
@@ -159,6 +160,20 @@ def test_centroids_keep_covariance_row_time_and_how_they_were_found():
         np.testing.assert_allclose(again.covariance, covariance, rtol=1e-6)
         np.testing.assert_allclose(again.delay_s, centroids.delay_s, rtol=1e-6)
         assert (read_cloud(cloud, CENTROID_DTYPE)['directed'] == directed).all()
+
+
+def test_bodies_among_the_predictions_are_no_stars():
+    predicted = PredictedStars(1, np.array([[5.0, 6.0]]), np.zeros((1, 2)), np.array([0.1]),
+                               np.array([11767]))
+    bodies = (BodyInImage('Mars', 100.5, 50.25, 1.3, 0.5), BodyInImage('Sun', 9, 8, -26.7, 90.5))
+    message = predictions_to_message(predicted, HEADER, bodies)
+    assert predictions_from_message(message, CAMERA).hip.tolist() == [11767]
+    again = bodies_from_message(message)
+    assert [body._replace(magnitude=0) for body in again] == [
+        body._replace(magnitude=0) for body in bodies]
+    alone = predictions_to_message(None, HEADER, bodies)
+    assert not len(predictions_from_message(alone, CAMERA))
+    assert len(bodies_from_message(alone)) == 2
 
 
 def test_predictions_of_another_camera_or_nan_are_rejected():

@@ -26,6 +26,7 @@ from startracker_ros.sky.sources import SkyOptions
 from startracker_ros.table import Result, show
 
 CAMERA, YEAR = Camera.from_fov(1024, 768, 14.0), 2026.5
+ERROR_RAD = np.array([60 * ARCSEC])
 WIDE = IdentificationOptions(fov_error_percent=5.0)
 
 
@@ -85,7 +86,7 @@ def test_a_planet_beside_a_star_is_not_that_star(sky_data):
     alone = solver.solve(image)
     star = int(np.flatnonzero(alone.identification.hip)[0])
     direction = alone.sky.directions(alone.centroids.uv[star:star + 1])
-    planet = Bodies(BodiesInSky(direction, np.array([1.0]), np.array([1e-5])))
+    planet = Bodies(BodiesInSky(direction, np.array([1.0]), np.array([1e-5]), ERROR_RAD))
     solution = solver.solve(image, bodies=planet)
     body, = solution.bodies
     np.testing.assert_allclose((body.u, body.v), alone.centroids.uv[star], atol=0.1)
@@ -93,7 +94,7 @@ def test_a_planet_beside_a_star_is_not_that_star(sky_data):
     assert solution.identification.matched >= 0.8 * alone.identification.matched - 1
     assert np.abs(attitude_error(solution.quaternion, alone.quaternion)[:2]).max() < 10 * ARCSEC
     # One that is much fainter than the star is hidden by it.
-    faint = Bodies(BodiesInSky(direction, np.array([9.0]), np.array([1e-5])))
+    faint = Bodies(BodiesInSky(direction, np.array([9.0]), np.array([1e-5]), ERROR_RAD))
     solution = solver.solve(image, bodies=faint)
     np.testing.assert_array_equal(solution.identification.hip, alone.identification.hip)
 

@@ -26,7 +26,8 @@ def star_at(camera, uv, q):
     still = np.zeros(count, np.float32)
     return StarCatalog(np.arange(1, count + 1, dtype=np.int32),
                        np.arctan2(direction[:, 1], direction[:, 0]), np.arcsin(direction[:, 2]),
-                       still, still, still, np.full(count, 5.0, np.float32), still)
+                       still, still, still, np.full(count, 5.0, np.float32), still,
+                       still)
 
 
 def frame_of(uv, rate_deg_s, options, camera=CAMERA):

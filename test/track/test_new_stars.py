@@ -15,9 +15,11 @@ UV = np.array([[100.0, 200], [500, 700], [502, 700], [900, 300], [910, 305]])
 MAGNITUDE = np.array([3.0, 4.0, 4.2, 5.0, 8.0])
 
 
-def match(uv, magnitude, sigma_rad=1e-7, crowded=(False,) * 5, roll_sigma_rad=1e-7):
+def match(uv, magnitude, sigma_rad=1e-7, crowded=(False,) * 5, roll_sigma_rad=1e-7,
+          variation_mag=(0.0,) * 5):
     onboard = OnboardCatalog(np.arange(1, 6, dtype=np.int32), rotate(Q, CAMERA.unproject(UV)),
-                             MAGNITUDE, *np.array([crowded, crowded]))
+                             MAGNITUDE, *np.array([crowded, crowded]),
+                             variation_mag=np.array(variation_mag, np.float32))
     attitude = AttitudeEstimate(
         Q, np.diag([sigma_rad, sigma_rad, roll_sigma_rad]) ** 2, 9, np.zeros(9), 9.0)
     uv = np.reshape(uv, (-1, 2))
@@ -38,6 +40,12 @@ def test_too_far_or_of_other_brightness():
     assert match([UV[0] + [0.3, 0]], [3]) == [(1, 0)]
     assert match([UV[0]], [4.5]) == []
     assert match([UV[0]], [np.nan]) == []
+
+
+def test_a_variable_may_be_of_other_brightness():
+    varies = (0.4, 0.0, 0.0, 0.0, 0.0)
+    assert match([UV[0]], [4.5], variation_mag=varies) == [(1, 0)]
+    assert match([UV[0], UV[3]], [5.0, 6.5], variation_mag=varies) == []
 
 
 def test_uncertain_attitude_widens_the_search():

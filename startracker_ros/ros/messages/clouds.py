@@ -4,12 +4,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2, PointField
+from startracker_ros.astro.bodies import BODIES
 from startracker_ros.bag.layouts import (
     CENTROID_DTYPE, MessageError, ns_from_stamp, POINT_FIELD_TYPES, PREDICTION_DTYPE, read_cloud,
     TRACK_DTYPE)
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.prediction import PredictedStars
+from startracker_ros.pipeline.bodies import BodyInImage
 from startracker_ros.pipeline.cloud_rows import (
     centroid_rows, centroids_from_rows, star_rows, track_rows)
 from startracker_ros.track.tracks import Tracks
@@ -43,19 +45,34 @@ def centroids_from_message(message: PointCloud2) -> Centroids:
     return centroids_from_rows(read_cloud(message, CENTROID_DTYPE))
 
 
-def predictions_to_message(predicted: PredictedStars | None, header: Header) -> PointCloud2:
-    """Return the `predicted_centroids` cloud, empty for None."""
-    rows = np.zeros(0 if predicted is None else len(predicted), PREDICTION_DTYPE)
+def predictions_to_message(predicted: PredictedStars | None, header: Header,
+                           bodies: tuple[BodyInImage, ...] = ()) -> PointCloud2:
+    """Return the `predicted_centroids` cloud of stars, none for None, and then of bodies."""
+    stars = 0 if predicted is None else len(predicted)
+    rows = np.zeros(stars + len(bodies), PREDICTION_DTYPE)
     if predicted is not None:
-        rows['u'], rows['v'] = predicted.uv.T
-        rows['u_rate'], rows['v_rate'] = predicted.velocity.T
-        rows['sigma'], rows['hip'] = predicted.sigma_px, predicted.hip
+        of_star = rows[:stars]
+        of_star['u'], of_star['v'] = predicted.uv.T
+        of_star['u_rate'], of_star['v_rate'] = predicted.velocity.T
+        of_star['sigma'], of_star['hip'] = predicted.sigma_px, predicted.hip
+    for row, body in zip(rows[stars:], bodies):
+        row['u'], row['v'], row['sigma'] = body.u, body.v, body.radius_px
+        row['body'] = BODIES.index(body.name) + 1
     return cloud_to_message(rows, header)
+
+
+def bodies_from_message(message: PointCloud2) -> tuple[BodyInImage, ...]:
+    """Return planets, Moon and Sun of a `predicted_centroids` cloud, of unknown magnitude."""
+    rows = read_cloud(message, PREDICTION_DTYPE)
+    return tuple(BodyInImage(BODIES[row['body'] - 1], float(row['u']), float(row['v']),
+                             float('nan'), float(row['sigma']))
+                 for row in rows[(rows['body'] > 0) & (rows['body'] <= len(BODIES))])
 
 
 def predictions_from_message(message: PointCloud2, camera: Camera) -> PredictedStars:
     """Return the stars of a `predicted_centroids` cloud; MessageError if of another camera."""
     rows = read_cloud(message, PREDICTION_DTYPE)
+    rows = rows[rows['body'] == 0]
     uv = np.stack([rows['u'], rows['v']], -1).astype(float)
     inside = camera.contains(uv)
     if not inside.all():

@@ -8,13 +8,16 @@ from sensor_msgs.msg import Image, PointCloud2
 from startracker_ros.bag.layouts import MessageError, ns_from_stamp
 from startracker_ros.centroid.extraction import CentroidExtractor, Extraction, ExtractionOptions
 from startracker_ros.centroid.prediction import PredictedStars
-from startracker_ros.pipeline.annotate import annotate
+from startracker_ros.pipeline.annotate import annotate, Labels
+from startracker_ros.pipeline.bodies import BodyInImage
 from startracker_ros.pipeline.extraction import ExtractionStage, SearchOptions
+from startracker_ros.pipeline.sky_marks import mark_bodies
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.image_topic import subscribe_images, TransportOptions
-from startracker_ros.ros.messages.clouds import centroids_to_message, predictions_from_message
+from startracker_ros.ros.messages.clouds import (
+    bodies_from_message, centroids_to_message, predictions_from_message)
 from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.ros.messages.image_marker import centroids_to_image_marker
 from startracker_ros.ros.node import main_of
@@ -42,6 +45,7 @@ class CentroidExtractorNode(CameraNode):
 
     def rebuild(self) -> None:
         self._predicted: PredictedStars | None = None
+        self._bodies: tuple[BodyInImage, ...] = ()
         self._stage = ExtractionStage(self.options(ExtractionOptions),
                                       self.options(SearchOptions))
 
@@ -60,8 +64,9 @@ class CentroidExtractorNode(CameraNode):
         camera = self.camera_or_drop()
         if camera is not None:
             # A message that is rejected leaves no older prediction in use.
-            self._predicted = None
+            self._predicted, self._bodies = None, ()
             self._predicted = predictions_from_message(message, camera)
+            self._bodies = bodies_from_message(message)
 
     def _on_image(self, image: np.ndarray, header: Header) -> None:
         camera = self.camera_or_drop()
@@ -80,9 +85,11 @@ class CentroidExtractorNode(CameraNode):
     def _report(self, header: Header, image: np.ndarray, extraction: Extraction) -> None:
         """Publish the centroids for viewers, and the status."""
         if self._annotated.get_subscription_count():
-            self._annotated.publish(image_to_message(
-                annotate(image, extraction.centroids.uv, rejected=extraction.rejected_uv),
-                header))
+            labels = Labels(image.shape)
+            picture = annotate(image, extraction.centroids.uv, rejected=extraction.rejected_uv,
+                               labels=labels)
+            mark_bodies(picture, self._bodies, labels)
+            self._annotated.publish(image_to_message(picture, header))
         if self._markers.get_subscription_count():
             self._markers.publish(centroids_to_image_marker(
                 extraction.centroids.uv, header))

@@ -88,6 +88,7 @@ class StarIdentifierNode(CameraNode):
 
     def _report(self, result: Identification, stage: IdentificationStage) -> None:
         self.diagnostics.counts[result.status] += 1
+        self.diagnostics.counts['planets, Moon and Sun'] += stage.body_spots
         self.diagnostics.values.update({
             'matched': result.matched,
             'false_alarm_probability': f'{result.false_alarm_probability:.1e}',

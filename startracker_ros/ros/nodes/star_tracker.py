@@ -20,9 +20,10 @@ from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, hint_from_imu, tracked_attitude_to_imu)
-from startracker_ros.ros.messages.clouds import predictions_to_message, tracks_to_message
+from startracker_ros.ros.messages.clouds import tracks_to_message
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.odometry_input import OdometryInput
+from startracker_ros.ros.predictions_output import PredictionsOutput
 from startracker_ros.ros.target_output import TargetOutput
 from startracker_ros.ros.tracker_state_output import TrackerStateOutput
 from startracker_ros.track.options import TrackerOptions
@@ -43,7 +44,7 @@ class StarTrackerNode(CameraNode):
         self._tracks = self.advertise(PointCloud2, 'tracks', qos.LIST)
         self._attitude = self.advertise(Imu, 'tracked_attitude', qos.LIST)
         self._frame_attitude = self.advertise(Imu, 'frame_attitude', qos.LIST)
-        self._predicted = self.advertise(PointCloud2, 'predicted_centroids', qos.LIST)
+        self._predicted = PredictionsOutput(self)
         self._target = TargetOutput(self)
         self._observer = OdometryInput(self, InertialFrameOptions)
         self._state = TrackerStateOutput(self, self._observer)
@@ -97,8 +98,7 @@ class StarTrackerNode(CameraNode):
     def _finish(self, header: Header, camera: Camera, centroids: Centroids) -> None:
         """Do with a frame what its attitude does not depend on."""
         # A target is found in whole images only: while it is searched nothing is predicted.
-        self._predicted.publish(predictions_to_message(
-            None if self._target.wanted else self._tracker.predicted, header))
+        self._predicted.publish(self._tracker, camera, header, whole_image=self._target.wanted)
         self._state.publish(self._tracker, ns_from_stamp(header.stamp))
         self._observer.report(ns_from_stamp(header.stamp))
         if (tracked := self._tracker.attitude) is not None:

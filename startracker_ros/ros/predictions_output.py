@@ -1,0 +1,37 @@
+"""What the star tracker expects of the next image: stars, planets, Moon and Sun."""
+
+from sensor_msgs.msg import PointCloud2
+from startracker_ros.camera.model import Camera
+from startracker_ros.pipeline.bodies import Bodies, BodyInImage
+from startracker_ros.pipeline.sky_mapping import SkyMapping
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.clouds import predictions_to_message
+from startracker_ros.ros.node import PipelineNode
+from startracker_ros.track.tracker import StarTracker
+from std_msgs.msg import Header
+
+
+class PredictionsOutput:
+    """Publishes predicted_centroids, and reports the bodies in the image."""
+
+    def __init__(self, node: PipelineNode) -> None:
+        self._node = node
+        self._publisher = node.advertise(PointCloud2, 'predicted_centroids', qos.LIST)
+
+    def publish(self, tracker: StarTracker, camera: Camera, header: Header, *,
+                whole_image: bool) -> None:
+        """Publish what the newest frame predicts; no stars where the whole image is wanted."""
+        bodies = _bodies(tracker, camera)
+        self._node.diagnostics.values['bodies'] = ', '.join(
+            body.name for body in bodies) or 'none'
+        self._publisher.publish(predictions_to_message(
+            None if whole_image else tracker.predicted, header, bodies))
+
+
+def _bodies(tracker: StarTracker, camera: Camera) -> tuple[BodyInImage, ...]:
+    """Return planets, Moon and Sun at the newest frame, none without an attitude."""
+    tracked, observer = tracker.attitude, tracker.sky.observer
+    if tracked is None:
+        return ()
+    return Bodies(observer.bodies).in_image(
+        SkyMapping(camera, tracked.attitude.quaternion, observer.vantage))
