@@ -146,6 +146,12 @@ IMAGE_CONDITIONS = {
     'stamp at the end': ImageCondition(0.5, artefacts=ArtefactOptions(stamp='end'),
                                        needed_percent=0.0, detectable=False),
     'defocus': ImageCondition(detector=DetectorOptions(psf_sigma_px=2.5), needed_percent=95.0),
+    'defocus, ring of 3 px': ImageCondition(
+        detector=DetectorOptions(defocus_ring_px=3.0), needed_percent=95.0),
+    'stamps that err by 5 ms': ImageCondition(
+        0.3, artefacts=ArtefactOptions(stamp_jitter_ms=5.0), needed_percent=95.0),
+    'stray light': ImageCondition(
+        detector=DetectorOptions(stray_light_e=8_000.0), needed_percent=95.0),
     'coma': ImageCondition(detector=DetectorOptions(coma_corner_px=3.0), needed_percent=95.0),
     'repeated frames': ImageCondition(
         0.5, artefacts=ArtefactOptions(repeated_frame_probability=0.1), needed_percent=80.0),

@@ -78,6 +78,9 @@ class ArtefactOptions(Options):
     stamp: str = option(
         'middle', 'the instant of the exposure that is stamped: middle is right, start and end '
         'are half an exposure wrong', choices=('middle', 'start', 'end'))
+    stamp_jitter_ms: float = option(
+        0.0, 'standard deviation of the stamps, each by another time: frames stamped on arrival',
+        unit='ms', low=0.0, high=1000.0)
     time_offset_s: float = option(
         0.0, 'how late the stamps of the images are, in addition: the error of the clock of a '
         'head', unit='s', low=-1.0, high=1.0)

@@ -39,6 +39,9 @@ class DetectorOptions(Options):
     psf_corner_sigma_px: float = option(
         0.0, 'sigma of the PSF in the farthest corner; it grows with the square of the distance '
         'from the optical axis; 0: as on the axis', unit='px', low=0.0, high=10.0)
+    defocus_ring_px: float = option(
+        0.0, 'radius of the ring as which a defocused lens with a central obstruction draws a '
+        'star; psf_sigma_px is the sigma across it', unit='px', low=0.0, high=20.0)
     coma_corner_px: float = option(
         0.0, 'length of the tail by coma in the farthest corner, outwards; it grows with the '
         'distance from the optical axis', unit='px', low=0.0, high=20.0)
@@ -188,7 +191,8 @@ class Detector:
         options = self.options
         sigma_px = max(options.psf_sigma_px, options.psf_corner_sigma_px)
         return (float(reach_px(psf.widest_px(sigma_px, options.coma_corner_px)))
-                + psf.tail_px(options.coma_corner_px, options.astigmatism_corner_px))
+                + psf.tail_px(options.coma_corner_px, options.astigmatism_corner_px)
+                + options.defocus_ring_px)
 
     @property
     def line_time_s(self) -> float:
@@ -316,6 +320,8 @@ class Detector:
         if options.astigmatism_corner_px:
             field = np.tile(self._field(uv), (len(sources[0]) // max(len(uv), 1), 1))
             sources = psf.with_astigmatism(sources, field, options.astigmatism_corner_px)
+        if options.defocus_ring_px:
+            sources = psf.with_ring(sources, options.defocus_ring_px)
         return sources
 
     def _offset_e(self, rng: np.random.Generator) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""PSFs with coma and astigmatism, as sums of circular Gaussians."""
+"""PSFs with coma, astigmatism and defocus, as sums of circular Gaussians."""
 
 import numpy as np
 
@@ -35,6 +35,17 @@ def with_coma(sources: PointSources, field: np.ndarray, coma_px: float) -> Point
     return (np.concatenate([uv + coma_px * centre * field for centre in _CENTRE]),
             np.tile(electrons / len(_ZONES), len(_ZONES)),
             np.concatenate([np.hypot(sigma_px, ring * length_px) for ring in _RING_SIGMA]))
+
+
+def with_ring(sources: PointSources, radius_px: float) -> PointSources:
+    """Return the Gaussians of sources as of with_coma(), on a ring around each star."""
+    uv, electrons, sigma_px = sources
+    # So close to each other that the ring is even to a thousandth.
+    count = max(6, int(np.ceil(2 * np.pi * radius_px / (1.2 * sigma_px.min(initial=np.inf)))))
+    angle = 2 * np.pi * np.arange(count) / count
+    ring = radius_px * np.stack([np.cos(angle), np.sin(angle)], -1)
+    return (np.concatenate([uv + point for point in ring]),
+            np.tile(electrons / count, count), np.tile(sigma_px, count))
 
 
 def with_astigmatism(sources: PointSources, field: np.ndarray, astigmatism_px: float

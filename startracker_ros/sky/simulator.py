@@ -21,7 +21,7 @@ from startracker_ros.sky.sources import Sky, SkyOptions
 from startracker_ros.sky.target import Target, TargetOptions
 
 # Streams of random numbers.
-_FRAMES, _GYRO, _NAVIGATION, _ARTEFACTS, _TRANSFER = range(5)
+_FRAMES, _GYRO, _NAVIGATION, _ARTEFACTS, _TRANSFER, _STAMPS = range(6)
 
 
 @dataclass(frozen=True)
@@ -117,6 +117,8 @@ class SkySimulator:
         time_ns = round(time_s * 1e9)
         detector, options = self._detector, self._artefact_options
         offset_s = options.stamp_offset_s(detector.options.exposure_s)
+        if options.stamp_jitter_ms:
+            offset_s += 1e-3 * self._rng(_STAMPS, time_ns).normal(0, options.stamp_jitter_ms)
         scene, uv, magnitude, weight = self._sources(time_s - offset_s)
         trails, spots = NO_TRAILS, 0
         if options.trails or options.star_like_spots:

@@ -45,6 +45,17 @@ def test_aberrations_move_light_and_lose_none(change):
     np.testing.assert_allclose(shaped[on_axis], plain[on_axis], atol=0.3)
 
 
+def test_a_defocused_star_is_a_ring_around_its_position():
+    pixel = np.array((127.3, 127.6))
+    plain, ring = image_of([pixel]), image_of([pixel], defocus_ring_px=6.0)
+    flux, mean, covariance = moments(ring, pixel)
+    assert flux == pytest.approx(moments(plain, pixel)[0], rel=2e-3)
+    np.testing.assert_allclose(mean, 0, atol=0.02)
+    # The ring adds half of the square of its radius to the variance of each axis.
+    np.testing.assert_allclose(covariance - moments(plain, pixel)[2], 18 * np.eye(2), atol=0.5)
+    assert ring[128, 127] < ring.max() / 10
+
+
 def test_coma_points_outwards_and_grows_with_the_distance():
     """
     The mean of the uniform zones, circles about 2/3 t L, is a third of the length L.
