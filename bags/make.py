@@ -16,6 +16,7 @@ from rclpy.serialization import serialize_message
 from startracker_ros.astro.epoch import epoch_year_from_stamp
 from startracker_ros.astro.orbit import CircularOrbit
 from startracker_ros.bag.qos import QosProfile
+from startracker_ros.bag.telemetry import rate_from_imu
 from startracker_ros.bag.writer import BagWriter
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
@@ -29,7 +30,7 @@ from startracker_ros.ros.messages.attitude import (
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import (
     centroids_from_message, centroids_to_message, identification_to_message, tracks_to_message)
-from startracker_ros.ros.messages.gyro import gyro_to_imu, rate_from_imu
+from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.ros.messages.odometry import state_to_odometry

@@ -8,8 +8,7 @@ Star image to centroids, with a reason for every spot left out.
    the final fit.
 4. Streaks (streak_stars.py) instead, if the stars moved during the exposure: by a known streak,
    or by the one on which the spots agree (streak_search.py).
-5. Points once more after wider filters, if most spots have no shape of a star: a defocused lens
-   draws discs and rings, of which a narrow filter finds pieces.
+5. Points after wider filters, if many spots are no stars: a narrow one cuts defocused rings.
 
 Once an image was searched, extract_near() measures stars at known positions only.
 """
@@ -43,7 +42,7 @@ FILTER_RATIO = 2.0  # a filter wrong by more than this factor is replaced
 FILTER_RANGE_PX = (0.5, 5.0)
 WIDE_FILTERS_PX = (2.5, 5.0)  # for stars that a narrow filter finds in pieces,
 MISSHAPEN, MISSHAPEN_SHARE = ('elongated', 'too_wide', 'not_fitted'), 0.5  # for each star
-WHOLE_STARS, WHOLE_RATIO = 10, 2.0  # the brightest have more light, if whole, by this factor
+WHOLE_STARS, WHOLE_RATIO = (4, 10), 2.0  # as many as were found have more light, if whole
 SPARE_PEAKS = 2  # peaks fitted per star wanted, as some will be rejected
 CELLS = 8  # along each side of the image,
 CELL_SHARE = 4  # each of which gets so many times its share of the peaks
@@ -324,7 +323,8 @@ class CentroidExtractor:
             wide, others = prepare(frame.image, filter_px, self._threshold), Rejections()
             width_px = measure_width(wide)
             stars, _ = self._search(wide, width_px, others)
-            if _light(stars) > WHOLE_RATIO * _light(points):
+            rank = int(np.clip(len(points), *WHOLE_STARS))
+            if _light(stars, rank) > WHOLE_RATIO * _light(points, rank):
                 frame, points, sigma_px, rejections = wide, stars, width_px, others
         return frame, points, sigma_px, rejections
 
@@ -351,13 +351,13 @@ def _many_elongated(stars: int, rejections: Rejections) -> bool:
 
 def _mostly_misshapen(stars: int, rejections: Rejections) -> bool:
     """Return whether so many spots have another shape that the stars may be pieces too."""
-    return sum(rejections.counts.get(reason, 0) for reason in MISSHAPEN) > max(
-        MISSHAPEN_SHARE * stars, LEAST_ELONGATED)
+    misshapen = sum(rejections.counts.get(reason, 0) for reason in MISSHAPEN)
+    return misshapen > max(MISSHAPEN_SHARE * stars, LEAST_ELONGATED)
 
 
-def _light(stars: Centroids) -> float:
-    """Return the light of the brightest stars."""
-    return float(np.sum(np.sort(stars.flux)[-WHOLE_STARS:]))
+def _light(stars: Centroids, rank: int) -> float:
+    """Return the light of the star of a rank, the brightest being 1; zero where there is none."""
+    return float(np.sort(stars.flux)[-rank]) if len(stars) >= rank else 0.0
 
 
 def _chosen(uv: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:
@@ -396,5 +396,5 @@ def _check(image: np.ndarray) -> None:
 
 
 def _none(status: str, reason: str, frame: Frame | None = None) -> Extraction:
-    measured = () if frame is None else (frame.background_dn, frame.noise_dn)
-    return Extraction(Centroids.empty(), status, reason, *measured)
+    return Extraction(Centroids.empty(), status, reason,
+                      *(() if frame is None else (frame.background_dn, frame.noise_dn)))

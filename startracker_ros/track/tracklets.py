@@ -13,8 +13,8 @@ import numpy as np
 from scipy.stats import chi2
 from startracker_ros.track.target import GATE, MOVES_SIGMA, TargetTrackOptions
 
-_LAGS = (1, 2, 3)
-"""Frames from one detection to the next: two may be missed."""
+_LAGS = (1, 2, 3, 4)
+"""Frames from one detection to the next: three may be missed."""
 
 _FALSE_ALARM = 1e-6
 _OUTLIER_SIGMA = 4.0

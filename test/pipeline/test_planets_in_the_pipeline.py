@@ -31,7 +31,7 @@ def pipeline():
     return Pipeline(CAMERA, 2026.0)
 
 
-def frames_at(name, year, off_deg=1.0, detector=DetectorOptions()):
+def frames_at(name, year, off_deg=1.0, detector=DetectorOptions(), discs=BrightBodyOptions()):
     """Return four frames with a body off_deg from the boresight, and their stamps."""
     direction = bodies_from_earth(year).direction[BODIES.index(name)]
     ra_deg, dec_deg = np.degrees(radec_from_unit(direction))
@@ -39,7 +39,7 @@ def frames_at(name, year, off_deg=1.0, detector=DetectorOptions()):
         motion='inertial', ra_deg=float(ra_deg), dec_deg=float(dec_deg) + off_deg,
         roll_deg=30.0))
     simulator = SkySimulator(CAMERA, motion, load_catalog(), year, detector_options=detector,
-                             sky_options=SkyOptions(planets=True), body_options=DISCS)
+                             sky_options=SkyOptions(planets=True), body_options=discs)
     return [(stamp_from_epoch_year(year) + index * STEP_NS, simulator.frame(index * 0.1))
             for index in range(4)]
 
@@ -98,7 +98,7 @@ def test_a_star_that_a_planet_covers_is_not_identified(pipeline):
 
 def test_the_moon_covers_stars_and_is_none(pipeline):
     year = 2026.3
-    frames = frames_at('Moon', year, 2.0)
+    frames = frames_at('Moon', year, 2.0, discs=DISCS)
     frame = frames[0][1]
     moon = bodies_from_earth(year, frame.state.position_m)
     direction, radius_rad = (column[BODIES.index('Moon')] for column in (
