@@ -23,8 +23,8 @@ SKY = {'width': 256, 'height': 256, 'fov_deg': 20.0, 'frame_rate_hz': 2.0,
        'motion': 'constant_rate', 'faint_limit': 6.5}
 RESETTABLE = {'star_identifier', 'star_tracker', 'attitude_estimator', 'attitude_fusion',
               'target_locator', 'camera_calibrator'}
-# Of parameters whose texts are not free.
-OTHERS = {'destination': 'udp://127.0.0.1:10036'}
+# Of parameters whose values are not free.
+OTHERS = {'destination': 'udp://127.0.0.1:10036', 'mount_quaternion': (0.6, 0.0, 0.0, 0.8)}
 
 
 def start_all(nodes, probe, folder, sky_data):
@@ -81,12 +81,14 @@ def changed(name, value):
 
 def another(row):
     """Return a value in the range of a parameter that is not its default."""
+    if row.name in OTHERS:
+        return OTHERS[row.name]
     if row.choices:
         return next(choice for choice in row.choices if choice != row.default)
     if isinstance(row.default, bool):
         return not row.default
     if isinstance(row.default, str):
-        return OTHERS.get(row.name, 'another')
+        return 'another'
     if isinstance(row.default, int):
         return row.default + (1 if row.high is None or row.default < row.high else -1)
 
