@@ -30,13 +30,13 @@ _PHASE_MAGNITUDE = np.array([
     [-1.52, 0.016, 0, 0, 0], [-9.40, 0.005, 0, 0, 0], [-8.88, 0, 0, 0, 0], [-7.19, 0, 0, 0, 0],
     [-6.87, 0, 0, 0, 0], [0.23, 0.026, 0, 0, 4e-9]])
 _SUN_MAGNITUDE = -26.74
-# Equatorial radii in km (IAU Working Group on Cartographic Coordinates, 2015).
 # Of plan94 beside JPL ephemerides.
 _SERIES_ERROR_RAD = 60 * ARCSEC
 # Farthest from the centre of the Earth that an observer of unknown position is: 600 km high.
 _UNKNOWN_POSITION_M = EARTH_RADIUS_M + 600e3
 STEP_NS = 10 * 10 ** 9
 """Time for which bodies_at() is the same: the Moon moves by 5 arcsec, seen from an orbit by 40."""
+# Equatorial radii (IAU Working Group on Cartographic Coordinates, 2015).
 _RADIUS_KM = np.array([2440.5, 6051.8, 3396.2, 71492, 60268, 25559, 24764, 1737.4, 695700])
 
 

@@ -3,7 +3,8 @@ Star image to centroids, with a reason for every spot left out.
 
 1. Background and peaks of the image (frame.py), after a matched filter. Discs, lines and storms
    of hits are taken out here, before the brightest peaks of each cell of the image are chosen.
-2. Width of the stars (width.py); if the filter does not match, step 1 once more.
+2. Width of the stars (width.py), that of an image before where this one does not show it; if
+   the filter does not match, step 1 once more.
 3. Points (point_stars.py): rough fit, which rejects what is no star and measures the noise, then
    the final fit.
 4. Streaks (streak_stars.py) instead, if the stars moved during the exposure: by a known streak,
@@ -28,6 +29,7 @@ from startracker_ros.centroid.moments import Segmentation, WEIGHTS
 from startracker_ros.centroid.point_stars import measure_points
 from startracker_ros.centroid.pointing_error import pointing_error
 from startracker_ros.centroid.psf import FLUX
+from startracker_ros.centroid.quota import brightest
 from startracker_ros.centroid.rejection import Rejections
 from startracker_ros.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.centroid.streak_fit import streaks_at
@@ -44,8 +46,6 @@ WIDE_FILTERS_PX = (2.5, 5.0)  # for stars that a narrow filter finds in pieces,
 MISSHAPEN, MISSHAPEN_SHARE = ('elongated', 'too_wide', 'not_fitted'), 0.5  # for each star
 WHOLE_STARS, WHOLE_RATIO = (4, 10), 2.0  # as many as were found have more light, if whole
 SPARE_PEAKS = 2  # peaks fitted per star wanted, as some will be rejected
-CELLS = 8  # along each side of the image,
-CELL_SHARE = 4  # each of which gets so many times its share of the peaks
 MOST_COMPARED = 40  # stars, the brightest, in the search for an error that all share
 LEAST_ELONGATED = 4  # spots that may be streaks of stars,
 ELONGATED_SHARE = 0.15  # if there are so many for each star
@@ -133,6 +133,7 @@ class CentroidExtractor:
     def reset(self) -> None:
         """Forget the images before."""
         self._reference: tuple[Frame, float] | None = None
+        self._certain_width_px = 0.0
         self.spoilt = NOT_SPOILT
         self.most_stars = self._options.max_stars
 
@@ -269,14 +270,22 @@ class CentroidExtractor:
 
     def _match_filter(self, frame: Frame) -> tuple[Frame, float]:
         """Return the width (px) of the stars and the frame, filtered anew if it does not match."""
-        sigma_px = self._options.psf_sigma_px
-        if sigma_px or not frame.search.found:
-            return frame, sigma_px or FILTER_SIGMA_PX
-        sigma_px = measure_width(frame)
-        if 1 / FILTER_RATIO < sigma_px / FILTER_SIGMA_PX < FILTER_RATIO:
+        if not frame.search.found:
+            return frame, self._options.psf_sigma_px or FILTER_SIGMA_PX
+        sigma_px = self._width_px(frame)
+        if 1 / FILTER_RATIO < sigma_px / frame.kernel.sigma_px < FILTER_RATIO:
             return frame, sigma_px
         frame = prepare(frame.image, float(np.clip(sigma_px, *FILTER_RANGE_PX)), self._threshold)
-        return frame, measure_width(frame)
+        return frame, self._width_px(frame)
+
+    def _width_px(self, frame: Frame) -> float:
+        """Return the width of the stars: where a frame does not show it, that of those before."""
+        if self._options.psf_sigma_px:
+            return self._options.psf_sigma_px
+        width_px, certain = measure_width(frame)
+        if certain:
+            self._certain_width_px = width_px
+        return self._certain_width_px or width_px
 
     def _search(self, frame: Frame, sigma_px: float, rejections: Rejections
                 ) -> tuple[Centroids, bool]:
@@ -321,7 +330,7 @@ class CentroidExtractor:
         """Return frame and stars after the filter whose stars have the most light."""
         for filter_px in () if self._options.psf_sigma_px else WIDE_FILTERS_PX:
             wide, others = prepare(frame.image, filter_px, self._threshold), Rejections()
-            width_px = measure_width(wide)
+            width_px, _ = measure_width(wide)
             stars, _ = self._search(wide, width_px, others)
             rank = int(np.clip(len(points), *WHOLE_STARS))
             if _light(stars, rank) > WHOLE_RATIO * _light(points, rank):
@@ -333,13 +342,13 @@ class CentroidExtractor:
         """Return the stars of a smeared frame."""
         found = search_streaks(frame.image, over_image(frame.mesh.level, frame.image.shape),
                                streak, sigma_px, self._threshold.sigmas)
-        chosen = _chosen(found, frame.image.shape, SPARE_PEAKS * self.most_stars)
+        chosen = brightest(found, frame.image.shape, SPARE_PEAKS * self.most_stars)
         return measure_streaks(frame, found[chosen], streak, sigma_px, self._threshold.sigmas,
                                rejections)
 
     def _brightest(self, peaks: Peaks, shape: tuple[int, ...]) -> Peaks:
         """Return the peaks that are fitted, brightest first."""
-        return peaks.select(_chosen(peaks.uv, shape, SPARE_PEAKS * self.most_stars))
+        return peaks.select(brightest(peaks.uv, shape, SPARE_PEAKS * self.most_stars))
 
 
 def _many_elongated(stars: int, rejections: Rejections) -> bool:
@@ -358,23 +367,6 @@ def _mostly_misshapen(stars: int, rejections: Rejections) -> bool:
 def _light(stars: Centroids, rank: int) -> float:
     """Return the light of the star of a rank, the brightest being 1; zero where there is none."""
     return float(np.sort(stars.flux)[-rank]) if len(stars) >= rank else 0.0
-
-
-def _chosen(uv: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:
-    """
-    Return the indices of the first `most` positions uv (K, 2), with a quota for each cell.
-
-    No cell of the image gets more than CELL_SHARE times its share while others have any.
-    """
-    if len(uv) <= most:
-        return np.arange(len(uv))
-    cell = (np.floor(uv / [shape[1], shape[0]] * CELLS) @ [1, CELLS]).astype(int)
-    order = np.argsort(cell, kind='stable')
-    first = np.searchsorted(cell[order], cell[order])
-    rank = np.empty(len(uv), int)
-    rank[order] = np.arange(len(uv)) - first
-    beyond = rank >= np.ceil(CELL_SHARE * most / CELLS ** 2)
-    return np.sort(np.argsort(beyond, kind='stable')[:most])
 
 
 def _readable(image: np.ndarray) -> np.ndarray:

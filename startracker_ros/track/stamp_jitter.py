@@ -31,10 +31,15 @@ SIGNIFICANT, FEW = 4.0, 20.0
 
 
 class Measurement(NamedTuple):
-    """What the stars of a frame add: the turn (3,) from the prediction, and its covariance."""
+    """
+    What the stars of a frame add: the turn (3,) from the prediction, and its covariance.
+
+    change (3,) is the turn from the prediction to the corrected attitude.
+    """
 
     turn: np.ndarray
     covariance: np.ndarray
+    change: np.ndarray
 
     @classmethod
     def of(cls, predicted: AttitudeState, corrected: AttitudeState) -> 'Measurement | None':
@@ -50,7 +55,7 @@ class Measurement(NamedTuple):
         if not (np.linalg.eigvalsh(covariance) > 0).all():
             return None
         change = attitude_error(corrected.quaternion, predicted.quaternion)
-        return cls(covariance @ (information @ change), covariance)
+        return cls(covariance @ (information @ change), covariance, change)
 
 
 class StampJitter:
@@ -88,7 +93,7 @@ class StampJitter:
                 - self._left)
         interval_s = (corrected.stamp_ns - before.stamp_ns) * 1e-9
         difference = step - self._step * (interval_s / self._interval_s)
-        self._left = measured.turn - attitude_error(corrected.quaternion, predicted.quaternion)
+        self._left = measured.turn - measured.change
         self._step, self._interval_s = step, interval_s
         weight = np.linalg.solve(measured.covariance, rate)
         variance_s2 = 1 / float(weight @ rate)

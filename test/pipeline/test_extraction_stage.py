@@ -5,7 +5,7 @@ import pytest
 from startracker_ros.astro.epoch import stamp_from_epoch_year
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.centroid.extraction import ExtractionOptions
+from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.figures.correctness import error_over_bound
 from startracker_ros.pipeline.extraction import ExtractionStage, SearchOptions
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
@@ -156,6 +156,19 @@ def test_ten_thousand_hits_do_not_end_tracking():
     results = [(result, frame) for _, result, frame in run(20, (0.1, 0.1, 0.0), change=spoil)]
     published = [pair for pair in results if pair[0].trusted.attitude is not None]
     assert len(published) >= 17 and max(over_bound(*pair) for pair in published) < 1
+
+
+def test_hits_and_their_tracks_do_not_change_the_width_of_the_stars():
+    area_cm2 = (512 * 5.5e-4) ** 2
+    clear, storm = (SkySimulator(
+        CAMERA, turning((0.1, 0.1, 0.0)), load_catalog(), 2026.5, frame_rate_hz=10.0,
+        detector_options=DetectorOptions(cosmic_ray_hits_cm2_s=hits / area_cm2 / 0.1), seed=1)
+        for hits in (0, 400))
+    extractor = CentroidExtractor(ExtractionOptions())
+    width_px = extractor.extract(clear.frame(1.0).image).psf_sigma_px
+    for index in range(10):
+        assert extractor.extract(storm.frame(1.1 + index / 10).image).psf_sigma_px == (
+            pytest.approx(width_px, rel=0.2))
 
 
 def test_three_hundred_false_spots_do_not_end_tracking():

@@ -1,0 +1,23 @@
+"""The brightest spots of an image, with a quota for each part of it."""
+
+import numpy as np
+
+CELLS = 8  # along each side of the image,
+CELL_SHARE = 4  # each of which gets so many times its share of the spots
+
+
+def brightest(uv: np.ndarray, shape: tuple[int, ...], most: int) -> np.ndarray:
+    """
+    Return the indices of the first `most` positions uv (K, 2), with a quota for each cell.
+
+    No cell of the image gets more than CELL_SHARE times its share while others have any.
+    """
+    if len(uv) <= most:
+        return np.arange(len(uv))
+    cell = (np.floor(uv / [shape[1], shape[0]] * CELLS) @ [1, CELLS]).astype(int)
+    order = np.argsort(cell, kind='stable')
+    first = np.searchsorted(cell[order], cell[order])
+    rank = np.empty(len(uv), int)
+    rank[order] = np.arange(len(uv)) - first
+    beyond = rank >= np.ceil(CELL_SHARE * most / CELLS ** 2)
+    return np.sort(np.argsort(beyond, kind='stable')[:most])
