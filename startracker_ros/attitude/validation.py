@@ -63,32 +63,38 @@ class AttitudeValidator:
         """Forget the sign of the last quaternion."""
         self._previous: np.ndarray | None = None
 
-    def solve(self, uv: np.ndarray, hip: np.ndarray, sigma_px: np.ndarray) -> TrustedAttitude:
+    def solve(self, uv: np.ndarray, hip: np.ndarray, error_px2: np.ndarray) -> TrustedAttitude:
         """
-        Return the attitude of stars at pixels uv (N, 2) with errors sigma_px (N,).
+        Return the attitude of stars at pixels uv (N, 2) with covariances error_px2 (N, 2, 2).
 
-        Stars that the catalogue does not hold (hip 0) are left out. The covariance is
-        inflated when chi2 rejects the residuals at errors of sigma_px, and contains the unknown
-        velocity of the observer.
+        Stars that the catalogue does not hold (hip 0) are left out. Where errors are not round,
+        the best fit to them starts at that of the solver, unless this takes two stars only. The
+        covariance is inflated when chi2 rejects the residuals at such errors, and contains the
+        unknown velocity of the observer.
         """
         # Compiled code and SciPy take half a second to import, and check() needs neither.
         from scipy.special import chdtri
+        from startracker_ros.attitude.error_ellipses import fit_error_ellipses
         from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude, mean_chi2
         known, icrf = self._known(hip)
         if len(icrf) < self._options.min_stars:
             return self._too_few(len(icrf), 'identified')
-        sigma_rad = sigma_px[known] * self._camera.pixel_rad
+        uv, error_px2 = uv[known], error_px2[known]
+        sigma_rad = self._camera.pixel_rad * np.sqrt(
+            np.trace(error_px2, axis1=1, axis2=2) / 2)
         try:
-            sensor = self._camera.unproject(uv[known])
+            sensor = self._camera.unproject(uv)
             attitude = estimate_attitude(sensor, icrf, sigma_rad, self._options.solver)
         except AttitudeError as error:
             return TrustedAttitude(None, str(error))
+        mean = mean_chi2(attitude, icrf, sigma_rad)
+        if self._options.solver != 'triad':
+            attitude = fit_error_ellipses(attitude, self._camera, uv, icrf, error_px2)
         residual_px = np.sqrt(np.mean(attitude.residual_rad ** 2)) / self._camera.pixel_rad
         if residual_px > self._options.max_residual_px:
             return TrustedAttitude(
                 None, f'residual of {residual_px:.2f} px is above max_residual_px = '
                 f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
-        mean = mean_chi2(attitude, icrf, sigma_rad)
         excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, FALSE_ALARM) else 1.0
         self._previous = sign_continuous(attitude.quaternion, self._previous)
         return TrustedAttitude(with_velocity_error(replace(

@@ -60,12 +60,12 @@ class AttitudeStage:
         """Return the attitude solved from tracks, of a tracker that has no attitude of its own."""
         used = tracks.usable
         return self._at(stamp_ns).solve(
-            tracks.uv[used], tracks.hip[used], tracks.position_sigma_px[used])
+            tracks.uv[used], tracks.hip[used], tracks.covariance[used])
 
     def from_stars(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray
                    ) -> TrustedAttitude:
         """Return the attitude solved from one identified frame, hip (N,) 0 where unknown."""
-        solved = self._at(stamp_ns).solve(centroids.uv, hip, centroids.sigma_px)
+        solved = self._at(stamp_ns).solve(centroids.uv, hip, centroids.covariance)
         if solved.attitude is None:
             return solved
         return replace(solved, attitude=with_common_error(

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from startracker_ros.attitude.error_ellipses import fit_error_ellipses
 from startracker_ros.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.attitude.result import with_common_error
 from startracker_ros.camera.model import Camera
@@ -49,24 +50,26 @@ class IdentifiedFrame:
 
 
 def fit_identified(camera: Camera, sky: ApparentCatalog, options: TrackerOptions, stamp_ns: int,
-                   centroids: Centroids, sigma_px: np.ndarray, hip: np.ndarray
+                   centroids: Centroids, error_px2: np.ndarray, hip: np.ndarray
                    ) -> tuple[IdentifiedFrame | None, str]:
     """
     Return an identified frame without outliers, None unless enough stars fit well enough.
 
     The second result is why the stars do not fit, empty if they do or are too few.
 
-    sigma_px (N,) and hip (N,) of each centroid, 0 where it is unknown. Crowded stars are left
-    out. Of several centroids with one hip the first, the brightest, counts.
+    error_px2 (N, 2, 2) and hip (N,) are of each centroid, hip is 0 where it is unknown. Crowded
+    stars are left out. Of several centroids with one hip the first, the brightest, counts.
     """
     star_index = sky.onboard.index_of(hip)
     known = (star_index >= 0) & ~sky.crowded(star_index)
     known[known] = _first_of_each(star_index[known])
-    centroids, sigma_px, star_index = centroids.select(known), sigma_px[known], star_index[known]
+    centroids, error_px2, star_index = (
+        centroids.select(known), error_px2[known], star_index[known])
     if len(star_index) < options.min_stars:
         return None, ''
     try:
-        fit = fit_rotation(camera, sky.direction(star_index), centroids.uv, sigma_px,
+        fit = fit_rotation(camera, sky.direction(star_index), centroids.uv,
+                           np.sqrt(np.trace(error_px2, axis1=1, axis2=2) / 2),
                            np.ones(len(star_index), bool))
     except AttitudeError:
         return None, ''
@@ -74,9 +77,12 @@ def fit_identified(camera: Camera, sky: ApparentCatalog, options: TrackerOptions
         return None, (f'{len(star_index)} identified stars fit to {fit.residual_px:.2g} px rms, '
                       f'max_residual_px is {options.max_residual_px:g}: calibrate the lens'
                       if fit.residual_px > options.max_residual_px else '')
+    star_index, centroids = star_index[fit.inlier], centroids.select(fit.inlier)
+    attitude = fit_error_ellipses(
+        fit.attitude, camera, centroids.uv, sky.direction(star_index), error_px2[fit.inlier])
     return IdentifiedFrame(
-        stamp_ns, star_index[fit.inlier], centroids.select(fit.inlier),
-        with_common_error(fit.attitude, centroids.common_error, camera), fit.scale), ''
+        stamp_ns, star_index, centroids,
+        with_common_error(attitude, centroids.common_error, camera), fit.scale), ''
 
 
 def _first_of_each(values: np.ndarray) -> np.ndarray:

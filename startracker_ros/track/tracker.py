@@ -217,7 +217,7 @@ class StarTracker:
         centroids, good = self._usable(centroids)
         self._look(stamp_ns)
         frame, misfit = fit_identified(self._camera, self.sky, self._options, stamp_ns, centroids,
-                                       self._model.sigma_px(centroids), np.asarray(hip)[good])
+                                       self._model.error_px2(centroids), np.asarray(hip)[good])
         if frame is None:
             if misfit and self.state is TrackerState.LOST:
                 self.reason = misfit
