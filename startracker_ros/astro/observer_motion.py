@@ -99,7 +99,6 @@ class ObserverMotion:
     def __init__(self, options: AberrationOptions = AberrationOptions()) -> None:
         self._mode = options.aberration
         self._newest: tuple[int, State] | None = None
-        self._orbits = False
         self._velocity, self._orbit_error = None, ''
         try:
             self._velocity = orbit_velocity(options)
@@ -121,7 +120,7 @@ class ObserverMotion:
                               f'{MAX_SPEED_M_S / 1e3:g} km/s are possible')
         if not radius_m >= LEAST_RADIUS_M:
             raise MotionError(f'position {radius_m / 1e3:.0f} km from the centre of the Earth')
-        self._newest, self._orbits = (stamp_ns, state), bool(radius_m > ORBITING_M)
+        self._newest = stamp_ns, state
         self._last = None
 
     def at(self, stamp_ns: int) -> Observer:
@@ -135,7 +134,7 @@ class ObserverMotion:
         if self._newest is None or not abs(self._age_s(stamp_ns)) <= MAX_AGE_S:
             return None
         state = self._newest[1]
-        if not self._orbits:
+        if not np.linalg.norm(state.position_m) > ORBITING_M:
             return state
         return State(*propagate(state.position_m, state.velocity_m_s, self._age_s(stamp_ns)),
                      state.covariance_m2)

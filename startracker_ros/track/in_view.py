@@ -11,15 +11,6 @@ from startracker_ros.maths.rotation import matrix_from_quaternion
 AHEAD_RAD = np.radians(0.5)
 """Margin around the image of the cached stars, so that most frames need no catalogue search."""
 
-BESIDE_RAD = np.radians(0.5)
-"""More than aberration and refraction move a star."""
-
-FEW = 8
-"""Pixels about which stars are searched; about more the search takes longer than it saves."""
-
-_WIDEST = 3.0
-"""No pixel of a lens is wider than so many of those in the middle."""
-
 
 class StarsInView:
     """The catalogue stars of a camera around attitudes that change little from one to the next."""
@@ -50,17 +41,6 @@ class StarsInView:
                 self._version, self._direction = self.sky.version, self.sky.direction(near)
             direction = self._direction
         return _in_view(near, direction, matrix, self._cos_radius, self.camera.lens)
-
-    def beside(self, attitude: AttitudeEstimate, uv: np.ndarray, radius_px: float
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what of() does; of the stars farther than a radius from pixels (K, 2) not all."""
-        if len(uv) > FEW:
-            return self.of(attitude)
-        matrix = self._around(attitude)
-        radius_rad = BESIDE_RAD + _WIDEST * radius_px * self.camera.pixel_rad
-        cosine = self.onboard.direction[self._near] @ (matrix @ self.camera.unproject(uv).T)
-        near = self._near[(cosine > np.cos(min(radius_rad, np.pi))).any(axis=1)]
-        return _in_view(near, self.sky.direction(near), matrix, self._cos_radius, self.camera.lens)
 
     def bright(self, attitude: AttitudeEstimate, faintest: float
                ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -127,15 +127,14 @@ def _unexplained(uv: np.ndarray, sigma_px: np.ndarray, stars: np.ndarray) -> np.
 def unexplained(stars: StarsInView, attitude: AttitudeEstimate, centroids: Centroids
                 ) -> Centroids:
     """Return the centroids that are no catalogue star."""
-    # Most are bright stars. Only beside the others faint ones are looked up.
-    left = centroids.select(_unexplained(
-        np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.sigma_px),
-        stars.of(attitude, BRIGHT_STARS)[2]))
-    if not len(left):
-        return left
-    radius_px = max(EXPLAINED_PX, EXPLAINED_SIGMA * float(left.sigma_px.max()))
-    return left.select(_unexplained(left.uv, left.sigma_px,
-                                    stars.beside(attitude, left.uv, radius_px)[2]))
+    # Most are bright stars. Only for the others the many faint ones are looked up.
+    for most in (BRIGHT_STARS, None):
+        centroids = centroids.select(_unexplained(
+            np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.sigma_px),
+            stars.of(attitude, most)[2]))
+        if not len(centroids):
+            break
+    return centroids
 
 
 @dataclass(frozen=True)
