@@ -149,14 +149,14 @@ class SegmentRun:
             content = extraction.centroids, pipeline.extraction.directed
         frame = pipeline.update(stamp_ns, *content)
         holds, truth = self._segment.holds(message.log_time_ns), self._truth.pop(stamp_ns, None)
-        hip, fit = (self._fit(content[0], frame, pipeline) if holds or self._smoothing
-                    else (_NO_STARS, None))
+        hip, fit = self._fit(content[0], frame, pipeline)
         if holds:
             self._record(stamp_ns, content[0], frame, pipeline)
             self._tables.add(stamp_ns, frame, pipeline.tracker.residual_px, truth, hip, fit)
+        if message.log_time_ns < self._segment.end_ns:
             assert self._camera is not None, 'a pipeline has a camera'
             self._leftovers.add(stamp_ns, self._camera, content[0], frame, pipeline,
-                                np.nan if fit is None else fit.zero_point_mag)
+                                np.nan if fit is None else fit.zero_point_mag, holds)
         if self._smoothing is not None:
             attitude = frame.trusted.attitude
             self._smoothing.add(stamp_ns, None if attitude is None else attitude.quaternion,
