@@ -72,7 +72,8 @@ class Gyro:
         Measurements come in the order of their stamps.
         """
         rate = np.array(rate_rad_s, float)
-        if not np.isfinite(rate).all() or np.abs(rate).max() > MAX_RATE_RAD_S:
+        # Written so that NaN is rejected.
+        if not all(abs(value) <= MAX_RATE_RAD_S for value in rate.tolist()):
             return False
         if len(self._rates) >= _MAX_MEASUREMENTS:
             half = _MAX_MEASUREMENTS // 2

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from startracker_ros.attitude.result import AttitudeEstimate, SOLVERS, with_velocity_error
+from startracker_ros.attitude.result import AttitudeEstimate, SOLVERS
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.maths.rotation import matrix_from_quaternion, sign_continuous
@@ -76,6 +76,7 @@ class AttitudeValidator:
         from scipy.special import chdtri
         from startracker_ros.attitude.error_ellipses import fit_error_ellipses
         from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude, mean_chi2
+        from startracker_ros.attitude.systematic_errors import with_velocity_error
         known, icrf = self._known(hip)
         if len(icrf) < self._options.min_stars:
             return self._too_few(len(icrf), 'identified')
@@ -120,9 +121,9 @@ class AttitudeValidator:
                 None, f'the tracks are {residual_px:.2f} px from where tracked_attitude has them, '
                 f'max_residual_px is {self._options.max_residual_px:g}')
         self._previous = sign_continuous(tracked.quaternion, self._previous)
-        return TrustedAttitude(replace(
-            tracked, quaternion=self._previous, stars=len(icrf),
-            residual_rad=distance_px * self._camera.pixel_rad), 'trusted')
+        return TrustedAttitude(AttitudeEstimate(
+            self._previous, tracked.covariance_sensor, len(icrf),
+            distance_px * self._camera.pixel_rad, tracked.chi2), 'trusted')
 
     def _known(self, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return which stars (N,) the catalogue holds, and the directions (K, 3) of these."""

@@ -101,11 +101,14 @@ def read_cloud(message: Any, wanted: np.dtype) -> np.ndarray:
         rows = np.zeros(count, wanted)
         for name in layout.names or ():
             rows[name] = read[name]
-    names, columns = _never_nan(wanted)
-    finite = np.isfinite(rows.view('f4').reshape(count, wanted.itemsize // 4)[:, columns])
-    if not finite.all():
-        point, column = np.argwhere(~finite)[0]
-        raise MessageError(f'cloud field {names[column]!r} is not finite in point {point}')
+    values = rows.view('f4').reshape(count, wanted.itemsize // 4)
+    # Most clouds are finite in all fields, those of integers read as floats included.
+    if not np.isfinite(values).all():
+        names, columns = _never_nan(wanted)
+        finite = np.isfinite(values[:, columns])
+        if not finite.all():
+            point, column = np.argwhere(~finite)[0]
+            raise MessageError(f'cloud field {names[column]!r} is not finite in point {point}')
     return rows
 
 

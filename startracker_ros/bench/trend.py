@@ -95,7 +95,7 @@ def _clean_rows(flight: '_Flight', seed: int) -> list[Row]:
                 for series in both]
     steps = sum(len(search.steps) for _, search in searches)
     rows = [row for series, search in searches for row in drift_rows(series, search)]
-    page_mb = len(trend_page('ten months', searches, rows, (), ()).encode()) / 1e6
+    page_mb = len(trend_page('ten months', searches, rows, (), (), ()).encode()) / 1e6
     return [Row(f'{CLEAN_DAYS:g} days without a step: steps', steps, 'steps', '0', steps == 0),
             Row(f'page of {CLEAN_DAYS * 86400 * 2 / 1e6:.0f} million frames', page_mb, 'MB',
                 f'<= {PAGE_MB:g}', page_mb <= PAGE_MB)]

@@ -52,12 +52,8 @@ class OnboardCatalog:
 
     def index_of(self, hip: np.ndarray) -> np.ndarray:
         """Return the star index (M,) of each Hipparcos number (M,), -1 if it has no entry."""
-        hip = np.asarray(hip)
-        order, ranked = self._by_hip
-        if not len(ranked):
-            return np.full(hip.shape, -1)
-        rank = np.minimum(np.searchsorted(ranked, hip), len(ranked) - 1)
-        return np.where(ranked[rank] == hip, order[rank], -1)
+        # Numbers beyond either end are clipped to entries of no star.
+        return self._index_of_hip.take(hip, mode='clip')
 
     def variation(self, star_index: np.ndarray) -> np.ndarray:
         """Return variation_mag of entries (M,), 0 for a catalogue that has none."""
@@ -66,9 +62,11 @@ class OnboardCatalog:
         return self.variation_mag[star_index]
 
     @cached_property
-    def _by_hip(self) -> tuple[np.ndarray, np.ndarray]:
-        order = np.argsort(self.hip)
-        return order, self.hip[order]
+    def _index_of_hip(self) -> np.ndarray:
+        """Star indices by Hipparcos number, from 0 to one more than the greatest."""
+        index = np.full(int(self.hip.max(initial=0)) + 2, -1)
+        index[self.hip] = np.arange(len(self))
+        return index
 
 
 def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_limit: float,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from startracker_ros.attitude.estimate import estimate_attitude
-from startracker_ros.attitude.result import with_velocity_error
+from startracker_ros.attitude.systematic_errors import with_velocity_error
 from startracker_ros.camera.lens import plane_points, rays
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog

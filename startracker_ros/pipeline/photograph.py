@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.astro.aberration import apparent_directions
 from startracker_ros.astro.observer_motion import AT_REST, Observer
-from startracker_ros.attitude.result import AttitudeEstimate, with_velocity_error
+from startracker_ros.attitude.result import AttitudeEstimate
+from startracker_ros.attitude.systematic_errors import with_velocity_error
 from startracker_ros.calibration.learnt_lens import learn_lens, LearntLens
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids, ROUND
@@ -170,7 +171,7 @@ def _apparent(attitude: AttitudeEstimate, observer: Observer, sensor: np.ndarray
     """
     Return an attitude that was fitted to directions without aberration, with it.
 
-    sensor (N, 3) and sigma (N,) are those of with_velocity_error().
+    sensor (N, 3) and sigma (N,) are those of velocity_covariance().
     """
     if observer.vantage is None:
         return attitude

@@ -7,7 +7,7 @@ import numpy as np
 from startracker_ros.camera.lens import Lens, rays, undistorted
 from startracker_ros.camera.model import Camera
 from startracker_ros.compiled import compiled
-from startracker_ros.maths.rotation import matrix_from_quaternion
+from startracker_ros.maths.compiled_rotation import matrix_from_quaternion
 
 MATCH_SIGMAS = 5.0
 LEAST_STARS = 4
@@ -56,10 +56,20 @@ def fit_frame(camera: Camera, quaternion: np.ndarray, stars: Stars, uv: np.ndarr
     dx = xy a - (1 + x^2) b + y c + x f + x r^2 k, dy = (1 + y^2) a - xy b - x c + y f + y r^2 k
     for a turn (a, b, c) about sensor axes, a change f of the focal ratio and k of k1.
     """
-    star, centroid = _match(*map(np.ascontiguousarray, (stars.uv, stars.sigma_px, uv, sigma_px)))
+    fit = _fit_matching(camera.lens, camera.pixel_rad, quaternion, Stars(*map(
+        np.ascontiguousarray, stars)), *map(np.ascontiguousarray, (uv, sigma_px, flux)))
+    return fit if len(fit.star) else None
+
+
+@compiled
+def _fit_matching(lens: Lens, pixel_rad: float, quaternion: np.ndarray, stars: Stars,
+                  uv: np.ndarray, sigma_px: np.ndarray, flux: np.ndarray) -> FrameFit:
+    """Return the fit of the stars that have a centroid near, one of no star of fewer than four."""
+    star, centroid = _match(stars.uv, stars.sigma_px, uv, sigma_px)
     if len(star) < LEAST_STARS:
-        return None
-    return _fit(camera.lens, camera.pixel_rad, matrix_from_quaternion(quaternion), star, centroid,
+        return FrameFit(star[:0], np.empty(0), np.empty(0), np.empty((3, 3)).T, np.empty(0),
+                        np.empty((0, 2)), np.empty(0), np.empty(0), np.nan)
+    return _fit(lens, pixel_rad, matrix_from_quaternion(quaternion), star, centroid,
                 stars.direction, stars.magnitude, uv, sigma_px, flux)
 
 

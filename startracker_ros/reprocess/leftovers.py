@@ -1,5 +1,6 @@
 """Centroids that the catalogue does not explain: moving objects and hot pixels of a segment."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,9 @@ TRACKLET_DTYPE = np.dtype([
     *((f'position_{axis}_m', 'f8') for axis in 'xyz'),
     *((f'velocity_{axis}_m_s', 'f8') for axis in 'xyz')])
 """
-One row for each detection of a moving object. The direction is the apparent one on ICRF axes:
+One row for each detection of a moving object. A segment has the detections in its overlap as well:
+those of an object that crosses its border stand in both segments, at equal stamps and pixels. The
+direction is the apparent one on ICRF axes:
 neither aberration nor light time is removed; its covariance is on axes to the east and north.
 Position and velocity are those of the observer, geocentric, NaN without odometry.
 """
@@ -34,9 +37,14 @@ _UNKNOWN = State(np.full(3, np.nan), np.full(3, np.nan), np.full((3, 3), np.nan)
 
 
 class _Spots(NamedTuple):
-    """The spots (M,) of a frame that are no star, and what turns them into directions."""
+    """
+    The spots (M,) of a frame that are no star, and what turns them into directions.
+
+    held is whether the frame is one of the segment, and not of its overlap.
+    """
 
     frame: int
+    held: bool
     stamp_ns: int
     uv: np.ndarray
     sigma_px: np.ndarray
@@ -57,8 +65,8 @@ class Leftovers:
         self._stars: tuple[Pipeline, StarsInView] | None = None
 
     def add(self, stamp_ns: int, camera: Camera, centroids: Centroids, frame: PipelineFrame,
-            pipeline: Pipeline, zero_point_mag: float) -> None:
-        """Add a frame; one without an attitude only counts."""
+            pipeline: Pipeline, zero_point_mag: float, held: bool) -> None:
+        """Add a frame, held by the segment or of its overlap; without an attitude it counts."""
         self._frames += 1
         attitude = frame.trusted.attitude
         if attitude is None:
@@ -70,48 +78,51 @@ class Leftovers:
             return
         left = left.select(slice(MOST_SPOTS))
         self._spots.append(_Spots(
-            self._frames, stamp_ns, left.uv, left.sigma_px, left.flux, attitude.quaternion,
+            self._frames, held, stamp_ns, left.uv, left.sigma_px, left.flux, attitude.quaternion,
             attitude.covariance_sensor, zero_point_mag,
             pipeline.motion.geocentric(stamp_ns) or _UNKNOWN, camera))
 
     def tables(self, begin_ns: int) -> dict[str, np.ndarray]:
         """Return the tables tracklets and hot_pixels of a segment."""
-        if not self._spots:
+        held = [spots for spots in self._spots if spots.held]
+        if not held:
             return {'tracklets': np.empty(0, TRACKLET_DTYPE),
                     'hot_pixels': np.empty(0, PIXEL_DTYPE)}
-        return {'tracklets': self._tracklets(begin_ns), 'hot_pixels': self._hot_pixels(begin_ns)}
+        return {'tracklets': self._tracklets(begin_ns), 'hot_pixels': _hot_pixels(held, begin_ns)}
 
     def _tracklets(self, begin_ns: int) -> np.ndarray:
         rows = np.concatenate([_rows(spots) for spots in self._spots])
-        frame = np.repeat([spots.frame for spots in self._spots],
-                          [len(spots.uv) for spots in self._spots])
+        count = [len(spots.uv) for spots in self._spots]
+        frame = np.repeat([spots.frame for spots in self._spots], count)
+        held = np.repeat([spots.held for spots in self._spots], count)
         ra, dec = np.radians(rows['ra_deg']), np.radians(rows['dec_deg'])
         found = link_tracklets(Detections(
             frame, (rows['stamp_ns'] - rows['stamp_ns'][0]) * 1e-9,
             np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], -1),
             (rows['cov_ee_arcsec2'] + rows['cov_nn_arcsec2']).astype(float) / 2 * ARCSEC ** 2,
             np.stack([rows['u'], rows['v']], -1).astype(float), rows['sigma_px'].astype(float)))
+        # An object of the overlap alone is one of the segment before.
+        found = [member for member in found if held[member].any()]
         for number, member in enumerate(found):
             rows['tracklet'][member] = begin_ns // 1_000_000_000 * _TRACKLETS + number
         return rows[np.sort(np.concatenate(found))] if found else rows[:0]
 
-    def _hot_pixels(self, begin_ns: int) -> np.ndarray:
-        """Return the pixels that have a spot again and again; a star or an object passes."""
-        uv = np.concatenate([spots.uv for spots in self._spots])
-        count = [len(spots.uv) for spots in self._spots]
-        stamps = np.repeat([spots.stamp_ns for spots in self._spots], count)
-        camera = self._spots[0].camera
-        u, v = np.rint(uv).astype(int).T
-        pixel, which, seen = np.unique(v * camera.width + u, return_inverse=True,
-                                       return_counts=True)
-        first, last = np.full(len(pixel), 2 ** 62), np.zeros(len(pixel), np.int64)
-        np.minimum.at(first, which, stamps)
-        np.maximum.at(last, which, stamps)
-        hot = (seen >= _LEAST_HOT) & (last - first >= _HOT_SPAN_S * 1e9)
-        rows = np.zeros(np.count_nonzero(hot), PIXEL_DTYPE)
-        rows['stamp_ns'], rows['count'] = begin_ns, seen[hot]
-        rows['v'], rows['u'] = np.divmod(pixel[hot], camera.width)
-        return rows
+
+def _hot_pixels(found: Sequence[_Spots], begin_ns: int) -> np.ndarray:
+    """Return the pixels that have a spot again and again; a star or an object passes."""
+    uv = np.concatenate([spots.uv for spots in found])
+    stamps = np.repeat([spots.stamp_ns for spots in found], [len(spots.uv) for spots in found])
+    width = found[0].camera.width
+    u, v = np.rint(uv).astype(int).T
+    pixel, which, seen = np.unique(v * width + u, return_inverse=True, return_counts=True)
+    first, last = np.full(len(pixel), 2 ** 62), np.zeros(len(pixel), np.int64)
+    np.minimum.at(first, which, stamps)
+    np.maximum.at(last, which, stamps)
+    hot = (seen >= _LEAST_HOT) & (last - first >= _HOT_SPAN_S * 1e9)
+    rows = np.zeros(np.count_nonzero(hot), PIXEL_DTYPE)
+    rows['stamp_ns'], rows['count'] = begin_ns, seen[hot]
+    rows['v'], rows['u'] = np.divmod(pixel[hot], width)
+    return rows
 
 
 def _rows(spots: _Spots) -> np.ndarray:

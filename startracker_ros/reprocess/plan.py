@@ -44,14 +44,14 @@ class Segment:
 
     Messages recorded from begin_ns to end_ns count, those from start_ns on are processed, and
     with smoothing those to stop_ns.
-    camera is that of the last camera_info before start_ns, if any.
+    camera is that of the last camera_info before start_ns, or else of the first one.
     """
 
     bag: Path
     name: str
     namespace: str
     source: str
-    camera: Camera | None
+    camera: Camera
     start_ns: int
     begin_ns: int
     end_ns: int

@@ -26,13 +26,13 @@ from startracker_ros.reprocess.output import INERTIAL, SegmentBag
 from startracker_ros.reprocess.plan import full_name, IMAGE, Segment
 from startracker_ros.reprocess.smoothing import Smoothing
 from startracker_ros.reprocess.tables import SegmentTables
+from startracker_ros.reprocess.widths import FittedStars, NO_STARS
 
 _EPOCH_STEPS = 20
 """Epochs of the catalogue in a year: within such a step no star moves by more than 0.5 arcsec."""
 
 _MOST_CAMERAS = 10
 _TRUTH_FRAMES = 1000
-_NO_STARS = np.empty(0, np.int32)
 
 
 class SegmentError(ValueError):
@@ -149,14 +149,14 @@ class SegmentRun:
             content = extraction.centroids, pipeline.extraction.directed
         frame = pipeline.update(stamp_ns, *content)
         holds, truth = self._segment.holds(message.log_time_ns), self._truth.pop(stamp_ns, None)
-        hip, fit = (self._fit(content[0], frame, pipeline) if holds or self._smoothing
-                    else (_NO_STARS, None))
+        stars, fit = self._fit(content[0], frame, pipeline)
         if holds:
             self._record(stamp_ns, content[0], frame, pipeline)
-            self._tables.add(stamp_ns, frame, pipeline.tracker.residual_px, truth, hip, fit)
-            assert self._camera is not None, 'a pipeline has a camera'
+            self._tables.add(stamp_ns, frame, pipeline.tracker.residual_px, truth, stars,
+                             fit)
+        if message.log_time_ns < self._segment.end_ns:
             self._leftovers.add(stamp_ns, self._camera, content[0], frame, pipeline,
-                                np.nan if fit is None else fit.zero_point_mag)
+                                np.nan if fit is None else fit.zero_point_mag, holds)
         if self._smoothing is not None:
             attitude = frame.trusted.attitude
             self._smoothing.add(stamp_ns, None if attitude is None else attitude.quaternion,
@@ -168,7 +168,6 @@ class SegmentRun:
     def _record(self, stamp_ns: int, centroids: Centroids, frame: PipelineFrame,
                 pipeline: Pipeline) -> None:
         """Count a frame and add its results to the bag."""
-        assert self._camera is not None, 'a pipeline has a camera'
         self.tally.frames += 1
         self.tally.attitudes += frame.trusted.attitude is not None
         if frame.identification is not None and frame.identification.status == 'time_limit':
@@ -179,25 +178,25 @@ class SegmentRun:
                             self._segment.source != 'centroids', frame, pipeline)
 
     def _fit(self, centroids: Centroids, frame: PipelineFrame, pipeline: Pipeline
-             ) -> tuple[np.ndarray, FrameFit | None]:
-        """Return hip (K,) of the stars of a frame and their fit, None without an attitude."""
+             ) -> tuple[FittedStars, FrameFit | None]:
+        """Return the stars of the fit of a frame, and this, None without an attitude."""
         attitude = frame.trusted.attitude
-        if attitude is None or self._camera is None:
-            return _NO_STARS, None
+        if attitude is None:
+            return NO_STARS, None
         tracks, sky = frame.tracks, pipeline.attitude.sky
         used = tracks.usable
-        hip = tracks.hip[used]
-        stars = Stars(sky.direction(sky.onboard.index_of(hip)), tracks.uv[used],
+        hip, uv = tracks.hip[used], tracks.uv[used]
+        stars = Stars(sky.direction(sky.onboard.index_of(hip)), uv,
                       tracks.position_sigma_px[used], tracks.magnitude[used])
         fit = fit_frame(self._camera, attitude.quaternion, stars, centroids.uv,
                         centroids.sigma_px, centroids.flux)
-        return (_NO_STARS, None) if fit is None else (hip[fit.star], fit)
+        if fit is None:
+            return NO_STARS, None
+        return FittedStars(hip[fit.star], uv[fit.star], tracks.snr[used][fit.star]), fit
 
     def _pipeline_at(self, stamp_ns: int) -> Pipeline:
         """Return the pipeline, a new one after another camera came or time went back."""
         if self._pipeline is None:
-            if self._camera is None:
-                raise MessageError('no camera_info before it')
             year = round(epoch_year_from_stamp(stamp_ns) * _EPOCH_STEPS) / _EPOCH_STEPS
             self._pipeline = Pipeline(self._camera, year, self._options)
         return self._pipeline

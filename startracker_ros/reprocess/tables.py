@@ -6,10 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from startracker_ros.attitude.result import AttitudeEstimate
+from startracker_ros.camera.model import Camera
 from startracker_ros.export.tables import load_parquet_writer
 from startracker_ros.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.pipeline.pipeline import PipelineFrame
 from startracker_ros.reprocess.frame_fit import FrameFit
+from startracker_ros.reprocess.widths import FittedStars, width_rows
 from startracker_ros.track.tracker import TrackerState
 
 STATES = ('LOST', 'ACQUIRING', 'TRACKING')
@@ -43,7 +45,7 @@ north in arcsec, their squares over sigma^2, and of magnitude minus catalogue.""
 
 
 class _Frame(NamedTuple):
-    """What the tables hold of a frame; hip (K,) are the stars of its fit."""
+    """What the tables hold of a frame, and the stars of its fit."""
 
     stamp_ns: int
     state: TrackerState
@@ -51,7 +53,7 @@ class _Frame(NamedTuple):
     attitude: AttitudeEstimate | None
     rate_rad_s: np.ndarray | None
     truth: np.ndarray | None
-    hip: np.ndarray
+    stars: FittedStars
     fit: FrameFit | None
 
 
@@ -62,18 +64,20 @@ class SegmentTables:
         self._frames: list[_Frame] = []
 
     def add(self, stamp_ns: int, frame: PipelineFrame, residual_px: float,
-            truth: np.ndarray | None, hip: np.ndarray, fit: FrameFit | None) -> None:
+            truth: np.ndarray | None, stars: FittedStars, fit: FrameFit | None) -> None:
         """Add a frame, its true attitude (4,) where the bag holds it, and the fit of its stars."""
         attitude = frame.trusted.attitude
         self._frames.append(_Frame(
             stamp_ns, frame.state, residual_px, attitude,
-            None if frame.tracked is None else frame.tracked.rate_rad_s, truth, hip, fit))
+            None if frame.tracked is None else frame.tracked.rate_rad_s, truth, stars, fit))
 
-    def tables(self, begin_ns: int) -> dict[str, np.ndarray]:
-        """Return the tables frames, lens and stars of a segment."""
+    def tables(self, begin_ns: int, camera: Camera) -> dict[str, np.ndarray]:
+        """Return the tables frames, lens, stars and widths of a segment."""
         fitted = [frame for frame in self._frames if frame.fit is not None]
         return {'frames': self._frame_rows(), 'lens': _lens_rows(fitted),
-                'stars': _star_rows(fitted, begin_ns)}
+                'stars': _star_rows(fitted, begin_ns),
+                'widths': width_rows([(frame.stars, frame.fit) for frame in fitted if frame.fit],
+                                     camera, begin_ns)}
 
     def _frame_rows(self) -> np.ndarray:
         """Return the table frames."""
@@ -144,7 +148,7 @@ def _star_rows(frames: Sequence[_Frame], begin_ns: int) -> np.ndarray:
     fits = [frame.fit for frame in frames if frame.fit is not None]
     if not fits:
         return np.empty(0, STAR_DTYPE)
-    hip = np.concatenate([frame.hip for frame in frames])
+    hip = np.concatenate([frame.stars.hip for frame in frames])
     weight = (ARCSEC / np.concatenate([fit.sigma for fit in fits])) ** 2
     east, north = np.concatenate([fit.residual for fit in fits]).T / ARCSEC
     difference = np.concatenate([fit.zero_point_mag - fit.zero_point for fit in fits])

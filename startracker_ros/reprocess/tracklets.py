@@ -99,8 +99,30 @@ def _read(run: Run, tracker: str) -> list[_Tracklet]:
     rows = np.zeros(len(table['stamp_ns']), TRACKLET_DTYPE)
     for name in names:
         rows[name] = table[name]
+    rows = joined(rows)
     return [_Tracklet(tracker, int(number), rows[rows['tracklet'] == number])
             for number in np.unique(rows['tracklet'])]
+
+
+def joined(rows: np.ndarray) -> np.ndarray:
+    """
+    Return rows (N,) of all segments with one number for each object, and each detection once.
+
+    An object that crosses the border of two segments has a tracklet in each, which share the
+    detections of the overlap; the number becomes that of the first one. Of a detection the row of
+    the earlier segment stays, as of the frame.
+    """
+    rows = rows[np.lexsort((rows['tracklet'], rows['v'], rows['u'], rows['stamp_ns']))]
+    same = np.ones(len(rows) - 1, bool) if len(rows) else np.empty(0, bool)
+    for name in ('stamp_ns', 'u', 'v'):
+        same &= rows[name][1:] == rows[name][:-1]
+    first: dict[int, int] = {}
+    for before, after in np.unique(np.stack([rows['tracklet'][:-1][same],
+                                             rows['tracklet'][1:][same]], -1), axis=0).tolist():
+        first[before] = first[after] = min(first.get(before, before), first.get(after, after))
+    rows = rows[np.append(True, ~same)] if len(rows) else rows
+    rows['tracklet'] = [first.get(number, number) for number in rows['tracklet'].tolist()]
+    return rows
 
 
 def _row(one: _Tracklet, located_with: str, range_m: float | None) -> TrackletRow:

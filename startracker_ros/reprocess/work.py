@@ -77,7 +77,8 @@ def process(segment: Segment, options: PipelineOptions, digest: str, outputs: Ou
         finally:
             if bag is not None:
                 bag.close()
-        found = tables.tables(segment.begin_ns) | leftovers.tables(segment.begin_ns)
+        found = (tables.tables(segment.begin_ns, segment.camera)
+                 | leftovers.tables(segment.begin_ns))
         if smoothing is not None:
             found['smoothed'] = smoothing.table()
         paths = write_tables(found, partial / 'tables', segment.tracker, bag_folder.name)

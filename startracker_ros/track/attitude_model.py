@@ -13,12 +13,12 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.compiled_rotation import turned
-from startracker_ros.maths.rotation import attitude_error, conjugate, rotate
+from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.track.consistency import Residuals
 from startracker_ros.track.correction import correct, Correction, on_image
+from startracker_ros.track.detected_stars import detected_residuals
 from startracker_ros.track.lens_error import LensError
 from startracker_ros.track.model import FrameUpdate, StarModel
-from startracker_ros.track.motion_models import image_jacobian
 from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import median, RAYLEIGH_MEDIAN, RotationFit
 from startracker_ros.track.stamp_jitter import Measurement, StampJitter
@@ -123,19 +123,20 @@ class AttitudeModel(StarModel):
             self._measured = predicted, Measurement.of(predicted, measured), common
             self._stamp_jitter.add(self._state, predicted, correction.state, self._measured[1])
             self._set_state(correction.state, hypothesis.uses_gyro)
-            self._set_tracks(correction, correction.probability, frame, variance)
+            icrf = icrf[correction.inside]
+            self._set_tracks(correction, icrf, correction.probability, frame, variance)
             self._scale.add(fit)
             if not self.uses_gyro:
                 self._compare_gyro(before_ns, hypothesis.level)
             return FrameUpdate(True, fit, correction.unassociated,
-                               self._residuals(correction, uv, error_px2))
+                               self._residuals(correction, icrf, uv, error_px2))
         assert nominal is not None, 'there is always a hypothesis'
         # Propagate without an update: every star counts as missed.
         hypothesis, correction = nominal
         self._stamp_jitter.interrupt()
         self._set_state(hypothesis.state, hypothesis.uses_gyro)
-        self._set_tracks(correction, np.ones((len(correction.predicted), 1)), Centroids.empty(),
-                         np.empty(0))
+        self._set_tracks(correction, icrf[correction.inside],
+                         np.ones((len(correction.predicted), 1)), Centroids.empty(), np.empty(0))
         return FrameUpdate(False, None, correction.unassociated)
 
     def _hypotheses(self, stamp_ns: int, dark: bool) -> Iterator[_Hypothesis]:
@@ -189,28 +190,21 @@ class AttitudeModel(StarModel):
         good = fit.is_good(stars, self._options.min_stars, self._options.max_residual_px)
         return fit if good else None
 
-    def _residuals(self, correction: Correction, uv: np.ndarray, error_px2: np.ndarray
-                   ) -> Residuals:
+    def _residuals(self, correction: Correction, icrf: np.ndarray, uv: np.ndarray,
+                   error_px2: np.ndarray) -> Residuals:
         """Return the residuals of the detected stars, centroids uv (M, 2), by the new state."""
-        bank = self.bank
-        seen = np.isfinite(correction.distance) & bank.confirmed
-        centroid = correction.best[seen]
-        direction = rotate(conjugate(self._state.quaternion),
-                           self._sky.direction(bank.star_index[seen]))
-        flow = image_jacobian(self._camera, direction)
-        uv = uv[centroid]
-        stars = Residuals(uv, uv - bank.uv[seen], error_px2[centroid], flow,
-                          flow @ self._state.rate)
-        self._lens_error.add(bank.star_index[seen], stars)
+        seen, stars = detected_residuals(
+            self._camera.lens, self._state, icrf, self.bank.state, self.bank.confirmed,
+            correction.distance, correction.best, uv, error_px2)
+        self._lens_error.add(self.bank.star_index[seen], stars)
         return stars
 
-    def _set_tracks(self, correction: Correction, probability: np.ndarray, frame: Centroids,
-                    variance: np.ndarray) -> None:
-        """Associate the tracks in the image, at the positions that the state predicts."""
-        bank = self.bank.select(correction.inside).associated(
-            correction.predicted, probability, frame, variance)
-        self.bank = bank.with_state(*on_image(
-            self._camera.lens, self._sky.direction(bank.star_index), self._state))
+    def _set_tracks(self, correction: Correction, icrf: np.ndarray, probability: np.ndarray,
+                    frame: Centroids, variance: np.ndarray) -> None:
+        """Associate the tracks in the image, of directions (K, 3), where the state has them."""
+        self.bank = self.bank.select(correction.inside).associated(
+            correction.predicted, probability, frame, variance,
+            *on_image(self._camera.lens, icrf, self._state))
 
     def _set_state(self, state: AttitudeState, uses_gyro: bool) -> None:
         """Set the state; where the use of the gyro ends its drift becomes unknown."""

@@ -1,6 +1,6 @@
 """All tracks of a tracker as one table, a column per quantity."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 import math
 from typing import NamedTuple
 
@@ -94,22 +94,20 @@ class TrackBank:
         return TrackBank(*(np.concatenate([getattr(self, field.name), getattr(other, field.name)])
                            for field in fields(self)))
 
-    def with_state(self, state: np.ndarray, covariance: np.ndarray) -> 'TrackBank':
-        """Return the tracks with another state and covariance."""
-        return replace(self, state=state, covariance=covariance)
-
     def associated(self, predicted: np.ndarray, probability: np.ndarray, centroids: Centroids,
-                   variance: np.ndarray) -> 'TrackBank':
+                   variance: np.ndarray, state: np.ndarray, covariance: np.ndarray) -> 'TrackBank':
         """
-        Return the tracks with their most probable centroids of a frame; the state is unchanged.
+        Return the tracks in another state, with their most probable centroids of a frame.
 
         predicted (N, 2) px; variance (M,) that of the centroids; probability (N, M + 1) as of
         joint_probabilities. A track counts as missed when that is more probable than not.
         """
-        return replace(self, age=self.age + 1, **_associated(
+        variance, missed, *measured = _associated(
             self.variance, self.missed, np.ascontiguousarray(predicted), probability,
             np.ascontiguousarray(centroids.uv), variance, centroids.flux, centroids.snr,
-            centroids.sigma_px)._asdict())
+            centroids.sigma_px)
+        return TrackBank(self.track_id, self.star_index, state, covariance, variance,
+                         self.confirmed, self.age + 1, missed, *measured)
 
     def to_tracks(self, onboard: OnboardCatalog, identified: bool) -> Tracks:
         """Return the tracks for publication; unless identified, without hip and magnitude."""

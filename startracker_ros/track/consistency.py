@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.compiled import compiled
-from startracker_ros.track.residual_columns import fit_rows
+from startracker_ros.track.residual_columns import strongest_pattern
 
 LEAST_STARS = 8
 STEPS = 12  # rows at which a frame may be torn
@@ -57,33 +57,32 @@ class RowPattern:
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
         self._axis_px = np.array([camera.cx, camera.cy])
-        self._slope = np.zeros(3)
+        # Product and energy of the line, and the excess of chi-square.
+        self._slope: tuple[float, ...] = 0.0, 0.0, 0.0
 
     def find(self, stars: Residuals) -> str:
         """Return which pattern the residuals have, in words; empty for none."""
         if len(stars.uv) < LEAST_STARS:
             return ''
         height = self._camera.height
-        fit = fit_rows(*stars, self._axis_px, height, STEPS)
-        product, energy, chi2 = fit.product, np.maximum(fit.energy, 1e-12), fit.chi2
-        dof = max(2 * len(stars.uv) - 6, 1)
-        gain = product ** 2 / energy
-        speed_px_s = math.sqrt(2 * float(np.mean(stars.velocity ** 2)))
-        scatter = max(1.0, (chi2 - gain[0]) / dof)
-        slope = self._slope = MEMORY * self._slope + np.array(
-            [product[0], energy[0], chi2 - dof]) / scatter
-        best = int(np.argmax(gain))
-        scale = max(1.0, (chi2 - gain[best]) / dof)
-        shift_s = product[best] / energy[best]
-        if (gain[best] > SIGNIFICANT * scale and gain[best] > EXPLAINED * chi2
-                and abs(shift_s) * speed_px_s > LEAST_STEP_PX and best):
-            row = (fit.edges[best - 1] + 0.5) * height
+        found = strongest_pattern(*stars, self._axis_px, height, STEPS)
+        chi2, dof = found.chi2, max(2 * len(stars.uv) - 6, 1)
+        speed_px_s = math.sqrt(2 * found.mean_square)
+        gain, scatter = found.product ** 2 / found.energy, max(
+            1.0, (chi2 - found.line_product ** 2 / found.line_energy) / dof)
+        product, energy, excess = self._slope = tuple(
+            MEMORY * before + value / scatter for before, value in zip(
+                self._slope, (found.line_product, found.line_energy, chi2 - dof)))
+        shift_s = found.product / found.energy
+        if (found.best and gain > SIGNIFICANT * max(1.0, (chi2 - gain) / dof)
+                and gain > EXPLAINED * chi2 and abs(shift_s) * speed_px_s > LEAST_STEP_PX):
+            row = (found.edge + 0.5) * height
             return (f'the rows beyond {row:.0f} are {shift_s:.3g} s later than those before: '
                     'a torn frame')
-        line_s = slope[0] / slope[1] / height
-        if (slope[0] ** 2 / slope[1] > SLOPE_SIGNIFICANT
+        line_s = product / energy / height
+        if (product ** 2 / energy > SLOPE_SIGNIFICANT
                 and abs(line_s) * height * speed_px_s > LEAST_SLOPE_PX
-                and slope[0] ** 2 / slope[1] > SLOPE_EXPLAINED * slope[2]):
+                and product ** 2 / energy > SLOPE_EXPLAINED * excess):
             return (f'the residuals grow along the rows: line_time_us is off by '
                     f'{1e6 * line_s:.3g} us')
         return ''
@@ -98,13 +97,12 @@ def expected_stars(expected: np.ndarray, velocity: np.ndarray, uv: np.ndarray,
     centroids. A star is seen by a centroid within present_px. Stars that are hidden are no
     contradiction; stars that are elsewhere are.
     """
-    seen = _near_any(expected, uv, present_px)
-    free = uv[~_near_any(uv, expected, present_px)]
-    missed = int(np.count_nonzero(~seen))
+    unseen, left = _alone(expected, uv, present_px)
+    missed, free = len(unseen), uv[left]
     if missed < LEAST_SHIFTED or len(free) < LEAST_SHIFTED:
         return ''
     every = -(-missed // MOST_COMPARED)
-    compared = np.flatnonzero(~seen)[::every]
+    compared = unseen[::every]
     count, shift = _largest_group(expected[compared], velocity[compared], free, present_px)
     if count >= LEAST_SHIFTED and every * count >= SHIFTED_SHARE * len(expected):
         return (f'{every * count} of {len(expected)} stars are seen {shift:.1f} px from where the '
@@ -116,12 +114,16 @@ def expected_stars(expected: np.ndarray, velocity: np.ndarray, uv: np.ndarray,
 
 
 @compiled
-def _near_any(points: np.ndarray, others: np.ndarray, distance: float) -> np.ndarray:
-    """Return which points (N, 2) have one of the others (M, 2) so near."""
-    near = np.zeros(len(points), np.bool_)
+def _alone(points: np.ndarray, others: np.ndarray, distance: float
+           ) -> tuple[np.ndarray, np.ndarray]:
+    """Return which points (N, 2) have none of the others (M, 2) so near, and which others."""
+    near, taken = np.zeros(len(points), np.bool_), np.zeros(len(others), np.bool_)
     for i in range(len(points)):
-        near[i] = _has_near(others, points[i, 0], points[i, 1], distance)
-    return near
+        for j in range(len(others)):
+            if ((points[i, 0] - others[j, 0]) ** 2 + (points[i, 1] - others[j, 1]) ** 2
+                    < distance * distance):
+                near[i] = taken[j] = True
+    return np.flatnonzero(~near), np.flatnonzero(~taken)
 
 
 @compiled

@@ -24,22 +24,45 @@ class StarsInView:
         self._cos_ahead = float(np.cos(AHEAD_RAD))
         self._cos_radius = float(np.cos(camera.corner_angle_rad))
 
-    def of(self, attitude: AttitudeEstimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def of(self, attitude: AttitudeEstimate, most: int | None = None
+           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """
         Return catalogue indices (M,), brightest first, directions (M, 3) and pixels (M, 2).
 
-        Directions are on sensor axes. The stars are those of the cone around the image.
+        Directions are on sensor axes. The stars are those of the cone around the image, or those
+        among the brightest of that cone and its surroundings.
         """
+        matrix, near = self._around(attitude), self._near
+        if most is not None:
+            near = near[:most]
+            direction = self.sky.direction(near)
+        else:
+            if self._version != self.sky.version:
+                self._version, self._direction = self.sky.version, self.sky.direction(near)
+            direction = self._direction
+        return _in_view(near, direction, matrix, self._cos_radius, self.camera.lens)
+
+    def bright(self, attitude: AttitudeEstimate, faintest: float
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """
+        Return catalogue indices (M,) up to a magnitude, in and near the image, brightest first.
+
+        With their directions (M, 3) on ICRF axes, and the matrix (3, 3) of the attitude.
+        """
+        matrix = self._around(attitude)
+        near = self._near[:np.searchsorted(self._magnitude, faintest, side='right')]
+        return near, self.sky.direction(near), matrix
+
+    def _around(self, attitude: AttitudeEstimate) -> np.ndarray:
+        """Find the stars in and near the image; return the matrix (3, 3) of the attitude."""
         matrix = matrix_from_quaternion(attitude.quaternion)
         boresight = matrix[:, 2]
         if not boresight @ self._centre > self._cos_ahead:
             self._centre = boresight
             self._near = self.onboard.within(boresight, self.camera.corner_angle_rad + AHEAD_RAD)
+            self._magnitude = self.onboard.magnitude[self._near]
             self._version = -1
-        if self._version != self.sky.version:
-            self._version = self.sky.version
-            self._direction = self.sky.direction(self._near)
-        return _in_view(self._near, self._direction, matrix, self._cos_radius, self.camera.lens)
+        return matrix
 
 
 @compiled

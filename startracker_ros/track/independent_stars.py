@@ -66,7 +66,7 @@ class IndependentStarsModel(StarModel):
             np.ascontiguousarray(frame.uv), round_errors(variance), self._detection)
         state, covariance = update(bank.state, bank.covariance, frame.uv, variance, probability)
         self.bank = bank.associated(
-            bank.uv, probability, frame, variance).with_state(state, covariance)
+            bank.uv, probability, frame, variance, state, covariance)
         return unassociated
 
     def _noise_factors(self) -> np.ndarray:
@@ -124,7 +124,7 @@ class NeighbourhoodModel(IndependentStarsModel):
         probability = np.zeros((len(bank), len(frame) + 1))
         probability[np.arange(len(bank)), centroid + 1] = 1
         self.bank = bank.associated(
-            bank.uv, probability, frame, sigma_px ** 2).with_state(state, covariance)
+            bank.uv, probability, frame, sigma_px ** 2, state, covariance)
         return ~np.isin(np.arange(len(frame)), centroid)
 
     def _set_rate(self, before_ns: int, before: AttitudeEstimate, after_ns: int,

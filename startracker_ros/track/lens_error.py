@@ -18,10 +18,9 @@ import math
 import numpy as np
 from startracker_ros.camera.model import Camera
 from startracker_ros.track.consistency import Residuals
-from startracker_ros.track.residual_columns import lens_sums
+from startracker_ros.track.detected_stars import (
+    add_residuals, LensMemory, relative_scale, SIGNIFICANT)
 
-MEMORY = 0.98  # of the products of the frames before
-SIGNIFICANT = 4.0  # standard deviations of their mean by chance
 LEAST_STARS = 6
 
 
@@ -36,29 +35,15 @@ class LensError:
     def __init__(self, camera: Camera) -> None:
         self._axis_px = np.array([camera.cx, camera.cy])
         self.value_px = self.scale = 0.0
-        self._outwards = self._square = 0.0
-        self._star_index = np.empty(0, np.int64)
-        self._residual, self._variance = np.empty((0, 2)), np.empty(0)
-        self._product = self._weight = self._chance = 0.0
+        self._memory = LensMemory(0.0, 0.0, 0.0, 0.0, 0.0, np.empty(0, np.int64),
+                                  np.empty((0, 2)), np.empty(0))
 
     def add(self, star_index: np.ndarray, stars: Residuals) -> None:
         """Add the residuals of a frame, of catalogue entries (K,)."""
         if len(star_index) < LEAST_STARS:
             return
-        sums = lens_sums(stars.uv, stars.residual, stars.error, stars.flow, self._axis_px)
-        self._outwards = MEMORY * self._outwards + sums.outwards
-        self._square = MEMORY * self._square + sums.square
-        significant = self._outwards ** 2 > SIGNIFICANT ** 2 * self._square
-        self.scale = self._outwards / self._square if significant else 0.0
-        residual, variance = sums.residual - self.scale * sums.away, sums.variance
-        now, before = np.nonzero(star_index[:, None] == self._star_index)
-        if len(now):
-            # The mean of two products, one of each axis, has half the variance of one.
-            weight = 1 / (variance[now] * self._variance[before])
-            product = (residual[now] * self._residual[before]).sum(axis=1) / 2
-            self._product = MEMORY * self._product + float(weight @ product)
-            self._weight = MEMORY * self._weight + float(weight @ sums.left[now])
-            self._chance = MEMORY ** 2 * self._chance + float(weight.sum()) / 2
-            significant = self._product > SIGNIFICANT * math.sqrt(self._chance)
-            self.value_px = math.sqrt(self._product / self._weight) if significant else 0.0
-        self._star_index, self._residual, self._variance = star_index, residual, variance
+        memory = self._memory = LensMemory(*add_residuals(
+            self._memory, star_index, stars, self._axis_px))
+        self.scale = relative_scale(memory.outwards, memory.square)
+        significant = memory.product > SIGNIFICANT * math.sqrt(memory.chance)
+        self.value_px = math.sqrt(memory.product / memory.weight) if significant else 0.0

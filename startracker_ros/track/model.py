@@ -1,11 +1,11 @@
 """What the state machine needs of a model of the motion of stars."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.attitude.result import with_lens_error, with_velocity_error
+from startracker_ros.attitude.systematic_errors import systematic_covariance
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
@@ -117,17 +117,14 @@ class StarModel(ABC):
 
     def with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
         """Return an attitude of the last frame with the errors of aberration, lens and stamp."""
-        seen = self.bank.select(self.bank.detected)
-        sensor = self._camera.unproject(seen.uv)
-        sigma_rad = self._camera.pixel_rad * np.sqrt(seen.variance)
-        estimate = with_velocity_error(
-            estimate, self._sky.observer.velocity_sigma_m_s, sensor, sigma_rad)
-        turn = self.stamp_turn_rad
-        estimate = replace(
-            estimate, covariance_sensor=estimate.covariance_sensor + np.outer(turn, turn))
-        return with_lens_error(
-            estimate, self._camera.pixel_rad * self.lens_error_px, self.lens_scale, sensor,
-            sigma_rad)
+        seen, pixel_rad = self.bank.detected, self._camera.pixel_rad
+        systematic = systematic_covariance(
+            self._camera.lens, self.bank.uv[seen], pixel_rad * np.sqrt(self.bank.variance[seen]),
+            float(self._sky.observer.velocity_sigma_m_s), pixel_rad * self.lens_error_px,
+            self.lens_scale, self.stamp_turn_rad)
+        return AttitudeEstimate(
+            estimate.quaternion, estimate.covariance_sensor + systematic, estimate.stars,
+            estimate.residual_rad, estimate.chi2)
 
     def sigma_px(self, centroids: Centroids) -> np.ndarray:
         """Return the 1-sigma errors (M,) of centroids per axis, at least sigma_floor_px."""

@@ -2,9 +2,10 @@
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera.lens import Lens
+from startracker_ros.camera.lens import Lens, project
 from startracker_ros.centroid.prediction import PredictedStars
 from startracker_ros.compiled import compiled
+from startracker_ros.maths.compiled_rotation import sensor_directions
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.motion_models import image_flows
 from startracker_ros.track.options import TrackerOptions
@@ -16,21 +17,20 @@ SPARE_STARS = 1.5  # per star that is followed: some are blended or too faint
 def visible_stars(stars: StarsInView, attitude: AttitudeEstimate, rate_rad_s: np.ndarray,
                   faintest: float) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels (N, 2) and velocities (N, 2) px/s of single stars up to a magnitude."""
-    index, sensor, uv = stars.of(attitude)
-    return _visible(index, sensor, uv, stars.onboard.magnitude, stars.sky.crowded(index), faintest,
-                    stars.camera.lens, np.ascontiguousarray(rate_rad_s))
+    index, direction, matrix = stars.bright(attitude, faintest)
+    return _visible(direction, matrix, stars.sky.crowded(index), stars.camera.lens,
+                    np.ascontiguousarray(rate_rad_s))
 
 
 @compiled
-def _visible(index: np.ndarray, sensor: np.ndarray, uv: np.ndarray, magnitude: np.ndarray,
-             crowded: np.ndarray, faintest: float, lens: Lens, rate_rad_s: np.ndarray
-             ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what visible_stars() does, of stars brightest first as stars.of() returns them."""
+def _visible(direction: np.ndarray, matrix: np.ndarray, crowded: np.ndarray, lens: Lens,
+             rate_rad_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what visible_stars() does, of stars of direction (N, 3) on ICRF axes."""
     right, bottom = lens.width - 0.5 - BORDER_PX, lens.height - 0.5 - BORDER_PX
-    chosen, count = np.empty(len(index), np.int64), 0
-    for i in range(len(index)):
-        if magnitude[index[i]] > faintest:
-            break
+    sensor = sensor_directions(matrix, direction)
+    uv = project(lens, sensor)
+    chosen, count = np.empty(len(uv), np.int64), 0
+    for i in range(len(uv)):
         u, v = uv[i]
         if (-0.5 + BORDER_PX <= u <= right and -0.5 + BORDER_PX <= v <= bottom
                 and not crowded[i]):

@@ -16,6 +16,9 @@ _ROTATION, _ROTATION_AND_RADIAL = 3, 5
 _DEPENDENT = 1e-9
 """A column that keeps less of its length beside the columns before is a sum of them."""
 
+_LEAST_ENERGY = 1e-12
+"""Of a column that is a pattern: that of stars that do not move is zero."""
+
 
 class RowFit(NamedTuple):
     """
@@ -28,6 +31,24 @@ class RowFit(NamedTuple):
     energy: np.ndarray
     chi2: float
     edges: np.ndarray
+
+
+class StrongestPattern(NamedTuple):
+    """
+    The pattern along the rows that explains most of chi2, and the line, pattern 0.
+
+    best is its number, product and energy are those of RowFit, edge where it steps, NaN for the
+    line; mean_square is that of the velocity components, px^2/s^2.
+    """
+
+    best: int
+    product: float
+    energy: float
+    edge: float
+    line_product: float
+    line_energy: float
+    chi2: float
+    mean_square: float
 
 
 class LensSums(NamedTuple):
@@ -84,6 +105,19 @@ def fit_rows(uv: np.ndarray, residual: np.ndarray, error: np.ndarray, flow: np.n
         product[k] = np.dot(columns[first + k], r)
         energy[k] = np.dot(columns[first + k], columns[first + k])
     return RowFit(product, energy, np.dot(r, r), edges)
+
+
+@compiled
+def strongest_pattern(uv: np.ndarray, residual: np.ndarray, error: np.ndarray, flow: np.ndarray,
+                      velocity: np.ndarray, axis: np.ndarray, height: int, steps: int
+                      ) -> StrongestPattern:
+    """Return the pattern of fit_rows() with the largest (c^T r)^2 / c^T c."""
+    fit = fit_rows(uv, residual, error, flow, velocity, axis, height, steps)
+    energy = np.maximum(fit.energy, _LEAST_ENERGY)
+    best = np.argmax(fit.product ** 2 / energy)
+    return StrongestPattern(
+        best, fit.product[best], energy[best], fit.edges[best - 1] if best else np.nan,
+        fit.product[0], energy[0], fit.chi2, np.mean(velocity ** 2))
 
 
 @compiled

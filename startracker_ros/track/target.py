@@ -26,6 +26,9 @@ MOVES_SIGMA = 5.0
 MAX_GAP_S = 5.0
 """Time without an attitude after which all tracks are dropped."""
 
+BRIGHT_STARS = 64
+"""In and around the image: most centroids are stars of these."""
+
 MOST_SPOTS = 50
 """Brightest unexplained centroids that are used; a frame with more is full of noise."""
 
@@ -124,9 +127,14 @@ def _unexplained(uv: np.ndarray, sigma_px: np.ndarray, stars: np.ndarray) -> np.
 def unexplained(stars: StarsInView, attitude: AttitudeEstimate, centroids: Centroids
                 ) -> Centroids:
     """Return the centroids that are no catalogue star."""
-    return centroids.select(_unexplained(
-        np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.sigma_px),
-        stars.of(attitude)[2]))
+    # Most are bright stars. Only for the others the many faint ones are looked up.
+    for most in (BRIGHT_STARS, None):
+        centroids = centroids.select(_unexplained(
+            np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.sigma_px),
+            stars.of(attitude, most)[2]))
+        if not len(centroids):
+            break
+    return centroids
 
 
 @dataclass(frozen=True)

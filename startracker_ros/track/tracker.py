@@ -87,7 +87,7 @@ class StarTracker:
         self._options = options
         self._gyro_options = gyro
         self._stars = StarsInView(camera, self.sky)
-        self._unassociated: tuple[RotationFit, Centroids] | None = None
+        self._unassociated: tuple[RotationFit, Centroids, np.ndarray] | None = None
         self._next_id = 1
         self.late_frames = 0
         self.rejected_centroids = 0
@@ -239,12 +239,12 @@ class StarTracker:
         """
         if self._unassociated is None:
             return
-        (fit, frame), self._unassociated = self._unassociated, None
+        (fit, frame, unassociated), self._unassociated = self._unassociated, None
         bank = self._model.bank
         vacant = self._options.max_stars - len(bank)
-        if vacant <= 0 or not len(frame):
+        if vacant <= 0 or not unassociated.any():
             return
-        detected = bank.detected
+        frame, detected = frame.select(unassociated), bank.detected
         with np.errstate(invalid='ignore', divide='ignore'):
             zero_point = median(self._onboard.magnitude[bank.star_index[detected]]
                                 + 2.5 * np.log10(bank.flux[detected]))
@@ -331,11 +331,11 @@ class StarTracker:
         if result.fit is None:
             self.stars_matched, self.residual_px = 0, math.nan
         else:
-            self.stars_matched = int(result.fit.inlier.sum())
+            self.stars_matched = int(np.count_nonzero(result.fit.inlier))
             self.residual_px = result.fit.residual_px
         if result.fit is not None and result.good:
             self._end_good_frame(stamp_ns, frame, result.fit)
-            self._unassociated = result.fit, frame.select(result.unassociated)
+            self._unassociated = result.fit, frame, result.unassociated
         else:
             self._end_bad_frame(frame)
 
@@ -348,8 +348,9 @@ class StarTracker:
         bank = self._model.bank
         outlier = (fit.normalised > OUTLIER_SIGMA) & (bank.missed == 0)
         bank = bank.select(~(self._useless(frame) | outlier))
-        old = (bank.age >= self._options.confirm_frames) & (bank.missed == 0)
-        self._model.bank = replace(bank, confirmed=bank.confirmed | old)
+        new = ((bank.age >= self._options.confirm_frames) & (bank.missed == 0)
+               & ~bank.confirmed)
+        self._model.bank = (replace(bank, confirmed=bank.confirmed | new) if new.any() else bank)
 
     def _contradiction(self, result: FrameUpdate, frame: Centroids) -> str:
         """Return why not all of a frame shows the attitude that was found, empty if it does."""

@@ -18,6 +18,7 @@ from startracker_ros.trend.pixels import hot_pixels, PixelRow
 from startracker_ros.trend.series import all_series, distortion, Series
 from startracker_ros.trend.stars import bad_stars, StarRow
 from startracker_ros.trend.steps import drift, find_steps, Step, StepSearch
+from startracker_ros.trend.widths import width_maps, WidthMap
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,11 @@ def trend(folder: Path, page: Path | None, orbit_s: float) -> Result:
                              '1', None))
     stars = bad_stars(run)
     pixels = [row for tracker in run.trackers for row in hot_pixels(run, tracker)]
+    maps = [one for tracker in run.trackers for one in width_maps(run, tracker)]
+    rows += _width_rows(maps)
     if page is not None:
         page.parent.mkdir(parents=True, exist_ok=True)
-        page.write_text(trend_page(folder.name, found, rows, stars, pixels))
+        page.write_text(trend_page(folder.name, found, rows, stars, pixels, maps))
     return Result('trend', rows, {
         'orbit_s': orbit_s, 'steps': sum(len(search.steps) for _, search in found),
         'stars with a fault': ', '.join(
@@ -94,16 +97,27 @@ def _month_rows(series: Series) -> list[TrendRow]:
     return rows
 
 
+def _width_rows(maps: Sequence[WidthMap]) -> list[TrendRow]:
+    """Return the widths of star images in the middle and at the edge of the image, by month."""
+    return [TrendRow(f'{one.tracker} width of star images', part, one.month, width, sigma, 'px',
+                     None)
+            for one in maps for part, (width, sigma) in (('middle', one.middle),
+                                                         ('edge', one.edge))]
+
+
 def _name(series: Series, column: int) -> str:
     return (f'{series.name}, {series.columns[column]}' if len(series.columns) > 1
             else series.name)
 
 
 def trend_page(name: str, found: Sequence[tuple[Series, StepSearch]], rows: Sequence[TrendRow],
-               stars: Sequence[StarRow], pixels: Sequence[PixelRow]) -> str:
+               stars: Sequence[StarRow], pixels: Sequence[PixelRow],
+               maps: Sequence[WidthMap]) -> str:
     """Return one HTML page without scripts: its size does not grow with the frames."""
     pictures = ''.join(f'<h2>{escape(series.name)}</h2>{_picture(series, search.steps)}'
                        for series, search in found)
+    if maps:
+        pictures += f'<h2>Width of star images over the image</h2>{_map_picture(maps)}'
     return ('<!doctype html><html lang="en"><head><meta charset="utf-8">'
             f'<title>Trend of {escape(name)}</title><style>{_STYLE}</style></head><body>'
             f'<h1>Trend of {escape(name)}</h1>{_table(rows)}{pictures}'
@@ -112,6 +126,7 @@ def trend_page(name: str, found: Sequence[tuple[Series, StepSearch]], rows: Sequ
 
 
 _MOST_ROWS = 200
+_MOST_MAPS, _MAPS_IN_LINE = 24, 6
 _STYLE = ('body{font:15px sans-serif;max-width:60em;margin:1em auto}td,th{padding:.2em .6em;'
           'text-align:left}img{max-width:100%}')
 
@@ -144,7 +159,28 @@ def _picture(series: Series, steps: Sequence[Step]) -> str:
         axes.axvline(np.datetime64(step.stamp_ns, 'ns'), color='red', linewidth=0.8)
     axes.set_ylabel(series.unit)
     axes.legend(loc='upper right')
+    return _image(figure, series.name)
+
+
+def _map_picture(maps: Sequence[WidthMap]) -> str:
+    """Return an image of the newest maps of width, with one scale of colours."""
+    shown = maps[-_MOST_MAPS:]
+    lines = -(-len(shown) // _MAPS_IN_LINE)
+    figure = new_figure(figsize=(9, 2.4 * lines))
+    axes = figure.subplots(lines, _MAPS_IN_LINE, squeeze=False).ravel()
+    known = np.concatenate([one.width_px[np.isfinite(one.width_px)] for one in shown])
+    limits = np.percentile(known, (1, 99)) if len(known) else (0.0, 1.0)
+    for one, at in zip(shown, axes):
+        picture = at.imshow(one.width_px, vmin=limits[0], vmax=limits[1])
+        at.set_title(f'{one.tracker} {one.month}', fontsize=8)
+    for at in axes:
+        at.set_axis_off()
+    figure.colorbar(picture, ax=axes.tolist(), label='px, 1 sigma')
+    return _image(figure, 'width of star images')
+
+
+def _image(figure: Any, name: str) -> str:
     data = BytesIO()
     figure.savefig(data, dpi=90, format='png')
-    return (f'<img alt="{escape(series.name)}" '
+    return (f'<img alt="{escape(name)}" '
             f'src="data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}">')

@@ -190,7 +190,14 @@ def test_the_page_of_trends_is_small_and_has_no_script(finished_run, tmp_path):
     months = [row for row in result.records if row['kind'] == 'median of the month']
     assert [row['utc'] for row in months] == ['2026-01']
     assert months[0]['size'] == pytest.approx(15.0, abs=0.05)
+    # Stars of the simulation have errors of 1 / SNR px.
+    middle, edge = (row for row in result.records if row['series'].endswith('star images'))
+    assert (middle['kind'], edge['kind'], edge['utc']) == ('middle', 'edge', '2026-01')
+    for row in (middle, edge):
+        assert row['size'] == pytest.approx(np.sqrt(0.5), abs=5 * row['sigma'])
+        assert 0 < row['sigma'] < 0.05
     page = (tmp_path / 'trend.html').read_text()
+    assert 'alt="width of star images"' in page
     assert len(page) < 1_000_000 and '<script' not in page and 'data:image/png' in page
     with pytest.raises(BagError, match='no finished run'):
         trend(tmp_path, tmp_path / 'trend.html', 5800.0)

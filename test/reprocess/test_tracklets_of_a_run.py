@@ -1,5 +1,7 @@
 """Tracklets of a run as Tracking Data Message, and located by two observers."""
 
+import shutil
+
 from ccsds_ndm import Tdm
 import numpy as np
 import pytest
@@ -8,7 +10,8 @@ from startracker_ros.export.tdm import tdm_text, TrackletAngles
 from startracker_ros.flights.bags import write_bag
 from startracker_ros.flights.options import FlightOptions
 from startracker_ros.reprocess.leftovers import TRACKLET_DTYPE
-from startracker_ros.reprocess.tracklets import _located, _Tracklet, tracklets
+from startracker_ros.reprocess.runs import open_run
+from startracker_ros.reprocess.tracklets import _located, _read, _Tracklet, tracklets
 
 STAMP_NS = 1_767_225_600_000_000_000
 
@@ -72,7 +75,21 @@ def test_objects_of_a_flight_are_found_and_written(reprocess, tmp_path):
                            objects_hour=150.0, object_snr=20.0)
     (tmp_path / 'flight').mkdir()
     write_bag(tmp_path / 'flight', flight, 3, 0)
-    reprocess([tmp_path / 'flight'], tmp_path / 'run', segment_s=200.0, bag_topics=frozenset())
+    objects = []
+    for segment_s in (200.0, 65.0, 34.0):
+        reprocess([tmp_path / 'flight'], tmp_path / 'run', segment_s=segment_s,
+                  bag_topics=frozenset())
+        objects.append([one.rows for one in _read(open_run(tmp_path / 'run'), 'head_1')])
+        for name in ('tables', '.segments'):
+            if segment_s > 34.0:
+                shutil.rmtree(tmp_path / 'run' / name)
+    # Of one segment, of two and of four: the same objects, each seen in the same frames.
+    for others in objects[1:]:
+        assert len(others) == len(objects[0])
+        for rows, expected in zip(others, objects[0]):
+            for name in ('stamp_ns', 'u', 'v'):
+                np.testing.assert_array_equal(rows[name], expected[name])
+            np.testing.assert_allclose(rows['ra_deg'], expected['ra_deg'], atol=1e-4)
     result = tracklets(tmp_path / 'run', tmp_path / 'out', 'TEST')
     assert len(result.records) >= 3
     for row in result.records:
