@@ -57,8 +57,14 @@ _PARAMETERS: dict[str, object] = {
     # image_raw: the extractor. camera_info: the four stages, the recorder and, once all nodes are
     # connected, the demo.
     'wait_for_subscribers': 1, 'wait_for_camera_users': 6}
-_NOT_RECORDED = ('*/image_raw', '*/image_annotated', '*/transition_event', '*/imu',
-                 '*/truth/stars', '*/truth/artefacts', '*/centroids', '*/predicted_centroids')
+# What the report does not show. A subscriber of target_centroid would have the extractors search
+# every image as a whole.
+_NOT_RECORDED = ('*/image_raw', '*/image_annotated', '*/image_markers', '*/transition_event',
+                 '*/imu', '*/truth/stars', '*/truth/artefacts', '*/centroids',
+                 '*/predicted_centroids', '*/target_centroid',
+                 *(f'/{name}/{topic}' for name in _HEADS for topic in (
+                     'attitude', 'attitude_cov', 'attitude_transform', 'attitude_body',
+                     'tracked_attitude', 'odometry', 'truth/odometry')))
 
 
 class HeadsDemo(Demo):
