@@ -52,6 +52,11 @@ class BodiesInSky(NamedTuple):
     radius_rad: np.ndarray
     error_rad: np.ndarray
 
+    def reach(self, direction: np.ndarray, radius_rad: float) -> bool:
+        """Return whether the light of any body may be within radius_rad of a direction (3,)."""
+        reach_rad = np.minimum(self.radius_rad + self.error_rad + radius_rad, np.pi)
+        return bool((self.direction @ direction >= np.cos(reach_rad)).any())
+
     def near(self, direction: np.ndarray, magnitude: np.ndarray, margin_rad: float,
              fainter_mag: float) -> np.ndarray:
         """

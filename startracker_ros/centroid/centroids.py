@@ -59,6 +59,8 @@ class Centroids:
 
     def select(self, chosen: np.ndarray | slice) -> 'Centroids':
         """Return the centroids of a mask (N,), of indices or of a slice."""
+        if isinstance(chosen, np.ndarray) and chosen.dtype == bool and chosen.all():
+            return self
         return Centroids(self.uv[chosen], self.flux[chosen], self.snr[chosen],
                          self.sigma_px[chosen], self.covariance[chosen], self.delay_s[chosen],
                          self.common[chosen])

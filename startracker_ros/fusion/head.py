@@ -18,6 +18,7 @@ HOUR_S = 3600.0
 _REMEMBERED = 64  # stamps of one head
 _SILENT_RATIO = 3.0
 _ROUNDING_RAD2 = (0.01 * ARCSEC) ** 2
+_HOTTEST_C = 150.0  # of electronics; in kelvin that would be colder than any head
 
 
 class HeadState(StrEnum):
@@ -148,8 +149,8 @@ class Head:
         return densities
 
     def set_temperature(self, celsius: float) -> bool:
-        """Use a temperature; False for an impossible one."""
-        if not -273.15 <= celsius <= 1000.0:
+        """Use a temperature; False for one that no head has: NaN, or one in kelvin."""
+        if not -273.15 <= celsius <= _HOTTEST_C:
             return False
         self.needs_temperature = False
         if math.isnan(self.mount.temperature_c):

@@ -1,17 +1,13 @@
 """The demo of the closed loop: Basilisk's spacecraft controlled by what the nodes see."""
 
 from pathlib import Path
-import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 import numpy as np
-import psutil
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from rich.console import Console
-from rich.live import Live
 from rich.table import Table
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
@@ -25,7 +21,7 @@ from startracker_ros.gnc.loop import ClosedLoop, Step
 from startracker_ros.gnc.navigation import Navigation
 from startracker_ros.gnc.plan import Plan
 from startracker_ros.gnc.spacecraft import CONTROL_NS, tumbling
-from startracker_ros.harness.live_demo import Demo, draw_if_possible
+from startracker_ros.harness.live_demo import draw_if_possible, LockStepDemo
 from startracker_ros.harness.processes import HarnessError
 from startracker_ros.maths.rotation import ARCSEC
 from startracker_ros.ros import qos
@@ -39,7 +35,6 @@ from startracker_ros.table import Result
 
 _INERTIAL, _SENSOR = 'icrf', 'star_tracker_optical_frame'
 _RATE_HZ = 1e9 / CONTROL_NS
-_ANSWER_S = 30.0
 _PARAMETERS = {
     'use_sim_time': True, 'frame_rate_hz': _RATE_HZ, 'width': 1024, 'height': 1024,
     'fov_deg': 12.0, 'bit_depth': 12, 'motion': 'topic', 'lock_step': True,
@@ -50,14 +45,14 @@ _PARAMETERS = {
 _NODES = ('sky_simulator', *STAGES)
 
 
-class ClosedLoopDemo(Demo):
+class ClosedLoopDemo(LockStepDemo):
     """The nodes in one process, and the bridge: truth to them, attitudes to the loop."""
 
+    answer_s = 30.0
     endpoints = {'attitude_imu': (1, 2), 'tracker_state': (1, 2), '/clock': (1, 2)}
 
     def __init__(self, output: Path) -> None:
         super().__init__(output)
-        self.cpu_s = np.nan
         self._state = 'starting'
         self._steps: list[Step] = []
         self._answer: tuple[int, Observation] = 0, Observation(self._state)
@@ -87,19 +82,12 @@ class ClosedLoopDemo(Demo):
     def run(self, loop: ClosedLoop, frames: int = 0) -> float:
         """Step the loop to the end of its plan or for some frames; return the wall time in s."""
         self._connect()
-        begin_s = time.monotonic()
-        with Live(self.table(frames), console=Console(), refresh_per_second=4) as live:
-            while not loop.plan.finished and not (frames and len(self._steps) >= frames):
-                self._steps.append(loop.step())
-                self._publish_control(loop, self._steps[-1])
-                live.update(self.table(frames))
-        wall_s = time.monotonic() - begin_s
-        self.cpu_s = sum(sum(process.cpu_times()[:2]) for process in [
-            psutil.Process(),
-            *(psutil.Process(process.pid) for process in self.processes.processes.values())])
-        # Frames in flight to the recorder.
-        self.probe.spin_for(1.0)
-        return wall_s
+
+        def step() -> None:
+            self._steps.append(loop.step())
+            self._publish_control(loop, self._steps[-1])
+        return self.run_steps(step, lambda: loop.plan.finished or bool(
+            frames and len(self._steps) >= frames), frames)
 
     def history(self, plan: Plan) -> History:
         """Return what the loop went through."""
@@ -113,15 +101,8 @@ class ClosedLoopDemo(Demo):
         self._motion.publish(motion_to_odometry(
             state.position_m, state.velocity_m_s, state.q_icrf_from_sensor, state.rate_rad_s,
             make_header(stamp_ns, _INERTIAL), _SENSOR))
-        deadline_s = time.monotonic() + _ANSWER_S
-        while self._answer[0] != stamp_ns:
-            self.probe.spin_once(0.1)
-            ended = self.processes.ended()
-            if ended or time.monotonic() > deadline_s:
-                raise HarnessError(
-                    f'{", ".join(ended)} ended early' if ended else
-                    f'no attitude_imu of the frame at {time_ns * 1e-9:.1f} s within '
-                    f'{_ANSWER_S:g} s: see {self.log_folder}')
+        self.await_attitudes(lambda: '' if self._answer[0] == stamp_ns else (
+            f'the frame at {time_ns * 1e-9:.1f} s'))
         return self._answer[1]
 
     def table(self, frames: int) -> Table:

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
 from pathlib import Path
 import shutil
 import subprocess
@@ -97,6 +98,49 @@ class Demo(Rig, ABC):
         """Return the path of the bag and its size."""
         size_mb = sum(file.stat().st_size for file in self.bag.iterdir()) / 1e6
         return f'{self.bag} ({size_mb:.0f} MB)'
+
+
+class LockStepDemo(Demo):
+    """
+    A demo that steps frame by frame: each step publishes a frame and awaits its attitudes.
+
+    answer_s is how long these may take; cpu_s is the processor time of all processes in s, starts
+    included, after the last step.
+    """
+
+    answer_s: float
+
+    def __init__(self, output: Path) -> None:
+        super().__init__(output)
+        self.cpu_s = math.nan
+
+    def run_steps(self, step: Callable[[], None], is_finished: Callable[[], bool], frames: int
+                  ) -> float:
+        """Step and show the table until the end; return the wall time in s."""
+        begin_s = time.monotonic()
+        with Live(self.table(frames), console=Console(), refresh_per_second=4) as live:
+            while not is_finished():
+                step()
+                live.update(self.table(frames))
+        wall_s = time.monotonic() - begin_s
+        self.cpu_s = sum(sum(process.cpu_times()[:2]) for process in [
+            psutil.Process(),
+            *(psutil.Process(process.pid) for process in self.processes.processes.values())])
+        # Frames in flight to the recorder.
+        self.probe.spin_for(1.0)
+        return wall_s
+
+    def await_attitudes(self, missing: Callable[[], str]) -> None:
+        """Wait until no attitude_imu is missing; HarnessError with what missing() returns."""
+        deadline_s = time.monotonic() + self.answer_s
+        while text := missing():
+            self.probe.spin_once(0.1)
+            ended = self.processes.ended()
+            if ended or time.monotonic() > deadline_s:
+                raise HarnessError(
+                    f'{", ".join(ended)} ended early' if ended else
+                    f'no attitude_imu of {text} within {self.answer_s:g} s: see '
+                    f'{self.log_folder}')
 
 
 def draw_if_possible(picture: Path, draw: Callable[[], None]) -> str:

@@ -14,6 +14,7 @@ from startracker_ros.identify.extended_grid import (
     ExtendedGridIdentifier, ExtendedGridOptions, RecursiveIdentifier)
 from startracker_ros.identify.identification import Identification, IdentificationOptions
 from startracker_ros.identify.methods import check_field, make_identifier
+from startracker_ros.maths.rotation import matrix_from_quaternion
 from startracker_ros.options import option, Options
 from startracker_ros.pipeline.bodies import Bodies
 from startracker_ros.pipeline.sky_mapping import SkyMapping
@@ -22,6 +23,8 @@ from startracker_ros.track.rolling_shutter import at_frame_time, fit_rate
 
 SHEAR_PX = (0.5, 2.0)
 """Errors of position by a rolling shutter that are tried while the rate is unknown."""
+
+_FIELD_MARGIN = 1.1  # of its corner angle, for bodies whose light reaches into the image
 
 
 @dataclass(frozen=True)
@@ -118,11 +121,13 @@ class IdentificationStage:
                         ) -> Identification:
         """Return an identification in which planets, Moon and Sun are no stars."""
         self.body_spots = 0
-        if found.attitude is None:
+        bodies, camera = bodies_at(stamp_ns), self.identifier.camera
+        if found.attitude is None or bodies is None or not bodies.reach(
+                matrix_from_quaternion(found.attitude.quaternion)[:, 2],
+                _FIELD_MARGIN * camera.corner_angle_rad / min(found.focal_ratio, 1.0)):
             return found
-        mapping = SkyMapping(self.identifier.camera.with_focal_ratio(found.focal_ratio),
-                             found.attitude.quaternion)
-        spots = Bodies(bodies_at(stamp_ns)).spots(mapping, centroids, found.magnitude)
+        mapping = SkyMapping(camera.with_focal_ratio(found.focal_ratio), found.attitude.quaternion)
+        spots = Bodies(bodies).spots(mapping, centroids, found.magnitude)
         self.body_spots = int(np.count_nonzero(spots))
         if not (spots & (found.hip > 0)).any():
             return found

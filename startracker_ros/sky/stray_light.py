@@ -16,7 +16,9 @@ def stray_light(camera: Camera, *, peak_e: float, angle_deg: float,
     if not peak_e:
         return np.zeros((camera.height, camera.width), np.float32)
     angle = np.radians(angle_deg)
-    towards = (np.cos(angle) * np.arange(camera.width)
-               + np.sin(angle) * np.arange(camera.height)[:, None])
-    away_rad = (towards.max() - towards) * camera.pixel_rad
-    return (peak_e * np.exp(-away_rad / np.radians(falloff_deg))).astype(np.float32)
+    across = np.cos(angle) * np.arange(camera.width)
+    down = np.sin(angle) * np.arange(camera.height)
+    # The exponential of a sum is a product: one exponential for each row and column.
+    columns, rows = (np.exp((towards - towards.max()) * camera.pixel_rad / np.radians(falloff_deg))
+                     for towards in (across, down))
+    return np.outer(peak_e * rows, columns).astype(np.float32)

@@ -87,6 +87,8 @@ def fit_identified(camera: Camera, sky: ApparentCatalog, options: TrackerOptions
 
 def _first_of_each(values: np.ndarray) -> np.ndarray:
     """Return True (N,) at the first occurrence of each value."""
+    if len(set(values.tolist())) == len(values):
+        return np.ones(len(values), bool)
     first = np.zeros(len(values), bool)
     first[np.unique(values, return_index=True)[1]] = True
     return first

@@ -18,6 +18,8 @@ from startracker_ros.track.options import TrackerOptions
 from startracker_ros.track.rotation_fit import RotationFit
 from startracker_ros.track.start import Start
 
+_NO_TRACKS = TrackBank.empty()
+
 
 def rate_between(before_ns: int, before: AttitudeEstimate, after_ns: int,
                  after: AttitudeEstimate) -> np.ndarray:
@@ -62,7 +64,7 @@ class StarModel(ABC):
         self._detection = DetectionModel(
             gate_size(options.gate_probability), options.gate_probability,
             options.detection_probability, float(camera.width * camera.height))
-        self.bank = TrackBank.empty()
+        self.bank = _NO_TRACKS
 
     def set_limits(self, options: TrackerOptions) -> None:
         """Use live options; the others must be those of before."""
@@ -110,10 +112,11 @@ class StarModel(ABC):
             confirmed: bool) -> None:
         """Add tracks (N,) of stars at these centroids, which move with the body rate."""
         jacobian = image_jacobian(self._camera, self._camera.unproject(centroids.uv))
-        self.bank = self.bank.joined(TrackBank.started(
+        added = TrackBank.started(
             track_id, star_index, centroids, self.sigma_px(centroids) ** 2,
             jacobian @ self.rate_rad_s,
-            jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2), confirmed))
+            jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2), confirmed)
+        self.bank = self.bank.joined(added) if len(self.bank) else added
 
     def with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
         """Return an attitude of the last frame with the errors of aberration, lens and stamp."""

@@ -11,7 +11,8 @@ from startracker_ros.fusion.head import HeadFrame, HeadState
 from startracker_ros.fusion.mounts import Mount, MountOptions
 from startracker_ros.fusion.options import FusionOptions
 from startracker_ros.maths.compiled_rotation import turned
-from startracker_ros.maths.rotation import ARCSEC, attitude_error, multiply
+from startracker_ros.maths.rotation import (
+    ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
 
 KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)
 COVARIANCE = np.diag([1.0, 1.0, 100.0]) * ARCSEC ** 2
@@ -117,6 +118,35 @@ def test_two_heads_and_the_prediction_decide_which_one_is_wrong():
     results = heads.run(10, errors={0: [1e-3, 0.0, 0.0]})
     assert (heads.state(0), heads.state(1)) == (HeadState.EXCLUDED, HeadState.USED)
     assert all(heads.error_arcsec(result) < 0.1 for result in results if result)
+
+
+@pytest.mark.parametrize('convention', [
+    conjugate, lambda q: q[[3, 0, 1, 2]], lambda q: q * [-1, 1, -1, 1],
+    lambda q: multiply(q, conjugate(head_mounts()[2])),
+    lambda q: multiply(quaternion_from_rotation_vector([0, 0, np.radians(0.3)]), q)],
+    ids=['conjugate', 'w first', 'mirrored', 'of the body', 'of another inertial frame'])
+def test_attitudes_of_another_convention_are_named_and_the_others_go_on(convention):
+    heads = Heads()
+    heads.run(10)
+    for _ in range(10):
+        results = heads.run(1, heads=[0, 1])
+        q = convention(multiply(heads.truth(heads.time_s + 0.02), heads.mounts[2]))
+        assert heads.fusion.add_frame(NAMES[2], HeadFrame(
+            START_NS + round((heads.time_s + 0.02) * 1e9), q, COVARIANCE)) is None
+        assert all(heads.error_arcsec(result) < 0.1 for result in results)
+    assert heads.state(2) is HeadState.EXCLUDED
+    assert 'deg from what other heads' in heads.fusion.heads[NAMES[2]].reason
+
+
+def test_a_head_whose_clock_begins_anew_is_named_and_counts_again_when_it_is_set():
+    heads = Heads()
+    heads.run(10)
+    for index in range(5):
+        assert all(heads.run(1, heads=[0, 1]))
+        assert heads.frame(2, heads.time_s, stamp_s=-1e6 + 0.2 * index) is None
+    assert 'behind the other heads' in heads.fusion.heads[NAMES[2]].reason
+    heads.run(FusionOptions().agree_frames + 1)
+    assert heads.state(2) is HeadState.USED
 
 
 def test_a_manoeuvre_that_two_heads_see_is_followed_without_a_gyro():

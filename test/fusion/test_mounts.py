@@ -102,6 +102,8 @@ def test_the_misalignment_is_about_body_axes():
     bent = multiply(fusion.mounts.at('b', 0)[0], conjugate(MOUNT))
     np.testing.assert_allclose(2 * bent[:3], [1e-4, 0, 0], atol=1e-12)
     assert not fusion.heads['b'].set_temperature(float('nan'))
+    # In kelvin.
+    assert not fusion.heads['b'].set_temperature(293.15)
 
 
 def test_a_law_of_the_file_counts_where_none_is_learnt():

@@ -81,7 +81,8 @@ class AttitudeFusionNode(PipelineNode):
     def _on_temperature(self, name: str, message: Temperature) -> None:
         if self._fusion is not None and not self._fusion.heads[name].set_temperature(
                 message.temperature):
-            raise MessageError(f'{message.temperature:g} degC is no temperature')
+            raise MessageError(f'{message.temperature:g} degC is no temperature of a head: '
+                               'degrees Celsius, not kelvin')
 
     def _on_imu(self, message: Imu) -> None:
         rate = rotate(self._q_body_from_imu, rate_from_imu(message))
