@@ -118,8 +118,7 @@ class LadderIdentifier:
         if identifier is None:
             return None, 0.0
         start_s = time.thread_time()
-        options = replace(identifier.options, time_limit_s=time_s)
-        found = identifier.with_camera(identifier.camera, options).identify(centroids)
+        found = identifier.identify_within(centroids, time_s)
         return Attempt(found, identifier, centroids, self.camera), time.thread_time() - start_s
 
     def _identifier(self, rung: Rung) -> PyramidIdentifier | None:

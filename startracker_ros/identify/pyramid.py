@@ -125,11 +125,15 @@ class PyramidIdentifier(Identifier):
 
     def identify(self, centroids: Centroids) -> Identification:
         """Return the stars of the first triangle that is verified."""
+        return self.identify_within(centroids, self.options.time_limit_s)
+
+    def identify_within(self, centroids: Centroids, time_limit_s: float) -> Identification:
+        """Return the stars of the first triangle that is verified in this time."""
         options = self.options
         outcome, used, tested, false_alarm, ratio, matched, found, fitted = _identify(
             self._database, centroids.uv, -centroids.flux, centroids.sigma_px,
             options.max_image_stars, options.sigma_floor_px, options.false_alarm_max,
-            time.thread_time() + options.time_limit_s)
+            time.thread_time() + time_limit_s)
         if outcome == _IDENTIFIED:
             hip, magnitude, residual_px = found
             return Identification('identified', f'{matched} stars', hip, magnitude, residual_px,
