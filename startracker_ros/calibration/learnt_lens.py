@@ -17,13 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
+from startracker_ros.calibration.lens_fit import (
+    changed, fit_lens, folds, linearised, PARAMETERS, stars_in_image)
 from startracker_ros.calibration.matching import nearest_pairs
-from startracker_ros.camera.lens import distortion_jacobian, plane_points, project
+from startracker_ros.camera.lens import Lens, rays, undistorted
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.identify.ladder import Attempt
-from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.maths.rotation import (
     attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_axes)
 
@@ -43,7 +44,6 @@ _LEAST_ERROR_PX = 0.1
 # Largest probability that an image star is in the gate of a catalogue star by chance.
 _MOST_CHANCE = 0.02
 _STEP = 1e-6  # of the numerical derivatives of the middle of the image
-_STEPS = 3  # of Gauss-Newton for each association
 _MOST_RESIDUAL = 2.5e-3  # of the width of the image
 _LEAST_SHARE = 0.4  # of the stars that image or catalogue have, whichever are fewer
 # Below this share the fit may have ended far from the lens: others are tried, with the distortion
@@ -80,49 +80,17 @@ class LearntLens:
         return int(np.count_nonzero(self.star >= 0))
 
 
-class _Lens:
-    """A camera and an attitude (4,), which the parameters d, a, b, g, h, k change."""
+class _Lens(NamedTuple):
+    """A camera model and an attitude (4,)."""
 
-    def __init__(self, camera: Camera, quaternion: np.ndarray) -> None:
-        self.camera = camera
-        self.quaternion = quaternion
+    model: Lens
+    quaternion: np.ndarray
 
-    def pixels(self, icrf: np.ndarray) -> np.ndarray:
-        """Return where ICRS directions (N, 3) are in px (N, 2), NaN behind the camera."""
-        return project(self.camera.lens, icrf @ matrix_from_quaternion(self.quaternion))
-
-    def linearised(self, icrf: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """
-        Return the pixels (N, 2) of directions (N, 3), and their derivatives (N, 2, 8).
-
-        With x, y the tangents, dv = v x d makes dx = x y d1 - (1 + x^2) d2 + y d3 and
-        dy = (1 + y^2) d1 - x y d2 - x d3.
-        """
-        camera, lens = self.camera, self.camera.lens
-        sensor = icrf @ matrix_from_quaternion(self.quaternion)
-        base = project(lens, sensor)
-        x, y = plane_points(lens.equidistant, sensor).T.copy()
-        uu, uv, vv = distortion_jacobian(lens.terms, x, y)
-        square = x * x + y * y
-        partial = np.zeros((*base.shape, 8))
-        for axis, (dx, dy) in enumerate(((x * y, 1 + y * y), (-1 - x * x, -x * y), (y, -x))):
-            partial[:, 0, axis] = camera.fx * (uu * dx + uv * dy)
-            partial[:, 1, axis] = camera.fy * (uv * dx + vv * dy)
-        partial[:, :, 3] = base - [camera.cx, camera.cy]
-        partial[:, 1, 4] = partial[:, 1, 3]
-        partial[:, 0, 5] = partial[:, 1, 6] = camera.width
-        partial[:, 0, 7], partial[:, 1, 7] = camera.fx * x * square, camera.fy * y * square
-        return base, partial
-
-    def changed(self, change: np.ndarray) -> '_Lens':
-        """Return the lens with its parameters changed; CameraError for an impossible one."""
-        camera, (a, b, g, h, k) = self.camera, change[3:]
-        terms = (camera.distortion[0] + float(k), *camera.distortion[1:])
-        return _Lens(
-            replace(camera, fx=float(camera.fx * np.exp(a)), fy=float(camera.fy * np.exp(a + b)),
-                    cx=float(camera.cx + camera.width * g),
-                    cy=float(camera.cy + camera.width * h), distortion=terms),
-            turned(self.quaternion, change[:3]))
+    def camera(self, start: Camera) -> Camera:
+        """Return the camera, the other terms as those of start; CameraError for none."""
+        model = self.model
+        return replace(start, fx=model.fx, fy=model.fy, cx=model.cx, cy=model.cy,
+                       distortion=(model.terms[0], *start.distortion[1:]))
 
 
 def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
@@ -144,25 +112,25 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
     first = int(np.count_nonzero(star >= 0))
     free = np.array([_FREE_ATTITUDE_RAD] * 3 + [focal_error, _RATIO, _CENTRE, _CENTRE, _K1])
     held = np.array([1.0] * 4 + [_HELD] * 4)
-    lens = _Lens(start, identification.attitude.quaternion)
+    quaternion = identification.attitude.quaternion
     try:
         # A lens at the limit of what a camera can have folds its image at another focal length.
         start = start.with_focal_ratio(identification.focal_ratio)
-        lens = _Lens(start, identification.attitude.quaternion)
-        fit = _grow(lens, start, free, centroids, star, onboard)
+        lens = _Lens(start.lens, quaternion)
+        fit = _grow(lens, start.lens, free, centroids, star, onboard)
         if np.count_nonzero(fit.star >= 0) < _FEW_MATCHES and start.fov_x_rad < _NARROW_RAD:
-            fit = _grow(lens, start, free * held, centroids, star, onboard)
+            fit = _grow(lens, start.lens, free * held, centroids, star, onboard)
         else:
             fit = _best_of_others(fit, lens, start, free, centroids, star, onboard)
+        camera = fit.lens.camera(start)
     except CameraError as error:
-        return LearntLens(start, lens.quaternion, identification.attitude, 1.0, star,
+        return LearntLens(start, quaternion, identification.attitude, 1.0, star,
                           np.full(len(star), np.nan), 0.0, str(error))
     residual = _residuals(fit.lens, centroids, onboard, fit.star)
     attitude = _attitude(fit, residual, centroids)
-    camera = fit.lens.camera
     return LearntLens(camera, fit.lens.quaternion, attitude, camera.fx / nominal.fx, fit.star,
                       np.hypot(*residual.T), fit.error_px,
-                      _reason(fit, attitude, nominal, focal_error, first,
+                      _reason(fit, camera, attitude, nominal, focal_error, first,
                               _possible(fit, onboard)))
 
 
@@ -175,14 +143,23 @@ class _Fit(NamedTuple):
     star: np.ndarray
 
 
-def _grow(lens: _Lens, start: Camera, free: np.ndarray, centroids: Centroids, star: np.ndarray,
+def _grow(lens: _Lens, start: Lens, free: np.ndarray, centroids: Centroids, star: np.ndarray,
           onboard: OnboardCatalog) -> _Fit:
-    """Return the lens that is fitted and matched in turn until its stars (N,) stay."""
+    """
+    Return the lens that is fitted and matched in turn until its stars (N,) stay.
+
+    CameraError when it folds the image.
+    """
     for iteration in range(_MAX_ITERATIONS):
-        lens, covariance, error_px = _fit(lens, start, free, centroids, star, onboard)
+        row = np.flatnonzero(star >= 0)
+        model, quaternion, covariance, error_px = fit_lens(
+            *lens, start, free, onboard.direction[star[row]], centroids.uv[row],
+            centroids.sigma_px[row])
+        if folds(model):
+            raise CameraError(f'distortion k1 {model.terms[0]:.2g} folds the image over itself')
+        lens = _Lens(model, quaternion)
         before, growing = star, iteration < _GROWING
-        gate_px = _gate(error_px, lens.camera, onboard,
-                        _FIRST_GATE_PX if growing else _LEAST_GATE_PX)
+        gate_px = _gate(error_px, model, onboard, _FIRST_GATE_PX if growing else _LEAST_GATE_PX)
         star = _match(lens, centroids, onboard, gate_px)
         if (np.count_nonzero(star >= 0) < _LEAST_MATCHES
                 or not growing and np.array_equal(star, before)):
@@ -192,7 +169,7 @@ def _grow(lens: _Lens, start: Camera, free: np.ndarray, centroids: Centroids, st
 
 def _possible(fit: _Fit, onboard: OnboardCatalog) -> int:
     """Return how many stars may match: those of the image or of the catalogue in it."""
-    return min(len(fit.star), len(_visible(fit.lens, onboard)[0]))
+    return min(len(fit.star), len(stars_in_image(*fit.lens, onboard.direction)[0]))
 
 
 def _best_of_others(fit: _Fit, lens: _Lens, start: Camera, free: np.ndarray,
@@ -203,9 +180,9 @@ def _best_of_others(fit: _Fit, lens: _Lens, start: Camera, free: np.ndarray,
             break
         try:
             bent = replace(start, distortion=(k1, *start.distortion[1:]))
-            rough = _grow(_Lens(bent, lens.quaternion), bent,
+            rough = _grow(_Lens(bent.lens, lens.quaternion), bent.lens,
                           np.append(free[:-1], _K1_HELD), centroids, star, onboard)
-            other = _grow(rough.lens, start, free, centroids, rough.star, onboard)
+            other = _grow(rough.lens, start.lens, free, centroids, rough.star, onboard)
         except CameraError:
             continue
         if np.count_nonzero(other.star >= 0) > np.count_nonzero(fit.star >= 0):
@@ -213,63 +190,17 @@ def _best_of_others(fit: _Fit, lens: _Lens, start: Camera, free: np.ndarray,
     return fit
 
 
-def _fit(lens: _Lens, start: Camera, free: np.ndarray, centroids: Centroids, star: np.ndarray,
-         onboard: OnboardCatalog) -> tuple[_Lens, np.ndarray, float]:
-    """Return the lens fitted to matched stars, covariance (8, 8) and error per axis in px."""
-    row = np.flatnonzero(star >= 0)
-    icrf, uv = onboard.direction[star[row]], centroids.uv[row]
-    error_px = 0.0
-    for _ in range(_STEPS):
-        base, partial = lens.linearised(icrf)
-        residual = uv - base
-        square = np.sum(residual ** 2, axis=1)
-        # For two axes the median is 2 ln 2 variances; few stars have hardly any freedom left.
-        freedom = max(1 - 4.0 / max(2 * len(row), 1), 0.2)
-        ranked = np.sort(square)
-        median = (ranked[(len(row) - 1) // 2] + ranked[len(row) // 2]) / 2
-        error_px = np.sqrt(median / (2 * np.log(2)) / freedom)
-        sigma = np.maximum(np.hypot(centroids.sigma_px[row], _LEAST_ERROR_PX), error_px)
-        weight = 1 / (sigma ** 2 * (1 + square / (3 * sigma) ** 2))
-        drift = _drift(lens.camera, start)
-        information = (np.einsum('nij,nik,n->jk', partial, partial, weight)
-                       + np.diag(free ** -2.0))
-        gradient = (np.einsum('nij,ni,n->j', partial, residual, weight) - drift * free ** -2.0)
-        covariance = np.linalg.inv(information)
-        change = covariance @ gradient
-        lens = lens.changed(change)
-        if np.abs(change[:3]).max() * lens.camera.fx < 1e-3:
-            break
-    return lens, covariance, float(error_px)
-
-
-def _drift(camera: Camera, start: Camera) -> np.ndarray:
-    """Return the parameters (8,) of a camera relative to those at the start."""
-    a = np.log(camera.fx / start.fx)
-    return np.array([0, 0, 0, a, np.log(camera.fy / start.fy) - a,
-                     (camera.cx - start.cx) / start.width, (camera.cy - start.cy) / start.width,
-                     camera.distortion[0] - start.distortion[0]])
-
-
-def _gate(error_px: float, camera: Camera, onboard: OnboardCatalog, least_px: float) -> float:
+def _gate(error_px: float, model: Lens, onboard: OnboardCatalog, least_px: float) -> float:
     """Return the matching radius in px."""
-    per_px = len(onboard) * camera.pixel_rad ** 2 / (4 * np.pi)
+    per_px = len(onboard) / (model.fx * model.fy) / (4 * np.pi)
     chance_px = np.sqrt(_MOST_CHANCE / (np.pi * per_px))
     return float(max(min(max(_GATE_SIGMAS * error_px, least_px), chance_px), _LEAST_GATE_PX))
-
-
-def _visible(lens: _Lens, onboard: OnboardCatalog) -> tuple[np.ndarray, np.ndarray]:
-    """Return the catalogue stars (M,) in the image and their pixels (M, 2)."""
-    axis = matrix_from_quaternion(lens.quaternion)[:, 2]
-    near = onboard.within(axis, lens.camera.corner_angle_rad)
-    uv = lens.pixels(onboard.direction[near])
-    inside = lens.camera.contains(uv)
-    return near[inside], uv[inside]
 
 
 def _match(lens: _Lens, centroids: Centroids, onboard: OnboardCatalog, gate_px: float
            ) -> np.ndarray:
     """Return the catalogue star (N,) of each centroid within the gate, one to one, -1 for none."""
-    near, uv = _visible(lens, onboard)
+    near, uv = stars_in_image(*lens, onboard.direction)
     star = np.full(len(centroids), -1)
     index, found = nearest_pairs(centroids.uv, uv, gate_px)
     star[index] = near[found]
@@ -281,14 +212,14 @@ def _residuals(lens: _Lens, centroids: Centroids, onboard: OnboardCatalog, star:
     """Return image minus catalogue (N, 2) in px, NaN where not matched."""
     residual = np.full((len(star), 2), np.nan)
     row = star >= 0
-    residual[row] = centroids.uv[row] - lens.pixels(onboard.direction[star[row]])
+    residual[row] = centroids.uv[row] - linearised(*lens, onboard.direction[star[row]])[0]
     return residual
 
 
-def _reason(fit: _Fit, attitude: AttitudeEstimate, nominal: Camera, focal_error: float,
+def _reason(fit: _Fit, camera: Camera, attitude: AttitudeEstimate, nominal: Camera, focal_error: float,
             first: int, possible: int) -> str:
     """Return why a fitted lens is rejected, empty if it is not."""
-    camera, matched = fit.lens.camera, attitude.stars
+    matched = attitude.stars
     if matched < max(_KEPT_SHARE * first, _LEAST_MATCHES):
         return f'the fitted lens loses {first - matched} of the {first} stars that led to it'
     if matched < _LEAST_SHARE * possible:
@@ -316,23 +247,23 @@ def _attitude(fit: _Fit, residual: np.ndarray, centroids: Centroids) -> Attitude
     lens, row = fit.lens, fit.star >= 0
     middle = _middle(lens)
     # Focal length and distortion hardly move the middle of the image.
-    partial = np.zeros((3, 8))
+    partial = np.zeros((3, PARAMETERS))
     partial[:, :3] = matrix_from_quaternion(multiply(conjugate(middle), lens.quaternion))
     for axis in (5, 6):
-        step = np.zeros(8)
+        step = np.zeros(PARAMETERS)
         step[axis] = _STEP
-        partial[:, axis] = attitude_error(_middle(lens.changed(step)), middle) / _STEP
+        partial[:, axis] = attitude_error(_middle(_Lens(*changed(*lens, step))), middle) / _STEP
     square = np.sum(residual[row] ** 2, axis=1)
     sigma = np.maximum(np.hypot(centroids.sigma_px[row], _LEAST_ERROR_PX), fit.error_px)
     return AttitudeEstimate(
         middle, partial @ fit.covariance @ partial.T, int(np.count_nonzero(row)),
-        np.sqrt(square) * lens.camera.pixel_rad, float(np.sum(square / sigma ** 2)))
+        np.sqrt(square) / np.sqrt(lens.model.fx * lens.model.fy), float(np.sum(square / sigma ** 2)))
 
 
 def _middle(lens: _Lens) -> np.ndarray:
     """Return the attitude (4,) with +z through the middle of the image and +y along it."""
-    camera = lens.camera
-    centre = np.array([(camera.width - 1) / 2, (camera.height - 1) / 2])
-    z, below = camera.unproject(np.array([centre, centre + [0, 1]]))
+    model = lens.model
+    centre = np.array([(model.width - 1) / 2, (model.height - 1) / 2])
+    z, below = rays(model.equidistant, undistorted(model, np.array([centre, centre + [0, 1]])))
     q = multiply(lens.quaternion, quaternion_from_axes(z, below))
     return -q if q[3] < 0 else q

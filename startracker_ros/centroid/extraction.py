@@ -137,11 +137,13 @@ class CentroidExtractor:
         self.spoilt = NOT_SPOILT
         self.most_stars = self._options.max_stars
 
-    def extract(self, image: np.ndarray, streak: Streak | None = None) -> Extraction:
+    def extract(self, image: np.ndarray, streak: Streak | None = None, *,
+                points_only: bool = False) -> Extraction:
         """
         Return the stars of image (H, W) uint8 or uint16; ValueError for anything else.
 
-        streak is the motion of the exposure where it is known.
+        streak is the motion of the exposure where it is known. Streaks and wide stars are not
+        searched where points_only.
         """
         _check(image)
         height, width = image.shape
@@ -161,10 +163,12 @@ class CentroidExtractor:
         rejections.add('line', frame.search.lines)
         if streak is None or streak.longest_px() < SHORTEST_PX:
             (centroids, smeared), streak = self._search(frame, sigma_px, rejections), None
-            if smeared or _many_elongated(len(centroids), rejections):
+            smeared |= _many_elongated(len(centroids), rejections)
+            if smeared and not points_only:
                 centroids, sigma_px, rejections, streak = self._as_streaks(
                     frame, centroids, sigma_px, rejections)
-            if streak is None and _mostly_misshapen(len(centroids), rejections):
+            misshapen = streak is None and _mostly_misshapen(len(centroids), rejections)
+            if misshapen and not points_only:
                 frame, centroids, sigma_px, rejections = self._as_wide(
                     frame, centroids, sigma_px, rejections)
         else:

@@ -16,11 +16,12 @@ import cv2
 import numpy as np
 from startracker_ros.centroid.background import measure_background, over_image
 from startracker_ros.centroid.centroids import Centroids, ROUND
+from startracker_ros.centroid.connected import connected_spots
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.centroid.smoothing import gaussian_kernel
 
 MAX_STARS = 60
-LISTS = 3
+LISTS = 4
 _FILTER_SIGMA_PX = 1.0
 _THRESHOLD_SIGMAS = 5.0
 # Least height above the background: quantised and clipped backgrounds have no noise to measure.
@@ -34,16 +35,18 @@ _SIZE_SHARE = 0.1  # of the size of a spot that its centre is off, beyond noise
 
 class Detections:
     """
-    The stars of an image (H, W) uint8 or uint16 in up to three lists, each brightest first.
+    The stars of an image (H, W) uint8 or uint16 in up to four lists, each brightest first.
 
-    The lists differ in what counts as a star: a fitted point or streak; any spot; any spot of
-    the image at half its resolution, which has no colour mosaic and less noise. Each is made when
-    it is first needed; lists without stars are left out. extraction is that of the first one.
+    The lists differ in what counts as a star: a fitted point; any spot; any spot of the image at
+    half its resolution, which has no colour mosaic and less noise; a fitted point of any width or
+    streak. Each is made when it is first needed; lists without stars are left out. extraction is
+    that of the last list, once it is made, else of the first.
     """
 
     def __init__(self, image: np.ndarray) -> None:
         self._image = image
-        self.extraction = CentroidExtractor().extract(image)
+        self._points = CentroidExtractor().extract(image, points_only=True)
+        self.extraction = self._points
         self._lists = [self.extraction.centroids]
 
     def __iter__(self) -> Iterator[Centroids]:
@@ -56,10 +59,13 @@ class Detections:
 
     def _spots_of(self, index: int) -> Centroids:
         image = self._image
-        if self.extraction.status in ('blank', 'saturated', 'too_small'):
+        if self._points.status in ('blank', 'saturated', 'too_small'):
             return Centroids.empty()
         if index == 1:
-            return _fitted_where_close(_spots(image), self.extraction.centroids)
+            return _fitted_where_close(_spots(image), self._points.centroids)
+        if index == 3:
+            self.extraction = CentroidExtractor().extract(image)
+            return self.extraction.centroids
         if min(image.shape) < _BINNED_SIDE_PX:
             return Centroids.empty()
         return _spots_at_half_resolution(image)
@@ -78,32 +84,39 @@ def _spots_at_half_resolution(image: np.ndarray) -> Centroids:
 
 def _spots(image: np.ndarray) -> Centroids:
     """Return the connected spots of an image (H, W), the brightest first."""
-    kernel = gaussian_kernel(_FILTER_SIGMA_PX)
-    mesh = measure_background(image, kernel)
-    light = image.astype(np.float32) - over_image(mesh.level, image.shape)
+    height, width = image.shape
+    mesh = measure_background(image, gaussian_kernel(_FILTER_SIGMA_PX))
+    light = image.astype(np.float32)
+    light -= over_image(mesh.level, image.shape)
     smooth = cv2.GaussianBlur(light, (0, 0), _FILTER_SIGMA_PX)
-    noise = over_image(mesh.noise, image.shape)
-    threshold = np.maximum(_THRESHOLD_SIGMAS * noise, _LEAST_DN)
-    count, label, stats, _ = cv2.connectedComponentsWithStats(
-        (smooth > threshold).astype(np.uint8), connectivity=8)
-    sides = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
+    threshold = over_image(np.maximum(_THRESHOLD_SIGMAS * mesh.noise, _LEAST_DN), image.shape)
+    pixel = np.flatnonzero(smooth > threshold)
+    v, u = np.divmod(pixel, width)
+    spot, count = connected_spots(u, v, width, height)
+    light, noise = smooth.ravel()[pixel].astype(float), threshold.ravel()[pixel]
     largest = _MAX_SIDE_PX * max(1.0, max(image.shape) / _REFERENCE_PX)
-    star = sides <= largest
-    star[0] = False
-    v, u = np.nonzero(star[label])
-    spot = label[v, u]
-    weight = np.maximum(smooth[v, u], 0).astype(float)
-    total = np.maximum(np.bincount(spot, weight, count), 1e-9)
-    centre = np.stack([np.bincount(spot, weight * x, count) / total for x in (u, v)], -1)
-    square = np.bincount(spot, weight * ((u - centre[spot, 0]) ** 2
-                                         + (v - centre[spot, 1]) ** 2), count) / total / 2
-    size = np.sqrt(square + 1 / 12)
-    variance = np.bincount(spot, noise[v, u].astype(float) ** 2, count)
-    snr = total / np.sqrt(np.maximum(variance, 1e-9))
-    chosen = np.flatnonzero(star)
+    total = np.bincount(spot, light, count)
+    chosen = np.flatnonzero(_sides(spot, count, u, v) <= largest)
     chosen = chosen[np.argsort(-total[chosen], kind='stable')][:MAX_STARS]
+    centre = np.stack([np.bincount(spot, light * x, count) / total for x in (u, v)], -1)
+    square = np.bincount(spot, light * ((u - centre[spot, 0]) ** 2
+                                        + (v - centre[spot, 1]) ** 2), count) / total / 2
+    size = np.sqrt(square + 1 / 12)
+    variance = np.bincount(spot, (noise / _THRESHOLD_SIGMAS) ** 2, count)
+    snr = total / np.sqrt(variance)
     sigma_px = np.hypot(size / np.maximum(snr, 1), _SIZE_SHARE * size)
     return Centroids(centre[chosen], total[chosen], snr[chosen], sigma_px[chosen])
+
+
+def _sides(spot: np.ndarray, count: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return the longer side (count,) in px of each spot, of pixels u, v of spot (N,)."""
+    longer = np.zeros(count)
+    for x in (u, v):
+        low, high = np.full(count, x.max(initial=0)), np.zeros(count, int)
+        np.minimum.at(low, spot, x)
+        np.maximum.at(high, spot, x)
+        longer = np.maximum(longer, high - low + 1)
+    return longer
 
 
 def _fitted_where_close(spots: Centroids, fitted: Centroids) -> Centroids:

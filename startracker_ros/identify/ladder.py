@@ -1,10 +1,10 @@
 """
-Identification of images of an uncalibrated camera: lens models from strict to tolerant, in turn.
+Identification of images of an uncalibrated camera: one lens model after the other.
 
 Each rung is an identification with an error of the lens (sigma_floor_px), a depth of the
-catalogue, a ratio of the pixel sides and a radial distortion. The first ones assume an ideal lens;
-what they accept is fast and sure. The last ones allow for stars far from where an ideal lens has
-them. A rung accepts a candidate when its false-alarm probability is below false_alarm_max over
+catalogue, a ratio of the pixel sides and a radial distortion. The first ones solve most images:
+an ideal lens with an error of a pixel. The last ones allow for stars far from where an ideal lens
+has them. A rung accepts a candidate when its false-alarm probability is below false_alarm_max over
 the number of attempts, so that all together are as strict as one identification. The lens is
 then fitted (calibration/learnt_lens.py), so near misses reject nothing here.
 """
@@ -32,17 +32,25 @@ class Rung(NamedTuple):
 
 
 RUNGS = (
-    Rung(0.2), Rung(0.5, 0.7), Rung(1.0, 0.7), Rung(1.0), Rung(2.0, 0.7), Rung(4.0),
-    Rung(1.0, 0.7, pixel_ratio=0.5), Rung(1.0, 0.7, pixel_ratio=2.0),
+    Rung(1.0), Rung(2.0), Rung(0.2), Rung(0.5, 0.7), Rung(1.0, 0.7), Rung(4.0),
+    Rung(1.0, 0.7, pixel_ratio=0.5), Rung(1.0, 0.7, pixel_ratio=2.0), Rung(2.0, 0.7),
     Rung(2.0, k1=-0.2), Rung(2.0, 0.7, pixel_ratio=0.935), Rung(2.0, 0.7, pixel_ratio=1.07),
     Rung(4.0, k1=0.15), Rung(4.0, k1=-0.35), Rung(0.5, 1.3), Rung(1.0, 1.3),
     Rung(4.0, pixel_ratio=1.07, k1=-0.2), Rung(4.0, pixel_ratio=0.935, k1=-0.2))
-# A search that succeeds mostly does so within a few milliseconds.
-_PASSES_S = (0.004, 0.02, 0.1, 0.5)
+# A search that succeeds mostly does so within a millisecond.
+_PASSES_S = (0.001, 0.004, 0.02, 0.1)
 # Mirrored images are named as such: the first rungs, each list of stars once.
-_MIRRORED_RUNGS = RUNGS[:4]
-ATTEMPTS = LISTS * (len(RUNGS) + len(_MIRRORED_RUNGS))
+_MIRRORED_RUNGS, _MIRRORED_S = RUNGS[:4], 0.004
+# No chip is as long: such an image has one field of interlaced rows, or binned ones, or is cropped.
+_LONG, _CHIP = 2.0, 4 / 3
+ATTEMPTS = LISTS * (len(RUNGS) + 1 + len(_MIRRORED_RUNGS))
 """Identifications of one image at most, each of which may be wrong by chance."""
+
+
+def chip_ratio(width: int, height: int) -> float | None:
+    """Return the pixel ratio of an image too long for a chip, if that has 4 : 3; else None."""
+    aspect = width / height
+    return _CHIP / aspect if not 1 / _LONG < aspect < _LONG else None
 
 
 class UncalibratedPyramid(PyramidIdentifier):
@@ -72,6 +80,9 @@ class LadderIdentifier:
         self._options = replace(options, false_alarm_max=options.false_alarm_max / ATTEMPTS)
         self._rungs: dict[Rung, PyramidIdentifier] = {}
         self._databases: dict[float, PyramidIdentifier] = {}
+        ratio = chip_ratio(camera.width, camera.height)
+        self._order = RUNGS if ratio is None else (
+            RUNGS[0], Rung(1.0, 0.7, pixel_ratio=ratio), *RUNGS[1:])
 
     @property
     def magnitude_limit(self) -> float:
@@ -88,7 +99,7 @@ class LadderIdentifier:
         left_s = self._options.time_limit_s
         # A list is made when it is first used: most images need only the first one.
         searches: Iterable[tuple[Rung, Centroids]] = (
-            (rung, centroids) for rung in RUNGS for centroids in islice(lists, 2))
+            (rung, centroids) for rung in self._order for centroids in islice(lists, 2))
         for number, time_s in enumerate(_PASSES_S):
             waiting = []
             for rung, centroids in searches:
@@ -101,13 +112,13 @@ class LadderIdentifier:
                     if attempt.identification.status == 'time_limit':
                         waiting.append((rung, centroids))
             if not number:
-                waiting += product(RUNGS, islice(lists, 2, None))
+                waiting += product(self._order, islice(lists, 2, None))
             searches = waiting
 
     def identify_mirrored(self, lists: Iterable[Centroids]) -> Iterator[Attempt]:
         """Yield the results of a quick search in lists that are flipped from left to right."""
         for rung, centroids in product(_MIRRORED_RUNGS, lists):
-            attempt, _ = self._search(rung, centroids, _PASSES_S[0])
+            attempt, _ = self._search(rung, centroids, _MIRRORED_S)
             if attempt is not None:
                 yield attempt
 
@@ -118,8 +129,7 @@ class LadderIdentifier:
         if identifier is None:
             return None, 0.0
         start_s = time.thread_time()
-        options = replace(identifier.options, time_limit_s=time_s)
-        found = identifier.with_camera(identifier.camera, options).identify(centroids)
+        found = identifier.identify_within(centroids, time_s)
         return Attempt(found, identifier, centroids, self.camera), time.thread_time() - start_s
 
     def _identifier(self, rung: Rung) -> PyramidIdentifier | None:

@@ -19,7 +19,7 @@ from copy import copy
 import time
 from typing import Self
 
-from numba import objmode, types
+from numba import types
 from numba.experimental import structref
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
@@ -30,6 +30,7 @@ from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.compiled import compiled
 from startracker_ros.identify.association import count_matched, fit
 from startracker_ros.identify.cache import cached_pairs
+from startracker_ros.identify.clock import search_clock, time_is_up
 from startracker_ros.identify.identification import (
     Identification, IdentificationOptions, Identifier, per_centroid, usable_stars)
 from startracker_ros.identify.pair_search import pair_level, PairLevel
@@ -48,11 +49,9 @@ _MANY_TRIANGLES = 10 ** 8
 _BRIGHT_STARS_PER_FIELD = 5.0
 _BRIGHT_IMAGE_STARS = 4
 _BRIGHT_TRIANGLES = 3
-# Expected time between two looks at the clock in ns, as the costs of triangle_order.py; time for
-# each image star to predict it from a triangle, and to verify a candidate; for each catalogue
-# triangle to look up its support.
-_CLOCK_PERIOD = 2e6
-_PREDICTION_COST, _VERIFICATION_COST, _SUPPORT_COST = 60.0, 500.0, 1000.0
+# Expected time in ns, as the costs of triangle_order.py: for each image star to predict it from a
+# triangle, and to verify a candidate.
+_PREDICTION_COST, _VERIFICATION_COST = 60.0, 500.0
 _MIN_STARS = 4
 _IDENTIFIED, _TOO_FEW, _AMBIGUOUS, _EXHAUSTED, _TIME_LIMIT = range(5)
 
@@ -126,11 +125,15 @@ class PyramidIdentifier(Identifier):
 
     def identify(self, centroids: Centroids) -> Identification:
         """Return the stars of the first triangle that is verified."""
+        return self.identify_within(centroids, self.options.time_limit_s)
+
+    def identify_within(self, centroids: Centroids, time_limit_s: float) -> Identification:
+        """Return the stars of the first triangle that is verified in this time."""
         options = self.options
         outcome, used, tested, false_alarm, ratio, matched, found, fitted = _identify(
             self._database, centroids.uv, -centroids.flux, centroids.sigma_px,
             options.max_image_stars, options.sigma_floor_px, options.false_alarm_max,
-            time.thread_time() + options.time_limit_s)
+            time.thread_time() + time_limit_s)
         if outcome == _IDENTIFIED:
             hip, magnitude, residual_px = found
             return Identification('identified', f'{matched} stars', hip, magnitude, residual_px,
@@ -188,7 +191,7 @@ def _search(levels: tuple[PairLevel, PairLevel], verifier: VerifierData, image: 
     base = np.empty(3, np.int64)
     if len(image) < _MIN_STARS:
         return _TOO_FEW, 0, best
-    unclocked = 0.0
+    clock = search_clock(deadline_s)
     for level in levels:
         state = new_state(len(image), level.image_stars)
         for _ in range(level.triangles):
@@ -196,19 +199,15 @@ def _search(levels: tuple[PairLevel, PairLevel], verifier: VerifierData, image: 
                                  sigma, state, base)
             if cost < 0:
                 break
-            before = tested[0]
-            candidates, count = catalogue_triangles(level, verifier, image, sigma, base, tested)
+            candidates, count = catalogue_triangles(level, verifier, image, sigma, base, tested,
+                                                    clock)
             accepted, best = _verify_all(verifier, seen, sigma, base, candidates[:count],
                                          tested[0], false_alarm_max, best)
             if accepted:
                 return _AMBIGUOUS if accepted > 1 else _IDENTIFIED, tested[0], best
-            unclocked += (cost + _PREDICTION_COST * len(image)
-                          + _SUPPORT_COST * (tested[0] - before)
-                          + count * (TRIANGLE_COST + _VERIFICATION_COST * len(image)))
-            if unclocked > _CLOCK_PERIOD:
-                unclocked = 0.0
-                if _now_s() > deadline_s:
-                    return _TIME_LIMIT, tested[0], best
+            if time_is_up(clock, cost + _PREDICTION_COST * len(image)
+                          + count * (TRIANGLE_COST + _VERIFICATION_COST * len(image))):
+                return _TIME_LIMIT, tested[0], best
     return _EXHAUSTED, tested[0], best
 
 
@@ -230,11 +229,3 @@ def _verify_all(verifier: VerifierData, seen: np.ndarray, sigma: np.ndarray, bas
         if verification.false_alarm < best.false_alarm:
             best = verification
     return accepted, best
-
-
-@compiled
-def _now_s() -> float:
-    """Return time.thread_time()."""
-    with objmode(now_s='float64'):
-        now_s = time.thread_time()
-    return now_s

@@ -28,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.catalog.sky_grid import SkyGrid
 from startracker_ros.compiled import compiled, inlined
+from startracker_ros.identify.clock import SearchClock, time_is_up
 from startracker_ros.identify.pair_search import (
     band_count, entry_range, image_side, list_entries, PairLevel, scale_band, ScaleBand, Side)
 from startracker_ros.identify.support import (
@@ -36,6 +37,9 @@ from startracker_ros.identify.verification import MAX_VERIFIED, VerifierData
 
 # A triangle flatter than this many sigmas of its own height has no sure handedness.
 _FLAT_SIGMAS = 4.0
+# Steps of a search are members of its lists and joins, of this expected time in ns. To look up
+# the support of a triangle takes as long as so many. The clock is read after so many at least.
+_STEP_NS, _SUPPORT_STEPS, _CLOCK_STEPS = 4.0, 250, 20_000
 
 
 class ImageTriangle(NamedTuple):
@@ -78,13 +82,13 @@ def _sides_fit(triangle: ImageTriangle, band: ScaleBand, d_ab: float, d_ac: floa
 
 @compiled
 def catalogue_triangles(level: PairLevel, verifier: VerifierData, image: np.ndarray,
-                        sigma: np.ndarray, base: np.ndarray, tested: np.ndarray
-                        ) -> tuple[np.ndarray, int]:
+                        sigma: np.ndarray, base: np.ndarray, tested: np.ndarray,
+                        clock: SearchClock) -> tuple[np.ndarray, int]:
     """
     Return the best supported catalogue triangles (MAX_VERIFIED, 3) of an image triangle.
 
     And how many they are. image (N, 3), sigma (N,) and base (3,) as in image_triangle(); tested
-    (1,) counts the triangles that fit.
+    (1,) counts the triangles that fit. When time is up these are the best so far.
     """
     triangle = image_triangle(image, sigma, base, verifier.tolerance_sigmas)
     weights, reach = support_weights(image, sigma, base, verifier.tolerance_sigmas)
@@ -94,7 +98,7 @@ def catalogue_triangles(level: PairLevel, verifier: VerifierData, image: np.ndar
     for band in range(bands):
         if _search_band(level, verifier.sky, triangle,
                         scale_band(band, bands, verifier.scale_error), weights, reach, best,
-                        votes, tested):
+                        votes, tested, clock):
             break
     # Candidates with a third of the votes of the best one or less are chance.
     count = 0
@@ -106,11 +110,12 @@ def catalogue_triangles(level: PairLevel, verifier: VerifierData, image: np.ndar
 @compiled
 def _search_band(level: PairLevel, sky: SkyGrid, triangle: ImageTriangle, band: ScaleBand,
                  weights: np.ndarray, reach: np.ndarray, best: np.ndarray, votes: np.ndarray,
-                 tested: np.ndarray) -> bool:
+                 tested: np.ndarray, clock: SearchClock) -> bool:
     """
     Join sides ab and ac in one band, put the fitting triangles into best (M, 3), votes (M,).
 
-    Return whether one has all SUPPORTERS, which ends the search: none has them by chance.
+    Return whether that ends the search: time is up, or a triangle has all SUPPORTERS, which none
+    has by chance.
     """
     # Taken out of the tuples once: each access costs more than what is done with the value.
     separation, member, star = level.table.values, level.member, level.star
@@ -119,13 +124,20 @@ def _search_band(level: PairLevel, sky: SkyGrid, triangle: ImageTriangle, band: 
     list_entries(level, low, high)
     begin, end = entry_range(level.table, triangle.ac, band)
     low2, high2 = _squared_chords(triangle.bc, band)
+    steps = high - low
     for ac in range(begin, end):
+        steps += 1
+        if steps > _CLOCK_STEPS:
+            if time_is_up(clock, _STEP_NS * steps):
+                return True
+            steps = 0
         a, c = member[ac], member[ac ^ 1]
         ab = latest[a]
         if not low <= ab < high:
             continue
         x, y, z = direction[c, 0], direction[c, 1], direction[c, 2]
         while ab >= low:
+            steps += 1
             b = member[ab ^ 1]
             dx, dy, dz = direction[b, 0] - x, direction[b, 1] - y, direction[b, 2] - z
             chord2 = dx * dx + dy * dy + dz * dz
@@ -135,13 +147,14 @@ def _search_band(level: PairLevel, sky: SkyGrid, triangle: ImageTriangle, band: 
                     and (triangle.flat
                          or triple_product(direction, a, b, c) * triangle.volume > 0)):
                 tested[0] += 1
+                steps += _SUPPORT_STEPS
                 found = support(sky, weights, reach, star[a], star[b], star[c],
                                 max(votes[-1], votes[0] // 3))
                 _keep(best, votes, star[a], star[b], star[c], found)
                 if found == SUPPORTERS:
                     return True
             ab = previous[ab]
-    return False
+    return time_is_up(clock, _STEP_NS * steps)
 
 
 @inlined

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import OnboardCatalog
+from startracker_ros.identify.clock import search_clock
 from startracker_ros.identify.pair_search import expected_pairs, image_side, pair_level
 from startracker_ros.identify.pairs import build_pairs
 from startracker_ros.identify.triangle_order import new_state, next_triangle
@@ -15,6 +16,7 @@ from startracker_ros.maths.rotation import random_attitude, rotate
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
 SIGMAS = 3.5
+NO_LIMIT = search_clock(np.inf)
 
 
 def make(direction, scale_error):
@@ -61,7 +63,7 @@ def test_the_search_finds_what_trying_all_stars_finds(scale_error):
         image = rotate(random_attitude(rng), direction[rng.permutation(25)[:3]])
         sigma = rng.uniform(5e-4, 3e-3, 3)
         tested = np.zeros(1, np.int64)
-        catalogue_triangles(level, verifier, image, sigma, np.arange(3), tested)
+        catalogue_triangles(level, verifier, image, sigma, np.arange(3), tested, NO_LIMIT)
         assert tested[0] == count_fitting(direction, image, sigma, scale_error)
         some += tested[0]
     assert some > 100
@@ -75,7 +77,7 @@ def test_the_best_supported_triangle_is_the_right_one():
         shown = rng.permutation(60)[:12]
         image = rotate(random_attitude(rng), direction[shown])
         best, count = catalogue_triangles(level, verifier, image, np.full(12, 2e-5),
-                                          np.array([4, 0, 7]), np.zeros(1, np.int64))
+                                          np.array([4, 0, 7]), np.zeros(1, np.int64), NO_LIMIT)
         assert count >= 1
         np.testing.assert_array_equal(best[0], shown[[4, 0, 7]])
 
@@ -93,7 +95,7 @@ def test_chance_triangles_are_as_many_as_the_equations_expect():
         if area < 1e-3:
             continue
         tested = np.zeros(1, np.int64)
-        catalogue_triangles(level, verifier, image, sigma, np.arange(3), tested)
+        catalogue_triangles(level, verifier, image, sigma, np.arange(3), tested, NO_LIMIT)
         n_ab, n_ac = (expected_pairs(level.table.values, 4000, side, 0.0)
                       for side in (triangle.ab, triangle.ac))
         found += tested[0]
@@ -117,3 +119,18 @@ def test_every_triangle_comes_once_and_a_false_star_is_soon_left():
         assert sides[2] == max(sides)
     assert len({tuple(sorted(each)) for each in order}) == len(order) == 220
     assert any(0 not in each for each in order[:4])
+
+
+def test_a_search_ends_within_a_triangle_when_time_is_up():
+    """Of a triangle that fits everywhere: its lookup alone takes longer than a time limit."""
+    rng = np.random.default_rng(4)
+    direction = patch(rng, 600)
+    level, verifier = make(direction, 0.05)
+    image, sigma = direction[:8], np.full(8, 3e-3)
+    tested = []
+    for deadline_s in (0.0, np.inf):
+        count = np.zeros(1, np.int64)
+        catalogue_triangles(level, verifier, image, sigma, np.arange(3), count,
+                            search_clock(deadline_s))
+        tested.append(count[0])
+    assert 10 * tested[0] < tested[1]
