@@ -97,10 +97,9 @@ class ClosedLoop:
         rate = (self._spacecraft.gyro_rad_s() if seen.rate_rad_s is None
                 else matrix @ seen.rate_rad_s)
         used = self.navigation.correct(time_ns, body, covariance, rate)
-        if not used:
+        if used is None:
             return False, 0.0
-        return True, error_over_bound(body, self.navigation.measurement_covariance(
-            covariance, rate), truth.q_icrf_from_body)
+        return True, error_over_bound(body, used, truth.q_icrf_from_body)
 
     def _command(self, time_ns: int, state: NavigationState | None, momentum: np.ndarray) -> None:
         """Write attitude and rate of when the controller runs, and the reference."""

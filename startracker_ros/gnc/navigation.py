@@ -19,7 +19,8 @@ class NavigationOptions:
     disturbance_rad_s3 that of its unknown part; torque_error is the part of the known torques
     that acts as noise, for an inertia that is not known better. The errors of a tracker that
     filters are correlated from frame to frame: inflation multiplies its variances. time_sigma_s
-    is the error of the time tags; the rate times it is added to the error of the attitude. A
+    is the error of the time tags; the rate times it is added to the error of the attitude: the
+    rate of the state, as that of a tracker follows the error of the tags. A
     propagated attitude ends with sigma_max_rad on any axis or after hold_max_s. After
     rejected_max measurements in a row that do not fit, the filter begins anew with the next.
     """
@@ -109,25 +110,27 @@ class Navigation:
                                state.disturbance_rad_s2, covariance)
 
     def correct(self, time_ns: int, quaternion: np.ndarray, covariance: np.ndarray,
-                rate_rad_s: np.ndarray) -> bool:
+                rate_rad_s: np.ndarray) -> np.ndarray | None:
         """
         Use a trusted attitude q_icrf_from_body (4,) of the time of the state.
 
         covariance (3, 3) rad^2 is that of attitude_error on body axes; rate_rad_s (3,) begins
-        the filter. Returns whether it was used: not if it is too far from the prediction.
+        the filter. Returns the covariance (3, 3) that it was used with, its time included; None
+        if it is too far from the prediction.
         """
-        covariance = self.measurement_covariance(covariance, rate_rad_s)
-        if self.state is None or self._rejected_in_row >= self._options.rejected_max:
-            self.restarts += self.state is not None
-            self._begin(time_ns, quaternion, covariance, rate_rad_s)
-            return True
         state = self.state
+        if state is None or self._rejected_in_row >= self._options.rejected_max:
+            self.restarts += state is not None
+            covariance = self._with_time_error(covariance, rate_rad_s)
+            self._begin(time_ns, quaternion, covariance, rate_rad_s)
+            return covariance
+        covariance = self._with_time_error(covariance, state.rate_rad_s)
         innovation = attitude_error(quaternion, state.q_icrf_from_body)
         total = state.covariance[:3, :3] + covariance
         if innovation @ np.linalg.solve(total, innovation) > GATE:
             self.rejected += 1
             self._rejected_in_row += 1
-            return False
+            return None
         gain = np.linalg.solve(total, state.covariance[:3]).T
         change = gain @ innovation
         left = np.eye(9)
@@ -139,11 +142,9 @@ class Navigation:
             time_ns, _normalised(multiply(state.q_icrf_from_body, turn)),
             state.rate_rad_s + change[3:6], state.disturbance_rad_s2 + change[6:], updated)
         self._rejected_in_row, self._measured_ns = 0, time_ns
-        return True
+        return covariance
 
-    def measurement_covariance(self, covariance: np.ndarray, rate_rad_s: np.ndarray
-                               ) -> np.ndarray:
-        """Return the covariance (3, 3) that a measurement is used with, its time included."""
+    def _with_time_error(self, covariance: np.ndarray, rate_rad_s: np.ndarray) -> np.ndarray:
         options = self._options
         return (options.inflation * covariance + options.sigma_floor_rad ** 2 * np.eye(3)
                 + np.outer(rate_rad_s, rate_rad_s) * options.time_sigma_s ** 2)

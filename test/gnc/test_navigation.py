@@ -57,7 +57,7 @@ def test_a_wrong_attitude_is_rejected_and_the_attitude_held():
     truth = run(navigation, 50, rng)
     navigation.propagate(50 * STEP_NS, NONE, NONE)
     wrong = multiply(truth, quaternion_from_rotation_vector([np.radians(1), 0, 0]))
-    assert not navigation.correct(50 * STEP_NS, wrong, COVARIANCE, NONE)
+    assert navigation.correct(50 * STEP_NS, wrong, COVARIANCE, NONE) is None
     assert navigation.rejected == 1
     assert navigation.hold_s(50 * STEP_NS) == pytest.approx(0.2)
     error = attitude_error(navigation.state.q_icrf_from_body, truth)
@@ -89,8 +89,19 @@ def test_a_hold_ends_when_the_attitude_is_no_longer_known():
 
 
 def test_the_error_of_the_time_tag_grows_with_the_rate_and_along_it():
-    navigation, rate = Navigation(INERTIA), np.array([0.0, np.radians(1.0), 0.0])
-    still = navigation.measurement_covariance(COVARIANCE, NONE)
-    added = navigation.measurement_covariance(COVARIANCE, rate) - still
-    sigma = np.sqrt(added.diagonal()) / ARCSEC
+    q, rate = random_attitude(np.random.default_rng(6)), np.array([0.0, np.radians(1.0), 0.0])
+    still, turning = (Navigation(INERTIA).correct(0, q, COVARIANCE, each)
+                      for each in (NONE, rate))
+    sigma = np.sqrt((turning - still).diagonal()) / ARCSEC
     assert sigma == pytest.approx([0, 3600 * NavigationOptions().time_sigma_s, 0])
+
+
+def test_a_rate_that_follows_a_wrong_time_tag_does_not_shrink_its_error():
+    """Of tags 50 ms late and then early, a tracker sees half of the rate or less."""
+    navigation, rate = Navigation(INERTIA), np.array([0.0, np.radians(3.0), 0.0])
+    truth = run(navigation, 20, np.random.default_rng(7), rate=rate)
+    navigation.propagate(20 * STEP_NS, NONE, NONE)
+    late = multiply(truth, quaternion_from_rotation_vector(rate * 0.15))
+    used = navigation.correct(20 * STEP_NS, late, COVARIANCE, 0.3 * rate)
+    error = attitude_error(late, multiply(truth, quaternion_from_rotation_vector(rate * 0.2)))
+    assert used is not None and np.abs(error[1]) < 3 * np.sqrt(used[1, 1])
