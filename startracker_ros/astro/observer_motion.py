@@ -105,6 +105,7 @@ class ObserverMotion:
         except OrbitError as error:
             self._orbit_error = str(error)
         self._last: tuple[int, Observer] | None = None
+        self._propagated: tuple[int, State | None] | None = None
         self._seen: tuple[tuple[int, bool], BodiesInSky | None] | None = None
 
     def warm_up(self) -> None:
@@ -121,7 +122,7 @@ class ObserverMotion:
         if not radius_m >= LEAST_RADIUS_M:
             raise MotionError(f'position {radius_m / 1e3:.0f} km from the centre of the Earth')
         self._newest = stamp_ns, state
-        self._last = None
+        self._last = self._propagated = None
 
     def at(self, stamp_ns: int) -> Observer:
         """Return the motion of the observer at a stamp."""
@@ -131,6 +132,11 @@ class ObserverMotion:
 
     def geocentric(self, stamp_ns: int) -> State | None:
         """Return position and velocity out of odometry at a stamp, None if it has none."""
+        if self._propagated is None or self._propagated[0] != stamp_ns:
+            self._propagated = stamp_ns, self._geocentric(stamp_ns)
+        return self._propagated[1]
+
+    def _geocentric(self, stamp_ns: int) -> State | None:
         if self._newest is None or not abs(self._age_s(stamp_ns)) <= MAX_AGE_S:
             return None
         state = self._newest[1]

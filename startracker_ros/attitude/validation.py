@@ -113,8 +113,9 @@ class AttitudeValidator:
         known, icrf = self._known(hip)
         if len(icrf) < self._options.min_stars:
             return self._too_few(len(icrf), 'tracked')
+        uv = uv if len(icrf) == len(uv) else uv[known]
         predicted = self._camera.project(icrf @ matrix_from_quaternion(tracked.quaternion))
-        distance_px = np.hypot(*(uv[known] - predicted).T)
+        distance_px = np.hypot(*(uv - predicted).T)
         residual_px = math.sqrt(distance_px @ distance_px / len(icrf))
         if not residual_px <= self._options.max_residual_px:
             return TrustedAttitude(

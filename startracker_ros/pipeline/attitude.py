@@ -22,15 +22,17 @@ class AttitudeStage:
     Turns tracks or identified stars into the published attitude, or a reason for none.
 
     The attitude is that of the sensor in ICRF where motion is that of the observer; without one
-    the observer is at rest. sky holds the stars as that observer sees them.
+    the observer is at rest. sky holds the stars as that observer sees them: a new one, unless
+    that of a star tracker serves both.
     """
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: ValidationOptions = ValidationOptions(),
-                 motion: ObserverMotion | None = None) -> None:
+                 motion: ObserverMotion | None = None, sky: ApparentCatalog | None = None
+                 ) -> None:
         self._camera, self._epoch_year = camera, epoch_year
         self._motion = motion
-        self.sky = ApparentCatalog(
+        self.sky = sky or ApparentCatalog(
             onboard_catalog(camera_catalog(camera), camera, epoch_year))
         self._validator = AttitudeValidator(camera, self.sky, options)
 

@@ -16,6 +16,7 @@ from startracker_ros.attitude.validation import (
     TrustedAttitude, ValidationOptions)
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.band import BandOptions
+from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import ExtractionOptions
 from startracker_ros.identify.identification import Identification, IdentificationOptions
@@ -77,7 +78,9 @@ class Pipeline:
         self.motion = ObserverMotion(options.aberration)
         self.tracker = make_star_tracker(
             camera, epoch_year, options.tracker, options.gyro, self.motion, options.band)
-        self.attitude = AttitudeStage(camera, epoch_year, options.validation, self.motion)
+        self.attitude = AttitudeStage(
+            camera, epoch_year, options.validation, self.motion,
+            self.tracker.sky if _tracks_all_stars(camera, options) else None)
 
     def reset(self) -> None:
         """Forget all state: lost, as after the start."""
@@ -129,3 +132,9 @@ class Pipeline:
         sky.look_from(self.motion.at(stamp_ns))
         return icrf_identification(
             identification, centroids, identifier.camera, sky, identifier.options)
+
+
+def _tracks_all_stars(camera: Camera, options: PipelineOptions) -> bool:
+    """Return whether the star tracker has the stars of the catalogue, with their magnitudes."""
+    faintest = camera_catalog(camera).magnitude.max()
+    return options.band == BandOptions() and faintest <= options.tracker.magnitude_limit

@@ -76,7 +76,8 @@ class Leftovers:
         left = unexplained(self._stars[1], attitude, centroids)
         if not len(left):
             return
-        left = left.select(slice(MOST_SPOTS))
+        if len(left) > MOST_SPOTS:
+            left = left.select(slice(MOST_SPOTS))
         self._spots.append(_Spots(
             self._frames, held, stamp_ns, left.uv, left.sigma_px, left.flux, attitude.quaternion,
             attitude.covariance_sensor, zero_point_mag,

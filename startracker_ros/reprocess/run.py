@@ -89,6 +89,7 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
     found = problems + [problem for run in runs for problem in run.problems]
     return Result('reprocess', rows, {
         'frames': sum(row.frames for row in rows),
+        'cpu_s': sum(run.cpu_s for run in runs),
         'peak_worker_mb': max((run.peak_mb for run in runs), default=0.0),
         'errors': f'{len(found)} rows in {ERRORS}' if found else 'none'})
 
@@ -145,6 +146,11 @@ class _Run:
     def peak_mb(self) -> float:
         """Return the memory of the largest worker."""
         return max((record.peak_mb for record in self.records.values()), default=0.0)
+
+    @property
+    def cpu_s(self) -> float:
+        """Return the CPU time of the segments that this run processed."""
+        return sum(record.cpu_s for key, record in self.records.items() if key not in self.reused)
 
     def finish(self, problems: Sequence[Problem]) -> None:
         """Write metadata of the bags, the error table and the summary."""

@@ -43,6 +43,9 @@ GYRO_SILENCE_S = 1.0
 """Age of the newest gyro rate from which on the rate is that of the stars alone."""
 
 
+_NO_ERROR = np.zeros((3, 3))
+
+
 class _Hypothesis(NamedTuple):
     """A predicted state, by a gyro or not, at a level of MANOEUVRES, 1 without manoeuvre."""
 
@@ -95,7 +98,8 @@ class AttitudeModel(StarModel):
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
         error_px2 = self.error_px2(frame)
         error = self._scale.value ** 2 * error_px2
-        common = pointing_covariance(frame.common_error, self._camera, self._state.rate)
+        common = (pointing_covariance(frame.common_error, self._camera, self._state.rate)
+                  if frame.common.any() else _NO_ERROR)
         for hypothesis in self._hypotheses(stamp_ns, dark):
             predicted = _with_error(hypothesis.state, common)
             correction = correct(

@@ -135,7 +135,10 @@ class StarModel(ABC):
 
     def error_px2(self, centroids: Centroids) -> np.ndarray:
         """Return the covariances (M, 2, 2) of centroids, no axis below sigma_floor_px."""
-        error, floor = centroids.covariance.copy(), self._options.sigma_floor_px ** 2
+        error, floor = centroids.covariance, self._options.sigma_floor_px ** 2
+        if np.diagonal(error, axis1=1, axis2=2).min(initial=np.inf) >= floor:
+            return error
+        error = error.copy()
         for axis in range(2):
             variance = error[:, axis, axis]
             variance += np.maximum(floor - variance, 0.0)

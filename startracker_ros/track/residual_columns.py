@@ -114,7 +114,7 @@ def strongest_pattern(uv: np.ndarray, residual: np.ndarray, error: np.ndarray, f
     """Return the pattern of fit_rows() with the largest (c^T r)^2 / c^T c."""
     fit = fit_rows(uv, residual, error, flow, velocity, axis, height, steps)
     energy = np.maximum(fit.energy, _LEAST_ENERGY)
-    best = np.argmax(fit.product ** 2 / energy)
+    best = int(np.argmax(fit.product ** 2 / energy))
     return StrongestPattern(
         best, fit.product[best], energy[best], fit.edges[best - 1] if best else np.nan,
         fit.product[0], energy[0], fit.chi2, np.mean(velocity ** 2))

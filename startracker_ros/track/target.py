@@ -127,13 +127,14 @@ def _unexplained(uv: np.ndarray, sigma_px: np.ndarray, stars: np.ndarray) -> np.
 def unexplained(stars: StarsInView, attitude: AttitudeEstimate, centroids: Centroids
                 ) -> Centroids:
     """Return the centroids that are no catalogue star."""
-    # Most are bright stars. Only for the others the many faint ones are looked up.
+    # Most are bright stars. Only where others are left the many faint ones are looked up.
     for most in (BRIGHT_STARS, None):
-        centroids = centroids.select(_unexplained(
+        left = _unexplained(
             np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.sigma_px),
-            stars.of(attitude, most)[2]))
-        if not len(centroids):
-            break
+            stars.of(attitude, most)[2])
+        if not left.any():
+            return Centroids.empty()
+        centroids = centroids.select(left)
     return centroids
 
 

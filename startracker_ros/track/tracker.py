@@ -348,9 +348,8 @@ class StarTracker:
         bank = self._model.bank
         outlier = (fit.normalised > OUTLIER_SIGMA) & (bank.missed == 0)
         bank = bank.select(~(self._useless(frame) | outlier))
-        new = ((bank.age >= self._options.confirm_frames) & (bank.missed == 0)
-               & ~bank.confirmed)
-        self._model.bank = (replace(bank, confirmed=bank.confirmed | new) if new.any() else bank)
+        new = (bank.age >= self._options.confirm_frames) & (bank.missed == 0) & ~bank.confirmed
+        self._model.bank = replace(bank, confirmed=bank.confirmed | new) if new.any() else bank
 
     def _contradiction(self, result: FrameUpdate, frame: Centroids) -> str:
         """Return why not all of a frame shows the attitude that was found, empty if it does."""
