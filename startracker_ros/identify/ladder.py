@@ -38,8 +38,8 @@ class Rung(NamedTuple):
 
 
 RUNGS = (
-    Rung(1.0), Rung(1.0, bright=True), Rung(2.0), Rung(0.2), Rung(0.5, 0.7), Rung(1.0, 0.7), Rung(4.0),
-    Rung(1.0, 0.7, pixel_ratio=0.5), Rung(1.0, 0.7, pixel_ratio=2.0), Rung(2.0, 0.7),
+    Rung(1.0), Rung(1.0, bright=True), Rung(2.0), Rung(0.2), Rung(0.5, 0.7), Rung(1.0, 0.7),
+    Rung(4.0), Rung(1.0, 0.7, pixel_ratio=0.5), Rung(1.0, 0.7, pixel_ratio=2.0), Rung(2.0, 0.7),
     Rung(2.0, k1=-0.2), Rung(2.0, 0.7, pixel_ratio=0.935), Rung(2.0, 0.7, pixel_ratio=1.07),
     Rung(4.0, k1=0.15), Rung(4.0, k1=-0.35), Rung(0.5, 1.3), Rung(1.0, 1.3),
     Rung(4.0, pixel_ratio=1.07, k1=-0.2), Rung(4.0, pixel_ratio=0.935, k1=-0.2))
@@ -48,7 +48,7 @@ _PASSES_S = (0.001, 0.004, 0.02, 0.1)
 _BRIGHT = BrightLevel(stars_per_field=10.0, image_stars=10, triangles=60)
 # Mirrored images are named as such: the first rungs, each list of stars once.
 _MIRRORED_RUNGS, _MIRRORED_S = RUNGS[:4], 0.004
-# No chip is as long: such an image has one field of interlaced rows, or binned ones, or is cropped.
+# No chip is as long: such an image has every other row, or binned ones, or is cropped.
 _LONG, _CHIP = 2.0, 4 / 3
 ATTEMPTS = LISTS * (len(RUNGS) + 1 + len(_MIRRORED_RUNGS))
 """Identifications of one image at most, each of which may be wrong by chance."""
