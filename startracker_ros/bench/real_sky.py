@@ -7,11 +7,10 @@ solver gets the stars of every detection. `ours` with `ours` is what `startracke
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 import sys
 import tempfile
-import time
-from typing import Any
 
 import numpy as np
 from startracker_ros.bench.corpus import View
@@ -23,6 +22,7 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.photograph import Detections
 from startracker_ros.figures.machine import installed_version, machine, peer_versions
+from startracker_ros.figures.timing import cpu_timed
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.ladder import LadderIdentifier
 from startracker_ros.maths.rotation import rotate
@@ -32,7 +32,7 @@ from startracker_ros.table import Result
 FOV_ERROR = 0.05
 _MAX_STARS = 60
 _OPTIONS = IdentificationOptions(fov_error_percent=100 * FOV_ERROR)
-OURS, TETRA3RS = 'ours', 'tetra3rs'
+OURS, TETRA3RS, WHOLE = 'ours', 'tetra3rs', 'startracker solve'
 
 Lists = list[Centroids]
 Found = tuple[np.ndarray | None, float]
@@ -41,7 +41,7 @@ Found = tuple[np.ndarray | None, float]
 
 @dataclass(frozen=True)
 class RealSkyRow:
-    """One detection with one solver on the images of one camera; times of the whole."""
+    """One detection with one solver on the images of one camera, or of all; CPU times."""
 
     images: str
     detection: str
@@ -91,19 +91,13 @@ def solve_ours(ladder: LadderIdentifier, told: Camera, centroids: Centroids
     return None
 
 
-def _timed(function: Callable[..., Any], *arguments: object) -> tuple[Any, float]:
-    start_s = time.perf_counter()
-    result = function(*arguments)
-    return result, time.perf_counter() - start_s
-
-
 def _whole(images: Sequence[Photograph], cameras: Sequence[Camera]) -> list[Found]:
     """Return what `startracker solve` does with images, databases built beforehand."""
     found = []
     for image, told in zip(images, cameras):
         solver = PhotographSolver(told, image.epoch_year, _OPTIONS)
         solver.solve(image.image)
-        solution, time_s = _timed(solver.solve, image.image)
+        time_s, solution = cpu_timed(solver.solve, image.image)
         found.append((None if solution.quaternion is None else
                       rotate(solution.quaternion, [0.0, 0.0, 1.0]), time_s))
     return found
@@ -114,7 +108,8 @@ def _ours(images: Sequence[Photograph], cameras: Sequence[Camera], lists: Lists)
     for image, told, centroids in zip(images, cameras, lists):
         ladder = LadderIdentifier(told, image.epoch_year, _OPTIONS)
         solve_ours(ladder, told, centroids)
-        found.append(_timed(solve_ours, ladder, told, centroids))
+        time_s, direction = cpu_timed(solve_ours, ladder, told, centroids)
+        found.append((direction, time_s))
     return found
 
 
@@ -131,7 +126,7 @@ def _tetra3rs(images: Sequence[Photograph], cameras: Sequence[Camera], lists: Li
     solver.build(_view(images, cameras), cameras[0])
     for told, centroids in zip(cameras, lists):
         solver.set_camera(told)
-        result, time_s = _timed(solver.solve, solver.prepare(centroids))
+        time_s, result = cpu_timed(solver.solve, solver.prepare(centroids))
         attitude = solver.attitude(result)
         found.append((None if attitude is None else rotate(attitude, [0.0, 0.0, 1.0]), time_s))
     return found
@@ -148,54 +143,58 @@ def run_real_sky_bench(folders: Sequence[Path], *, seed: int = 1, cedar_python: 
     rng = np.random.default_rng(seed)
     cameras = [told_camera(image, rng) for image in images]
     rows: list[RealSkyRow] = []
+    ours: dict[int, Found] = {}
     with tempfile.TemporaryDirectory() as folder:
         cedar = Cedar(cedar_python, folder) if cedar_python else None
         for group in dict.fromkeys((image.group, image.image.shape) for image in images):
             chosen = [k for k, image in enumerate(images)
                       if (image.group, image.image.shape) == group]
-            for row in _group_rows([images[k] for k in chosen], [cameras[k] for k in chosen],
-                                   cedar):
+            group_images, group_cameras = [images[k] for k in chosen], [cameras[k] for k in chosen]
+            whole = _whole(group_images, group_cameras)
+            ours.update(zip(chosen, whole))
+            for row in chain([_row(group_images, WHOLE, OURS, whole)],
+                             _group_rows(group_images, group_cameras, cedar)):
                 print(row, file=sys.stderr, flush=True)
                 rows.append(row)
+        rows.append(_row(images, WHOLE, OURS, [ours[k] for k in range(len(images))], 'all'))
         version = cedar.version() if cedar else 'absent: --cedar-python names its venv'
     return Result('bench real-sky', rows, {
         'machine': machine(),
         'told': f'the field of view, off by up to {FOV_ERROR:.0%}',
         'correct': f'image centre within {CORRECT_OF_FIELD:.0%} of the field of view',
-        'times': 'wall time of detection and solution, databases in memory',
+        'times': 'process CPU time of detection and solution, databases in memory',
         **peer_versions(TETRA3RS), CEDAR: version, 'seed': seed})
 
 
 def _group_rows(images: Sequence[Photograph], cameras: Sequence[Camera], cedar: Cedar | None
                 ) -> Iterator[RealSkyRow]:
     """Yield the rows of the images of one camera, each when it is measured."""
-    yield _row(images, 'startracker solve', OURS, _whole(images, cameras))
-    detections: dict[str, list[tuple[Centroids, float]]] = {
-        OURS: [_timed(detect_ours, image.image) for image in images]}
+    detections: dict[str, list[tuple[float, Centroids]]] = {
+        OURS: [cpu_timed(detect_ours, image.image) for image in images]}
     solvers: dict[str, Callable[[Lists], list[Found]]] = {
         OURS: lambda lists: _ours(images, cameras, lists)}
     if installed_version(TETRA3RS):
-        detections[TETRA3RS] = [_timed(detect_tetra3rs, image.image) for image in images]
+        detections[TETRA3RS] = [cpu_timed(detect_tetra3rs, image.image) for image in images]
         solvers[TETRA3RS] = lambda lists: _tetra3rs(images, cameras, lists)
     if cedar is not None:
         view = _view(images, cameras)
         cedar.build(view)
-        detections[CEDAR] = [(centroids_of(stars), time_s) for stars, time_s in
+        detections[CEDAR] = [(time_s, centroids_of(stars)) for stars, time_s in
                              cedar.detect([image.image for image in images])]
         solvers[CEDAR] = lambda lists: cedar.directions(view, cameras, lists)
     for detection, seen in detections.items():
-        lists, detect_s = [list(column) for column in zip(*seen)]
+        detect_s, lists = [list(column) for column in zip(*seen)]
         for name, solve in solvers.items():
             found = [(direction, time_s + more_s)
                      for (direction, time_s), more_s in zip(solve(lists), detect_s)]
             yield _row(images, detection, name, found)
 
 
-def _row(images: Sequence[Photograph], detection: str, solver: str, found: Sequence[Found]
-         ) -> RealSkyRow:
+def _row(images: Sequence[Photograph], detection: str, solver: str, found: Sequence[Found],
+         name: str = '') -> RealSkyRow:
     right = [image.is_correct(direction) for image, (direction, _) in zip(images, found)
              if direction is not None]
     times_ms = [1e3 * time_s for _, time_s in found]
-    return RealSkyRow(images[0].group, detection, solver, sum(right), len(right) - sum(right),
-                      len(images) - len(right), float(np.median(times_ms)),
-                      float(np.percentile(times_ms, 99)))
+    return RealSkyRow(name or images[0].group, detection, solver, sum(right),
+                      len(right) - sum(right), len(images) - len(right),
+                      float(np.median(times_ms)), float(np.percentile(times_ms, 99)))

@@ -216,8 +216,8 @@ def _residuals(lens: _Lens, centroids: Centroids, onboard: OnboardCatalog, star:
     return residual
 
 
-def _reason(fit: _Fit, camera: Camera, attitude: AttitudeEstimate, nominal: Camera, focal_error: float,
-            first: int, possible: int) -> str:
+def _reason(fit: _Fit, camera: Camera, attitude: AttitudeEstimate, nominal: Camera,
+            focal_error: float, first: int, possible: int) -> str:
     """Return why a fitted lens is rejected, empty if it is not."""
     matched = attitude.stars
     if matched < max(_KEPT_SHARE * first, _LEAST_MATCHES):
@@ -257,7 +257,7 @@ def _attitude(fit: _Fit, residual: np.ndarray, centroids: Centroids) -> Attitude
     sigma = np.maximum(np.hypot(centroids.sigma_px[row], _LEAST_ERROR_PX), fit.error_px)
     return AttitudeEstimate(
         middle, partial @ fit.covariance @ partial.T, int(np.count_nonzero(row)),
-        np.sqrt(square) / np.sqrt(lens.model.fx * lens.model.fy), float(np.sum(square / sigma ** 2)))
+        np.sqrt(square / (lens.model.fx * lens.model.fy)), float(np.sum(square / sigma ** 2)))
 
 
 def _middle(lens: _Lens) -> np.ndarray:

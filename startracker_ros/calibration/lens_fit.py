@@ -140,7 +140,7 @@ def folds(lens: Lens) -> bool:
 @compiled
 def stars_in_image(lens: Lens, q: np.ndarray, icrf: np.ndarray
                    ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices (M,) of the directions (N, 3) that are in the image, and pixels (M, 2)."""
+    """Return the indices (M,) of the directions (N, 3) in the image, and pixels (M, 2)."""
     matrix, least = matrix_from_quaternion(q), _least_cosine(lens)
     index, pixel = np.empty(len(icrf), np.int64), np.empty((len(icrf), 2))
     count = 0
@@ -150,7 +150,8 @@ def stars_in_image(lens: Lens, q: np.ndarray, icrf: np.ndarray
         # Farther off a distortion may fold back into the image.
         if along < least:
             continue
-        a, b = plane_point(lens.equidistant, matrix[0, 0] * x + matrix[1, 0] * y + matrix[2, 0] * z,
+        a, b = plane_point(lens.equidistant,
+                           matrix[0, 0] * x + matrix[1, 0] * y + matrix[2, 0] * z,
                            matrix[0, 1] * x + matrix[1, 1] * y + matrix[2, 1] * z, along)
         a, b = distort(lens.terms, a, b)
         u, v = lens.fx * a + lens.cx, lens.fy * b + lens.cy

@@ -18,6 +18,7 @@ from startracker_ros.centroid.background import measure_background, over_image
 from startracker_ros.centroid.centroids import Centroids, ROUND
 from startracker_ros.centroid.connected import connected_spots
 from startracker_ros.centroid.extraction import CentroidExtractor
+from startracker_ros.centroid.quota import brightest
 from startracker_ros.centroid.smoothing import gaussian_kernel
 
 MAX_STARS = 60
@@ -97,8 +98,10 @@ def _spots(image: np.ndarray) -> Centroids:
     largest = _MAX_SIDE_PX * max(1.0, max(image.shape) / _REFERENCE_PX)
     total = np.bincount(spot, light, count)
     chosen = np.flatnonzero(_sides(spot, count, u, v) <= largest)
-    chosen = chosen[np.argsort(-total[chosen], kind='stable')][:MAX_STARS]
     centre = np.stack([np.bincount(spot, light * x, count) / total for x in (u, v)], -1)
+    chosen = chosen[np.argsort(-total[chosen], kind='stable')]
+    # Letters and lit windows are bright and close together.
+    chosen = chosen[brightest(centre[chosen], image.shape, MAX_STARS)]
     square = np.bincount(spot, light * ((u - centre[spot, 0]) ** 2
                                         + (v - centre[spot, 1]) ** 2), count) / total / 2
     size = np.sqrt(square + 1 / 12)

@@ -19,29 +19,36 @@ from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.photograph import LISTS
 from startracker_ros.identify.identification import Identification, IdentificationOptions
-from startracker_ros.identify.pyramid import PyramidIdentifier
+from startracker_ros.identify.pyramid import BrightLevel, PyramidIdentifier
 
 
 class Rung(NamedTuple):
-    """A lens model: error, depth of the catalogue beyond the automatic limit, fy / fx, k1."""
+    """
+    A lens model: error, depth of the catalogue beyond the automatic limit, fy / fx, k1.
+
+    Where bright, many triangles of the brightest stars are tried first. That is fast in deep
+    images, whose wide tolerances fit many catalogue stars, and in vain where few spots are stars.
+    """
 
     sigma_floor_px: float
     deeper_mag: float = 0.0
     pixel_ratio: float = 1.0
     k1: float = 0.0
+    bright: bool = False
 
 
 RUNGS = (
-    Rung(1.0), Rung(2.0), Rung(0.2), Rung(0.5, 0.7), Rung(1.0, 0.7), Rung(4.0),
-    Rung(1.0, 0.7, pixel_ratio=0.5), Rung(1.0, 0.7, pixel_ratio=2.0), Rung(2.0, 0.7),
+    Rung(1.0), Rung(1.0, bright=True), Rung(2.0), Rung(0.2), Rung(0.5, 0.7), Rung(1.0, 0.7),
+    Rung(4.0), Rung(1.0, 0.7, pixel_ratio=0.5), Rung(1.0, 0.7, pixel_ratio=2.0), Rung(2.0, 0.7),
     Rung(2.0, k1=-0.2), Rung(2.0, 0.7, pixel_ratio=0.935), Rung(2.0, 0.7, pixel_ratio=1.07),
     Rung(4.0, k1=0.15), Rung(4.0, k1=-0.35), Rung(0.5, 1.3), Rung(1.0, 1.3),
     Rung(4.0, pixel_ratio=1.07, k1=-0.2), Rung(4.0, pixel_ratio=0.935, k1=-0.2))
 # A search that succeeds mostly does so within a millisecond.
 _PASSES_S = (0.001, 0.004, 0.02, 0.1)
+_BRIGHT = BrightLevel(stars_per_field=10.0, image_stars=10, triangles=60)
 # Mirrored images are named as such: the first rungs, each list of stars once.
 _MIRRORED_RUNGS, _MIRRORED_S = RUNGS[:4], 0.004
-# No chip is as long: such an image has one field of interlaced rows, or binned ones, or is cropped.
+# No chip is as long: such an image has every other row, or binned ones, or is cropped.
 _LONG, _CHIP = 2.0, 4 / 3
 ATTEMPTS = LISTS * (len(RUNGS) + 1 + len(_MIRRORED_RUNGS))
 """Identifications of one image at most, each of which may be wrong by chance."""
@@ -82,7 +89,7 @@ class LadderIdentifier:
         self._databases: dict[float, PyramidIdentifier] = {}
         ratio = chip_ratio(camera.width, camera.height)
         self._order = RUNGS if ratio is None else (
-            RUNGS[0], Rung(1.0, 0.7, pixel_ratio=ratio), *RUNGS[1:])
+            RUNGS[0], Rung(1.0, 0.7, pixel_ratio=ratio, bright=True), *RUNGS[1:])
 
     @property
     def magnitude_limit(self) -> float:
@@ -139,7 +146,10 @@ class LadderIdentifier:
             if camera is None:
                 return None
             options = replace(self._options, sigma_floor_px=rung.sigma_floor_px)
-            self._rungs[rung] = self._database(rung.deeper_mag).with_camera(camera, options)
+            database = self._database(rung.deeper_mag)
+            if rung.bright:
+                database = database.with_bright_level(_BRIGHT)
+            self._rungs[rung] = database.with_camera(camera, options)
         return self._rungs[rung]
 
     def _database(self, deeper_mag: float) -> PyramidIdentifier:

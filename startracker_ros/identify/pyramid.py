@@ -17,7 +17,7 @@ This is the method for general use, compiled throughout.
 
 from copy import copy
 import time
-from typing import Self
+from typing import NamedTuple, Self
 
 from numba import types
 from numba.experimental import structref
@@ -34,7 +34,7 @@ from startracker_ros.identify.clock import search_clock, time_is_up
 from startracker_ros.identify.identification import (
     Identification, IdentificationOptions, Identifier, per_centroid, usable_stars)
 from startracker_ros.identify.pair_search import pair_level, PairLevel
-from startracker_ros.identify.pairs import MOST_PAIRS
+from startracker_ros.identify.pairs import MOST_PAIRS, PairDatabase
 from startracker_ros.identify.triangle_order import new_state, next_triangle, TRIANGLE_COST
 from startracker_ros.identify.triangles import catalogue_triangles
 from startracker_ros.identify.verification import (
@@ -44,11 +44,6 @@ from startracker_ros.identify.verification import (
 _MIN_SEPARATION_PX = 20.0
 # More than a search within its time limit can test.
 _MANY_TRIANGLES = 10 ** 8
-# The first triangles, of the very brightest, are looked up among the brightest catalogue stars:
-# few pairs, all of them in the processor's cache.
-_BRIGHT_STARS_PER_FIELD = 5.0
-_BRIGHT_IMAGE_STARS = 4
-_BRIGHT_TRIANGLES = 3
 # Expected time in ns, as the costs of triangle_order.py: for each image star to predict it from a
 # triangle, and to verify a candidate.
 _PREDICTION_COST, _VERIFICATION_COST = 60.0, 500.0
@@ -87,6 +82,18 @@ def _database(levels: tuple[PairLevel, PairLevel], verifier: VerifierData, lens:
     return _Database(levels, verifier, lens)
 
 
+class BrightLevel(NamedTuple):
+    """How many catalogue stars, image stars and triangles the first, brighter level has."""
+
+    stars_per_field: float
+    image_stars: int
+    triangles: int
+
+
+# Of the very brightest stars: few pairs, all of them in the processor's cache.
+_BRIGHT = BrightLevel(5.0, 4, 3)
+
+
 class PyramidIdentifier(Identifier):
     """Triangles of image stars, looked up side by side, confirmed by all other stars."""
 
@@ -100,15 +107,26 @@ class PyramidIdentifier(Identifier):
         pairs = cached_pairs(self.onboard, _MIN_SEPARATION_PX * camera.pixel_rad,
                              2 * camera.corner_angle_rad * (1 + self.scale_error),
                              self.most_pairs)
-        share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
-        bright = int(np.searchsorted(pairs.star, _BRIGHT_STARS_PER_FIELD / share))
-        direction = self.onboard.direction
-        self._levels = (pair_level(pairs.among(bright), direction, _BRIGHT_IMAGE_STARS,
-                                   _BRIGHT_TRIANGLES),
-                        pair_level(pairs, direction, options.max_image_stars, _MANY_TRIANGLES))
-        self._database = _database(self._levels, self.verifier.data, camera.lens)
+        self._set_levels(pairs, _BRIGHT)
         # Compiles at the first use on a machine, before the first frame.
         self.identify(Centroids.empty())
+
+    def _set_levels(self, pairs: PairDatabase, bright: BrightLevel) -> None:
+        """Make the database of these pairs."""
+        camera, direction = self.camera, self.onboard.direction
+        share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
+        stars = int(np.searchsorted(pairs.star, bright.stars_per_field / share))
+        self._levels = (
+            pair_level(pairs.among(stars), direction, bright.image_stars, bright.triangles),
+            pair_level(pairs, direction, self.options.max_image_stars, _MANY_TRIANGLES))
+        self._database = _database(self._levels, self.verifier.data, camera.lens)
+
+    def with_bright_level(self, bright: BrightLevel) -> Self:
+        """Return an identifier of the same pairs with another level of the brightest stars."""
+        level, other = self._levels[1], copy(self)
+        other._set_levels(PairDatabase(level.star, level.table.values, level.member[::2],
+                                       level.member[1::2]), bright)
+        return other
 
     def with_camera(self, camera: Camera, options: IdentificationOptions) -> Self:
         """
