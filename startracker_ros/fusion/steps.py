@@ -15,6 +15,7 @@ _LEAST_BEFORE, _LEAST_AFTER = 12, 6  # blocks
 _THRESHOLD = 50.0
 """Chi-square of a step about three axes: chance exceeds it in one of 1e10 blocks."""
 
+_LEAST_SCATTER = 1e-3  # of frames, of the variance that they are expected to have
 _LEAST_STRENGTH = 1e-6  # of a singular value, of the largest one
 _LEAST_RAD = 2 * ARCSEC  # faster bending than the law of the window is no step
 
@@ -130,7 +131,7 @@ def _step(head: str, series: list[_Difference]) -> MountStep | None:
         return None
     number, difference, variance, scatter, law = map(np.array, zip(*series))
     # The mean over the window: the scatter within a block is a poor measure of few frames.
-    variance = variance * np.maximum(np.mean(scatter / variance, axis=0), 1.0)
+    variance = variance * np.maximum(np.mean(scatter / variance, axis=0), _LEAST_SCATTER)
     time = (number - number[0]) / max(number[-1] - number[0], 1)
     smooth = np.column_stack([np.vander(time, 3), law])
     steps = (np.arange(len(series))[:, None] >= candidates).astype(float)
