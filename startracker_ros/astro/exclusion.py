@@ -90,8 +90,20 @@ class BlindingForecast:
         first = int(np.argmax(blind))
         after = np.flatnonzero(~blind[first:])
         body = next(name for name, mask in sorted(blinds.items()) if mask[first])
-        return Blinding(now, body, float(time_s[first]),
-                        float(time_s[first + after[0]]) if len(after) else math.inf)
+        return_s = math.inf
+        if len(after):
+            end = first + int(after[0])
+            return_s = max(self._crossing_s(time_s, limb_deg, name, end)
+                           for name, mask in blinds.items() if mask[end - 1])
+        return Blinding(now, body, self._crossing_s(time_s, limb_deg, body, first), return_s)
+
+    def _crossing_s(self, time_s: np.ndarray, limb_deg: dict[str, np.ndarray], name: str,
+                    index: int) -> float:
+        """Return when an angle (T,) is at its limit, between the steps before and at an index."""
+        if not index:
+            return 0.0
+        before, after = limb_deg[name][index - 1:index + 1] - self._exclusion_deg[name]
+        return float(time_s[index] - STEP_S * after / (after - before))
 
 
 def _bodies(stamp_ns: int, time_s: np.ndarray, state: State | None

@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 from startracker_ros.attitude.gyro import GyroErrorOptions
+from startracker_ros.campaign.heads_hint import hint_rows, hint_runs
 from startracker_ros.campaign.heads_scene import (
     errors_of, NAMES, nees_of, Scene, SceneRun, SIGMA_ARCSEC)
 from startracker_ros.campaign.heads_tracker import (
@@ -203,7 +204,8 @@ def steps(runs: int, seed: int) -> np.ndarray:
     return np.array(rows)
 
 
-_TASKS = {'two heads': two_heads, 'snapshots': snapshots, 'dropping': dropping, 'steps': steps}
+_TASKS = {'two heads': two_heads, 'snapshots': snapshots, 'dropping': dropping, 'steps': steps,
+          'hint': hint_runs}
 
 
 def heads_runs(task: str, case: str, runs: int, seed: int) -> np.ndarray:
@@ -224,7 +226,7 @@ def run_heads_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
     cases = [('two heads', '', trials), ('snapshots', '', trials), ('dropping', '', trials),
              *(('faults', fault, trials) for fault in FAULTS),
              *(('bending', law, long_runs) for law in ('orbit', 'temperature')),
-             ('steps', '', long_runs),
+             ('steps', '', long_runs), ('hint', '', long_runs),
              *(('tracker', condition, long_runs) for condition in TRACKER_CONDITIONS)]
     parts = [(task, case, *part) for task, case, runs in cases if not only or task in only
              for part in split_trials(runs, _PIECE, seed)]
@@ -295,13 +297,17 @@ def _rows_steps(case: str, rows: np.ndarray) -> list[Row]:
             Row('steps found that are none', false, 'steps', '= 0', false == 0)]
 
 
+def _rows_hint(case: str, rows: np.ndarray) -> list[Row]:
+    return hint_rows(rows)
+
+
 def _rows_tracker(case: str, rows: np.ndarray) -> list[Row]:
     return tracker_rows(case, rows)
 
 
 _ROWS = {'two heads': _rows_two_heads, 'snapshots': _rows_snapshots, 'dropping': _rows_dropping,
          'faults': _rows_faults, 'bending': _rows_bending, 'steps': _rows_steps,
-         'tracker': _rows_tracker}
+         'hint': _rows_hint, 'tracker': _rows_tracker}
 
 TASKS = tuple(_ROWS)
 """What can be run alone."""

@@ -380,14 +380,15 @@ class AttitudeFusion:
     def _observe(self, head: Head, frame: HeadFrame, predicted: FusedState,
                  innovation: Innovation) -> None:
         """Look for steps of the mounts in the differences of the heads."""
-        offset = innovation.vector + (
-            innovation.measured.sensitivity @ predicted.coefficients[own_coefficients(head)])
-        for step in self._steps.add(head.name, frame.stamp_ns, offset):
+        measured, own = innovation.measured, own_coefficients(head)
+        offset = innovation.vector + measured.sensitivity @ predicted.coefficients[own]
+        variance = np.diagonal(predicted.covariance)[:3] + np.diagonal(measured.covariance)
+        for step in self._steps.add(head.name, frame.stamp_ns, offset, variance,
+                                    measured.sensitivity[0, 3::3]):
             self.steps.append(step)
             self.heads[step.head].stepped_rad2 += float(step.size_rad @ step.size_rad)
-            self._history = [
-                entry._replace(state=reopened(entry.state, self.heads[step.head], step))
-                for entry in self._history]
+            self._history = [entry._replace(state=reopened(
+                entry.state, self.heads[step.head], step)) for entry in self._history]
 
 
 def warm_up() -> None:

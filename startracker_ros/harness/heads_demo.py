@@ -3,6 +3,7 @@
 from collections import defaultdict
 from functools import partial
 from pathlib import Path
+import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
@@ -33,7 +34,7 @@ from startracker_ros.table import Result
 FRAME_RATE_HZ = 5.0
 _HEADS = tuple(MOUNTS)
 _INERTIAL, _BODY = 'icrf', 'base_link'
-_START_S = 240.0
+_START_S, _FUSION_S = 240.0, 1.0
 EXCLUSION_DEG = {'Sun': 25.0, 'Moon': 10.0, 'Earth': 15.0}
 # Their glare fills the image two degrees nearer: the last stars fade within the exclusion angle.
 _GLARE_DEG = {name: angle - 2.0 for name, angle in EXCLUSION_DEG.items()}
@@ -171,6 +172,11 @@ class HeadsDemo(LockStepDemo):
             names = [name for name in _HEADS if stamp_ns not in self._has_attitude[name]]
             return f'{", ".join(names)} for frame {self.frames}' if names else ''
         self.await_attitudes(missing)
+        # A fusion that is slow for a while would lose rates; one without an attitude is silent.
+        deadline_s = time.monotonic() + _FUSION_S
+        while (self._fused is not None and self._fused[0] < stamp_ns
+               and time.monotonic() < deadline_s):
+            self.probe.spin_once(0.05)
 
     def _publish_rates(self, stamp_ns: int, rate_rad_s: np.ndarray) -> None:
         """Publish the rates of the gyro of the body up to a frame."""

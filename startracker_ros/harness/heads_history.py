@@ -21,7 +21,7 @@ from startracker_ros.report.recording import Recording
 from startracker_ros.sky.motion import SteadyMotion
 
 JUMP_SIGMAS = 3.0
-_REPEATED_S = 1.0  # for which tracker_state repeats a forecast
+FORECAST_LIMIT_S = STEP_S + 1.0  # tracker_state repeats a forecast for a second
 _COLOURS = {'Sun': 'tab:orange', 'Moon': 'tab:grey', 'Earth': 'tab:blue'}
 
 
@@ -119,11 +119,14 @@ class HeadsHistory:
         starts, ends = [], []
         for one in self.forecasts:
             index = int(np.searchsorted(self.stamp_ns, one.stamp_ns))
-            ahead = [b for b in self.blindings if b.head == one.head and b.end > index]
+            now_s = self.time_s[index]
+            # A forecast may be of a blinding that has just ended.
+            ahead = [b for b in self.blindings if b.head == one.head and (
+                b.end > index or b.body == one.body
+                and now_s - self.time_s[b.end - 1] <= FORECAST_LIMIT_S)]
             if one.body == 'none' or not ahead:
                 continue
             blinding = ahead[0]
-            now_s = self.time_s[index]
             starts.append(one.in_s - max(0.0, self.time_s[blinding.first] - now_s))
             if blinding.end < len(self.stamp_ns):
                 ends.append(one.return_s - (self.time_s[blinding.end] - now_s))
@@ -141,7 +144,7 @@ class HeadsHistory:
         blinded = {(b.head, b.body) for b in self.blindings}
         counts, returns = self.reacquisitions(), self.returns_s()
         starts, ends = self.forecast_errors_s()
-        limit_s = STEP_S + _REPEATED_S
+        limit_s = FORECAST_LIMIT_S
         rows = [
             Row('frames', len(self.stamp_ns), 'frames'),
             Row('frames with fused attitude', share, '%', '>= 99', share >= 99),
@@ -168,18 +171,25 @@ class HeadsHistory:
 
     def _jump(self, stamps: np.ndarray, error: np.ndarray, sigma: np.ndarray,
               heads: HeadsRecording) -> float:
-        """Return the largest change of the error in sigma from one frame to the next."""
+        """
+        Return the largest change of the error from one frame to the next, in sigma.
+
+        The variance of the change is the sum of both: the errors of frames are all but independent
+        where the noise of the gyro is that of a frame.
+        """
         used = np.array([*heads.in_use(stamps).values()])
         changed = np.flatnonzero((used[:, 1:] != used[:, :-1]).any(axis=0)) + 1
         # What the fusion starts with has no frame before it.
-        change = np.abs(error[changed] - error[changed - 1]) / np.maximum(
+        change = np.abs(error[changed] - error[changed - 1]) / np.hypot(
             sigma[changed], sigma[changed - 1])
         return float(change.max(initial=0.0))
 
     def _mount_rows(self, heads: HeadsRecording) -> list[Row]:
         rows = []
         for name, series in heads.mounts.items():
-            error, sigma = series.error_arcsec(), series.sigma_arcsec()
+            # Without those of which the recorder lost the truth.
+            known = np.isfinite(series.truth).all(axis=1)
+            error, sigma = series.error_arcsec()[known], series.sigma_arcsec()[known]
             last = slice(len(error) // 2, None)
             within = 100 * float(np.mean(np.abs(error) <= 3 * sigma))
             rows += [Row(f'mount of {name}: error of the file at the start',

@@ -1,7 +1,9 @@
 """The state of the star tracker on its topic and in the diagnostics."""
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from startracker_ros.astro.exclusion import BlindingForecast, ExclusionOptions
+import numpy as np
+from startracker_ros.astro.exclusion import BlindingForecast, ExclusionOptions, HORIZON_S
+from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
 from startracker_ros.ros.node import PipelineNode
@@ -15,7 +17,7 @@ class TrackerStateOutput:
     """
     Publishes tracker_state, with the time until the head is blinded and until it is no more.
 
-    The attitude of that is the tracked one, without it that of the last hint.
+    The attitude of that is the newest one of tracked and hinted ones, at a constant rate since.
     """
 
     def __init__(self, node: PipelineNode, observer: OdometryInput) -> None:
@@ -23,6 +25,7 @@ class TrackerStateOutput:
         self._observer = observer
         self._forecast_ns = 0
         self._blinding: dict[str, object] = {}
+        self._known: tuple[int, np.ndarray, np.ndarray] | None = None
         self._publisher = node.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
 
     def publish(self, tracker: StarTracker, stamp_ns: int | None = None) -> None:
@@ -66,17 +69,22 @@ class TrackerStateOutput:
         """Return the values of the blinding to come, none where the attitude is unknown."""
         tracked, hint = tracker.attitude, tracker.hints.newest
         if tracked is not None:
-            quaternion, rate_rad_s = tracked.attitude.quaternion, tracked.rate_rad_s
-        elif hint is not None:
-            stamp_ns, quaternion, rate_rad_s = hint.stamp_ns, hint.quaternion, hint.rate
-        else:
+            self._known = stamp_ns, tracked.attitude.quaternion, tracked.rate_rad_s
+        elif hint is not None and (self._known is None or hint.stamp_ns > self._known[0]):
+            self._known = hint.stamp_ns, hint.quaternion, hint.rate
+        if self._known is None:
+            return {}
+        known_ns, quaternion, rate_rad_s = self._known
+        age_s = (stamp_ns - known_ns) * 1e-9
+        if abs(age_s) > HORIZON_S:
             return {}
         blinding = BlindingForecast(self._node.options(ExclusionOptions)).at(
-            stamp_ns, quaternion, rate_rad_s, self._observer.motion.geocentric(stamp_ns))
+            stamp_ns, turned(quaternion, rate_rad_s * age_s), rate_rad_s,
+            self._observer.motion.geocentric(stamp_ns))
         if blinding is None:
             return {}
         return {'blinding_body': blinding.body or 'none',
-                'seconds_to_blinding': f'{blinding.in_s:g}',
-                'seconds_to_return': f'{blinding.return_s:g}',
+                'seconds_to_blinding': f'{round(blinding.in_s, 1):g}',
+                'seconds_to_return': f'{round(blinding.return_s, 1):g}',
                 **{f'{name.lower()}_limb_deg': f'{angle:.2f}'
                    for name, angle in blinding.limb_deg.items()}}

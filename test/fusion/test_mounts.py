@@ -12,6 +12,7 @@ from startracker_ros.fusion.steps import BLOCK_S, StepDetector
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, conjugate, multiply
 
 MOUNT = np.array([0.5, 0.5, 0.5, 0.5])
+VARIANCE, NO_LAW = (ARCSEC * np.array([1, 1, 11])) ** 2, np.empty(0)
 
 
 def learn(scene, options, seed=6):
@@ -77,8 +78,8 @@ def test_a_step_is_found_and_dated():
         time_s, drift = float(tick), 9 * ARCSEC * np.sin(2 * np.pi * tick / 5700)
         offset = drift + size * (time_s >= 703)
         noise = ARCSEC * np.array([1, 1, 11]) * rng.standard_normal((2, 3))
-        found += detector.add('a', round(time_s * 1e9), noise[0])
-        found += detector.add('b', round(time_s * 1e9) + 1, offset + noise[1])
+        found += detector.add('a', round(time_s * 1e9), noise[0], VARIANCE, NO_LAW)
+        found += detector.add('b', round(time_s * 1e9) + 1, offset + noise[1], VARIANCE, NO_LAW)
     step, = found
     assert step.head == 'b' and abs(step.stamp_ns * 1e-9 - 703) <= 2 * BLOCK_S
     # Of the block of the step a part is before it.
@@ -89,8 +90,21 @@ def test_slow_bending_is_no_step():
     detector, rng = StepDetector(('a', 'b')), np.random.default_rng(9)
     for tick in range(1500):
         offset = 9 * ARCSEC * np.sin(2 * np.pi * tick / 5700) * np.ones(3)
-        assert not detector.add('a', tick * 10 ** 9, ARCSEC * rng.standard_normal(3))
-        assert not detector.add('b', tick * 10 ** 9, offset + ARCSEC * rng.standard_normal(3))
+        assert not detector.add('a', tick * 10 ** 9, ARCSEC * rng.standard_normal(3), VARIANCE,
+                                NO_LAW)
+        assert not detector.add('b', tick * 10 ** 9, offset + ARCSEC * rng.standard_normal(3),
+                                VARIANCE, NO_LAW)
+
+
+def test_bending_by_a_known_law_and_noise_that_grows_are_no_steps():
+    # As before a blinding: fewer and fewer stars for 30 s, after which there are none.
+    detector, rng = StepDetector(('a', 'b')), np.random.default_rng(7)
+    for tick in range(1500):
+        temperature_k = 10 * np.sin(2 * np.pi * tick / 600)
+        sigma = ARCSEC * np.array([1, 1, 11]) * (30 if tick % 300 >= 270 else 1)
+        for head, offset in (('a', 0.0), ('b', 0.9 * ARCSEC * temperature_k)):
+            assert not detector.add(head, tick * 10 ** 9, offset + sigma * rng.standard_normal(3),
+                                    sigma ** 2, np.array([temperature_k]))
 
 
 def test_the_misalignment_is_about_body_axes():
