@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.calibration.lens_fit import (
-    changed, fit_lens, folds, linearised, PARAMETERS, stars_in_image)
+    changed, fit_lens, folds, LEAST_ERROR_PX, linearised, PARAMETERS, stars_in_image)
 from startracker_ros.calibration.matching import nearest_pairs
 from startracker_ros.camera.lens import Lens, rays, undistorted
 from startracker_ros.camera.model import Camera, CameraError
@@ -40,7 +40,6 @@ _MAX_ITERATIONS = 15
 _GATE_SIGMAS = 4.0
 # The matching radius at least, and while the first matches lead to those farther out.
 _LEAST_GATE_PX, _FIRST_GATE_PX, _GROWING = 1.0, 6.0, 4
-_LEAST_ERROR_PX = 0.1
 # Largest probability that an image star is in the gate of a catalogue star by chance.
 _MOST_CHANCE = 0.02
 _STEP = 1e-6  # of the numerical derivatives of the middle of the image
@@ -254,7 +253,7 @@ def _attitude(fit: _Fit, residual: np.ndarray, centroids: Centroids) -> Attitude
         step[axis] = _STEP
         partial[:, axis] = attitude_error(_middle(_Lens(*changed(*lens, step))), middle) / _STEP
     square = np.sum(residual[row] ** 2, axis=1)
-    sigma = np.maximum(np.hypot(centroids.sigma_px[row], _LEAST_ERROR_PX), fit.error_px)
+    sigma = np.maximum(np.hypot(centroids.sigma_px[row], LEAST_ERROR_PX), fit.error_px)
     return AttitudeEstimate(
         middle, partial @ fit.covariance @ partial.T, int(np.count_nonzero(row)),
         np.sqrt(square / (lens.model.fx * lens.model.fy)), float(np.sum(square / sigma ** 2)))

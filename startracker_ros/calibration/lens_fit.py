@@ -15,7 +15,7 @@ from startracker_ros.maths.compiled_rotation import (
     matrix_from_quaternion, sensor_directions, turned)
 
 PARAMETERS = 8
-_LEAST_ERROR_PX = 0.1
+LEAST_ERROR_PX = 0.1
 _STEPS = 3  # of Gauss-Newton for each association
 _SMALL_PX = 1e-3  # a smaller change is the last
 # Points along each side at which a lens must not fold its image, and the largest error there.
@@ -97,7 +97,7 @@ def fit_lens(lens: Lens, q: np.ndarray, start: Lens, free: np.ndarray, icrf: np.
         error_px = _error_px(square)
         information, gradient = np.diag(prior), -drift(lens, start) * prior
         for i in range(count):
-            variance = max(sigma_px[i] ** 2 + _LEAST_ERROR_PX ** 2, error_px ** 2)
+            variance = max(sigma_px[i] ** 2 + LEAST_ERROR_PX ** 2, error_px ** 2)
             weight = 1 / (variance * (1 + square[i] / (9 * variance)))
             for j in range(PARAMETERS):
                 along, across = weight * partial[i, 0, j], weight * partial[i, 1, j]

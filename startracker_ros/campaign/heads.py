@@ -297,17 +297,9 @@ def _rows_steps(case: str, rows: np.ndarray) -> list[Row]:
             Row('steps found that are none', false, 'steps', '= 0', false == 0)]
 
 
-def _rows_hint(case: str, rows: np.ndarray) -> list[Row]:
-    return hint_rows(rows)
-
-
-def _rows_tracker(case: str, rows: np.ndarray) -> list[Row]:
-    return tracker_rows(case, rows)
-
-
 _ROWS = {'two heads': _rows_two_heads, 'snapshots': _rows_snapshots, 'dropping': _rows_dropping,
          'faults': _rows_faults, 'bending': _rows_bending, 'steps': _rows_steps,
-         'hint': _rows_hint, 'tracker': _rows_tracker}
+         'hint': hint_rows, 'tracker': tracker_rows}
 
 TASKS = tuple(_ROWS)
 """What can be run alone."""

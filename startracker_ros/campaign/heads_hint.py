@@ -8,10 +8,10 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.synthetic_field import star_list
-from startracker_ros.figures.correctness import over_bound
+from startracker_ros.figures.correctness import is_wrong
 from startracker_ros.figures.rows import Row
 from startracker_ros.maths.compiled_rotation import turned
-from startracker_ros.maths.rotation import attitude_error, random_attitude
+from startracker_ros.maths.rotation import random_attitude
 from startracker_ros.pipeline.identification import IdentificationStage
 from startracker_ros.track.start import Hint
 from startracker_ros.track.tracker import StarTracker
@@ -26,7 +26,7 @@ _STARTS, _LAST = 40, 5  # in a run; frames after which a start has failed
 
 def hint_runs(runs: int, seed: int) -> np.ndarray:
     """
-    Return frames to an attitude, processor time in ms and wrong attitudes (0 or 1) of each start.
+    Return frames to an attitude, wrong attitudes (0 or 1) and processor time in ms of each start.
 
     The time is that of the first frame: tracker, identification lost in space, start.
     """
@@ -64,12 +64,10 @@ def _result(tracker: StarTracker, truth: np.ndarray, frames: int) -> tuple[float
     if tracked is None:
         return np.inf, 0.0
     estimate = tracked.attitude
-    sigma = np.sqrt(np.diagonal(estimate.covariance_sensor))
-    return frames, float(over_bound(
-        attitude_error(estimate.quaternion, truth), sigma).max() > 1)
+    return frames, float(is_wrong(estimate.quaternion, estimate.covariance_sensor, truth))
 
 
-def hint_rows(rows: np.ndarray) -> list[Row]:
+def hint_rows(case: str, rows: np.ndarray) -> list[Row]:
     """Return the rows of starts (N, 3)."""
     frames, wrong = float(rows[:, 0].max()), int(rows[:, 1].sum())
     spent_ms = float(np.median(rows[:, 2]))

@@ -392,5 +392,5 @@ def _check(image: np.ndarray) -> None:
 
 
 def _none(status: str, reason: str, frame: Frame | None = None) -> Extraction:
-    return Extraction(Centroids.empty(), status, reason,
-                      *(() if frame is None else (frame.background_dn, frame.noise_dn)))
+    measured = () if frame is None else (frame.background_dn, frame.noise_dn)
+    return Extraction(Centroids.empty(), status, reason, *measured)

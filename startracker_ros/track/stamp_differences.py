@@ -92,7 +92,7 @@ def add_frame(memory: Differences, before: AttitudeState, predicted: AttitudeSta
 @compiled
 def _stamp_variance(times_s: np.ndarray, variances_s2: np.ndarray) -> float:
     """Return s^2 out of the mean product of successive times, 0 where it is not significant."""
-    limit = LIMIT_SIGMAS * 1.4826 * _median_of_known(np.abs(times_s))
+    limit = LIMIT_SIGMAS * 1.4826 * np.nanmedian(np.abs(times_s))
     product, products, noise, frames = 0.0, 0, 0.0, 0
     for k in range(FRAMES):
         if not math.isnan(variances_s2[k]):
@@ -106,13 +106,3 @@ def _stamp_variance(times_s: np.ndarray, variances_s2: np.ndarray) -> float:
         return 0.0
     seen, noise = -product / products / 4, noise / frames
     return seen - noise if seen > (SIGNIFICANT + FEW / products) * noise else 0.0
-
-
-@compiled
-def _median_of_known(values: np.ndarray) -> float:
-    """Return the median of the values (N,) that are not NaN; NaN of none."""
-    known = np.sort(values[~np.isnan(values)])
-    middle = len(known) // 2
-    if not len(known):
-        return np.nan
-    return known[middle] if len(known) % 2 else (known[middle - 1] + known[middle]) / 2
