@@ -89,6 +89,10 @@ class Gyro:
         """Return how long before a time the newest measurement was; infinity without any."""
         return (stamp_ns - self._stamps_ns[-1]) * 1e-9 if self._stamps_ns else np.inf
 
+    def newest_ns(self, stamp_ns: int) -> int:
+        """Return the time of the newest measurement, but none later than a time."""
+        return min(self._stamps_ns[-1], stamp_ns)
+
     def propagate(self, state: AttitudeState, to_ns: int) -> AttitudeState:
         """Return the state at a later time, propagated by the measured rates alone."""
         for step in self.steps(state.stamp_ns, to_ns):

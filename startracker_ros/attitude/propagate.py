@@ -22,15 +22,18 @@ class AttitudePrediction:
 
 
 class AttitudePropagator:
-    """Attitude and gyro drift, propagated by gyro rates and updated by attitudes of frames."""
+    """
+    Attitude and gyro drift, propagated by gyro rates and updated by attitudes of frames.
+
+    A prediction beyond the newest rate does not spoil the next one: rates that come late, as
+    those of a stopped process do, are used then.
+    """
 
     def __init__(self, options: GyroErrorOptions = GyroErrorOptions()) -> None:
         self._gyro = Gyro(options)
+        # That of the newest rate, and that of the last prediction.
         self._state: AttitudeState | None = None
-
-    def forget_attitude(self) -> None:
-        """Drop the attitude: there is no prediction until the next start."""
-        self._state = None
+        self._predicted: AttitudeState | None = None
 
     @property
     def has_rates(self) -> bool:
@@ -54,13 +57,14 @@ class AttitudePropagator:
         """Return the attitude at a time, None before the first one or without any rate."""
         if self._state is None or stamp_ns < self._state.stamp_ns or not self.has_rates:
             return None
-        self._state = self._gyro.propagate(self._state, stamp_ns)
-        return AttitudePrediction(self._state.quaternion, self._state.covariance[:3, :3])
+        self._state = self._gyro.propagate(self._state, self._gyro.newest_ns(stamp_ns))
+        self._predicted = self._gyro.propagate(self._state, stamp_ns)
+        return AttitudePrediction(self._predicted.quaternion, self._predicted.covariance[:3, :3])
 
     def correct(self, quaternion: np.ndarray, covariance_sensor: np.ndarray) -> None:
         """Update by the attitude of a frame at the time of the last prediction, if any."""
-        if self._state is None:
+        if self._predicted is None:
             return
         information = np.linalg.inv(covariance_sensor)
-        innovation = attitude_error(quaternion, self._state.quaternion)
-        self._state = self._state.with_attitude(information, information @ innovation)
+        innovation = attitude_error(quaternion, self._predicted.quaternion)
+        self._state = self._predicted.with_attitude(information, information @ innovation)

@@ -266,11 +266,11 @@ class RecursiveIdentifier:
         Return which stars the centroids of a frame are, later than the frame before.
 
         A frame that is not identified does not correct the prediction. Its covariance grows
-        until the grid cannot use it any more: then frames are identified lost in space.
+        until the grid cannot use it any more: then frames are identified lost in space, unless
+        the rates that were missing come later.
         """
         prior = self._propagator.predict(stamp_ns)
         if prior is not None and not self._identifier.captures(prior):
-            self._propagator.forget_attitude()
             prior = None
         result = self._identifier.identify(centroids, prior)
         if prior is not None and result.attitude is None:

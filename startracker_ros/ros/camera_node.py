@@ -147,7 +147,7 @@ class CameraNode(PipelineNode):
             if (self.in_order('imu', message.header.stamp)
                     and not add(ns_from_stamp(message.header.stamp), rate)):
                 raise MessageError(f'angular velocity {rate.tolist()} rad/s cannot be right')
-        self.subscribe(Imu, 'imu', on_imu, qos.IMU)
+        self.subscribe(Imu, 'imu', on_imu, qos.IMU, first=True)
 
     def in_order(self, topic: str, stamp: Time) -> bool:
         """Return whether a stamp is newer than the last of its topic; counts it if not."""

@@ -30,6 +30,7 @@ from startracker_ros.ros.diagnostics import Diagnostics, ERROR
 from startracker_ros.ros.forced_exit import exit_after
 from startracker_ros.ros.incompatible_qos import IncompatiblePublishers
 from startracker_ros.ros.managed import LifecycleOptions, ManagedNode, StartError
+from startracker_ros.ros.messages.rclpy_internals import take_all
 from startracker_ros.ros.shared_memory import remove_left_behind
 from startracker_ros.ros.shutdown import Shutdown
 from std_srvs.srv import Trigger
@@ -80,6 +81,7 @@ class PipelineNode(ManagedNode):
         self.hardware_id = self.get_namespace().strip('/') or 'star_tracker'
         self.diagnostics = Diagnostics(self, self.task, self.hardware_id)
         self._incompatible_publishers = IncompatiblePublishers(self, self.diagnostics)
+        self._take_first: list[Callable[[], None]] = []
 
     def begin(self) -> None:
         """Configure and activate unless a manager does, and accept changes of parameters."""
@@ -125,16 +127,20 @@ class PipelineNode(ManagedNode):
         """Close files, before the node is destroyed."""
 
     def subscribe(self, message_type: type, topic: str, callback: Callable,
-                  profile: QoSProfile, *, last: bool = False, while_inactive: bool = False,
+                  profile: QoSProfile, *, first: bool = False, last: bool = False,
+                  while_inactive: bool = False,
                   decode: Callable[[bytes], Any] | None = None) -> None:
         """
         Subscribe to a topic; messages that the callback rejects are reported and counted.
 
+        first: all of its messages that have come are processed before one of another topic.
         last: among several nodes of a process, after all that the attitude depends on.
         while_inactive: also in the state inactive.
         decode: a deserialization that is faster than that of rclpy.
         """
         def guarded(message: Any) -> None:
+            for take in () if first else self._take_first:
+                take()
             if not (self.active or while_inactive and self.configured):
                 self.diagnostics.counts[f'{topic} while not active'] += 1
                 return
@@ -149,10 +155,12 @@ class PipelineNode(ManagedNode):
         def subscribe_dds() -> None:
             with qos.named_errors('subscription', topic):
                 # A copy: rclpy writes the overrides into the profile that it receives.
-                self.create_subscription(
+                subscription = self.create_subscription(
                     message_type, topic, guarded, copy(profile), raw=decode is not None,
                     qos_overriding_options=qos.overridable(),
                     event_callbacks=self._incompatible_publishers.callbacks(topic))
+            if first:
+                self._take_first.append(partial(take_all, subscription, guarded))
         if self.composition is None:
             subscribe_dds()
         else:

@@ -12,7 +12,8 @@ from startracker_ros.ros.parameters import ParameterError
 # camera driver that publishes best effort set qos_overrides./image_raw.subscription.reliability.
 IMAGE = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 LIST = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-# Holds a second of a fast gyro while a node processes a frame.
+# Holds a second of a fast gyro while a node processes a frame, on both sides: what was measured
+# between two frames may be published at once.
 IMU = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                    durability=DurabilityPolicy.TRANSIENT_LOCAL)

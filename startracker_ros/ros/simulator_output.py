@@ -83,7 +83,7 @@ class GyroOutput:
     """Publishes the measurements of the gyro, at its own rate."""
 
     def __init__(self, node: PipelineNode) -> None:
-        self._imu = node.advertise(Imu, 'imu', qos.LIST)
+        self._imu = node.advertise(Imu, 'imu', qos.IMU)
         self._index = 0
 
     def publish(self, simulator: SkySimulator, options: GyroOptions, stamp_ns: int,
@@ -92,8 +92,8 @@ class GyroOutput:
         rate_hz = options.gyro_rate_hz
         sigma_rad_s = np.radians(options.gyro_noise_deg_sqrt_h / 60) * np.sqrt(rate_hz)
         newest = int(time_s * rate_hz + 1e-6)
-        # After a pause, only the measurements of one second.
-        for index in range(max(self._index + 1, newest - int(rate_hz)), newest + 1):
+        # After a pause, no more measurements than a subscriber holds.
+        for index in range(max(self._index, newest - qos.IMU.depth) + 1, newest + 1):
             header = make_header(stamp_ns + round((index / rate_hz - time_s) * 1e9), frame_id)
             self._imu.publish(gyro_to_imu(simulator.gyro(index / rate_hz), sigma_rad_s, header))
         self._index = newest

@@ -55,8 +55,21 @@ def test_nothing_is_predicted_from_nothing():
     propagator.add_rate(S, RATE)
     assert propagator.predict(S) is not None
     assert propagator.predict(S // 2) is None
-    propagator.forget_attitude()
-    assert propagator.predict(2 * S) is None
+
+
+def test_rates_that_come_late_are_used_by_the_next_prediction():
+    """Frames overtake the rates of a process that was stopped."""
+    options = {'gyro_rate_change_deg_s2': 0.1}
+    late, in_time = started(**options), started(**options)
+    for propagator in (late, in_time):
+        propagator.add_rate(S, RATE)
+    assert np.all(sigma_arcsec(late.predict(6 * S)) > 1000)
+    for propagator in (late, in_time):
+        for second in range(2, 8):
+            propagator.add_rate(second * S, RATE)
+    found, expected = late.predict(7 * S), in_time.predict(7 * S)
+    np.testing.assert_allclose(found.quaternion, expected.quaternion, atol=1e-14)
+    np.testing.assert_allclose(found.covariance_sensor, expected.covariance_sensor, rtol=1e-9)
 
 
 @pytest.mark.parametrize('rate', [[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -1e3]])

@@ -2,7 +2,7 @@
 What rclpy keeps private and the nodes need: tried with rclpy 7.1, each with a way around.
 
 Where a later rclpy has renamed an attribute, images are copied once more, misspelt parameters
-are ignored and transitions answered as in any other node.
+are ignored, transitions answered as in any other node and messages taken by the executor alone.
 """
 
 from collections.abc import Callable
@@ -11,6 +11,7 @@ from typing import Any
 
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image
 
 
@@ -47,3 +48,11 @@ def lifecycle_state(node: LifecycleNode) -> str:
     """Return the label of the state that a managed node is in, empty where it is not known."""
     machine = getattr(node, '_state_machine', None)
     return '' if machine is None else machine.current_state[1]
+
+
+def take_all(subscription: Subscription, callback: Callable[[Any], None]) -> None:
+    """Call callback(message) for all messages that wait, before the executor comes to them."""
+    take = getattr(subscription.handle, 'take_message', None)
+    if take is not None:
+        while (taken := take(subscription.msg_type, subscription.raw)) is not None:
+            callback(taken[0])

@@ -39,7 +39,7 @@ class AttitudeFusionNode(PipelineNode):
                            qos.LIST)
             self.subscribe(Temperature, f'{name}/temperature',
                            partial(self._on_temperature, name), qos.LIST)
-        self.subscribe(Imu, 'imu', self._on_imu, qos.IMU)
+        self.subscribe(Imu, 'imu', self._on_imu, qos.IMU, first=True)
         self.advertise_trigger('save_mounts', self._save_mounts)
         self.advertise_reset()
         self.diagnostics.checks.append(lambda: self._output.report(self._fusion))
