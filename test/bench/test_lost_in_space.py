@@ -7,7 +7,7 @@ import sys
 from click.testing import CliRunner
 import numpy as np
 import pytest
-from startracker_ros.bench.corpus import ALL_CELLS, Cell, CELLS, frames, VIEWS
+from startracker_ros.bench.corpus import ALL_CELLS, Cell, CELLS, frames, View, VIEWS
 from startracker_ros.bench.lost_in_space import (
     bounds, CORRECT, database_row, databases, kind_of, run_lost_in_space_bench, solve_frames,
     UNSOLVED, WRONG)
@@ -71,10 +71,10 @@ def cedar_python(tmp_path_factory):
 
 
 def test_cedar_solve_solves_frames_without_noise(cedar_python, tmp_path):
-    cedar = Cedar(cedar_python, str(tmp_path))
-    database = cedar.build(VIEWS['B20'])
+    cedar, wide = Cedar(cedar_python, str(tmp_path)), View('W40', 512, 40.0, 4.0)
+    database = cedar.build(wide)
     assert database.seconds > 0 and database.file_mb > 0 and database.memory_mb > 0
-    outcome = solve_frames(VIEWS['B20'], EASY, cedar, 20, 1)['cedar-solve']
+    outcome = solve_frames(wide, EASY, cedar, 20, 1)['cedar-solve']
     assert np.all(outcome.kind == CORRECT) and np.all(outcome.cpu_s > 0)
 
 

@@ -64,10 +64,3 @@ def probe(rig: Rig) -> Probe:
 def nodes(rig: Rig) -> NodeProcesses:
     """Return the processes of the rig."""
     return rig.processes
-
-
-@pytest.fixture
-def fresh_nodes(rig: Rig) -> NodeProcesses:
-    """Return processes of the rig that start as those of a user do."""
-    rig.processes = NodeProcesses(rig.log_folder)
-    return rig.processes
