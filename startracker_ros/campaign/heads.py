@@ -6,7 +6,7 @@ import numpy as np
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.campaign.heads_hint import hint_rows, hint_runs
 from startracker_ros.campaign.heads_scene import (
-    errors_of, NAMES, nees_of, Scene, SceneRun, SIGMA_ARCSEC)
+    errors_of, NAMES, nees_of, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY)
 from startracker_ros.campaign.heads_tracker import (
     TRACKER_CONDITIONS, tracker_rows, tracker_runs)
 from startracker_ros.campaign.parallel import parallel_map, split_trials
@@ -159,6 +159,19 @@ def faults(fault: str, runs: int, seed: int) -> np.ndarray:
     return np.array(rows)
 
 
+def understated(runs: int, seed: int) -> np.ndarray:
+    """Return mean NEES, wrong frames and found scale of the errors of a head, of each run."""
+    rows = []
+    for index in range(runs):
+        run, fusion, outcomes = _run(Scene(_seconds(3), fault=UNDERSTATED), _KNOWN, seed + index)
+        errors, covariances = errors_of(outcomes)
+        sigma = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+        rows.append([nees_of(errors, covariances)[_SETTLED:].mean(),
+                     np.count_nonzero(over_bound(errors, sigma) > 1),
+                     fusion.heads[NAMES[run.faulty]].noise.scale ** 0.5])
+    return np.array(rows)
+
+
 def bending(law: str, runs: int, seed: int) -> np.ndarray:
     """Return rms of the misalignments in arcsec, before and after learning, of each run."""
     rows = []
@@ -204,8 +217,8 @@ def steps(runs: int, seed: int) -> np.ndarray:
     return np.array(rows)
 
 
-_TASKS = {'two heads': two_heads, 'snapshots': snapshots, 'dropping': dropping, 'steps': steps,
-          'hint': hint_runs}
+_TASKS = {'two heads': two_heads, 'snapshots': snapshots, 'dropping': dropping,
+          'understated': understated, 'steps': steps, 'hint': hint_runs}
 
 
 def heads_runs(task: str, case: str, runs: int, seed: int) -> np.ndarray:
@@ -224,7 +237,7 @@ def run_heads_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
     """Fuse heads in so many runs of FRAMES frames for each figure; only names tasks."""
     long_runs = max(1, trials // _LONG_RUNS)
     cases = [('two heads', '', trials), ('snapshots', '', trials), ('dropping', '', trials),
-             *(('faults', fault, trials) for fault in FAULTS),
+             *(('faults', fault, trials) for fault in FAULTS), ('understated', '', trials),
              *(('bending', law, long_runs) for law in ('orbit', 'temperature')),
              ('steps', '', long_runs), ('hint', '', long_runs),
              *(('tracker', condition, long_runs) for condition in TRACKER_CONDITIONS)]
@@ -281,6 +294,13 @@ def _rows_faults(case: str, rows: np.ndarray) -> list[Row]:
             Row(f'{case}: excluded after, at most', after, 'frames', '<= 10', after <= 10)]
 
 
+def _rows_understated(case: str, rows: np.ndarray) -> list[Row]:
+    wrong = rows[:, 1].sum()
+    return [Row(f'{UNDERSTATED}: mean NEES', rows[:, 0].mean(), ''),
+            Row(f'{UNDERSTATED}: wrong attitudes', wrong, 'frames', '= 0', wrong == 0),
+            Row(f'{UNDERSTATED}: found scale of {UNDERSTATED_BY:g}', rows[:, 2].mean(), '')]
+
+
 def _rows_bending(case: str, rows: np.ndarray) -> list[Row]:
     before, after = np.sqrt(np.mean(np.square(rows), axis=0))
     return [Row(f'bending with the {case}: without learning', before, 'arcsec'),
@@ -298,8 +318,8 @@ def _rows_steps(case: str, rows: np.ndarray) -> list[Row]:
 
 
 _ROWS = {'two heads': _rows_two_heads, 'snapshots': _rows_snapshots, 'dropping': _rows_dropping,
-         'faults': _rows_faults, 'bending': _rows_bending, 'steps': _rows_steps,
-         'hint': hint_rows, 'tracker': tracker_rows}
+         'faults': _rows_faults, 'understated': _rows_understated, 'bending': _rows_bending,
+         'steps': _rows_steps, 'hint': hint_rows, 'tracker': tracker_rows}
 
 TASKS = tuple(_ROWS)
 """What can be run alone."""

@@ -22,6 +22,8 @@ SIGMA_ARCSEC = np.array([0.9, 0.9, 11.0])
 """Errors of frame_attitude across the boresight and in roll: what `campaign heads` measures of the
 tracker at 12 deg, 1024 px and centroids of 0.1 px."""
 
+UNDERSTATED, UNDERSTATED_BY = 'errors 3 times as large as the covariance says', 3.0
+
 # Boresights along z, x and y of the body.
 _BORESIGHTS = ((0, 0, 1), (1, 0, 0), (0, 1, 0))
 
@@ -141,6 +143,8 @@ class SceneRun:
             offset = offset + np.radians([0.6, -0.64, 0.48])
         mount = multiply(quaternion_from_rotation_vector(offset), self.mounts[head])
         noise = SIGMA_ARCSEC * ARCSEC * self._rng.standard_normal(3)
+        if faulty and self.scene.fault == UNDERSTATED:
+            noise *= UNDERSTATED_BY
         return turned(multiply(self._attitudes[tick], mount), noise)
 
     def _frames(self) -> list[tuple[float, int, int]]:

@@ -135,7 +135,7 @@ class AttitudeFusion:
         elif -late_s > self.motion.bridged_s(frame.stamp_ns):
             head.counts['ahead'] += 1
             head.reason = f'frames {-late_s:.1f} s ahead of the other heads'
-        elif self.motion.extrapolates(frame.stamp_ns) and self._others_are_live(head, newest_ns):
+        elif self.motion.extrapolates(frame.stamp_ns) and self._live(newest_ns, head):
             head.counts['ahead'] += 1
             head.reason = f'frames {-late_s:.1f} s ahead of the other heads, and ahead of imu'
         else:
@@ -166,6 +166,9 @@ class AttitudeFusion:
                 if innovation.nis <= GATE:
                     self._factor, self._manoeuvre_frames = factor, MANOEUVRE_FRAMES
                     break
+        if head.state is HeadState.USED:
+            head.noise.add(innovation.nis, [
+                other.noise for other in self._live(frame.stamp_ns, head)])
         if innovation.nis > GATE:
             head.counts['disagreeing'] += 1
             return self._disputed(head, frame, innovation)
@@ -191,7 +194,7 @@ class AttitudeFusion:
         if head.state is HeadState.USED and not silent:
             head.disagreed, head.reason = 0, ''
             return True
-        others = self._others_are_live(head, frame.stamp_ns)
+        others = self._live(frame.stamp_ns, head)
         sigma_rad = math.sqrt(max(np.diagonal(predicted.covariance)[:3]))
         if not others and sigma_rad > _SHARP_RAD and self._needed > 1:
             head.enter(HeadState.CHECKED, 'no other head or prediction to check it')
@@ -216,15 +219,15 @@ class AttitudeFusion:
         return (head.state is HeadState.USED and not head.disagreed
                 and not head.is_silent(stamp_ns, self._options.max_gap_s))
 
-    def _others_are_live(self, head: Head, stamp_ns: int) -> bool:
-        """Return whether any other head counts."""
-        return any(self._is_live(other, stamp_ns) for other in self.heads.values()
-                   if other is not head)
+    def _live(self, stamp_ns: int, but: Head | None = None) -> list[Head]:
+        """Return the heads that count, but for one."""
+        return [head for head in self.heads.values()
+                if head is not but and self._is_live(head, stamp_ns)]
 
     def _is_alone(self, head: Head, stamp_ns: int) -> bool:
         """Return whether a head without gyro is the only one that counts: it may manoeuvre."""
         return (self._is_live(head, stamp_ns) and not self.motion.gyro_runs(stamp_ns)
-                and not self._others_are_live(head, stamp_ns))
+                and not self._live(stamp_ns, head))
 
     def _disputed(self, head: Head, frame: HeadFrame, innovation: Innovation
                   ) -> FusedAttitude | None:
@@ -237,11 +240,9 @@ class AttitudeFusion:
             disagreed = head.disagreed
             head.enter(HeadState.EXCLUDED, head.reason)
             head.disagreed = disagreed
-        live = sum(self._is_live(other, frame.stamp_ns) for other in self.heads.values())
-        result = self._start(head, frame) if live < 2 else None
-        if result is None and not live and not any(
-                self._is_live(other, self._history[-1].state.stamp_ns)
-                for other in self.heads.values()):
+        live, newest_ns = self._live(frame.stamp_ns), self._history[-1].state.stamp_ns
+        result = self._start(head, frame) if len(live) < 2 else None
+        if not (result or live or self._live(newest_ns)):
             self.trouble = f'{head.name} is {head.reason}, and no other head counts'
         return result
 
@@ -302,9 +303,8 @@ class AttitudeFusion:
         """Return the heads that may confirm a frame, excluded ones only if there are no others."""
         if self._needed == 1:
             return [head] if self._is_candidate(head, frame) else []
-        gap_s = self._options.max_gap_s
         good = [one for one in self.heads.values() if one.state is not HeadState.EXCLUDED
-                and one.has_frames(frame.stamp_ns, gap_s)]
+                and one.has_frames(frame.stamp_ns, self._options.max_gap_s)]
         heads = good if len(good) > 1 else self.heads.values()
         return [one for one in heads if one is not head and self._is_candidate(one, frame)
                 ] if len(good) < 2 or head in good else []

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from startracker_ros.astro.epoch import RESTART_NS
 from startracker_ros.fusion.filter_steps import body_attitude
+from startracker_ros.fusion.head_noise import HeadNoise
 from startracker_ros.fusion.mounts import basis, Mount, MountOptions
 from startracker_ros.fusion.state import GATE, Measurement
 from startracker_ros.maths.rotation import (
@@ -64,8 +65,9 @@ class Head:
 
     columns are those of its coefficients in the error state, none for the reference, whose mount
     defines the body; stepped_rad2 is the square of the steps of its mount that were found.
-    needs_temperature: its mount bends with a temperature that has not come. counts are of its
-    frames by what became of them; reason is why it does not count.
+    noise has the scale of its covariance. needs_temperature: its mount bends with a temperature
+    that has not come. counts are of its frames by what became of them; reason is why it does not
+    count.
     """
 
     def __init__(self, name: str, mount: Mount, options: MountOptions, first_column: int,
@@ -97,6 +99,7 @@ class Head:
         self.recent: deque[HeadFrame] = deque(maxlen=2)
         self.used_ns: int | None = None
         self.stepped_rad2 = 0.0
+        self.noise = HeadNoise()
         self._first_ns = 0
         self._stamps: deque[int] = deque(maxlen=_REMEMBERED)
         self._interval_s = 0.0
@@ -204,6 +207,8 @@ class Head:
         if self._correlation_s and self._interval_s:
             rho = math.exp(-self._interval_s / self._correlation_s)
             frame = replace(frame, covariance=frame.covariance * ((1 + rho) / (1 - rho)))
+        if self.noise.scale > 1:
+            frame = replace(frame, covariance=frame.covariance * self.noise.scale)
         if self.recent and self.recent[-1].stamp_ns - frame.stamp_ns > RESTART_NS:
             self.recent.clear()
         if not self.recent or frame.stamp_ns > self.recent[-1].stamp_ns:

@@ -126,6 +126,9 @@ class FusionOutput:
                                        for key, count in head.counts.items()})
             if head.state is not HeadState.USED or reason:
                 troubles.append(f'{name} {head.state}: {reason}')
+            if head.noise.stands_out:
+                troubles.append(f'{name}: errors {head.noise.scale ** 0.5:.1f} times as large as '
+                                'its covariance says, which is enlarged')
             if head.needs_temperature:
                 troubles.append(f'{name}/temperature is missing: its mount bends with it')
         if fusion.motion.gyro_trouble:

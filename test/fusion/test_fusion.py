@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 import pytest
 from startracker_ros.campaign.heads_scene import (
-    errors_of, head_mounts, NAMES, nees_of, Scene, SceneRun, START_NS)
+    errors_of, head_mounts, NAMES, nees_of, Scene, SceneRun, START_NS, UNDERSTATED,
+    UNDERSTATED_BY)
 from startracker_ros.fusion.fusion import AttitudeFusion
 from startracker_ros.fusion.head import HeadFrame, HeadState
 from startracker_ros.fusion.mounts import Mount, MountOptions
@@ -338,6 +339,21 @@ def test_a_faulty_head_is_excluded_and_nothing_wrong_comes_out(fault):
     errors, _ = errors_of(list(run.events(fusion)))
     assert run.excluded_after <= 10
     assert len(errors) > 150 and np.abs(errors).max() < 30 * ARCSEC
+
+
+def test_a_head_with_larger_errors_than_it_says_counts_less():
+    """And the others, and the attitude, are as without it."""
+    run = SceneRun(Scene(130.0, fault=UNDERSTATED), np.random.default_rng(2))
+    fusion = AttitudeFusion(run.mount_file(), mount_options=MountOptions(
+        mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0))
+    nees = nees_of(*errors_of(list(run.events(fusion))))[600:]
+    # 10 where its covariance is used as it is.
+    assert nees.mean() < 4
+    scales = [head.noise.scale for head in fusion.heads.values()]
+    understated = scales.pop(run.faulty)
+    assert UNDERSTATED_BY ** 2 / 1.5 < understated < UNDERSTATED_BY ** 2 * 1.5
+    assert scales == [1.0, 1.0]
+    assert fusion.heads[NAMES[run.faulty]].noise.stands_out
 
 
 def test_filtered_attitudes_count_less():
