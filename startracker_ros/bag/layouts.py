@@ -30,6 +30,9 @@ TRACK_DTYPE = np.dtype(_TRACK_FIELDS, align=True)
 PREDICTION_DTYPE = np.dtype([
     ('u', 'f4'), ('v', 'f4'), ('sigma', 'f4'), ('hip', 'u4'), ('u_rate', 'f4'),
     ('v_rate', 'f4'), ('body', 'u1')], align=True)
+TARGET_BODY = 10
+"""`body` of a target in a cloud of predicted centroids."""
+
 _OPTIONAL = {CENTROID_DTYPE: _MEASUREMENT_FIELDS, STAR_DTYPE: _MEASUREMENT_FIELDS,
              PREDICTION_DTYPE: [('body', 'u1')]}
 

@@ -1,4 +1,4 @@
-"""Where stars will be: what a star tracker expects of the next image."""
+"""Where stars and targets will be: what a star tracker expects of the next image."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,12 @@ from startracker_ros.centroid.streak import fit_streak, Streak
 
 
 @dataclass(frozen=True)
-class PredictedStars:
+class PredictedCentroids:
     """
-    Stars expected in an image, brightest first, at the time stamp_ns.
+    Centroids expected in an image at the time stamp_ns: of stars, brightest first, then of targets.
 
-    uv (N, 2) px with the error sigma_px (N,) per axis; velocity (N, 2) px/s; hip (N,).
+    uv (N, 2) px with the error sigma_px (N,) per axis, of a target that in the next image;
+    velocity (N, 2) px/s; hip (N,), 0 for a target; stars is the number of stars.
     """
 
     stamp_ns: int
@@ -20,13 +21,19 @@ class PredictedStars:
     sigma_px: np.ndarray
     hip: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.hip)
+    stars: int
+
+    def joined(self, targets: 'PredictedCentroids') -> 'PredictedCentroids':
+        """Return these centroids followed by targets at the same time."""
+        columns = ((self.uv, targets.uv), (self.velocity, targets.velocity),
+                   (self.sigma_px, targets.sigma_px), (self.hip, targets.hip))
+        return PredictedCentroids(self.stamp_ns, *map(np.concatenate, columns), self.stars)
 
     def at(self, stamp_ns: int) -> np.ndarray:
         """Return the positions (N, 2) in px at another time."""
         return self.uv + self.velocity * ((stamp_ns - self.stamp_ns) * 1e-9)
 
     def motion(self, shape: tuple[int, int]) -> Streak:
-        """Return the motion in a second over an image of this shape (H, W)."""
-        return fit_streak(self.uv, self.velocity, np.ones(len(self)), shape)
+        """Return the motion of the stars in a second over an image of this shape (H, W)."""
+        stars = slice(self.stars)
+        return fit_streak(self.uv[stars], self.velocity[stars], np.ones(self.stars), shape)

@@ -1,4 +1,4 @@
-"""Which images are searched as a whole, and in which only the predicted stars are measured."""
+"""Which images are searched as a whole, and in which only predicted centroids are measured."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import numpy as np
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import (
     CentroidExtractor, Extraction, ExtractionOptions)
-from startracker_ros.centroid.prediction import PredictedStars
+from startracker_ros.centroid.prediction import PredictedCentroids
 from startracker_ros.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.options import option, Options
 from startracker_ros.pipeline.stale_rows import StaleRows
@@ -17,7 +17,8 @@ LEAST_SHARE = 0.75  # of the predicted stars that were seen in the image searche
 MAX_AGE_S = 1.0  # of a prediction
 GATE_SIGMAS = 4.0
 GATE_PX = 2.0  # for accelerations that a prediction does not know
-MAX_GATE_PX = 8.0
+MAX_GATE_PX = 8.0  # of a star
+MAX_TARGET_PX = 32.0  # of a target; the whole image is searched for one that may be further away
 SAME_PX = 3.0  # two centroids closer than this are of one star
 REPEATED_PX = 0.5  # motion from which on an equal image is that of the frame before
 MAX_ASTRAY, MAX_ASTRAY_PX = 0.5, 2.0  # of a streak, across the motion of the stars
@@ -42,26 +43,37 @@ class SearchOptions(Options):
 
 class _Expected(NamedTuple):
     """
-    The predicted stars at the time of an image.
+    The predicted centroids at the time of an image.
 
-    uv (K, 2) px and radius_px (K,) of where they are; motion is that in a second, over the image;
-    interval_s is the time since the image before.
+    uv (K, 2) px and radius_px (K,) of where they are: the first ones are stars, the others
+    targets; anywhere is whether a target may be further away than a window reaches. motion is that
+    of the stars in a second, over the image; interval_s is the time since the image before.
     """
 
     uv: np.ndarray
     radius_px: np.ndarray
+    stars: int
+    anywhere: bool
     motion: Streak
     speed_px_s: float
     interval_s: float
 
     @classmethod
-    def at(cls, stamp_ns: int, predicted: PredictedStars, shape: tuple[int, int],
+    def at(cls, stamp_ns: int, predicted: PredictedCentroids, shape: tuple[int, int],
            interval_s: float) -> '_Expected':
-        """Return the predicted stars at a time."""
-        return cls(predicted.at(stamp_ns),
-                   np.minimum(GATE_SIGMAS * predicted.sigma_px + GATE_PX, MAX_GATE_PX),
-                   predicted.motion(shape), float(np.hypot(*predicted.velocity.T).max()),
+        """Return the predicted centroids at a time."""
+        stars, radius_px = predicted.stars, GATE_SIGMAS * predicted.sigma_px + GATE_PX
+        radius_px[:stars] = np.minimum(radius_px[:stars], MAX_GATE_PX)
+        near = radius_px <= MAX_TARGET_PX
+        return cls(predicted.at(stamp_ns)[near], radius_px[near], stars, not near.all(),
+                   predicted.motion(shape), float(np.hypot(*predicted.velocity[:stars].T).max()),
                    interval_s)
+
+    def stars_seen(self, centroids: Centroids) -> int:
+        """Return near how many of the predicted stars there is a centroid."""
+        away = self.uv[:self.stars, None] - centroids.uv
+        near = away[..., 0] ** 2 + away[..., 1] ** 2 < MAX_GATE_PX ** 2
+        return int(np.count_nonzero(near.any(axis=1)))
 
     def exposure_s(self, streak: Streak | None) -> float:
         """Return the time in which the stars move by a streak; 0 where it is not their motion."""
@@ -114,8 +126,8 @@ class ExtractionStage:
         self._unpredicted = 0
         self._stale_rows = StaleRows()
 
-    def extract(self, stamp_ns: int, image: np.ndarray, predicted: PredictedStars | None = None,
-                lost: bool = True) -> Extraction:
+    def extract(self, stamp_ns: int, image: np.ndarray,
+                predicted: PredictedCentroids | None = None, lost: bool = True) -> Extraction:
         """
         Return the stars of image (H, W) uint8 or uint16 of a time.
 
@@ -131,7 +143,7 @@ class ExtractionStage:
         if 0 < interval_s < self._line_time_s * len(image):
             return _refused('readout', f'read-out of {self._line_time_s * len(image):.3g} s, but '
                             f'{interval_s:.3g} s since the frame before: is line_time_us right?')
-        if (predicted is None or len(predicted) < LEAST_PREDICTED
+        if (predicted is None or predicted.stars < LEAST_PREDICTED
                 or not 0 < stamp_ns - predicted.stamp_ns <= MAX_AGE_S * 1e9):
             self._searched_ns = None
             self._start = self._extract_unpredicted(image, lost)
@@ -152,8 +164,8 @@ class ExtractionStage:
         near = None if unknown else self._near(image, expected, streak)
         if near is not None and _contradicts(near):
             near = None
-        if near is not None and not self._is_due(stamp_ns) and len(near.centroids) >= max(
-                LEAST_PREDICTED, LEAST_SHARE * self._seen_share * len(predicted)):
+        if (near is not None and not expected.anywhere and not self._is_due(stamp_ns)
+                and self._has_stars(near, expected)):
             self.directed = True
             return near
         self._searched_ns = stamp_ns
@@ -178,13 +190,18 @@ class ExtractionStage:
         return self.extractor.extract(image)
 
     def _near(self, image: np.ndarray, expected: _Expected, streak: Streak) -> Extraction | None:
-        """Measure the stars near where they are expected."""
+        """Measure stars and targets near where they are expected."""
         return self.extractor.extract_near(image, expected.uv, expected.radius_px, streak)
+
+    def _has_stars(self, near: Extraction, expected: _Expected) -> bool:
+        """Return whether as many of the predicted stars are seen as in the image searched last."""
+        return expected.stars_seen(near.centroids) >= max(
+            LEAST_PREDICTED, LEAST_SHARE * self._seen_share * expected.stars)
 
     def _joined(self, image: np.ndarray, extraction: Extraction, near: Extraction | None,
                 expected: _Expected, streak: Streak | None) -> Extraction:
         """Return the stars of a searched image; what was measured near the predictions stays."""
-        if near is None or len(near.centroids) < LEAST_PREDICTED:
+        if near is None or expected.stars_seen(near.centroids) < LEAST_PREDICTED:
             if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
                 extraction, streak = self.extractor.extract(image), None
             self._learn(extraction, expected, streak)
@@ -205,9 +222,7 @@ class ExtractionStage:
         """Learn from stars that were measured with this streak, None where it was not known."""
         if len(extraction.centroids) < LEAST_PREDICTED:
             return
-        distance = np.linalg.norm(
-            expected.uv[:, None] - extraction.centroids.uv, axis=-1).min(axis=1)
-        self._seen_share = float(np.mean(distance < MAX_GATE_PX))
+        self._seen_share = expected.stars_seen(extraction.centroids) / expected.stars
         if extraction.streak is None:
             self._point_speed_px_s = max(self._point_speed_px_s, expected.speed_px_s)
         elif streak is None or not self._exposure_s:

@@ -1,7 +1,8 @@
-"""What the star tracker expects of the next image: stars, planets, Moon and Sun."""
+"""What the star tracker expects of the next image: stars, targets, planets, Moon and Sun."""
 
 from sensor_msgs.msg import PointCloud2
 from startracker_ros.camera.model import Camera
+from startracker_ros.centroid.prediction import PredictedCentroids
 from startracker_ros.pipeline.bodies import Bodies, BodyInImage
 from startracker_ros.pipeline.sky_mapping import SkyMapping
 from startracker_ros.ros import qos
@@ -18,14 +19,16 @@ class PredictionsOutput:
         self._node = node
         self._publisher = node.advertise(PointCloud2, 'predicted_centroids', qos.LIST)
 
-    def publish(self, tracker: StarTracker, camera: Camera, header: Header, *,
-                whole_image: bool) -> None:
-        """Publish what the newest frame predicts; no stars where the whole image is wanted."""
+    def publish(self, tracker: StarTracker, targets: PredictedCentroids | None, camera: Camera,
+                header: Header) -> None:
+        """Publish what the newest frame predicts, with the targets of its time."""
         bodies = _bodies(tracker, camera)
         self._node.diagnostics.values['bodies'] = ', '.join(
             body.name for body in bodies) or 'none'
-        self._publisher.publish(predictions_to_message(
-            None if whole_image else tracker.predicted, header, bodies))
+        predicted = tracker.predicted
+        if predicted is not None and targets is not None:
+            predicted = predicted.joined(targets)
+        self._publisher.publish(predictions_to_message(predicted, header, bodies))
 
 
 def _bodies(tracker: StarTracker, camera: Camera) -> tuple[BodyInImage, ...]:

@@ -1,14 +1,15 @@
 """The target among the stars, beside a star tracker: target_centroid."""
 
 from sensor_msgs.msg import PointCloud2
-from startracker_ros.attitude.result import AttitudeEstimate
 from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.prediction import PredictedCentroids
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.clouds import centroids_to_message
 from startracker_ros.ros.node import PipelineNode
-from startracker_ros.track.target import TargetTracker
+from startracker_ros.track.target import TargetSpot, TargetTracker
+from startracker_ros.track.tracker import StarTracker
 from std_msgs.msg import Header
 
 
@@ -19,17 +20,23 @@ class TargetOutput:
         self._diagnostics = node.diagnostics
         self._publisher = node.advertise(PointCloud2, 'target_centroid', qos.LIST)
 
-    @property
-    def wanted(self) -> bool:
-        """Whether anybody subscribes to the target."""
-        return bool(self._publisher.get_subscription_count())
+    def update(self, targets: TargetTracker, stars: StarTracker, centroids: Centroids,
+               directed: bool, camera: Camera, header: Header) -> PredictedCentroids | None:
+        """
+        Publish the target of a frame with an attitude, an empty cloud if there is none.
 
-    def update(self, tracker: TargetTracker, attitude: AttitudeEstimate, centroids: Centroids,
-               camera: Camera, header: Header) -> None:
-        """Publish the target of a frame, an empty cloud if there is none."""
-        if not self.wanted:
-            return
-        target = tracker.update(ns_from_stamp(header.stamp), attitude, centroids)
+        Return where it and what may become one are, None without a subscriber.
+        """
+        if not self._publisher.get_subscription_count():
+            return None
+        stamp_ns = ns_from_stamp(header.stamp)
+        if (tracked := stars.attitude) is not None:
+            self._publish(targets, targets.update(
+                stamp_ns, tracked.attitude, centroids, directed), camera, header)
+        return None if stars.pointing is None else targets.predicted(stamp_ns, *stars.pointing)
+
+    def _publish(self, tracker: TargetTracker, target: TargetSpot | None, camera: Camera,
+                 header: Header) -> None:
         self._publisher.publish(centroids_to_message(
             Centroids.empty() if target is None else target.centroid, camera, header))
         self._diagnostics.values.update(

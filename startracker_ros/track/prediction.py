@@ -3,7 +3,7 @@
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.lens import Lens, project
-from startracker_ros.centroid.prediction import PredictedStars
+from startracker_ros.centroid.prediction import PredictedCentroids
 from startracker_ros.compiled import compiled
 from startracker_ros.maths.compiled_rotation import sensor_directions
 from startracker_ros.track.in_view import StarsInView
@@ -46,17 +46,17 @@ def _visible(direction: np.ndarray, matrix: np.ndarray, crowded: np.ndarray, len
 
 
 def predict_stars(stars: StarsInView, stamp_ns: int, attitude: AttitudeEstimate,
-                  rate_rad_s: np.ndarray, options: TrackerOptions) -> PredictedStars:
+                  rate_rad_s: np.ndarray, options: TrackerOptions) -> PredictedCentroids:
     """Return the brightest stars in the image at an attitude, and how they move."""
     most = slice(int(SPARE_STARS * options.max_stars))
     index, sensor, uv = (column[most] for column in _in_image(
         stars, attitude, options.magnitude_limit))
     flow = image_flows(stars.camera.lens, sensor)
     covariance = flow @ attitude.covariance_sensor @ np.swapaxes(flow, 1, 2)
-    return PredictedStars(
+    return PredictedCentroids(
         stamp_ns, uv, flow @ rate_rad_s,
         np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2),
-        stars.onboard.hip[index])
+        stars.onboard.hip[index], len(uv))
 
 
 def _in_image(stars: StarsInView, attitude: AttitudeEstimate, faintest: float

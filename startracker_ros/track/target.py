@@ -7,11 +7,13 @@ from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.centroid.prediction import PredictedCentroids
 from startracker_ros.compiled import compiled
-from startracker_ros.maths.rotation import rotate
+from startracker_ros.maths.rotation import conjugate, rotate
 from startracker_ros.options import option, Options
 from startracker_ros.track.in_view import StarsInView
-from startracker_ros.track.motion_models import constant_velocity, POSITION, VELOCITY
+from startracker_ros.track.motion_models import (
+    constant_velocity, image_jacobian, POSITION, VELOCITY)
 
 EXPLAINED_PX = 2.0
 """A centroid within this of a catalogue star, or within EXPLAINED_SIGMA, is that star."""
@@ -30,7 +32,8 @@ BRIGHT_STARS = 64
 """In and around the image: most centroids are stars of these."""
 
 MOST_SPOTS = 50
-"""Brightest unexplained centroids that are used; a frame with more is full of noise."""
+"""Brightest unexplained centroids that are used, and tracks that are predicted; a frame with more
+is full of noise."""
 
 
 @dataclass(frozen=True)
@@ -80,12 +83,20 @@ class _Track:
 
     def predict(self, dt_s: float, acceleration_rad_s2: float) -> None:
         self.age_s += dt_s
-        self.direction = _unit(self.direction + self.rate * dt_s)
+        self.direction = self.direction_in(dt_s)
         first = _unit(self.basis[0] - self.direction * (self.direction @ self.basis[0]))
         self.basis = np.stack([first, np.cross(self.direction, first)])
         self.rate = self.rate - self.direction * (self.direction @ self.rate)
+        self.covariance = self.covariance_in(dt_s, acceleration_rad_s2)
+
+    def direction_in(self, dt_s: float) -> np.ndarray:
+        """Return the direction (3,) after a time."""
+        return _unit(self.direction + self.rate * dt_s)
+
+    def covariance_in(self, dt_s: float, acceleration_rad_s2: float) -> np.ndarray:
+        """Return the covariance (4, 4) after a time."""
         transition, noise = constant_velocity(dt_s, (acceleration_rad_s2, acceleration_rad_s2))
-        self.covariance = transition @ self.covariance @ transition.T + noise
+        return transition @ self.covariance @ transition.T + noise
 
     def nis(self, directions: np.ndarray, variance: np.ndarray) -> np.ndarray:
         """Return the normalised innovations squared (M,) of directions (M, 3), variance (M,)."""
@@ -155,7 +166,9 @@ class TargetTracker:
     """
     Tracks the centroids that are no star; feed update() with every frame.
 
-    spots counts these centroids in the last frame.
+    A track begins with a pair of centroids in two frames in a row, of images that are searched as
+    a whole. From then on predicted() has it, so that it is measured in the others as well. spots
+    counts the centroids that are no star in the last frame.
     """
 
     def __init__(self, camera: Camera, sky: ApparentCatalog,
@@ -175,19 +188,22 @@ class TargetTracker:
         self._tracks: list[_Track] = []
         self._target: _Track | None = None
         self._before = Centroids.empty(), np.empty((0, 3)), np.empty(0)
+        self._interval_s = 0.0
+        self._searched_before = self._needs_search = False
         self.spots = 0
 
-    def update(self, stamp_ns: int, attitude: AttitudeEstimate,
-               centroids: Centroids) -> TargetSpot | None:
+    def update(self, stamp_ns: int, attitude: AttitudeEstimate, centroids: Centroids,
+               directed: bool = False) -> TargetSpot | None:
         """
         Process a frame with its attitude; return the target if it is detected.
 
-        Stamps ascend. Frames without an attitude are left out.
+        Where directed, only what was predicted was measured. Stamps ascend; one that is not newer
+        begins anew. Frames without an attitude are left out.
         """
         dt_s = (stamp_ns - self._stamp_ns) * 1e-9
-        if dt_s > MAX_GAP_S:
+        if not 0 < dt_s <= MAX_GAP_S:
             self.reset()
-        self._stamp_ns = stamp_ns
+        self._stamp_ns, self._interval_s = stamp_ns, dt_s
         left = unexplained(self._stars, attitude, centroids)
         self.spots = len(left)
         left = left.select(slice(MOST_SPOTS))
@@ -214,11 +230,47 @@ class TargetTracker:
         if self._target is not None and all(track is not self._target for track in kept):
             self._target = None
         self._before = left.select(free), directions[free], variance[free]
+        if not directed:
+            self._needs_search = bool(free.any()) and not self._searched_before
+        self._searched_before = not directed
         if target is None or self._target is None:
             return None
         return TargetSpot(left.select(np.array([associated[target]])),
                           float(np.degrees(np.linalg.norm(self._target.rate))),
                           self._target.detections)
+
+    def predicted(self, stamp_ns: int, attitude: AttitudeEstimate, rate_rad_s: np.ndarray
+                  ) -> PredictedCentroids:
+        """
+        Return where the tracks are in the image at an attitude and body rate (3,).
+
+        stamp_ns is that of the last update() or later. The errors are those one interval later.
+        While a spot in an image that was searched as a whole lacks a second such image, a last
+        centroid may be anywhere.
+        """
+        tracks = self._tracks[:MOST_SPOTS]
+        age_s = (stamp_ns - self._stamp_ns) * 1e-9
+        icrf = np.array([track.direction_in(age_s) for track in tracks]).reshape(-1, 3)
+        rate = np.array([track.rate for track in tracks]).reshape(-1, 3)
+        to_sensor = conjugate(attitude.quaternion)
+        sensor = rotate(to_sensor, icrf)
+        # As stars move under the body rate w, with -w x d, a target with its own turn d x d' does.
+        turn = rate_rad_s - rotate(to_sensor, np.cross(icrf, rate))
+        variance = np.trace(attitude.covariance_sensor[:2, :2]) / 2 + np.array([
+            np.trace(track.covariance_in(age_s + self._interval_s, self._acceleration_rad_s2)[
+                np.ix_(POSITION, POSITION)]) / 2 for track in tracks])
+        uv = self._camera.project(sensor)
+        velocity = np.einsum('nij,nj->ni', image_jacobian(self._camera, sensor), turn)
+        sigma_px = np.sqrt(variance) / self._camera.pixel_rad
+        inside = self._camera.contains(uv)
+        uv, velocity, sigma_px = uv[inside], velocity[inside], sigma_px[inside]
+        if self._needs_search:
+            size_px = np.array([self._camera.width, self._camera.height], float)
+            uv = np.concatenate([uv, [(size_px - 1) / 2]])
+            velocity = np.concatenate([velocity, np.zeros((1, 2))])
+            sigma_px = np.append(sigma_px, size_px.max())
+        return PredictedCentroids(stamp_ns, uv, velocity, sigma_px, np.zeros(len(uv), np.int32),
+                                  0)
 
     def _confirmed(self, track: _Track) -> bool:
         # Not the filtered rate, whose sigma allows for a manoeuvre at any time.

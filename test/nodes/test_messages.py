@@ -15,7 +15,7 @@ from startracker_ros.bag.layouts import (
     read_cloud)
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.centroid.prediction import PredictedStars
+from startracker_ros.centroid.prediction import PredictedCentroids
 from startracker_ros.maths.rotation import quaternion_from_pointing, rotate, unit_from_radec
 from startracker_ros.pipeline.bodies import BodyInImage
 from startracker_ros.ros.messages.attitude import attitude_to_imu, attitude_to_pose
@@ -163,7 +163,7 @@ def test_centroids_keep_covariance_row_time_and_how_they_were_found():
 
 
 def test_bodies_among_the_predictions_are_no_stars():
-    predicted = PredictedStars(1, np.array([[5.0, 6.0]]), np.zeros((1, 2)), np.array([0.1]),
+    predicted = PredictedCentroids(1, np.array([[5.0, 6.0]]), np.zeros((1, 2)), np.array([0.1]),
                                np.array([11767]))
     bodies = (BodyInImage('Mars', 100.5, 50.25, 1.3, 0.5), BodyInImage('Sun', 9, 8, -26.7, 90.5))
     message = predictions_to_message(predicted, HEADER, bodies)
@@ -177,12 +177,12 @@ def test_bodies_among_the_predictions_are_no_stars():
 
 
 def test_predictions_of_another_camera_or_nan_are_rejected():
-    predicted = PredictedStars(
+    predicted = PredictedCentroids(
         5_000_000_007, np.array([[10.5, 20.25], [300.0, 100.0]]), np.array([[1.0, -2.0], [0, 3]]),
         np.array([0.1, 0.2]), np.array([71683, 24436]))
     header = make_header(predicted.stamp_ns, 'star_tracker_optical_frame')
     again = predictions_from_message(predictions_to_message(predicted, header), CAMERA)
-    for field in fields(PredictedStars):
+    for field in fields(PredictedCentroids):
         np.testing.assert_allclose(getattr(again, field.name), getattr(predicted, field.name),
                                    rtol=1e-6)
     assert not len(predictions_from_message(predictions_to_message(None, HEADER), CAMERA))

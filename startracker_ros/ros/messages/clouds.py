@@ -7,10 +7,10 @@ from sensor_msgs.msg import PointCloud2, PointField
 from startracker_ros.astro.bodies import BODIES
 from startracker_ros.bag.layouts import (
     CENTROID_DTYPE, MessageError, ns_from_stamp, POINT_FIELD_TYPES, PREDICTION_DTYPE, read_cloud,
-    TRACK_DTYPE)
+    TARGET_BODY, TRACK_DTYPE)
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.centroid.prediction import PredictedStars
+from startracker_ros.centroid.prediction import PredictedCentroids
 from startracker_ros.pipeline.bodies import BodyInImage
 from startracker_ros.pipeline.cloud_rows import (
     centroid_rows, centroids_from_rows, star_rows, track_rows)
@@ -45,17 +45,18 @@ def centroids_from_message(message: PointCloud2) -> Centroids:
     return centroids_from_rows(read_cloud(message, CENTROID_DTYPE))
 
 
-def predictions_to_message(predicted: PredictedStars | None, header: Header,
+def predictions_to_message(predicted: PredictedCentroids | None, header: Header,
                            bodies: tuple[BodyInImage, ...] = ()) -> PointCloud2:
-    """Return the `predicted_centroids` cloud of stars, none for None, and then of bodies."""
-    stars = 0 if predicted is None else len(predicted)
-    rows = np.zeros(stars + len(bodies), PREDICTION_DTYPE)
+    """Return the `predicted_centroids` cloud: stars and targets, none for None, and bodies."""
+    count = 0 if predicted is None else len(predicted.hip)
+    rows = np.zeros(count + len(bodies), PREDICTION_DTYPE)
     if predicted is not None:
-        of_star = rows[:stars]
-        of_star['u'], of_star['v'] = predicted.uv.T
-        of_star['u_rate'], of_star['v_rate'] = predicted.velocity.T
-        of_star['sigma'], of_star['hip'] = predicted.sigma_px, predicted.hip
-    for row, body in zip(rows[stars:], bodies):
+        spots = rows[:count]
+        spots['u'], spots['v'] = predicted.uv.T
+        spots['u_rate'], spots['v_rate'] = predicted.velocity.T
+        spots['sigma'], spots['hip'] = predicted.sigma_px, predicted.hip
+        spots['body'][predicted.stars:] = TARGET_BODY
+    for row, body in zip(rows[count:], bodies):
         row['u'], row['v'], row['sigma'] = body.u, body.v, body.radius_px
         row['body'] = BODIES.index(body.name) + 1
     return cloud_to_message(rows, header)
@@ -69,23 +70,28 @@ def bodies_from_message(message: PointCloud2) -> tuple[BodyInImage, ...]:
                  for row in rows[(rows['body'] > 0) & (rows['body'] <= len(BODIES))])
 
 
-def predictions_from_message(message: PointCloud2, camera: Camera) -> PredictedStars:
-    """Return the stars of a `predicted_centroids` cloud; MessageError if of another camera."""
+def predictions_from_message(message: PointCloud2, camera: Camera) -> PredictedCentroids:
+    """
+    Return the stars and targets of a `predicted_centroids` cloud.
+
+    MessageError if they are of another camera.
+    """
     rows = read_cloud(message, PREDICTION_DTYPE)
-    rows = rows[rows['body'] == 0]
+    stars, targets = rows[rows['body'] == 0], rows[rows['body'] == TARGET_BODY]
+    rows = np.concatenate([stars, targets])
     uv = np.stack([rows['u'], rows['v']], -1).astype(float)
     inside = camera.contains(uv)
     if not inside.all():
         u, v = uv[~inside][0]
-        raise MessageError(f'predicted star at u = {u:.1f}, v = {v:.1f} px is outside of the '
+        raise MessageError(f'predicted centroid at u = {u:.1f}, v = {v:.1f} px is outside of the '
                            f'{camera.width} x {camera.height} px of camera_info: of another '
                            'camera?')
     if (rows['sigma'] < 0).any():
-        raise MessageError('sigma of a predicted star is negative')
-    return PredictedStars(
+        raise MessageError('sigma of a predicted centroid is negative')
+    return PredictedCentroids(
         ns_from_stamp(message.header.stamp), uv,
         np.stack([rows['u_rate'], rows['v_rate']], -1).astype(float),
-        rows['sigma'].astype(float), rows['hip'].astype(np.int32))
+        rows['sigma'].astype(float), rows['hip'].astype(np.int32), len(stars))
 
 
 def stars_to_message(centroids: Centroids, hip: np.ndarray, magnitude: np.ndarray,

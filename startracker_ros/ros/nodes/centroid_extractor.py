@@ -7,7 +7,7 @@ import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
 from startracker_ros.bag.layouts import MessageError, ns_from_stamp
 from startracker_ros.centroid.extraction import CentroidExtractor, Extraction, ExtractionOptions
-from startracker_ros.centroid.prediction import PredictedStars
+from startracker_ros.centroid.prediction import PredictedCentroids
 from startracker_ros.pipeline.annotate import annotate, Labels
 from startracker_ros.pipeline.bodies import BodyInImage
 from startracker_ros.pipeline.extraction import ExtractionStage, SearchOptions
@@ -44,7 +44,7 @@ class CentroidExtractorNode(CameraNode):
         self.subscribe(PointCloud2, 'predicted_centroids', self._on_predicted, qos.LIST)
 
     def rebuild(self) -> None:
-        self._predicted: PredictedStars | None = None
+        self._predicted: PredictedCentroids | None = None
         self._bodies: tuple[BodyInImage, ...] = ()
         self._stage = ExtractionStage(self.options(ExtractionOptions),
                                       self.options(SearchOptions))
@@ -54,11 +54,6 @@ class CentroidExtractorNode(CameraNode):
 
     def on_warm(self) -> None:
         subscribe_images(self, self._on_image)
-
-    def _is_lost(self) -> bool:
-        """Return whether a tracker that predicts nothing is lost, not in search of a target."""
-        return bool(self.count_publishers('predicted_centroids')) and not self.count_subscribers(
-            'target_centroid')
 
     def _on_predicted(self, message: PointCloud2) -> None:
         camera = self.camera_or_drop()
@@ -77,7 +72,8 @@ class CentroidExtractorNode(CameraNode):
                 f'image of {image.shape[1]} x {image.shape[0]} px does not fit camera_info of '
                 f'{camera.width} x {camera.height} px')
         extraction = self._stage.extract(
-            ns_from_stamp(header.stamp), image, self._predicted, self._is_lost())
+            ns_from_stamp(header.stamp), image, self._predicted,
+            lost=bool(self.count_publishers('predicted_centroids')))
         self._centroids.publish(centroids_to_message(
             extraction.centroids, camera, header, self._stage.directed))
         self.defer(partial(self._report, header, image, extraction))

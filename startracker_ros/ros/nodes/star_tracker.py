@@ -80,7 +80,8 @@ class StarTrackerNode(CameraNode):
             self._tracker.add_hint(hint)
 
     def _on_centroids(self, message: PointCloud2) -> None:
-        centroids = centroids_from_rows(read_cloud(message, CENTROID_DTYPE))
+        rows = read_cloud(message, CENTROID_DTYPE)
+        centroids, directed = centroids_from_rows(rows), bool(rows['directed'].any())
         camera = self.camera_or_drop()
         if camera is None or not self.in_order('centroids', message.header.stamp):
             return
@@ -93,16 +94,16 @@ class StarTrackerNode(CameraNode):
             self._frame_attitude.publish(
                 attitude_to_imu(self._tracker.frame_attitude, message.header))
         self._tracks.publish(tracks_to_message(tracks, camera, message.header))
-        self.defer(partial(self._finish, message.header, camera, centroids))
+        self.defer(partial(self._finish, message.header, camera, centroids, directed))
 
-    def _finish(self, header: Header, camera: Camera, centroids: Centroids) -> None:
+    def _finish(self, header: Header, camera: Camera, centroids: Centroids, directed: bool
+                ) -> None:
         """Do with a frame what its attitude does not depend on."""
-        # A target is found in whole images only: while it is searched nothing is predicted.
-        self._predicted.publish(self._tracker, camera, header, whole_image=self._target.wanted)
+        targets = self._target.update(
+            self._target_tracker, self._tracker, centroids, directed, camera, header)
+        self._predicted.publish(self._tracker, targets, camera, header)
         self._state.publish(self._tracker, ns_from_stamp(header.stamp))
         self._observer.report(ns_from_stamp(header.stamp))
-        if (tracked := self._tracker.attitude) is not None:
-            self._target.update(self._target_tracker, tracked.attitude, centroids, camera, header)
         self._tracker.acquire_new_stars()
 
     def _on_stars(self, message: PointCloud2) -> None:
