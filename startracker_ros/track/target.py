@@ -224,14 +224,18 @@ class TargetTracker:
                 associated[number] = nearest
                 track.update(directions[nearest], variance[nearest], left.uv[nearest])
         target = self._choose(associated)
-        kept = [track for track in self._tracks if track.missed_s <= (
-            self._options.target_max_gap_s if self._confirmed(track) else 0)]
+        kept, dropped = [], []
+        for track in self._tracks:
+            longest_s = self._options.target_max_gap_s if self._confirmed(track) else 0
+            (kept if track.missed_s <= longest_s else dropped).append(track)
         self._tracks = kept + self._started(left.uv[free], directions[free], variance[free], dt_s)
         if self._target is not None and all(track is not self._target for track in kept):
             self._target = None
         self._before = left.select(free), directions[free], variance[free]
         if not directed:
             self._needs_search = bool(free.any()) and not self._searched_before
+        # A pair of chance is seldom seen a third time, a faint target is and may then be missed.
+        self._needs_search |= any(track.detections > 2 for track in dropped)
         self._searched_before = not directed
         if target is None or self._target is None:
             return None
