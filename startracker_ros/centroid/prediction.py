@@ -9,7 +9,7 @@ from startracker_ros.centroid.streak import fit_streak, Streak
 @dataclass(frozen=True)
 class PredictedCentroids:
     """
-    Centroids expected in an image at the time stamp_ns: of stars, brightest first, then of targets.
+    Centroids expected in an image at the time stamp_ns: stars, brightest first, then targets.
 
     uv (N, 2) px with the error sigma_px (N,) per axis, of a target that in the next image;
     velocity (N, 2) px/s; hip (N,), 0 for a target; stars is the number of stars.
@@ -25,9 +25,11 @@ class PredictedCentroids:
 
     def joined(self, targets: 'PredictedCentroids') -> 'PredictedCentroids':
         """Return these centroids followed by targets at the same time."""
-        columns = ((self.uv, targets.uv), (self.velocity, targets.velocity),
-                   (self.sigma_px, targets.sigma_px), (self.hip, targets.hip))
-        return PredictedCentroids(self.stamp_ns, *map(np.concatenate, columns), self.stars)
+        return PredictedCentroids(
+            self.stamp_ns, np.concatenate([self.uv, targets.uv]),
+            np.concatenate([self.velocity, targets.velocity]),
+            np.concatenate([self.sigma_px, targets.sigma_px]),
+            np.concatenate([self.hip, targets.hip]), self.stars)
 
     def at(self, stamp_ns: int) -> np.ndarray:
         """Return the positions (N, 2) in px at another time."""

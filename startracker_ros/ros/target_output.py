@@ -8,7 +8,7 @@ from startracker_ros.centroid.prediction import PredictedCentroids
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.clouds import centroids_to_message
 from startracker_ros.ros.node import PipelineNode
-from startracker_ros.track.target import TargetSpot, TargetTracker
+from startracker_ros.track.target import TargetTracker
 from startracker_ros.track.tracker import StarTracker
 from std_msgs.msg import Header
 
@@ -23,22 +23,18 @@ class TargetOutput:
     def update(self, targets: TargetTracker, stars: StarTracker, centroids: Centroids,
                directed: bool, camera: Camera, header: Header) -> PredictedCentroids | None:
         """
-        Publish the target of a frame with an attitude, an empty cloud if there is none.
+        Publish the target of a frame, an empty cloud if there is none.
 
-        Return where it and what may become one are, None without a subscriber.
+        Return where it is and what may become one, None without a subscriber or an attitude.
         """
-        if not self._publisher.get_subscription_count():
+        tracked = stars.attitude
+        if tracked is None or not self._publisher.get_subscription_count():
             return None
-        stamp_ns = ns_from_stamp(header.stamp)
-        if (tracked := stars.attitude) is not None:
-            self._publish(targets, targets.update(
-                stamp_ns, tracked.attitude, centroids, directed), camera, header)
-        return None if stars.pointing is None else targets.predicted(stamp_ns, *stars.pointing)
-
-    def _publish(self, tracker: TargetTracker, target: TargetSpot | None, camera: Camera,
-                 header: Header) -> None:
+        target = targets.update(
+            ns_from_stamp(header.stamp), tracked.attitude, centroids, directed)
         self._publisher.publish(centroids_to_message(
             Centroids.empty() if target is None else target.centroid, camera, header))
         self._diagnostics.values.update(
-            spots_without_star=tracker.spots,
+            spots_without_star=targets.spots,
             target='none' if target is None else f'{target.rate_deg_s:.4f} deg/s')
+        return targets.predicted(tracked.rate_rad_s)

@@ -83,15 +83,11 @@ class _Track:
 
     def predict(self, dt_s: float, acceleration_rad_s2: float) -> None:
         self.age_s += dt_s
-        self.direction = self.direction_in(dt_s)
+        self.direction = _unit(self.direction + self.rate * dt_s)
         first = _unit(self.basis[0] - self.direction * (self.direction @ self.basis[0]))
         self.basis = np.stack([first, np.cross(self.direction, first)])
         self.rate = self.rate - self.direction * (self.direction @ self.rate)
         self.covariance = self.covariance_in(dt_s, acceleration_rad_s2)
-
-    def direction_in(self, dt_s: float) -> np.ndarray:
-        """Return the direction (3,) after a time."""
-        return _unit(self.direction + self.rate * dt_s)
 
     def covariance_in(self, dt_s: float, acceleration_rad_s2: float) -> np.ndarray:
         """Return the covariance (4, 4) after a time."""
@@ -203,7 +199,7 @@ class TargetTracker:
         dt_s = (stamp_ns - self._stamp_ns) * 1e-9
         if not 0 < dt_s <= MAX_GAP_S:
             self.reset()
-        self._stamp_ns, self._interval_s = stamp_ns, dt_s
+        self._stamp_ns, self._interval_s, self._attitude = stamp_ns, dt_s, attitude
         left = unexplained(self._stars, attitude, centroids)
         self.spots = len(left)
         left = left.select(slice(MOST_SPOTS))
@@ -224,7 +220,8 @@ class TargetTracker:
                 associated[number] = nearest
                 track.update(directions[nearest], variance[nearest], left.uv[nearest])
         target = self._choose(associated)
-        kept, dropped = [], []
+        kept: list[_Track] = []
+        dropped: list[_Track] = []
         for track in self._tracks:
             longest_s = self._options.target_max_gap_s if self._confirmed(track) else 0
             (kept if track.missed_s <= longest_s else dropped).append(track)
@@ -243,38 +240,41 @@ class TargetTracker:
                           float(np.degrees(np.linalg.norm(self._target.rate))),
                           self._target.detections)
 
-    def predicted(self, stamp_ns: int, attitude: AttitudeEstimate, rate_rad_s: np.ndarray
-                  ) -> PredictedCentroids:
+    def predicted(self, rate_rad_s: np.ndarray) -> PredictedCentroids:
         """
-        Return where the tracks are in the image at an attitude and body rate (3,).
+        Return where the tracks are in the image of the last update(), at its body rate (3,).
 
-        stamp_ns is that of the last update() or later. The errors are those one interval later.
-        While a spot in an image that was searched as a whole lacks a second such image, a last
-        centroid may be anywhere.
+        The errors are those one interval later. While a spot in an image that was searched as a
+        whole lacks a second such image, a last centroid may be anywhere.
         """
-        tracks = self._tracks[:MOST_SPOTS]
-        age_s = (stamp_ns - self._stamp_ns) * 1e-9
-        icrf = np.array([track.direction_in(age_s) for track in tracks]).reshape(-1, 3)
-        rate = np.array([track.rate for track in tracks]).reshape(-1, 3)
-        to_sensor = conjugate(attitude.quaternion)
-        sensor = rotate(to_sensor, icrf)
-        # As stars move under the body rate w, with -w x d, a target with its own turn d x d' does.
-        turn = rate_rad_s - rotate(to_sensor, np.cross(icrf, rate))
-        variance = np.trace(attitude.covariance_sensor[:2, :2]) / 2 + np.array([
-            np.trace(track.covariance_in(age_s + self._interval_s, self._acceleration_rad_s2)[
-                np.ix_(POSITION, POSITION)]) / 2 for track in tracks])
-        uv = self._camera.project(sensor)
-        velocity = np.einsum('nij,nj->ni', image_jacobian(self._camera, sensor), turn)
-        sigma_px = np.sqrt(variance) / self._camera.pixel_rad
-        inside = self._camera.contains(uv)
-        uv, velocity, sigma_px = uv[inside], velocity[inside], sigma_px[inside]
+        uv, velocity, sigma_px = np.empty((0, 2)), np.empty((0, 2)), np.empty(0)
+        if self._tracks:
+            uv, velocity, sigma_px = self._tracks_in_image(rate_rad_s)
         if self._needs_search:
             size_px = np.array([self._camera.width, self._camera.height], float)
             uv = np.concatenate([uv, [(size_px - 1) / 2]])
             velocity = np.concatenate([velocity, np.zeros((1, 2))])
             sigma_px = np.append(sigma_px, size_px.max())
-        return PredictedCentroids(stamp_ns, uv, velocity, sigma_px, np.zeros(len(uv), np.int32),
-                                  0)
+        return PredictedCentroids(
+            self._stamp_ns, uv, velocity, sigma_px, np.zeros(len(uv), np.int32), 0)
+
+    def _tracks_in_image(self, rate_rad_s: np.ndarray
+                         ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return pixels (K, 2), velocity (K, 2) and error (K,) of predicted()."""
+        tracks, attitude = self._tracks[:MOST_SPOTS], self._attitude
+        icrf = np.array([track.direction for track in tracks])
+        rate = np.array([track.rate for track in tracks])
+        to_sensor = conjugate(attitude.quaternion)
+        sensor = rotate(to_sensor, icrf)
+        # Under the body rate w a star moves by -w x d, a target by its own turn d x d' as well.
+        turn = rate_rad_s - rotate(to_sensor, np.cross(icrf, rate))
+        variance = np.trace(attitude.covariance_sensor[:2, :2]) / 2 + np.array([
+            np.trace(track.covariance_in(self._interval_s, self._acceleration_rad_s2)[
+                np.ix_(POSITION, POSITION)]) / 2 for track in tracks])
+        uv = self._camera.project(sensor)
+        velocity = np.einsum('nij,nj->ni', image_jacobian(self._camera, sensor), turn)
+        inside = self._camera.contains(uv)
+        return uv[inside], velocity[inside], (np.sqrt(variance) / self._camera.pixel_rad)[inside]
 
     def _confirmed(self, track: _Track) -> bool:
         # Not the filtered rate, whose sigma allows for a manoeuvre at any time.

@@ -128,9 +128,9 @@ class StarTracker:
         return None if measured is None else self._model.with_systematic_errors(measured)
 
     @property
-    def pointing(self) -> tuple[AttitudeEstimate, np.ndarray] | None:
+    def predicted(self) -> PredictedCentroids | None:
         """
-        Return attitude and body rate (3,) in rad/s at the newest frame, good or not.
+        Return where the brightest stars in view, tracked or not, are at the newest frame.
 
         None unless TRACKING, or without an attitude.
         """
@@ -138,19 +138,10 @@ class StarTracker:
             return None
         attitude = self._model.predicted_attitude or (
             None if self.attitude is None else self.attitude.attitude)
-        return None if attitude is None else (attitude, self._model.rate_rad_s)
-
-    @property
-    def predicted(self) -> PredictedCentroids | None:
-        """
-        Return where the brightest stars in view, tracked or not, are at the newest frame.
-
-        None without a pointing.
-        """
-        pointing = self.pointing
-        if pointing is None or self._stamp_ns is None:
+        if attitude is None:
             return None
-        return predict_stars(self._stars, self._stamp_ns, *pointing, self._options)
+        return predict_stars(self._stars, self._stamp_ns, attitude, self._model.rate_rad_s,
+                             self._options)
 
     @property
     def gyro_trouble(self) -> str:

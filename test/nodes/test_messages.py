@@ -12,7 +12,7 @@ from sensor_msgs.msg import Image
 from startracker_ros.attitude.estimate import estimate_attitude
 from startracker_ros.bag.layouts import (
     camera_from_message, CENTROID_DTYPE, image_from_message, MessageError, ns_from_stamp,
-    read_cloud)
+    PREDICTION_DTYPE, read_cloud)
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.prediction import PredictedCentroids
@@ -162,30 +162,41 @@ def test_centroids_keep_covariance_row_time_and_how_they_were_found():
         assert (read_cloud(cloud, CENTROID_DTYPE)['directed'] == directed).all()
 
 
-def test_bodies_among_the_predictions_are_no_stars():
-    predicted = PredictedCentroids(1, np.array([[5.0, 6.0]]), np.zeros((1, 2)), np.array([0.1]),
-                               np.array([11767]))
+def test_targets_and_bodies_among_the_predictions_are_no_stars():
+    predicted = PredictedCentroids(
+        1, np.array([[5.0, 6.0], [7.0, 8.0]]), np.zeros((2, 2)), np.array([0.1, 0.2]),
+        np.array([11767, 0]), 1)
     bodies = (BodyInImage('Mars', 100.5, 50.25, 1.3, 0.5), BodyInImage('Sun', 9, 8, -26.7, 90.5))
     message = predictions_to_message(predicted, HEADER, bodies)
-    assert predictions_from_message(message, CAMERA).hip.tolist() == [11767]
+    assert read_cloud(message, PREDICTION_DTYPE)['body'].tolist() == [0, 10, 3, 9]
+    read = predictions_from_message(message, CAMERA)
+    assert read.stars == 1 and read.hip.tolist() == [11767, 0]
+    assert read.sigma_px == pytest.approx([0.1, 0.2])
     again = bodies_from_message(message)
     assert [body._replace(magnitude=0) for body in again] == [
         body._replace(magnitude=0) for body in bodies]
     alone = predictions_to_message(None, HEADER, bodies)
-    assert not len(predictions_from_message(alone, CAMERA))
+    assert not len(predictions_from_message(alone, CAMERA).hip)
     assert len(bodies_from_message(alone)) == 2
 
 
 def test_predictions_of_another_camera_or_nan_are_rejected():
     predicted = PredictedCentroids(
         5_000_000_007, np.array([[10.5, 20.25], [300.0, 100.0]]), np.array([[1.0, -2.0], [0, 3]]),
-        np.array([0.1, 0.2]), np.array([71683, 24436]))
+        np.array([0.1, 0.2]), np.array([71683, 24436]), 2)
     header = make_header(predicted.stamp_ns, 'star_tracker_optical_frame')
     again = predictions_from_message(predictions_to_message(predicted, header), CAMERA)
     for field in fields(PredictedCentroids):
         np.testing.assert_allclose(getattr(again, field.name), getattr(predicted, field.name),
                                    rtol=1e-6)
-    assert not len(predictions_from_message(predictions_to_message(None, HEADER), CAMERA))
+    assert not predictions_from_message(predictions_to_message(None, HEADER), CAMERA).stars
+    # Stars of a tracker that does not number them, after a target: stars come first.
+    mixed = replace(predicted, hip=np.zeros(2, int), stars=1)
+    message = predictions_to_message(mixed, header)
+    message.data = message.data[message.point_step:] + message.data[:message.point_step]
+    read = predictions_from_message(message, CAMERA)
+    assert read.stars == 1
+    np.testing.assert_allclose(read.uv, predicted.uv)
     for uv, text in (([1e5, 3.0], 'another camera'), ([np.nan, 3.0], 'not finite')):
         wrong = replace(predicted, uv=np.array([[10.0, 20.0], uv]))
         with pytest.raises(MessageError, match=text):

@@ -34,7 +34,7 @@ class Sky:
         return q, AttitudeEstimate(multiply(q, error), np.eye(3) * ARCSEC ** 2, 20, np.empty(0),
                                    1.0)
 
-    def update(self, tracker, spots, *, noise=0):
+    def update(self, tracker, spots, *, noise=0, directed=False):
         """Show the next frame with spots on ICRF (K, 3); return the result of the tracker."""
         q, attitude = self.attitude()
         stars = ONBOARD.direction[ONBOARD.magnitude < 6.5]
@@ -43,10 +43,10 @@ class Sky:
         uv = np.concatenate([uv, self.rng.uniform(0, 1023, (noise, 2))])
         uv = uv + self.rng.normal(0, SIGMA_PX, uv.shape)
         count = len(uv)
-        stamp_ns = 10 ** 18 + self.frame * STEP_NS
+        self.stamp_ns = 10 ** 18 + self.frame * STEP_NS
         self.frame += 1
-        return tracker.update(stamp_ns, attitude, Centroids(
-            uv, np.full(count, 1e4), np.full(count, 50.0), np.full(count, SIGMA_PX)))
+        return tracker.update(self.stamp_ns, attitude, Centroids(
+            uv, np.full(count, 1e4), np.full(count, 50.0), np.full(count, SIGMA_PX)), directed)
 
 
 def moving(rate_deg_s, frame, *, aside_deg=0.0):
@@ -117,3 +117,78 @@ def test_a_slow_frame_or_none_at_all():
     assert tracker.update(2, AttitudeEstimate(START, np.eye(3) * 1e-12, 5, np.empty(0), 1.0),
                           Centroids(np.full((1, 2), np.nan), nan, nan, nan)) is None
     assert tracker.spots == 0
+
+
+@pytest.mark.parametrize('rate_deg_s', [0.024, 0.3])
+def test_a_target_is_predicted_in_the_next_image(rate_deg_s):
+    """With an error that it states; a target that is hidden is less certain."""
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    normalised, sigma_px = [], []
+    for frame in range(20):
+        hidden = frame >= 16
+        sky.update(tracker, np.empty((0, 3)) if hidden else moving(rate_deg_s, frame),
+                   directed=frame > 1)
+        if frame < 2:
+            continue
+        predicted = tracker.predicted(sky.turn)
+        q, _ = sky.attitude()
+        seen = CAMERA.project(rotate(conjugate(q), moving(rate_deg_s, frame + 1)))[0]
+        assert predicted.stars == 0 and predicted.hip.tolist() == [0]
+        error_px = predicted.at(sky.stamp_ns + STEP_NS)[0] - seen
+        normalised.append(np.linalg.norm(error_px) / predicted.sigma_px[0])
+        sigma_px.append(predicted.sigma_px[0])
+    assert max(normalised) < 4 and sigma_px[13] < 1
+    assert (np.diff(sigma_px[13:]) > 0.1).all()
+
+
+def test_a_target_that_leaves_the_image_is_no_longer_predicted():
+    sky, tracker = Sky(turn_deg_s=(0.0, 1.2, 0.0)), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    inside, predicted = [], []
+    for frame in range(13):
+        q, _ = sky.attitude()
+        seen = CAMERA.project(rotate(conjugate(q), moving(0.05, frame)))
+        inside.append(CAMERA.contains(seen)[0])
+        sky.update(tracker, moving(0.05, frame))
+        predicted.append(len(tracker.predicted(sky.turn).hip))
+    assert sum(inside) >= 8 and not inside[-1]
+    assert predicted[2:] == [int(seen) for seen in inside[2:]]
+
+
+def anywhere(sky, tracker):
+    """Return whether the tracker wants the next image to be searched as a whole."""
+    return (tracker.predicted(sky.turn).sigma_px >= 1024).any()
+
+
+def test_a_second_whole_image_is_wanted_for_what_is_no_star():
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    nothing = np.empty((0, 3))
+    wanted = []
+    # The prediction of one frame comes too late for the next one.
+    for spot, directed in ((nothing, False), (nothing, True), (moving(0.0, 0), False),
+                           (nothing, True), (moving(0.0, 0), False), (moving(0.0, 0), False),
+                           (nothing, True), (nothing, False)):
+        sky.update(tracker, spot, directed=directed)
+        wanted.append(anywhere(sky, tracker))
+    assert wanted == [False, False, True, True, True, False, False, False]
+
+
+def test_a_faint_target_that_is_missed_is_searched_again():
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    for frame in range(4):
+        sky.update(tracker, moving(0.004, frame), directed=frame > 1)
+        assert anywhere(sky, tracker) == (frame == 0)
+    sky.update(tracker, np.empty((0, 3)), directed=True)
+    assert anywhere(sky, tracker)
+    for frame in (5, 6):
+        sky.update(tracker, moving(0.004, frame))
+    assert not anywhere(sky, tracker)
+
+
+def test_a_tracker_begins_anew_when_time_jumps_back():
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    for frame in range(10):
+        found = sky.update(tracker, moving(0.05, frame))
+    assert found is not None
+    sky.frame = 3
+    assert sky.update(tracker, moving(0.05, 3)) is None
+    assert not (tracker.predicted(sky.turn).sigma_px < 1024).any()

@@ -91,8 +91,7 @@ class StarTrackerNode(CameraNode):
         # Before the tracks, so that a subscriber of both has both when the tracks come.
         self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, message.header))
         if self._frame_attitude.get_subscription_count():
-            self._frame_attitude.publish(
-                attitude_to_imu(self._tracker.frame_attitude, message.header))
+            self._frame_attitude.publish(attitude_to_imu(self._tracker.frame_attitude, header))
         self._tracks.publish(tracks_to_message(tracks, camera, message.header))
         self.defer(partial(self._finish, message.header, camera, centroids, directed))
 
