@@ -12,6 +12,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
 from scipy.spatial.transform import Rotation
+from startracker_ros.bag.layouts import CENTROID_DTYPE, read_cloud
 from startracker_ros.harness.processes import take_domain
 
 FRAMES = 80
@@ -70,6 +71,15 @@ def test_the_bag_holds_every_message_of_every_frame(demo):
     assert len(gyro) == (FRAMES - 1) * 10
     assert messages_of(output, '/tracker_state')[-1].message == 'TRACKING'
     assert messages_of(output, '/diagnostics')
+
+
+def test_half_of_the_images_at_least_are_not_searched_as_a_whole(demo):
+    """Although the recorder subscribes to the target."""
+    output, _ = demo
+    assert not any(m.width for m in messages_of(output, '/target_centroid'))
+    directed = [read_cloud(m, CENTROID_DTYPE)['directed'].any()
+                for m in messages_of(output, '/centroids')]
+    assert sum(directed) > FRAMES / 2
 
 
 def test_attitudes_agree_with_the_truth(demo):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
+from startracker_ros.bag.layouts import CENTROID_DTYPE, read_cloud
 from startracker_ros.harness.processes import take_domain
 
 FRAMES = 24
@@ -72,6 +73,15 @@ def test_positions_agree_with_the_truth(demo):
     assert max(errors) < 100
     lines = messages_of(output, '/target/line_of_sight')
     assert [stamp(m.markers[0]) for m in lines] == [stamp(m) for m in positions]
+
+
+def test_the_target_is_found_in_images_that_are_not_searched_as_a_whole(demo):
+    output, _ = demo
+    for name in ('tracker_1', 'tracker_2'):
+        directed = {stamp(m) for m in messages_of(output, f'/{name}/centroids')
+                    if read_cloud(m, CENTROID_DTYPE)['directed'].any()}
+        found = {stamp(m) for m in messages_of(output, f'/{name}/target_centroid') if m.width}
+        assert len(directed & found) >= 3
 
 
 def test_the_picture_marks_the_target(demo):
