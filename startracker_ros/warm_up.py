@@ -15,8 +15,9 @@ import sys
 import numba
 from numba.core.registry import cpu_target
 import numpy as np
-from startracker_ros.astro.orbit import propagate
+from startracker_ros.astro.observer_motion import ObserverMotion
 from startracker_ros.attitude.estimate import estimate_attitude
+from startracker_ros.attitude.star_distances import star_distances
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.catalog.stars import load_catalog
@@ -63,6 +64,7 @@ def tracking() -> None:
     for model in MODELS:
         StarTracker(CAMERA, onboard, TrackerOptions(model=model)).warm_up()
     attitude = estimate_attitude(np.eye(3), np.eye(3), np.ones(3))
+    star_distances(CAMERA.lens, attitude.quaternion, np.eye(3), np.zeros((3, 2)))
     sky = ApparentCatalog(onboard)
     match_new_stars(
         StarsInView(CAMERA, sky), attitude, centroids, centroids.sigma_px, 0.0, 1.0)
@@ -87,7 +89,7 @@ def location() -> None:
                       quaternion_from_pointing(np.radians(aside), 0.0, 0.0), np.eye(3),
                       np.array([0.0, -1e4 * aside, 0.0]), np.eye(3)) for aside in (-10.0, 10.0))
     locate(first, second)
-    propagate(np.array([7e6, 0.0, 0.0]), np.array([0.0, 7.5e3, 0.0]), 1.0)
+    ObserverMotion().warm_up()
 
 
 # The longest first, so that two cores end together.

@@ -5,7 +5,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.astro.aberration import Air, Vantage, vantage_near_earth
+from startracker_ros.astro.aberration import (
+    Air, apparent_directions, Vantage, vantage_near_earth)
 from startracker_ros.astro.bodies import bodies_at, BodiesInSky, STEP_NS
 from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.earth import earth_state, EpochError
@@ -111,6 +112,7 @@ class ObserverMotion:
     def warm_up(self) -> None:
         """Load what the first odometry needs, so that no frame waits for it."""
         propagate(np.array([7e6, 0.0, 0.0]), np.array([0.0, 7.5e3, 0.0]), 1.0)
+        apparent_directions(np.eye(3), Vantage(np.zeros(3), np.ones(3)))
         self.at(0)
 
     def add_state(self, stamp_ns: int, state: State) -> None:
@@ -127,7 +129,7 @@ class ObserverMotion:
     def at(self, stamp_ns: int) -> Observer:
         """Return the motion of the observer at a stamp."""
         if self._last is None or self._last[0] != stamp_ns:
-            self._last = stamp_ns, self._at(stamp_ns)._replace(bodies=self._bodies(stamp_ns))
+            self._last = stamp_ns, self._at(stamp_ns, self._bodies(stamp_ns))
         return self._last[1]
 
     def geocentric(self, stamp_ns: int) -> State | None:
@@ -140,7 +142,7 @@ class ObserverMotion:
         if self._newest is None or not abs(self._age_s(stamp_ns)) <= MAX_AGE_S:
             return None
         state = self._newest[1]
-        if not np.linalg.norm(state.position_m) > ORBITING_M:
+        if not state.position_m @ state.position_m > ORBITING_M ** 2:
             return state
         return State(*propagate(state.position_m, state.velocity_m_s, self._age_s(stamp_ns)),
                      state.covariance_m2)
@@ -153,21 +155,21 @@ class ObserverMotion:
             self._seen = step, bodies_at(stamp_ns, None if state is None else state.position_m)
         return self._seen[1]
 
-    def _at(self, stamp_ns: int) -> Observer:
+    def _at(self, stamp_ns: int, bodies: BodiesInSky | None) -> Observer:
         if self._mode == 'none':
-            return AT_REST
+            return AT_REST._replace(bodies=bodies)
         try:
             heliocentric_au, earth_m_s = _earth(stamp_ns // _EARTH_STEP_NS)
         except EpochError as error:
-            return Observer(None, EARTH_SIGMA_M_S, 'none', str(error), True)
+            return Observer(None, EARTH_SIGMA_M_S, 'none', str(error), True, bodies)
         reason = ''
         if self._mode == 'full':
             velocity_m_s, reason = self._velocity_or_reason(stamp_ns)
             if velocity_m_s is not None:
                 return Observer(Vantage(earth_m_s + velocity_m_s, heliocentric_au),
-                                KNOWN_SIGMA_M_S, 'full')
+                                KNOWN_SIGMA_M_S, 'full', bodies=bodies)
         return Observer(Vantage(earth_m_s, heliocentric_au), ORBIT_SIGMA_M_S, 'earth_only',
-                        reason, reason not in ('', _NO_ODOMETRY))
+                        reason, reason not in ('', _NO_ODOMETRY), bodies)
 
     def _velocity_or_reason(self, stamp_ns: int) -> tuple[np.ndarray | None, str]:
         """Return the geocentric velocity (3,), or None and why it is unknown."""

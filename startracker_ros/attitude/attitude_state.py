@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.compiled import compiled
 from startracker_ros.maths.compiled_rotation import matrix_from_rotation_vector, turned
+from startracker_ros.maths.symmetric_matrix import inverse
 
 
 class AttitudeState(NamedTuple):
@@ -53,6 +54,17 @@ class AttitudeState(NamedTuple):
     def with_rate(self, measured: np.ndarray, variance: float) -> 'AttitudeState':
         """Return the state updated by a measured rate (3,) of this variance of each axis."""
         return AttitudeState(self.stamp_ns, *_with_rate(*self[1:], measured, variance))
+
+    def filtered(self, to_ns: int, dt_s: np.ndarray, measured: np.ndarray, variance: np.ndarray,
+                 acceleration_density: np.ndarray, drift_density: float) -> 'AttitudeState':
+        """
+        Return the state at a later time, propagated at constant rate and updated by each rate.
+
+        Rates measured (K, 3) of variance (K,) of each axis, dt_s (K + 1,) after one another and
+        up to the end; densities as in propagated_at_constant_rate().
+        """
+        return AttitudeState(to_ns, *_filtered(
+            *self[1:], dt_s, measured, variance, acceleration_density, drift_density))
 
     def with_attitude(self, information: np.ndarray, vector: np.ndarray) -> 'AttitudeState':
         """
@@ -134,11 +146,25 @@ def _with_rate(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, cova
     """K = P H^T S^-1 with H = [0 I I] and S = H P H^T + R; x <- x + K z, P <- P - K H P."""
     cross_covariance = covariance[:, 3:6] + covariance[:, 6:]
     innovation_covariance = cross_covariance[3:6] + cross_covariance[6:] + variance * np.eye(3)
-    gain = np.linalg.solve(innovation_covariance, cross_covariance.T).T
+    gain = cross_covariance @ inverse(innovation_covariance)
     change = gain @ (measured - rate - drift)
     after = covariance - gain @ cross_covariance.T
     return (turned(quaternion, change[:3]), rate + change[3:6], drift + change[6:],
             (after + after.T) / 2)
+
+
+@compiled
+def _filtered(quaternion: np.ndarray, rate: np.ndarray, drift: np.ndarray, covariance: np.ndarray,
+              dt_s: np.ndarray, measured: np.ndarray, variance: np.ndarray,
+              acceleration_density: np.ndarray, drift_density: float
+              ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    for k in range(len(dt_s)):
+        quaternion, rate, drift, covariance = _propagated_at_constant_rate(
+            quaternion, rate, drift, covariance, dt_s[k], acceleration_density, drift_density)
+        if k < len(measured):
+            quaternion, rate, drift, covariance = _with_rate(
+                quaternion, rate, drift, covariance, measured[k], variance[k])
+    return quaternion, rate, drift, covariance
 
 
 @compiled

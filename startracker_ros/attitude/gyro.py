@@ -3,6 +3,7 @@
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -124,15 +125,18 @@ class Gyro:
         """
         begin = bisect_right(self._stamps_ns, state.stamp_ns)
         end = bisect_right(self._stamps_ns, to_ns)
+        times_ns, rates, variances = [state.stamp_ns], list[np.ndarray](), list[float]()
         for index in range(max(begin, 1), end):
             stamp_ns, before_ns = self._stamps_ns[index], self._stamps_ns[index - 1]
             if stamp_ns <= before_ns:
                 continue
-            middle_ns = max((stamp_ns + before_ns) // 2, state.stamp_ns)
-            state = state.propagated_at_constant_rate(
-                middle_ns, acceleration_density, self.drift_density).with_rate(
-                self._rates[index], self.noise_density / ((stamp_ns - before_ns) * 1e-9))
-        return state.propagated_at_constant_rate(to_ns, acceleration_density, self.drift_density)
+            times_ns.append(max((stamp_ns + before_ns) // 2, times_ns[-1]))
+            rates.append(self._rates[index])
+            variances.append(self.noise_density / ((stamp_ns - before_ns) * 1e-9))
+        times_ns.append(to_ns)
+        dt_s = [(after_ns - at_ns) * 1e-9 for at_ns, after_ns in pairwise(times_ns)]
+        return state.filtered(to_ns, np.array(dt_s), np.array(rates).reshape(-1, 3),
+                              np.array(variances), acceleration_density, self.drift_density)
 
     def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
         """Return the mean rate (3,) rad/s between two times and its variance without drift."""

@@ -1,13 +1,13 @@
 """The attitude of one frame of known stars, reported only when it can be trusted."""
 
 from dataclasses import dataclass, replace
-import math
 
 import numpy as np
 from startracker_ros.attitude.result import AttitudeEstimate, SOLVERS
+from startracker_ros.attitude.star_distances import star_distances
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
-from startracker_ros.maths.rotation import matrix_from_quaternion, sign_continuous
+from startracker_ros.maths.rotation import sign_continuous
 from startracker_ros.options import option, Options
 
 FALSE_ALARM = 1e-3
@@ -72,7 +72,7 @@ class AttitudeValidator:
         covariance is inflated when chi2 rejects the residuals at such errors, and contains the
         unknown velocity of the observer.
         """
-        # Compiled code and SciPy take half a second to import, and check() needs neither.
+        # What only solve() needs takes long to import, SciPy most of all.
         from scipy.special import chdtri
         from startracker_ros.attitude.error_ellipses import fit_error_ellipses
         from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude, mean_chi2
@@ -114,9 +114,8 @@ class AttitudeValidator:
         if len(icrf) < self._options.min_stars:
             return self._too_few(len(icrf), 'tracked')
         uv = uv if len(icrf) == len(uv) else uv[known]
-        predicted = self._camera.project(icrf @ matrix_from_quaternion(tracked.quaternion))
-        distance_px = np.hypot(*(uv - predicted).T)
-        residual_px = math.sqrt(distance_px @ distance_px / len(icrf))
+        distance_px, residual_px = star_distances(
+            self._camera.lens, tracked.quaternion, icrf, np.ascontiguousarray(uv))
         if not residual_px <= self._options.max_residual_px:
             return TrustedAttitude(
                 None, f'the tracks are {residual_px:.2f} px from where tracked_attitude has them, '
@@ -129,7 +128,8 @@ class AttitudeValidator:
     def _known(self, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return which stars (N,) the catalogue holds, and the directions (K, 3) of these."""
         index = self._sky.onboard.index_of(hip)
-        return index >= 0, self._sky.direction(index[index >= 0])
+        known = index >= 0
+        return known, self._sky.direction(index if known.all() else index[known])
 
     def _too_few(self, count: int, kind: str) -> TrustedAttitude:
         return TrustedAttitude(

@@ -92,8 +92,11 @@ def read_cloud(message: Any, wanted: np.dtype) -> np.ndarray:
     if len(message.data) < count * message.point_step:
         raise MessageError(f'cloud data of {len(message.data)} bytes is too short for '
                            f'{count} points of {message.point_step} bytes')
-    layout = _layout(tuple((f.name, f.offset, f.datatype) for f in message.fields),
-                     message.point_step, wanted)
+    fields = message.fields
+    if not isinstance(fields, tuple):
+        # Messages of rclpy and of other decoders: their fields have no hash.
+        fields = tuple((f.name, f.offset, f.datatype) for f in fields)
+    layout = _layout(fields, message.point_step, wanted)
     read = np.frombuffer(message.data, layout, count)
     if layout is wanted:
         rows = read.copy()

@@ -47,7 +47,9 @@ class AttitudeStage:
     def warm_up(self) -> None:
         """Load what a frame needs by solving a synthetic field."""
         centroids, hip = synthetic_field(self.sky.onboard, self._camera)
-        self.from_stars(stamp_from_epoch_year(self._epoch_year), centroids, hip)
+        solved = self.from_stars(stamp_from_epoch_year(self._epoch_year), centroids, hip)
+        if solved.attitude is not None:
+            self._validator.check(solved.attitude, centroids.uv, hip)
         self.reset()
 
     def from_tracks(self, stamp_ns: int, tracks: Tracks, tracked: TrackedAttitude | None

@@ -8,6 +8,7 @@ from startracker_ros.camera.lens import Lens, rays, undistorted
 from startracker_ros.camera.model import Camera
 from startracker_ros.compiled import compiled
 from startracker_ros.maths.compiled_rotation import matrix_from_quaternion
+from startracker_ros.maths.symmetric_matrix import inverse
 
 MATCH_SIGMAS = 5.0
 LEAST_STARS = 4
@@ -67,7 +68,7 @@ def _fit_matching(lens: Lens, pixel_rad: float, quaternion: np.ndarray, stars: S
     """Return the fit of the stars that have a centroid near, one of no star of fewer than four."""
     star, centroid = _match(stars.uv, stars.sigma_px, uv, sigma_px)
     if len(star) < LEAST_STARS:
-        return FrameFit(star[:0], np.empty(0), np.empty(0), np.empty((3, 3)).T, np.empty(0),
+        return FrameFit(star[:0], np.empty(0), np.empty(0), np.empty((3, 3)), np.empty(0),
                         np.empty((0, 2)), np.empty(0), np.empty(0), np.nan)
     return _fit(lens, pixel_rad, matrix_from_quaternion(quaternion), star, centroid,
                 stars.direction, stars.magnitude, uv, sigma_px, flux)
@@ -101,8 +102,7 @@ def _fit(lens: Lens, pixel_rad: float, matrix: np.ndarray, star: np.ndarray,
     J, z, sigma = np.empty((count, 2, 5)), np.empty((count, 2)), np.empty(count)
     normal, vector = np.zeros((5, 5)), np.zeros(5)
     for n in range(count):
-        d = direction[star[n]]
-        X, Y, Z = matrix.T @ d
+        X, Y, Z = _on_sensor(matrix, direction[star[n]])
         x, y = X / Z, Y / Z
         r2 = x * x + y * y
         z[n, 0] = measured[n, 0] / measured[n, 2] - x
@@ -116,7 +116,7 @@ def _fit(lens: Lens, pixel_rad: float, matrix: np.ndarray, star: np.ndarray,
                 vector[i] += J[n, axis, i] * z[n, axis] / sigma[n] ** 2
                 for j in range(5):
                     normal[i, j] += J[n, axis, i] * J[n, axis, j] / sigma[n] ** 2
-    covariance = np.linalg.inv(np.ascontiguousarray(normal[:3, :3]))
+    covariance = inverse(normal)
     turn = covariance @ vector[:3]
     across = np.ascontiguousarray(normal[3:, :3]) @ covariance
     information = normal[3:, 3:] - across @ np.ascontiguousarray(normal[:3, 3:])
@@ -143,17 +143,27 @@ def _residual(J: np.ndarray, z: np.ndarray, sigma: float, turn: np.ndarray,
     (z - J turn) / (1 - h), with the leverage h = tr(J P J^T) / (2 sigma^2): the part of its own
     noise that the fit follows, without which the others would hide it.
     """
-    leverage, left = 0.0, np.empty(2)
+    leverage, left = 0.0, (0.0, 0.0)
     for axis in range(2):
-        left[axis] = z[axis]
+        value = z[axis]
         for i in range(3):
-            left[axis] -= J[axis, i] * turn[i]
+            value -= J[axis, i] * turn[i]
             for j in range(3):
                 leverage += J[axis, i] * covariance[i, j] * J[axis, j] / (2 * sigma ** 2)
-    left /= 1 - min(leverage, _MOST_LEVERAGE)
-    offset = left[0] * matrix[:, 0] + left[1] * matrix[:, 1]
+        left = left[1], value
+    own = 1 - min(leverage, _MOST_LEVERAGE)
+    u, v = left[0] / own, left[1] / own
+    X, Y, Z = (u * matrix[0, 0] + v * matrix[0, 1], u * matrix[1, 0] + v * matrix[1, 1],
+               u * matrix[2, 0] + v * matrix[2, 1])
     x, y, z_icrf = direction
     across = math.hypot(x, y)
-    residual[0] = (x * offset[1] - y * offset[0]) / across
-    residual[1] = (across * across * offset[2]
-                   - z_icrf * (x * offset[0] + y * offset[1])) / across
+    residual[0] = (x * Y - y * X) / across
+    residual[1] = (across * across * Z - z_icrf * (x * X + y * Y)) / across
+
+
+@compiled
+def _on_sensor(matrix: np.ndarray, d: np.ndarray) -> tuple[float, float, float]:
+    """Return R^T d of a direction (3,) on ICRF axes."""
+    return (matrix[0, 0] * d[0] + matrix[1, 0] * d[1] + matrix[2, 0] * d[2],
+            matrix[0, 1] * d[0] + matrix[1, 1] * d[1] + matrix[2, 1] * d[2],
+            matrix[0, 2] * d[0] + matrix[1, 2] * d[1] + matrix[2, 2] * d[2])

@@ -1,7 +1,8 @@
 """Centroids that the catalogue does not explain: moving objects and hot pixels of a segment."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from itertools import groupby
+from typing import Any, NamedTuple
 
 import numpy as np
 from startracker_ros.astro.state import State
@@ -76,11 +77,10 @@ class Leftovers:
         left = unexplained(self._stars[1], attitude, centroids)
         if not len(left):
             return
-        if len(left) > MOST_SPOTS:
-            left = left.select(slice(MOST_SPOTS))
+        left = left[:MOST_SPOTS]
         self._spots.append(_Spots(
-            self._frames, held, stamp_ns, left.uv, left.sigma_px, left.flux, attitude.quaternion,
-            attitude.covariance_sensor, zero_point_mag,
+            self._frames, held, stamp_ns, centroids.uv[left], centroids.sigma_px[left],
+            centroids.flux[left], attitude.quaternion, attitude.covariance_sensor, zero_point_mag,
             pipeline.motion.geocentric(stamp_ns) or _UNKNOWN, camera))
 
     def tables(self, begin_ns: int) -> dict[str, np.ndarray]:
@@ -92,8 +92,8 @@ class Leftovers:
         return {'tracklets': self._tracklets(begin_ns), 'hot_pixels': _hot_pixels(held, begin_ns)}
 
     def _tracklets(self, begin_ns: int) -> np.ndarray:
-        rows = np.concatenate([_rows(spots) for spots in self._spots])
         count = [len(spots.uv) for spots in self._spots]
+        rows = _rows(self._spots, count)
         frame = np.repeat([spots.frame for spots in self._spots], count)
         held = np.repeat([spots.held for spots in self._spots], count)
         ra, dec = np.radians(rows['ra_deg']), np.radians(rows['dec_deg'])
@@ -126,32 +126,40 @@ def _hot_pixels(found: Sequence[_Spots], begin_ns: int) -> np.ndarray:
     return rows
 
 
-def _rows(spots: _Spots) -> np.ndarray:
+def _rows(found: Sequence[_Spots], count: Sequence[int]) -> np.ndarray:
     """
-    Return the rows (M,) of the spots of a frame.
+    Return the rows (M,) of the spots of all frames, count (N,) of each.
 
     A turn e about sensor axes moves a direction by n.e to the east and by -e.east to the north,
     with its axes east and n (north) in the sensor frame.
     """
-    rows = np.zeros(len(spots.uv), TRACKLET_DTYPE)
-    matrix = matrix_from_quaternion(spots.quaternion)
-    d = spots.camera.unproject(spots.uv) @ matrix.T
+    def of_frames(values: Sequence[Any]) -> np.ndarray:
+        return np.repeat(np.array(values), count, axis=0)
+    uv, sigma_px, flux = (np.concatenate(column) for column in zip(*(
+        (spots.uv, spots.sigma_px, spots.flux) for spots in found)))
+    rows = np.zeros(len(uv), TRACKLET_DTYPE)
+    matrix = of_frames(matrix_from_quaternion(np.array([spots.quaternion for spots in found])))
+    C = of_frames([spots.covariance for spots in found])
+    seen = np.concatenate([camera.unproject(np.concatenate([spots.uv for spots in same]))
+                           for camera, same in groupby(found, lambda spots: spots.camera)])
+    d = np.einsum('mij,mj->mi', matrix, seen)
     east = np.stack([-d[:, 1], d[:, 0], np.zeros(len(d))], -1)
     east /= np.linalg.norm(east, axis=1, keepdims=True)
-    e, n = east @ matrix, np.cross(d, east) @ matrix
-    variance = (spots.sigma_px * spots.camera.pixel_rad) ** 2
-    C = spots.covariance
-    rows['stamp_ns'] = spots.stamp_ns
+    e, n = (np.einsum('mji,mj->mi', matrix, axis) for axis in (east, np.cross(d, east)))
+    variance = (sigma_px * of_frames([spots.camera.pixel_rad for spots in found])) ** 2
+    rows['stamp_ns'] = of_frames([spots.stamp_ns for spots in found])
     rows['ra_deg'] = np.degrees(np.arctan2(d[:, 1], d[:, 0])) % 360
     rows['dec_deg'] = np.degrees(np.arcsin(np.clip(d[:, 2], -1, 1)))
-    rows['cov_ee_arcsec2'] = (variance + np.sum(n @ C * n, axis=1)) / ARCSEC ** 2
-    rows['cov_nn_arcsec2'] = (variance + np.sum(e @ C * e, axis=1)) / ARCSEC ** 2
-    rows['cov_en_arcsec2'] = -np.sum(n @ C * e, axis=1) / ARCSEC ** 2
+    for name, own, a, b in (('ee', variance, n, n), ('nn', variance, e, e), ('en', 0.0, -n, e)):
+        rows[f'cov_{name}_arcsec2'] = (own + np.einsum('mi,mij,mj->m', a, C, b)) / ARCSEC ** 2
     with np.errstate(invalid='ignore', divide='ignore'):
-        rows['magnitude'] = spots.zero_point_mag - 2.5 * np.log10(spots.flux)
-    rows['u'], rows['v'] = spots.uv.T
-    rows['sigma_px'] = spots.sigma_px
-    for axis, position_m, velocity_m_s in zip('xyz', spots.state.position_m,
-                                              spots.state.velocity_m_s):
-        rows[f'position_{axis}_m'], rows[f'velocity_{axis}_m_s'] = position_m, velocity_m_s
+        rows['magnitude'] = of_frames([spots.zero_point_mag for spots in found]
+                                      ) - 2.5 * np.log10(flux)
+    rows['u'], rows['v'] = uv.T
+    rows['sigma_px'] = sigma_px
+    position_m, velocity_m_s = (of_frames(vectors).T for vectors in zip(*(
+        (spots.state.position_m, spots.state.velocity_m_s) for spots in found)))
+    for column, axis in enumerate('xyz'):
+        rows[f'position_{axis}_m'] = position_m[column]
+        rows[f'velocity_{axis}_m_s'] = velocity_m_s[column]
     return rows

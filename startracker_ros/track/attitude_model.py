@@ -15,8 +15,8 @@ from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.maths.compiled_rotation import turned
 from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.track.consistency import Residuals
-from startracker_ros.track.correction import correct, Correction, on_image
-from startracker_ros.track.detected_stars import detected_residuals
+from startracker_ros.track.correction import correct, Correction
+from startracker_ros.track.followed_stars import followed, Measured
 from startracker_ros.track.lens_error import LensError
 from startracker_ros.track.model import FrameUpdate, StarModel
 from startracker_ros.track.options import TrackerOptions
@@ -44,6 +44,8 @@ GYRO_SILENCE_S = 1.0
 
 
 _NO_ERROR = np.zeros((3, 3))
+_NOTHING = Measured(np.empty((0, 2)), *(np.empty(0) for _ in range(4)), np.empty((0, 2, 2)))
+"""The centroids of a frame that is not used."""
 
 
 class _Hypothesis(NamedTuple):
@@ -127,20 +129,21 @@ class AttitudeModel(StarModel):
             self._measured = predicted, Measurement.of(predicted, measured), common
             self._stamp_jitter.add(self._state, predicted, correction.state, self._measured[1])
             self._set_state(correction.state, hypothesis.uses_gyro)
-            icrf = icrf[correction.inside]
-            self._set_tracks(correction, icrf, correction.probability, frame, variance)
+            seen, residuals = self._follow(correction, icrf, Measured(
+                uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
+            self._lens_error.add(seen, residuals)
             self._scale.add(fit)
             if not self.uses_gyro:
                 self._compare_gyro(before_ns, hypothesis.level)
-            return FrameUpdate(True, fit, correction.unassociated,
-                               self._residuals(correction, icrf, uv, error_px2))
+            return FrameUpdate(True, fit, correction.unassociated, residuals)
         assert nominal is not None, 'there is always a hypothesis'
         # Propagate without an update: every star counts as missed.
         hypothesis, correction = nominal
         self._stamp_jitter.interrupt()
         self._set_state(hypothesis.state, hypothesis.uses_gyro)
-        self._set_tracks(correction, icrf[correction.inside],
-                         np.ones((len(correction.predicted), 1)), Centroids.empty(), np.empty(0))
+        count = len(correction.predicted)
+        self._follow(correction._replace(probability=np.ones((count, 1)),
+                                         distance=np.full(count, np.inf)), icrf, _NOTHING)
         return FrameUpdate(False, None, correction.unassociated)
 
     def _hypotheses(self, stamp_ns: int, dark: bool) -> Iterator[_Hypothesis]:
@@ -194,21 +197,22 @@ class AttitudeModel(StarModel):
         good = fit.is_good(stars, self._options.min_stars, self._options.max_residual_px)
         return fit if good else None
 
-    def _residuals(self, correction: Correction, icrf: np.ndarray, uv: np.ndarray,
-                   error_px2: np.ndarray) -> Residuals:
-        """Return the residuals of the detected stars, centroids uv (M, 2), by the new state."""
-        seen, stars = detected_residuals(
-            self._camera.lens, self._state, icrf, self.bank.state, self.bank.confirmed,
-            correction.distance, correction.best, uv, error_px2)
-        self._lens_error.add(self.bank.star_index[seen], stars)
-        return stars
+    def _follow(self, correction: Correction, icrf: np.ndarray, measured: Measured
+                ) -> tuple[np.ndarray, Residuals]:
+        """
+        Associate the tracks in the image, of directions (N, 3), where the state has them.
 
-    def _set_tracks(self, correction: Correction, icrf: np.ndarray, probability: np.ndarray,
-                    frame: Centroids, variance: np.ndarray) -> None:
-        """Associate the tracks in the image, of directions (K, 3), where the state has them."""
-        self.bank = self.bank.select(correction.inside).associated(
-            correction.predicted, probability, frame, variance,
-            *on_image(self._camera.lens, icrf, self._state))
+        Return the catalogue entries (D,) of the detected stars and their residuals.
+        """
+        bank = self.bank.select(correction.inside)
+        if bank is not self.bank:
+            icrf = icrf[correction.inside]
+        after = followed(
+            self._camera.lens, self._state, icrf, bank.variance, bank.missed, bank.confirmed,
+            correction.predicted, correction.probability, correction.distance, correction.best,
+            measured)
+        self.bank = bank.with_association(after.track, after.covariance, after.association)
+        return bank.star_index[after.detected], after.residuals
 
     def _set_state(self, state: AttitudeState, uses_gyro: bool) -> None:
         """Set the state; where the use of the gyro ends its drift becomes unknown."""

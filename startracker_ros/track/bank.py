@@ -102,27 +102,44 @@ class TrackBank:
         predicted (N, 2) px; variance (M,) that of the centroids; probability (N, M + 1) as of
         joint_probabilities. A track counts as missed when that is more probable than not.
         """
-        variance, missed, *measured = _associated(
+        return self.with_association(state, covariance, associated_columns(
             self.variance, self.missed, np.ascontiguousarray(predicted), probability,
             np.ascontiguousarray(centroids.uv), variance, centroids.flux, centroids.snr,
-            centroids.sigma_px)
+            centroids.sigma_px))
+
+    def with_association(self, state: np.ndarray, covariance: np.ndarray,
+                         columns: 'Association') -> 'TrackBank':
+        """Return the tracks a frame later, in another state, with other columns."""
+        variance, missed, *measured = columns
         return TrackBank(self.track_id, self.star_index, state, covariance, variance,
                          self.confirmed, self.age + 1, missed, *measured)
 
     def to_tracks(self, onboard: OnboardCatalog, identified: bool) -> Tracks:
         """Return the tracks for publication; unless identified, without hip and magnitude."""
-        named = self.confirmed & identified
-        return Tracks(
-            hip=np.where(named, onboard.hip[self.star_index], 0).astype(np.int32),
-            magnitude=np.where(named, onboard.magnitude[self.star_index], np.nan),
-            uv=self.uv, flux=self.flux, snr=self.snr, sigma_px=self.sigma_px,
-            residual_px=self.residual_px, track_id=self.track_id.astype(np.uint32),
-            age=np.minimum(self.age, 65535).astype(np.uint16),
-            missed=self.missed.astype(np.uint8), association_probability=self.probability,
-            velocity=self.state[:, VELOCITY], covariance=self.uv_covariance)
+        hip, magnitude, uv, velocity, covariance, track_id, age, missed = _published(
+            onboard.hip, onboard.magnitude, identified, self.star_index, self.confirmed,
+            self.state, self.covariance, self.track_id, self.age, self.missed)
+        return Tracks(hip, magnitude, uv, self.flux, self.snr, self.sigma_px, self.residual_px,
+                      track_id, age, missed, self.probability, velocity, covariance)
 
 
-class _Association(NamedTuple):
+@compiled
+def _published(catalog_hip: np.ndarray, catalog_magnitude: np.ndarray, identified: bool,
+               star_index: np.ndarray, confirmed: np.ndarray, state: np.ndarray,
+               covariance: np.ndarray, track_id: np.ndarray, age: np.ndarray, missed: np.ndarray
+               ) -> tuple[np.ndarray, ...]:
+    """Return the columns of Tracks that a bank has in another form or type."""
+    count = len(star_index)
+    hip, magnitude = np.zeros(count, np.int32), np.full(count, np.nan)
+    for n in range(count):
+        if identified and confirmed[n]:
+            hip[n], magnitude[n] = catalog_hip[star_index[n]], catalog_magnitude[star_index[n]]
+    return (hip, magnitude, state[:, ::2].copy(), state[:, 1::2].copy(),
+            covariance[:, ::2, ::2].copy(), track_id.astype(np.uint32),
+            np.minimum(age, 65535).astype(np.uint16), missed.astype(np.uint8))
+
+
+class Association(NamedTuple):
     """The columns of a TrackBank that an association changes."""
 
     variance: np.ndarray
@@ -135,11 +152,12 @@ class _Association(NamedTuple):
 
 
 @compiled
-def _associated(variance: np.ndarray, missed: np.ndarray, predicted: np.ndarray,
-                probability: np.ndarray, uv: np.ndarray, uv_variance: np.ndarray,
-                flux: np.ndarray, snr: np.ndarray, sigma_px: np.ndarray) -> _Association:
+def associated_columns(variance: np.ndarray, missed: np.ndarray, predicted: np.ndarray,
+                       probability: np.ndarray, uv: np.ndarray, uv_variance: np.ndarray,
+                       flux: np.ndarray, snr: np.ndarray, sigma_px: np.ndarray) -> Association:
+    """Return the columns after an association, by the arguments of TrackBank.associated()."""
     count, best = len(missed), most_probable(probability)
-    after = _Association(
+    after = Association(
         variance.copy(), missed + 1, np.full(count, np.nan), np.full(count, np.nan),
         np.full(count, np.nan), np.full(count, np.nan), np.zeros(count))
     for track in range(count):

@@ -11,6 +11,9 @@ from startracker_ros.maths.rotation import matrix_from_quaternion
 AHEAD_RAD = np.radians(0.5)
 """Margin around the image of the cached stars, so that most frames need no catalogue search."""
 
+BRIGHT_STARS = 64
+"""In and around the image: most centroids are stars of these."""
+
 
 class StarsInView:
     """The catalogue stars of a camera around attitudes that change little from one to the next."""
@@ -24,23 +27,27 @@ class StarsInView:
         self._cos_ahead = float(np.cos(AHEAD_RAD))
         self._cos_radius = float(np.cos(camera.corner_angle_rad))
 
-    def of(self, attitude: AttitudeEstimate, most: int | None = None
-           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def of(self, attitude: AttitudeEstimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """
         Return catalogue indices (M,), brightest first, directions (M, 3) and pixels (M, 2).
 
-        Directions are on sensor axes. The stars are those of the cone around the image, or those
-        among the brightest of that cone and its surroundings.
+        Directions are on sensor axes. The stars are those of the cone around the image.
         """
-        matrix, near = self._around(attitude), self._near
-        if most is not None:
-            near = near[:most]
-            direction = self.sky.direction(near)
-        else:
-            if self._version != self.sky.version:
-                self._version, self._direction = self.sky.version, self.sky.direction(near)
-            direction = self._direction
-        return _in_view(near, direction, matrix, self._cos_radius, self.camera.lens)
+        matrix = self._around(attitude)
+        return _in_view(self._near, self._all_directions(), matrix, self._cos_radius,
+                        self.camera.lens)
+
+    def unexplained(self, attitude: AttitudeEstimate, uv: np.ndarray, reach_px: np.ndarray
+                    ) -> np.ndarray:
+        """Return which (K,) of centroids (N, 2) have no star within reach_px (N,), positive."""
+        matrix, uv = self._around(attitude), np.ascontiguousarray(uv)
+        arguments = matrix, self._cos_radius, self.camera.lens, uv, reach_px
+        left = _unexplained(self.sky.direction(self._near[:BRIGHT_STARS]), *arguments,
+                            np.arange(len(uv)))
+        # Most are bright stars. Only where others are left the many faint ones are looked up.
+        if len(left) and len(self._near) > BRIGHT_STARS:
+            left = _unexplained(self._all_directions(), *arguments, left)
+        return left
 
     def bright(self, attitude: AttitudeEstimate, faintest: float
                ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -50,7 +57,7 @@ class StarsInView:
         With their directions (M, 3) on ICRF axes, and the matrix (3, 3) of the attitude.
         """
         matrix = self._around(attitude)
-        near = self._near[:np.searchsorted(self._magnitude, faintest, side='right')]
+        near = self._near[:self._magnitude.searchsorted(faintest, side='right')]
         return near, self.sky.direction(near), matrix
 
     def _around(self, attitude: AttitudeEstimate) -> np.ndarray:
@@ -63,6 +70,12 @@ class StarsInView:
             self._magnitude = self.onboard.magnitude[self._near]
             self._version = -1
         return matrix
+
+    def _all_directions(self) -> np.ndarray:
+        """Return the apparent directions (N, 3) of the stars in and near the image."""
+        if self._version != self.sky.version:
+            self._version, self._direction = self.sky.version, self.sky.direction(self._near)
+        return self._direction
 
 
 @compiled
@@ -82,3 +95,22 @@ def _in_view(near: np.ndarray, direction: np.ndarray, matrix: np.ndarray, cos_ra
             sensor[count, 2] = ahead
             count += 1
     return index[:count], sensor[:count], project(lens, sensor[:count])
+
+
+@compiled
+def _unexplained(direction: np.ndarray, matrix: np.ndarray, cos_radius: float, lens: Lens,
+                 uv: np.ndarray, reach_px: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+    """Return the candidates (K,) among centroids (N, 2) with no star of direction (M, 3) near."""
+    stars = _in_view(np.arange(len(direction)), direction, matrix, cos_radius, lens)[2]
+    left, count = np.empty(len(candidates), np.int64), 0
+    for i in candidates:
+        free = reach_px[i] > 0 and np.isfinite(uv[i, 0]) and np.isfinite(uv[i, 1])
+        for k in range(len(stars)):
+            if not free:
+                break
+            du, dv = uv[i, 0] - stars[k, 0], uv[i, 1] - stars[k, 1]
+            free = du * du + dv * dv > reach_px[i] * reach_px[i]
+        if free:
+            left[count] = i
+            count += 1
+    return left[:count]

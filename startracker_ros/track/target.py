@@ -8,7 +8,6 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.prediction import PredictedCentroids
-from startracker_ros.compiled import compiled
 from startracker_ros.maths.rotation import conjugate, rotate
 from startracker_ros.options import option, Options
 from startracker_ros.track.in_view import StarsInView
@@ -27,9 +26,6 @@ MOVES_SIGMA = 5.0
 
 MAX_GAP_S = 5.0
 """Time without an attitude after which all tracks are dropped."""
-
-BRIGHT_STARS = 64
-"""In and around the image: most centroids are stars of these."""
 
 MOST_SPOTS = 50
 """Brightest unexplained centroids that are used, and tracks that are predicted; a frame with more
@@ -119,30 +115,12 @@ def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-@compiled
-def _unexplained(uv: np.ndarray, sigma_px: np.ndarray, stars: np.ndarray) -> np.ndarray:
-    """Return which centroids (M, 2) of sigma (M,) are finite and near none of stars (N, 2)."""
-    left = np.empty(len(uv), np.bool_)
-    for i in range(len(uv)):
-        left[i] = np.isfinite(uv[i, 0]) and np.isfinite(uv[i, 1]) and sigma_px[i] > 0
-        limit = max(EXPLAINED_PX, EXPLAINED_SIGMA * sigma_px[i]) ** 2
-        for k in range(len(stars)):
-            left[i] &= (uv[i, 0] - stars[k, 0]) ** 2 + (uv[i, 1] - stars[k, 1]) ** 2 > limit
-    return left
-
-
 def unexplained(stars: StarsInView, attitude: AttitudeEstimate, centroids: Centroids
-                ) -> Centroids:
-    """Return the centroids that are no catalogue star."""
-    # Most are bright stars. Only where others are left the many faint ones are looked up.
-    for most in (BRIGHT_STARS, None):
-        left = _unexplained(
-            np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.sigma_px),
-            stars.of(attitude, most)[2])
-        if not left.any():
-            return Centroids.empty()
-        centroids = centroids.select(left)
-    return centroids
+                ) -> np.ndarray:
+    """Return which centroids (K,) are no catalogue star; none without a positive sigma."""
+    sigma_px = centroids.sigma_px
+    return stars.unexplained(attitude, centroids.uv, np.where(
+        sigma_px > 0, np.maximum(EXPLAINED_PX, EXPLAINED_SIGMA * sigma_px), 0.0))
 
 
 @dataclass(frozen=True)
@@ -202,7 +180,7 @@ class TargetTracker:
         self._stamp_ns, self._interval_s, self._attitude = stamp_ns, dt_s, attitude
         left = unexplained(self._stars, attitude, centroids)
         self.spots = len(left)
-        left = left.select(slice(MOST_SPOTS))
+        left = centroids.select(left[:MOST_SPOTS])
         directions = rotate(attitude.quaternion, self._camera.unproject(left.uv))
         attitude_variance = np.trace(attitude.covariance_sensor[:2, :2]) / 2
         variance = (left.sigma_px * self._camera.pixel_rad) ** 2 + attitude_variance
