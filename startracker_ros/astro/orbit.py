@@ -89,7 +89,7 @@ def propagate(position_m: np.ndarray, velocity_m_s: np.ndarray, time_s: float,
 
     Gravity of a point mass and its J2, with z as the axis; j2 = 0 is the two-body motion.
     """
-    state = np.concatenate([position_m, velocity_m_s]).astype(float)
+    state = np.concatenate([position_m, velocity_m_s], dtype=float)
     steps = max(1, math.ceil(abs(time_s) / _STEP_S))
     _runge_kutta(state, time_s / steps, steps, j2)
     return state[:3], state[3:]

@@ -70,18 +70,22 @@ def lens_covariance(lens_sigma: float, scale: float, sensor: np.ndarray, sigma: 
 
 
 @compiled
-def systematic_covariance(lens: Lens, uv: np.ndarray, sigma_rad: np.ndarray,
-                          velocity_sigma_m_s: float, lens_sigma_rad: float, lens_scale: float,
-                          turn_rad: np.ndarray) -> np.ndarray:
+def systematic_covariance(lens: Lens, pixel_rad: float, track: np.ndarray, variance: np.ndarray,
+                          seen: np.ndarray, velocity_sigma_m_s: float, lens_sigma_px: float,
+                          lens_scale: float, turn_rad: np.ndarray) -> np.ndarray:
     """
     Return the covariance (3, 3) rad^2 by velocity, lens and the turn (3,) in an error of time.
 
-    Of stars at pixels uv (N, 2) with errors sigma_rad (N,).
+    Of the stars seen (N,) among tracks (N, 4), u and v in columns 0 and 2, of errors variance
+    (N,) px^2.
     """
-    sensor = np.empty((len(uv), 3))
-    for i in range(len(uv)):
-        a, b = undistort(lens, (uv[i, 0] - lens.cx) / lens.fx, (uv[i, 1] - lens.cy) / lens.fy)
-        sensor[i, 0], sensor[i, 1], sensor[i, 2] = ray(lens.equidistant, a, b)
+    stars = np.flatnonzero(seen)
+    sensor = np.empty((len(stars), 3))
+    for n in range(len(stars)):
+        u, v = track[stars[n], 0], track[stars[n], 2]
+        a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
+        sensor[n, 0], sensor[n, 1], sensor[n, 2] = ray(lens.equidistant, a, b)
+    sigma_rad, lens_sigma_rad = pixel_rad * np.sqrt(variance[stars]), pixel_rad * lens_sigma_px
     covariance = np.outer(turn_rad, turn_rad)
     if velocity_sigma_m_s > 0:
         covariance += velocity_covariance(velocity_sigma_m_s, sensor, sigma_rad)

@@ -23,6 +23,7 @@ _ENCAPSULATION = b'\x00\x01\x00\x00'
 _STAMP = struct.Struct('<iI')
 _UINT = struct.Struct('<I')
 _UNKNOWN = np.array([-1.0, *[0.0] * 8])
+_NO_ROTATION, _ZERO = np.zeros(4), np.zeros(3)
 _MOST_LAYOUTS = 64
 
 
@@ -88,7 +89,7 @@ class _Body:
     def doubles(self, *parts: Any) -> '_Body':
         """Append arrays or sequences of float64."""
         self._align(8)
-        self._bytes += np.concatenate([np.ravel(part) for part in parts]).astype('<f8').tobytes()
+        self._bytes += np.concatenate(parts, axis=None, dtype='<f8').tobytes()
         return self
 
     def text(self, value: str) -> '_Body':
@@ -135,10 +136,10 @@ def imu(stamp_ns: int, frame_id: str, quaternion: np.ndarray | None,
         rate_covariance: np.ndarray | None = None) -> bytes:
     """Return an Imu; what is None is marked as unknown, a quaternion by zeros."""
     return _Body(stamp_ns, frame_id).doubles(
-        np.zeros(4) if quaternion is None else quaternion,
+        _NO_ROTATION if quaternion is None else quaternion,
         _UNKNOWN if covariance is None else covariance,
-        np.zeros(3) if rate_rad_s is None else rate_rad_s,
-        _UNKNOWN if rate_covariance is None else rate_covariance, np.zeros(3), _UNKNOWN).done()
+        _ZERO if rate_rad_s is None else rate_rad_s,
+        _UNKNOWN if rate_covariance is None else rate_covariance, _ZERO, _UNKNOWN).done()
 
 
 def gyro_imu(stamp_ns: int, frame_id: str, rate_rad_s: np.ndarray, sigma_rad_s: float) -> bytes:
@@ -156,13 +157,13 @@ def pose_stamped(stamp_ns: int, frame_id: str, quaternion: np.ndarray,
                  covariance_icrf: np.ndarray) -> bytes:
     """Return a PoseWithCovarianceStamped at the origin; the covariance (3, 3) is in rad^2."""
     return _Body(stamp_ns, frame_id).doubles(
-        np.zeros(3), quaternion, rotation_covariance(covariance_icrf)).done()
+        _ZERO, quaternion, rotation_covariance(covariance_icrf)).done()
 
 
 def transform(stamp_ns: int, frame_id: str, child_frame_id: str, quaternion: np.ndarray) -> bytes:
     """Return a TransformStamped without translation."""
     return (_Body(stamp_ns, frame_id).text(child_frame_id)
-            .doubles(np.zeros(3), quaternion).done())
+            .doubles(_ZERO, quaternion).done())
 
 
 def odometry(stamp_ns: int, frame_id: str, child_frame_id: str, position_m: np.ndarray,

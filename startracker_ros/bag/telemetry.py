@@ -4,6 +4,7 @@ Rates and positions out of messages, free of ROS.
 Every function reads attributes only: of messages of rclpy as of those that a bag was decoded to.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -22,10 +23,9 @@ def rate_from_imu(message: Any) -> np.ndarray:
 
 def unit_quaternion(q: Any) -> np.ndarray:
     """Return a rotation (4,); MessageError where the norm is not 1."""
-    quaternion = np.array([q.x, q.y, q.z, q.w])
-    if not abs(np.linalg.norm(quaternion) - 1) < 1e-6:
-        raise MessageError(f'orientation {quaternion.tolist()} is no attitude')
-    return quaternion
+    if not abs(math.hypot(q.x, q.y, q.z, q.w) - 1) < 1e-6:
+        raise MessageError(f'orientation {[q.x, q.y, q.z, q.w]} is no attitude')
+    return np.array([q.x, q.y, q.z, q.w])
 
 
 def state_from_odometry(message: Any, inertial_frame_id: str) -> State:

@@ -1,7 +1,6 @@
 """Results of the pipeline as the messages that the nodes publish, in a bag."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -73,26 +72,26 @@ class SegmentBag:
             send('stars', cdr.point_cloud(stamp_ns, frame_id, star_rows(
                 centroids, found.hip, found.magnitude, found.residual_px, camera)))
         if sends('tracked_attitude'):
-            send('tracked_attitude', _imu(
-                stamp_ns, frame_id, frame, frame.tracked.attitude if frame.tracked else None))
+            tracked = frame.tracked.attitude if frame.tracked else None
+            send('tracked_attitude', _imu(stamp_ns, frame_id, frame, tracked, _on_icrf(tracked)))
         if sends('tracks'):
-            tracks = replace(frame.tracks, track_id=(
-                frame.tracks.track_id + np.uint32(self._first_track_id)).astype(np.uint32))
-            send('tracks', cdr.point_cloud(stamp_ns, frame_id, track_rows(tracks, camera)))
+            rows = track_rows(frame.tracks, camera)
+            rows['track_id'] += np.uint32(self._first_track_id)
+            send('tracks', cdr.point_cloud(stamp_ns, frame_id, rows))
         if sends('tracker_state'):
             send('tracker_state', self._state(frame, pipeline))
         attitude = frame.trusted.attitude
+        covariance = _on_icrf(attitude)
         if attitude is not None:
             q = attitude.quaternion
             if sends('attitude'):
                 send('attitude', cdr.quaternion_stamped(stamp_ns, INERTIAL, q))
             if sends('attitude_cov'):
-                send('attitude_cov', cdr.pose_stamped(stamp_ns, INERTIAL, q, covariance_icrf(
-                    q, attitude.covariance_sensor)))
+                send('attitude_cov', cdr.pose_stamped(stamp_ns, INERTIAL, q, covariance))
             if sends('attitude_transform'):
                 send('attitude_transform', cdr.transform(stamp_ns, INERTIAL, frame_id, q))
         if sends('attitude_imu'):
-            send('attitude_imu', _imu(stamp_ns, frame_id, frame, attitude))
+            send('attitude_imu', _imu(stamp_ns, frame_id, frame, attitude, covariance))
 
     def _state(self, frame: PipelineFrame, pipeline: Pipeline) -> bytes:
         """Return `tracker_state`."""
@@ -107,12 +106,17 @@ class SegmentBag:
             'reason': tracker.contradiction or tracker.reason})
 
 
-def _imu(stamp_ns: int, frame_id: str, frame: PipelineFrame,
-         attitude: AttitudeEstimate | None) -> bytes:
+def _on_icrf(attitude: AttitudeEstimate | None) -> np.ndarray:
+    """Return the covariance (3, 3) on ICRF axes of an attitude, zeros without."""
+    return np.zeros((3, 3)) if attitude is None else covariance_icrf(
+        attitude.quaternion, attitude.covariance_sensor)
+
+
+def _imu(stamp_ns: int, frame_id: str, frame: PipelineFrame, attitude: AttitudeEstimate | None,
+         covariance: np.ndarray) -> bytes:
     """Return an Imu of an attitude with the tracked rate, or one that is marked as unknown."""
     if attitude is None:
         return cdr.imu(stamp_ns, frame_id, None, None)
-    covariance = covariance_icrf(attitude.quaternion, attitude.covariance_sensor)
     if frame.tracked is None:
         return cdr.imu(stamp_ns, frame_id, attitude.quaternion, covariance)
     return cdr.imu(stamp_ns, frame_id, attitude.quaternion, covariance,

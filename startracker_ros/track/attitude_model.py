@@ -1,7 +1,6 @@
 """One rotation moves all stars: one filter of attitude and rate, updated by all of them."""
 
 from collections.abc import Iterator
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +19,9 @@ from startracker_ros.track.followed_stars import followed, Measured
 from startracker_ros.track.lens_error import LensError
 from startracker_ros.track.model import FrameUpdate, StarModel
 from startracker_ros.track.options import TrackerOptions
-from startracker_ros.track.rotation_fit import median, RAYLEIGH_MEDIAN, RotationFit
-from startracker_ros.track.stamp_jitter import Measurement, StampJitter
+from startracker_ros.track.rotation_fit import RAYLEIGH_MEDIAN, RotationFit
+from startracker_ros.track.stamp_differences import measured_turn
+from startracker_ros.track.stamp_jitter import StampJitter
 from startracker_ros.track.start import NIS_GATE, Start
 
 MANOEUVRES = (10.0, 100.0, 1000.0)
@@ -89,7 +89,7 @@ class AttitudeModel(StarModel):
         self._stamp_jitter = StampJitter()
         self._mean_innovation = np.zeros(3)
         self._level, self._manoeuvre_frames = 1.0, 0
-        self._measured: tuple[AttitudeState, Measurement | None, np.ndarray] | None = None
+        self._measured: tuple[AttitudeState, AttitudeState, np.ndarray] | None = None
 
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
@@ -126,13 +126,13 @@ class AttitudeModel(StarModel):
                 self._mean_innovation = mean
                 self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
             before_ns = self._state.stamp_ns
-            self._measured = predicted, Measurement.of(predicted, measured), common
-            self._stamp_jitter.add(self._state, predicted, correction.state, self._measured[1])
+            self._measured = predicted, measured, common
+            self._stamp_jitter.add(self._state, predicted, correction.state, measured)
             self._set_state(correction.state, hypothesis.uses_gyro)
             seen, residuals = self._follow(correction, icrf, Measured(
                 uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
             self._lens_error.add(seen, residuals)
-            self._scale.add(fit)
+            self._scale.add(correction.typical)
             if not self.uses_gyro:
                 self._compare_gyro(before_ns, hypothesis.level)
             return FrameUpdate(True, fit, correction.unassociated, residuals)
@@ -187,14 +187,13 @@ class AttitudeModel(StarModel):
         innovation, inlier, state = correction.innovation, correction.inlier, correction.state
         if not correction.agreed or innovation @ innovation > NIS_GATE:
             return None
-        distance, normalised = correction.distance[inlier], correction.normalised[inlier]
         attitude = AttitudeEstimate(
-            state.quaternion, state.covariance[:3, :3], len(distance),
-            distance * self._camera.pixel_rad, float(normalised @ normalised))
+            state.quaternion, state.covariance[:3, :3], int(np.count_nonzero(inlier)),
+            correction.distance[inlier] * self._camera.pixel_rad, correction.chi2)
         fit = RotationFit(attitude, correction.normalised, self._scale.value, inlier,
-                          math.sqrt(distance @ distance / len(distance)))
-        stars = int(np.count_nonzero(self.bank.confirmed & correction.inside))
-        good = fit.is_good(stars, self._options.min_stars, self._options.max_residual_px)
+                          correction.residual_px)
+        good = fit.is_good(correction.stars, self._options.min_stars,
+                           self._options.max_residual_px)
         return fit if good else None
 
     def _follow(self, correction: Correction, icrf: np.ndarray, measured: Measured
@@ -246,11 +245,12 @@ class AttitudeModel(StarModel):
     def measured_attitude(self) -> AttitudeEstimate | None:
         if self._measured is None:
             return None
-        before, measurement, common = self._measured
-        if measurement is None:
+        predicted, corrected, common = self._measured
+        adds, turn, covariance = measured_turn(predicted, corrected)
+        if not adds:
             return None
-        return AttitudeEstimate(turned(before.quaternion, measurement.turn),
-                                measurement.covariance + common, 0, np.empty(0), 0.0)
+        return AttitudeEstimate(turned(predicted.quaternion, turn), covariance + common, 0,
+                                np.empty(0), 0.0)
 
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state
@@ -299,9 +299,9 @@ class _ErrorScale:
         self._ratio = self.value = scale
         self._frames = 1
 
-    def add(self, fit: RotationFit) -> None:
-        """Add the residuals of a good frame."""
-        ratio = self.value * median(fit.normalised[fit.inlier]) / RAYLEIGH_MEDIAN
+    def add(self, typical: float) -> None:
+        """Add the median of the residuals of a good frame, over sigma times value."""
+        ratio = self.value * typical / RAYLEIGH_MEDIAN
         self._frames = min(self._frames + 1, 20)
         self._ratio += (ratio - self._ratio) / self._frames
         self.value = float(self._ratio) if self._ratio > 1.15 else 1.0
@@ -309,7 +309,7 @@ class _ErrorScale:
 
 def _with_error(state: AttitudeState, error: np.ndarray) -> AttitudeState:
     """Return a state whose attitude has another error, of covariance (3, 3) rad^2."""
-    if not error.any():
+    if error is _NO_ERROR:
         return state
     covariance = state.covariance.copy()
     covariance[:3, :3] += error

@@ -24,7 +24,9 @@ class Correction(NamedTuple):
     along a streak as many sigma of the narrow direction, both infinity where it was missed; best
     (K,) is that centroid. unassociated (M,) masks the centroids in no gate. agreed is False when
     there are too few inliers. innovation (3,) is the measured turn, whitened by its covariance:
-    its square is the normalised innovation squared, of 3 degrees of freedom.
+    its square is the normalised innovation squared, of 3 degrees of freedom. stars counts the
+    usable stars in the image; of the inliers residual_px is the rms of distance, chi2 the sum of
+    normalised squared, and typical the median of normalised, NaN where there are too few.
     """
 
     agreed: bool
@@ -38,6 +40,10 @@ class Correction(NamedTuple):
     normalised: np.ndarray
     best: np.ndarray
     innovation: np.ndarray
+    stars: int
+    residual_px: float
+    chi2: float
+    typical: float
 
 
 @compiled
@@ -58,7 +64,8 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
     P = np.ascontiguousarray(predicted.covariance[:3, :3])
     beta, unassociated = associate(predicted_uv, _pixel_covariance(H, P), uv, error, detection)
     z, R = combined_innovation(predicted_uv, uv, error, beta)
-    weight = (1 - beta[:, 0]) * usable[inside]
+    usable = usable[inside]
+    weight = (1 - beta[:, 0]) * usable
     detected, best = beta[:, 0] <= 0.5, most_probable(beta)
     distance, normalised = np.full(len(icrf), np.inf), np.full(len(icrf), np.inf)
     while True:
@@ -70,7 +77,8 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
         inlier = (weight > 0) & detected
         if np.sum(inlier) < min_stars:
             return Correction(False, inside, predicted_uv, beta, unassociated, state, inlier,
-                              distance, normalised, best, np.zeros(3))
+                              distance, normalised, best, np.zeros(3), np.sum(usable), np.nan,
+                              np.nan, np.nan)
         corrected = project(lens, sensor_directions(matrix_from_quaternion(quaternion), icrf))
         _fill_residuals(corrected, uv, error, detected, best, distance, normalised)
         worst = np.argmax(np.where(inlier, normalised, 0.0))
@@ -78,7 +86,9 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
             break
         weight[worst] = 0.0
     return Correction(True, inside, predicted_uv, beta, unassociated, state, inlier, distance,
-                      normalised, best, _whitened(P, information, vector))
+                      normalised, best, _whitened(P, information, vector), np.sum(usable),
+                      np.sqrt(np.mean(distance[inlier] ** 2)), np.sum(normalised[inlier] ** 2),
+                      np.median(normalised[inlier]))
 
 
 @compiled

@@ -2,7 +2,7 @@
 
 import numpy as np
 from startracker_ros.attitude.estimate import AttitudeEstimate
-from startracker_ros.camera.lens import Lens, project
+from startracker_ros.camera.lens import Lens, project, ray, undistort
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.compiled import compiled
@@ -10,6 +10,9 @@ from startracker_ros.maths.rotation import matrix_from_quaternion
 
 AHEAD_RAD = np.radians(0.5)
 """Margin around the image of the cached stars, so that most frames need no catalogue search."""
+
+APPARENT_RAD = np.radians(1.0)
+"""No apparent direction is so far from the one in the catalogue: refraction has 0.6 deg."""
 
 BRIGHT_STARS = 64
 """In and around the image: most centroids are stars of these."""
@@ -37,17 +40,32 @@ class StarsInView:
         return _in_view(self._near, self._all_directions(), matrix, self._cos_radius,
                         self.camera.lens)
 
-    def unexplained(self, attitude: AttitudeEstimate, uv: np.ndarray, reach_px: np.ndarray
-                    ) -> np.ndarray:
-        """Return which (K,) of centroids (N, 2) have no star within reach_px (N,), positive."""
-        matrix, uv = self._around(attitude), np.ascontiguousarray(uv)
-        arguments = matrix, self._cos_radius, self.camera.lens, uv, reach_px
+    def unexplained(self, attitude: AttitudeEstimate, uv: np.ndarray, sigma_px: np.ndarray,
+                    reach_px: float, reach_sigmas: float) -> np.ndarray:
+        """
+        Return which (K,) of centroids (N, 2) have no star near; none without a positive sigma.
+
+        Near is within reach_px, or within reach_sigmas of sigma_px (N,).
+        """
+        arguments = (self._around(attitude), self._cos_radius, self.camera.lens,
+                     np.ascontiguousarray(uv), np.ascontiguousarray(sigma_px), reach_px,
+                     reach_sigmas)
         left = _unexplained(self.sky.direction(self._near[:BRIGHT_STARS]), *arguments,
                             np.arange(len(uv)))
-        # Most are bright stars. Only where others are left the many faint ones are looked up.
+        # Most are bright stars. Only where others are left the faint ones near them are looked up.
         if len(left) and len(self._near) > BRIGHT_STARS:
-            left = _unexplained(self._all_directions(), *arguments, left)
+            near = self._around_spots(arguments[0], uv[left], max(
+                reach_px, reach_sigmas * sigma_px[left].max()))
+            left = _unexplained(self.sky.direction(near), *arguments, left)
         return left
+
+    def beside(self, attitude: AttitudeEstimate, uv: np.ndarray, reach_px: float
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what of() does, of at least the stars within reach_px of pixels uv (N, 2)."""
+        matrix = self._around(attitude)
+        near = self._around_spots(matrix, uv, reach_px)
+        return _in_view(near, self.sky.direction(near), matrix, self._cos_radius,
+                        self.camera.lens)
 
     def bright(self, attitude: AttitudeEstimate, faintest: float
                ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -68,8 +86,15 @@ class StarsInView:
             self._centre = boresight
             self._near = self.onboard.within(boresight, self.camera.corner_angle_rad + AHEAD_RAD)
             self._magnitude = self.onboard.magnitude[self._near]
+            self._natural = self.onboard.direction[self._near]
             self._version = -1
         return matrix
+
+    def _around_spots(self, matrix: np.ndarray, uv: np.ndarray, reach_px: float) -> np.ndarray:
+        """Return the stars within reach_px of pixels uv (N, 2), and others around them."""
+        reach_rad = APPARENT_RAD + 2 * reach_px * self.camera.pixel_rad
+        return self._near[_beside(self._natural, matrix, self.camera.lens,
+                                  np.ascontiguousarray(uv), np.cos(min(reach_rad, np.pi)))]
 
     def _all_directions(self) -> np.ndarray:
         """Return the apparent directions (N, 3) of the stars in and near the image."""
@@ -98,18 +123,39 @@ def _in_view(near: np.ndarray, direction: np.ndarray, matrix: np.ndarray, cos_ra
 
 
 @compiled
+def _beside(direction: np.ndarray, matrix: np.ndarray, lens: Lens, uv: np.ndarray,
+            cos_reach: float) -> np.ndarray:
+    """Return which directions (M, 3) have one of pixels uv (N, 2) near."""
+    near = np.zeros(len(direction), np.bool_)
+    for i in range(len(uv)):
+        if not (np.isfinite(uv[i, 0]) and np.isfinite(uv[i, 1])):
+            continue
+        a, b = undistort(lens, (uv[i, 0] - lens.cx) / lens.fx, (uv[i, 1] - lens.cy) / lens.fy)
+        x, y, z = ray(lens.equidistant, a, b)
+        X = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z
+        Y = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z
+        Z = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z
+        for k in range(len(direction)):
+            if direction[k, 0] * X + direction[k, 1] * Y + direction[k, 2] * Z >= cos_reach:
+                near[k] = True
+    return np.flatnonzero(near)
+
+
+@compiled
 def _unexplained(direction: np.ndarray, matrix: np.ndarray, cos_radius: float, lens: Lens,
-                 uv: np.ndarray, reach_px: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-    """Return the candidates (K,) among centroids (N, 2) with no star of direction (M, 3) near."""
+                 uv: np.ndarray, sigma_px: np.ndarray, reach_px: float, reach_sigmas: float,
+                 candidates: np.ndarray) -> np.ndarray:
+    """Return which candidates (K,), among centroids (N, 2), are unexplained by stars (M, 3)."""
     stars = _in_view(np.arange(len(direction)), direction, matrix, cos_radius, lens)[2]
     left, count = np.empty(len(candidates), np.int64), 0
     for i in candidates:
-        free = reach_px[i] > 0 and np.isfinite(uv[i, 0]) and np.isfinite(uv[i, 1])
+        free = sigma_px[i] > 0 and np.isfinite(uv[i, 0]) and np.isfinite(uv[i, 1])
+        reach = max(reach_px, reach_sigmas * sigma_px[i])
         for k in range(len(stars)):
             if not free:
                 break
             du, dv = uv[i, 0] - stars[k, 0], uv[i, 1] - stars[k, 1]
-            free = du * du + dv * dv > reach_px[i] * reach_px[i]
+            free = du * du + dv * dv > reach * reach
         if free:
             left[count] = i
             count += 1

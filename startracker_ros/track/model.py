@@ -120,11 +120,11 @@ class StarModel(ABC):
 
     def with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
         """Return an attitude of the last frame with the errors of aberration, lens and stamp."""
-        seen, pixel_rad = self.bank.detected, self._camera.pixel_rad
+        bank = self.bank
         systematic = systematic_covariance(
-            self._camera.lens, self.bank.uv[seen], pixel_rad * np.sqrt(self.bank.variance[seen]),
-            float(self._sky.observer.velocity_sigma_m_s), pixel_rad * self.lens_error_px,
-            self.lens_scale, self.stamp_turn_rad)
+            self._camera.lens, self._camera.pixel_rad, bank.state, bank.variance, bank.detected,
+            float(self._sky.observer.velocity_sigma_m_s), self.lens_error_px, self.lens_scale,
+            self.stamp_turn_rad)
         return AttitudeEstimate(
             estimate.quaternion, estimate.covariance_sensor + systematic, estimate.stars,
             estimate.residual_rad, estimate.chi2)
@@ -136,7 +136,7 @@ class StarModel(ABC):
     def error_px2(self, centroids: Centroids) -> np.ndarray:
         """Return the covariances (M, 2, 2) of centroids, no axis below sigma_floor_px."""
         error, floor = centroids.covariance, self._options.sigma_floor_px ** 2
-        if np.diagonal(error, axis1=1, axis2=2).min(initial=np.inf) >= floor:
+        if not len(error) or min(error[:, 0, 0].min(), error[:, 1, 1].min()) >= floor:
             return error
         error = error.copy()
         for axis in range(2):

@@ -32,7 +32,7 @@ def match_new_stars(stars: StarsInView, attitude: AttitudeEstimate, centroids: C
     makes pairs ambiguous and is in none itself.
     """
     onboard = stars.onboard
-    near, sensor, uv = stars.of(attitude)
+    near, sensor, uv = stars.beside(attitude, centroids.uv, MAX_DISTANCE_PX)
     star_index, centroid = _match(
         near, sensor, uv, onboard.magnitude, onboard.crowded,
         np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.flux),

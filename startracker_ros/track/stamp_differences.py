@@ -62,14 +62,18 @@ def measured_turn(predicted: AttitudeState, corrected: AttitudeState
 
 @compiled
 def add_frame(memory: Differences, before: AttitudeState, predicted: AttitudeState,
-              corrected: AttitudeState, turn: np.ndarray, R: np.ndarray, rate: np.ndarray,
-              interval_ratio: float) -> tuple[float, float]:
+              corrected: AttitudeState, measured: AttitudeState, rate: np.ndarray,
+              interval_ratio: float) -> tuple[bool, float, float]:
     """
     Add t_k of a frame to the memory; return the variance of the stamps and r, both s^2.
 
-    With the measured attitude a_k, its covariance R and the rate w of stamp_jitter.py:
-    r = 1 / (w^T R^-1 w), t_k = r w^T R^-1 e_k. interval_ratio is dt_k / dt_k-1.
+    With the attitude a_k that measured has beside the prediction, its covariance R and the rate w
+    of stamp_jitter.py: r = 1 / (w^T R^-1 w), t_k = r w^T R^-1 e_k. interval_ratio is
+    dt_k / dt_k-1. The first is False where there is no such attitude, or w is zero.
     """
+    adds, turn, R = measured_turn(predicted, measured)
+    if not adds or not rate.any():
+        return False, np.nan, np.nan
     between = rotation_between(before.quaternion, predicted.quaternion)
     correction = rotation_between(predicted.quaternion, corrected.quaternion)
     information = inverse(R)
@@ -86,7 +90,7 @@ def add_frame(memory: Differences, before: AttitudeState, predicted: AttitudeSta
         memory.times_s[k] = memory.times_s[k + 1]
         memory.variances_s2[k] = memory.variances_s2[k + 1]
     memory.times_s[-1], memory.variances_s2[-1] = along / square, 1 / square
-    return _stamp_variance(memory.times_s, memory.variances_s2), 1 / square
+    return True, _stamp_variance(memory.times_s, memory.variances_s2), 1 / square
 
 
 @compiled

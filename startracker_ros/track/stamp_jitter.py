@@ -15,26 +15,12 @@ mistaken for an error of the stamps.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.attitude.attitude_state import AttitudeState
-from startracker_ros.track.stamp_differences import add_frame, Differences, measured_turn
+from startracker_ros.track.stamp_differences import add_frame, Differences
 
 MEMORY = 0.95  # of the frames before
-
-
-class Measurement(NamedTuple):
-    """What the stars of a frame add: the turn (3,) from the prediction, and its covariance."""
-
-    turn: np.ndarray
-    covariance: np.ndarray
-
-    @classmethod
-    def of(cls, predicted: AttitudeState, corrected: AttitudeState) -> 'Measurement | None':
-        """Return the measurement by which a prediction was corrected, None if it adds nothing."""
-        adds, turn, covariance = measured_turn(predicted, corrected)
-        return cls(turn, covariance) if adds else None
 
 
 class StampJitter:
@@ -59,19 +45,23 @@ class StampJitter:
         self._differences.step.fill(math.nan)
 
     def add(self, before: AttitudeState, predicted: AttitudeState, corrected: AttitudeState,
-            measured: Measurement | None) -> None:
-        """Add a frame: the state of the frame before, the prediction, and the corrected one."""
+            measured: AttitudeState) -> None:
+        """
+        Add a frame: the state of the frame before, the prediction, and the corrected one.
+
+        measured is the latter without errors that all stars share.
+        """
         # The rate of one frame follows the error of its stamp.
         self._frames += 1
         self._rate = MEMORY * self._rate + (1 - MEMORY) * corrected.rate
         rate = self._rate / (1 - MEMORY ** self._frames)
-        if measured is None or not rate.any():
+        interval_s = (corrected.stamp_ns - before.stamp_ns) * 1e-9
+        adds, learnt_s2, variance_s2 = add_frame(
+            self._differences, before, predicted, corrected, measured, rate,
+            interval_s / self._interval_s)
+        if not adds:
             self.interrupt()
             return
-        interval_s = (corrected.stamp_ns - before.stamp_ns) * 1e-9
-        learnt_s2, variance_s2 = add_frame(
-            self._differences, before, predicted, corrected, *measured, rate,
-            interval_s / self._interval_s)
         self._interval_s = interval_s
         # A few times that happen to agree do not end what many have shown.
         learnt_s2 = max(learnt_s2, MEMORY * self.sigma_s ** 2)

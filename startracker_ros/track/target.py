@@ -118,9 +118,8 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 def unexplained(stars: StarsInView, attitude: AttitudeEstimate, centroids: Centroids
                 ) -> np.ndarray:
     """Return which centroids (K,) are no catalogue star; none without a positive sigma."""
-    sigma_px = centroids.sigma_px
-    return stars.unexplained(attitude, centroids.uv, np.where(
-        sigma_px > 0, np.maximum(EXPLAINED_PX, EXPLAINED_SIGMA * sigma_px), 0.0))
+    return stars.unexplained(
+        attitude, centroids.uv, centroids.sigma_px, EXPLAINED_PX, EXPLAINED_SIGMA)
 
 
 @dataclass(frozen=True)

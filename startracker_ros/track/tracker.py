@@ -18,6 +18,7 @@ from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.maths.rotation import attitude_error
 from startracker_ros.track.consistency import (
     expected_stars, PRESENT_PX, PRESENT_SIGMAS, RowPattern)
+from startracker_ros.track.frame_masks import kept_after_fit, kept_tracks, usable_centroids
 from startracker_ros.track.identified import fit_identified, IdentifiedFrame
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.model import FrameUpdate
@@ -346,10 +347,10 @@ class StarTracker:
             self.frames_since_fix = 0
             self._history.append((stamp_ns, fit.attitude))
         bank = self._model.bank
-        outlier = (fit.normalised > OUTLIER_SIGMA) & (bank.missed == 0)
-        bank = bank.select(~(self._useless(frame) | outlier))
-        new = (bank.age >= self._options.confirm_frames) & (bank.missed == 0) & ~bank.confirmed
-        self._model.bank = replace(bank, confirmed=bank.confirmed | new) if new.any() else bank
+        kept, confirmed, new = kept_after_fit(
+            self._kept(frame), fit.normalised, OUTLIER_SIGMA, bank.missed, bank.age,
+            bank.confirmed, self._options.confirm_frames)
+        self._model.bank = (replace(bank, confirmed=confirmed) if new else bank).select(kept)
 
     def _contradiction(self, result: FrameUpdate, frame: Centroids) -> str:
         """Return why not all of a frame shows the attitude that was found, empty if it does."""
@@ -367,17 +368,17 @@ class StarTracker:
         """Drop missed stars, and enter LOST after max_bad_frames."""
         # A dark frame is no evidence against the tracks.
         self._bad_frames += not self._model.is_dark(frame)
-        self._model.bank = self._model.bank.select(~self._useless(frame))
+        self._model.bank = self._model.bank.select(self._kept(frame))
         if self._bad_frames >= self._options.max_bad_frames:
             self._enter(TrackerState.LOST, f'{self._bad_frames} bad frames: {self.stars_matched} '
                         f'stars agreed in the last one, residual {self.residual_px:.2f} px')
 
-    def _useless(self, frame: Centroids) -> np.ndarray:
-        """Return the tracks (N,) missed too often, half of the time if new, or near a planet."""
+    def _kept(self, frame: Centroids) -> np.ndarray:
+        """Return the tracks (N,) that are not missed too often."""
         bank = self._model.bank
-        most = np.inf if self._model.is_dark(frame) else self._options.max_missed
-        return self.sky.crowded(bank.star_index) | (
-            bank.missed > np.where(bank.confirmed, most, bank.age // 2))
+        most = math.inf if self._model.is_dark(frame) else float(self._options.max_missed)
+        return kept_tracks(self.sky.crowded(bank.star_index), bank.missed, bank.age,
+                           bank.confirmed, most)
 
     def _add_tracks(self, star_index: np.ndarray, centroids: Centroids, *, confirmed: bool
                     ) -> None:
@@ -394,7 +395,7 @@ class StarTracker:
 
     def _usable(self, centroids: Centroids) -> tuple[Centroids, np.ndarray]:
         """Return the centroids with finite position and positive sigma, and their mask (N,)."""
-        good = (np.isfinite(centroids.uv).all(axis=1) & np.isfinite(centroids.sigma_px)
-                & (centroids.sigma_px > 0))
-        self.rejected_centroids += len(good) - int(np.count_nonzero(good))
-        return centroids if good.all() else centroids.select(good), good
+        good, rejected = usable_centroids(np.ascontiguousarray(centroids.uv),
+                                           np.ascontiguousarray(centroids.sigma_px))
+        self.rejected_centroids += rejected
+        return centroids.select(good) if rejected else centroids, good

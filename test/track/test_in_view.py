@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from startracker_ros.astro.observer_motion import observer_at
 from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.lens import project
 from startracker_ros.camera.model import Camera
@@ -11,7 +12,7 @@ from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.maths.rotation import conjugate, quaternion_from_pointing, rotate
-from startracker_ros.track.in_view import StarsInView
+from startracker_ros.track.in_view import BRIGHT_STARS, StarsInView
 
 PLAIN = Camera.from_fov(512, 512, 20.0)
 DISTORTED = replace(PLAIN, distortion=(-0.1, 0.02, 1e-3, -5e-4, 0.0))
@@ -33,6 +34,32 @@ def test_as_the_catalogue_and_the_camera_say(camera):
         np.testing.assert_allclose(sensor, rotate(conjugate(q), onboard.direction[index]),
                                    atol=1e-14)
         np.testing.assert_allclose(uv, camera.project(sensor), atol=1e-9)
+
+
+@pytest.mark.parametrize('camera', [PLAIN, DISTORTED, FISHEYE])
+def test_spots_are_compared_with_the_faintest_stars_too(camera):
+    onboard = onboard_catalog(load_catalog(), camera, 2026.0, 9.0)
+    sky = ApparentCatalog(onboard)
+    sky.look_from(observer_at(2026.0, np.array([3e3, 5e3, -4e3])))
+    stars, rng = StarsInView(camera, sky), np.random.default_rng(3)
+    q = quaternion_from_pointing(*np.radians([80.0, 20.0, 30.0]))
+    attitude = AttitudeEstimate(q, np.eye(3) * 1e-12, 9, np.zeros(9), 9.0)
+    index, _, uv = stars.of(attitude)
+    shown = np.flatnonzero(camera.contains(uv))
+    assert len(shown) > 10 * BRIGHT_STARS
+    for star in rng.choice(shown, 50, replace=False):
+        beside, _, there = stars.beside(attitude, uv[star:star + 1], 5.0)
+        assert set(index[np.hypot(*(uv - uv[star]).T) < 5.0]) <= set(beside)
+        assert np.hypot(*(there - uv[star]).T).min() == 0
+    spots = rng.uniform(5, 500, (200, 2))
+    sigma = rng.uniform(0.01, 1.0, 200)
+    spots[:2], sigma[2:4] = np.nan, (0.0, np.nan)
+    reach = np.maximum(2.0, 5 * sigma)
+    distance = np.linalg.norm(spots[:, None] - uv, axis=2).min(axis=1)
+    expected = np.flatnonzero((distance > reach) & (sigma > 0))
+    assert 20 < len(expected) < 190
+    np.testing.assert_array_equal(
+        stars.unexplained(attitude, spots, sigma, 2.0, 5.0), expected)
 
 
 @pytest.mark.parametrize('camera', [PLAIN, DISTORTED])
