@@ -31,6 +31,7 @@ from startracker_ros.locate.line_of_sight import line_of_sight
 from startracker_ros.locate.location import locate
 from startracker_ros.machine_code import copy_code, imported_code, machine_code_folder
 from startracker_ros.maths.rotation import quaternion_from_pointing
+from startracker_ros.pipeline.cloud_rows import centroid_rows, centroids_from_rows
 from startracker_ros.sky.detector import Detector, DetectorOptions
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.new_stars import match_new_stars
@@ -65,6 +66,7 @@ def tracking() -> None:
         StarTracker(CAMERA, onboard, TrackerOptions(model=model)).warm_up()
     attitude = estimate_attitude(np.eye(3), np.eye(3), np.ones(3))
     star_distances(CAMERA.lens, attitude.quaternion, np.eye(3), np.zeros((3, 2)))
+    centroids_from_rows(centroid_rows(centroids, CAMERA))
     sky = ApparentCatalog(onboard)
     match_new_stars(
         StarsInView(CAMERA, sky), attitude, centroids, centroids.sigma_px, 0.0, 1.0)

@@ -74,7 +74,8 @@ class Gyro:
         """
         rate = np.array(rate_rad_s, float)
         # Written so that NaN is rejected.
-        if not all(abs(value) <= MAX_RATE_RAD_S for value in rate.tolist()):
+        x, y, z = map(abs, rate.tolist())
+        if not (x <= MAX_RATE_RAD_S and y <= MAX_RATE_RAD_S and z <= MAX_RATE_RAD_S):
             return False
         if len(self._rates) >= _MAX_MEASUREMENTS:
             half = _MAX_MEASUREMENTS // 2

@@ -295,46 +295,39 @@ class McapFile:
     def _in_time_order(self, wanted: set[int], start_ns: int, chosen: bool,
                        fail: Callable[[_Damage], None]) -> Iterator[RawMessage]:
         # Equal log times stay in the order of the file.
-        heap: list[tuple[int, int, int, bytes]] = []
+        heap: list[tuple[int, int, int, RawMessage]] = []
         pending_bytes = 0
         for block in sorted(self._blocks, key=lambda block: (block.start_ns, block.offset)):
             while heap and heap[0][0] < block.start_ns:
-                message = self._pop(heap)
+                message = heapq.heappop(heap)[3]
                 pending_bytes -= len(message.data)
                 yield message
             channels = self._channels_of_chunk.get(block.offset, wanted)
             if block.end_ns < start_ns or (chosen and wanted.isdisjoint(channels)):
                 continue
             try:
-                for entry in self._entries(block):
-                    log_time_ns, _, _, content = entry
-                    if _MESSAGE.unpack_from(content)[0] in wanted and log_time_ns >= start_ns:
-                        pending_bytes += len(content) - _MESSAGE.size
-                        heapq.heappush(heap, entry)
+                for order, message in self._in_block(block):
+                    if message.channel.id in wanted and message.log_time_ns >= start_ns:
+                        pending_bytes += len(message.data)
+                        heapq.heappush(heap, (message.log_time_ns, block.offset, order, message))
             except _Damage as damage:
                 fail(damage)
             if pending_bytes > _MAX_PENDING_BYTES:
                 fail(_Damage(block.offset, f'{pending_bytes} bytes of chunks overlap in time'))
                 while heap:
-                    yield self._pop(heap)
+                    yield heapq.heappop(heap)[3]
                 pending_bytes = 0
         while heap:
-            yield self._pop(heap)
+            yield heapq.heappop(heap)[3]
 
-    def _entries(self, block: _Block) -> Iterator[tuple[int, int, int, bytes]]:
-        """Yield log time, offset of the block, offset in the block and content of its messages."""
+    def _in_block(self, block: _Block) -> Iterator[tuple[int, RawMessage]]:
+        """Yield the messages of a block with their offset in it."""
         for order, content in self._message_records(block):
-            channel, _, log_time_ns, _ = _MESSAGE.unpack_from(content)
-            if not block.start_ns <= log_time_ns <= block.end_ns:
-                raise _Damage(block.offset, f'a message of {log_time_ns} ns in a chunk from '
-                                            f'{block.start_ns} to {block.end_ns} ns')
-            if channel not in self.channels:
-                raise _Damage(block.offset, f'a message of an unknown channel, {channel}')
-            yield log_time_ns, block.offset, order, content
-
-    def _pop(self, heap: list[tuple[int, int, int, bytes]]) -> RawMessage:
-        _, offset, _, content = heapq.heappop(heap)
-        return self._message(content, offset)
+            message = self._message(content, block.offset)
+            if not block.start_ns <= message.log_time_ns <= block.end_ns:
+                raise _Damage(block.offset, f'a message of {message.log_time_ns} ns in a chunk '
+                                            f'from {block.start_ns} to {block.end_ns} ns')
+            yield order, message
 
     def _message_records(self, block: _Block) -> Iterator[tuple[int, bytes]]:
         """Yield the message records of a block with their offset in it."""

@@ -1,12 +1,11 @@
 """A message of a bag before its topic is looked at."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from mcap.records import Channel, Schema
 
 
-@dataclass(frozen=True)
-class RawMessage:
+class RawMessage(NamedTuple):
     """A message as it stands in the file."""
 
     channel: Channel

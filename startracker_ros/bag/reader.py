@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mcap.records import Channel, Schema
 from mcap_ros2.decoder import DecoderFactory
@@ -17,8 +17,7 @@ from startracker_ros.bag.schemas import message_schema, MessageSchema
 from startracker_ros.bag.storage import BagFile, open_file
 
 
-@dataclass(frozen=True)
-class BagMessage:
+class BagMessage(NamedTuple):
     """A message as recorded: serialized data, time of receipt (log) and of sending (publish)."""
 
     topic: str

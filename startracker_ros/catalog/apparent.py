@@ -4,6 +4,7 @@ import numpy as np
 from startracker_ros.astro.aberration import apparent_directions
 from startracker_ros.astro.observer_motion import AT_REST, Observer
 from startracker_ros.catalog.onboard import CROWD_MAGNITUDES, OnboardCatalog
+from startracker_ros.compiled import compiled
 
 _TOLERANCE_M_S = 1.5
 """Change of velocity that is ignored: 0.001 arcsec of aberration."""
@@ -53,13 +54,11 @@ class ApparentCatalog:
     def direction(self, star_index: np.ndarray) -> np.ndarray:
         """Return the apparent unit vectors (M, 3) of entries (M,)."""
         if self._vantage is not None:
-            computed = self._computed[star_index]
-            if not computed.all():
-                missing = star_index[~computed]
+            missing = _missing(self._computed, star_index)
+            if len(missing):
                 self._direction[missing] = apparent_directions(
                     self.onboard.direction[missing], self._vantage)
-                self._computed[missing] = True
-        return self._direction[star_index]
+        return self._direction.take(star_index, axis=0)
 
     def crowded(self, star_index: np.ndarray) -> np.ndarray:
         """Return which entries (M,) are blended: with a neighbour, a planet, the Moon, the Sun."""
@@ -72,3 +71,15 @@ class ApparentCatalog:
                 self._crowded[missing] |= near.any(axis=1)
                 self._compared[missing] = True
         return self._crowded[star_index]
+
+
+@compiled
+def _missing(computed: np.ndarray, star_index: np.ndarray) -> np.ndarray:
+    """Return which of entries (M,) are not computed, and count them as computed."""
+    missing, count = np.empty(len(star_index), np.int64), 0
+    for star in star_index:
+        if not computed[star]:
+            computed[star] = True
+            missing[count] = star
+            count += 1
+    return missing[:count]

@@ -6,6 +6,7 @@ import numpy as np
 from startracker_ros.bag.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DTYPE
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids, ROUND
+from startracker_ros.compiled import compiled
 from startracker_ros.track.tracks import Tracks
 
 
@@ -39,27 +40,43 @@ def track_rows(tracks: Tracks, camera: Camera) -> np.ndarray:
 def centroids_from_rows(rows: np.ndarray) -> Centroids:
     """Return the centroids of `centroids` or `stars` rows."""
     fields = np.ascontiguousarray(rows).view('f4').reshape(len(rows), rows.dtype.itemsize // 4)
-    # One conversion for all of them: each takes longer than the few stars of a frame.
-    values = fields.take(_columns(rows.dtype), axis=1).T.astype(float, order='C')
-    covariance = _matrices(values[6:9])
-    return Centroids(
-        values[:2].T.copy(), *values[2:5],
-        covariance=covariance if (values[6] > 0).all() else ROUND,
-        delay_s=values[5], common=_matrices(values[9:]))
+    known, *columns = _split(fields, _columns(rows.dtype))
+    uv, flux, snr, sigma_px, covariance, delay_s, common = columns
+    return Centroids(uv, flux, snr, sigma_px, covariance if known else ROUND, delay_s, common)
+
+
+@compiled
+def _split(fields: np.ndarray, columns: np.ndarray) -> tuple[
+        bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return the arrays of Centroids out of rows of float32, with the numbers of _columns().
+
+    The first is whether all covariances are known, and not zero.
+    """
+    count, known = len(fields), True
+    uv, covariance, common = np.empty((count, 2)), np.empty((count, 2, 2)), np.empty((count, 2, 2))
+    flux, snr, sigma_px, delay_s = (np.empty(count), np.empty(count), np.empty(count),
+                                    np.empty(count))
+    for n in range(count):
+        row = fields[n]
+        uv[n, 0], uv[n, 1] = row[columns[0]], row[columns[1]]
+        flux[n], snr[n], sigma_px[n] = row[columns[2]], row[columns[3]], row[columns[4]]
+        delay_s[n] = row[columns[5]]
+        covariance[n, 0, 0], covariance[n, 1, 1] = row[columns[6]], row[columns[8]]
+        covariance[n, 0, 1] = covariance[n, 1, 0] = row[columns[7]]
+        common[n, 0, 0], common[n, 1, 1] = row[columns[9]], row[columns[11]]
+        common[n, 0, 1] = common[n, 1, 0] = row[columns[10]]
+        known &= covariance[n, 0, 0] > 0
+    return known, uv, flux, snr, sigma_px, covariance, delay_s, common
 
 
 @lru_cache
-def _columns(dtype: np.dtype) -> list[int]:
+def _columns(dtype: np.dtype) -> np.ndarray:
     """Return where in rows viewed as floats the columns of Centroids are."""
     pairs = ('uu', 'uv', 'vv')
-    return [(dtype.fields or {})[name][1] // 4 for name in (
+    return np.array([(dtype.fields or {})[name][1] // 4 for name in (
         'u', 'v', 'flux', 'snr', 'sigma_px', 'stamp_offset', *(f'cov_{pair}' for pair in pairs),
-        *(f'common_{pair}' for pair in pairs))]
-
-
-def _matrices(values: np.ndarray) -> np.ndarray:
-    """Return the matrices (N, 2, 2) of columns uu, uv and vv, values (3, N)."""
-    return values[[0, 1, 1, 2]].T.copy().reshape(-1, 2, 2)
+        *(f'common_{pair}' for pair in pairs))])
 
 
 def _rows(dtype: np.dtype, uv: np.ndarray, flux: np.ndarray, snr: np.ndarray,

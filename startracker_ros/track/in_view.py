@@ -6,7 +6,7 @@ from startracker_ros.camera.lens import Lens, project, ray, undistort
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.compiled import compiled
-from startracker_ros.maths.rotation import matrix_from_quaternion
+from startracker_ros.maths.compiled_rotation import matrix_from_quaternion
 
 AHEAD_RAD = np.radians(0.5)
 """Margin around the image of the cached stars, so that most frames need no catalogue search."""
@@ -80,10 +80,9 @@ class StarsInView:
 
     def _around(self, attitude: AttitudeEstimate) -> np.ndarray:
         """Find the stars in and near the image; return the matrix (3, 3) of the attitude."""
-        matrix = matrix_from_quaternion(attitude.quaternion)
-        boresight = matrix[:, 2]
-        if not boresight @ self._centre > self._cos_ahead:
-            self._centre = boresight
+        matrix, cos_moved = _turned(attitude.quaternion, self._centre)
+        if not cos_moved > self._cos_ahead:
+            self._centre = boresight = matrix[:, 2].copy()
             self._near = self.onboard.within(boresight, self.camera.corner_angle_rad + AHEAD_RAD)
             self._magnitude = self.onboard.magnitude[self._near]
             self._natural = self.onboard.direction[self._near]
@@ -101,6 +100,14 @@ class StarsInView:
         if self._version != self.sky.version:
             self._version, self._direction = self.sky.version, self.sky.direction(self._near)
         return self._direction
+
+
+@compiled
+def _turned(quaternion: np.ndarray, centre: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the matrix (3, 3) of an attitude, and the cosine from its boresight to a centre."""
+    matrix = matrix_from_quaternion(quaternion)
+    return matrix, (matrix[0, 2] * centre[0] + matrix[1, 2] * centre[1]
+                    + matrix[2, 2] * centre[2])
 
 
 @compiled
