@@ -74,7 +74,8 @@ def _split(fields: np.ndarray, columns: np.ndarray) -> tuple[
 def _columns(dtype: np.dtype) -> np.ndarray:
     """Return where in rows viewed as floats the columns of Centroids are."""
     pairs = ('uu', 'uv', 'vv')
-    return np.array([(dtype.fields or {})[name][1] // 4 for name in (
+    fields = dict(dtype.fields or {})
+    return np.array([fields[name][1] // 4 for name in (
         'u', 'v', 'flux', 'snr', 'sigma_px', 'stamp_offset', *(f'cov_{pair}' for pair in pairs),
         *(f'common_{pair}' for pair in pairs))])
 

@@ -133,7 +133,7 @@ def _rows(found: Sequence[_Spots], count: Sequence[int]) -> np.ndarray:
     A turn e about sensor axes moves a direction by n.e to the east and by -e.east to the north,
     with its axes east and n (north) in the sensor frame.
     """
-    def of_frames(values: Sequence[Any]) -> np.ndarray:
+    def of_frames(values: Any) -> np.ndarray:
         return np.repeat(np.array(values), count, axis=0)
     uv, sigma_px, flux = (np.concatenate(column) for column in zip(*(
         (spots.uv, spots.sigma_px, spots.flux) for spots in found)))

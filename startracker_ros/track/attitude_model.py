@@ -44,7 +44,8 @@ GYRO_SILENCE_S = 1.0
 
 
 _NO_ERROR = np.zeros((3, 3))
-_NOTHING = Measured(np.empty((0, 2)), *(np.empty(0) for _ in range(4)), np.empty((0, 2, 2)))
+_NOTHING = Measured(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.empty(0),
+                    np.empty((0, 2, 2)))
 """The centroids of a frame that is not used."""
 
 

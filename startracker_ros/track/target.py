@@ -177,9 +177,9 @@ class TargetTracker:
         if not 0 < dt_s <= MAX_GAP_S:
             self.reset()
         self._stamp_ns, self._interval_s, self._attitude = stamp_ns, dt_s, attitude
-        left = unexplained(self._stars, attitude, centroids)
-        self.spots = len(left)
-        left = centroids.select(left[:MOST_SPOTS])
+        spots = unexplained(self._stars, attitude, centroids)
+        self.spots = len(spots)
+        left = centroids.select(spots[:MOST_SPOTS])
         directions = rotate(attitude.quaternion, self._camera.unproject(left.uv))
         attitude_variance = np.trace(attitude.covariance_sensor[:2, :2]) / 2
         variance = (left.sigma_px * self._camera.pixel_rad) ** 2 + attitude_variance
