@@ -93,7 +93,6 @@ def test_apparent_directions_are_those_of_erfa():
                                erfa.ab(directions, beta, np.inf, root), rtol=0, atol=3e-16)
 
 
-
 @pytest.mark.parametrize('day', [-6, 0, 3])
 def test_two_line_elements_give_the_velocity_of_skyfield(day):
     timescale = load.timescale()
