@@ -375,10 +375,9 @@ class StarTracker:
 
     def _kept(self, frame: Centroids) -> np.ndarray:
         """Return the tracks (N,) that are not missed too often."""
-        bank = self._model.bank
-        most = math.inf if self._model.is_dark(frame) else float(self._options.max_missed)
+        bank, dark = self._model.bank, self._model.is_dark(frame)
         return kept_tracks(self.sky.crowded(bank.star_index), bank.missed, bank.age,
-                           bank.confirmed, most)
+                           bank.confirmed, math.inf if dark else float(self._options.max_missed))
 
     def _add_tracks(self, star_index: np.ndarray, centroids: Centroids, *, confirmed: bool
                     ) -> None:
@@ -395,7 +394,7 @@ class StarTracker:
 
     def _usable(self, centroids: Centroids) -> tuple[Centroids, np.ndarray]:
         """Return the centroids with finite position and positive sigma, and their mask (N,)."""
-        good, rejected = usable_centroids(np.ascontiguousarray(centroids.uv),
-                                           np.ascontiguousarray(centroids.sigma_px))
+        good, rejected = usable_centroids(
+            *map(np.ascontiguousarray, (centroids.uv, centroids.sigma_px)))
         self.rejected_centroids += rejected
         return centroids.select(good) if rejected else centroids, good
