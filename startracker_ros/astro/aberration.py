@@ -1,21 +1,15 @@
 """Apparent directions: light deflection by the Sun, aberration and refraction."""
 
-import math
 from typing import NamedTuple
 
+import erfa
 import numpy as np
 from startracker_ros.astro.constants import SPEED_OF_LIGHT_M_S
 from startracker_ros.astro.earth import earth_state
-from startracker_ros.compiled import compiled
 
 _LOWEST_COS = 0.1
 """Cosine of the zenith distance below which refraction no longer grows: 6 deg of elevation."""
 
-_SUN_RADIUS_AU = 1.97412574336e-8
-"""Schwarzschild radius of the Sun, 2 G M / c^2."""
-
-_LEAST_FROM_SUN = 1e-6
-"""Of 1 + e.p: behind the Sun, within 0.1 deg of its centre, no star is seen."""
 
 _INVERSE_ITERATIONS = 4
 """Each reduces the error by a factor of a hundred or more."""
@@ -54,8 +48,7 @@ def vantage_near_earth(year: float, velocity_m_s: np.ndarray) -> Vantage:
 
 def apparent_directions(directions: np.ndarray, vantage: Vantage) -> np.ndarray:
     """Return the unit vectors (N, 3) that an observer measures of natural ones (N, 3)."""
-    apparent = _apparent(_rows(directions), vantage.heliocentric_au,
-                         vantage.velocity_m_s / SPEED_OF_LIGHT_M_S)
+    apparent = aberrate(deflect(directions, vantage.heliocentric_au), vantage.velocity_m_s)
     return apparent if vantage.air is None else refract(apparent, vantage.air)
 
 
@@ -73,55 +66,20 @@ def aberrate(directions: np.ndarray, velocity_m_s: np.ndarray) -> np.ndarray:
     Return apparent unit vectors (N, 3) for an observer at velocity_m_s (3,).
 
     directions (N, 3) are unit vectors seen by an observer at rest; the opposite velocity is the
-    inverse. Special relativity.
+    inverse. Special relativity (ERFA, ab, without the potential of the Sun).
     """
-    return _aberrated(_rows(directions), velocity_m_s / SPEED_OF_LIGHT_M_S)
+    beta = velocity_m_s / SPEED_OF_LIGHT_M_S
+    return erfa.ab(directions, beta, np.inf, np.sqrt(1 - beta @ beta))
 
 
-def _rows(directions: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(directions, float)
-
-
-@compiled
-def _apparent(directions: np.ndarray, heliocentric_au: np.ndarray, beta: np.ndarray
-              ) -> np.ndarray:
+def deflect(directions: np.ndarray, heliocentric_au: np.ndarray) -> np.ndarray:
     """
-    Return directions p (N, 3) deflected by the Sun, then aberrated at velocity / c beta (3,).
+    Return unit vectors (N, 3) of stars (N, 3) whose light the Sun deflects (ERFA, ldsun).
 
-    With e the unit vector from the Sun to the observer, at a distance r, and the Schwarzschild
-    radius R of the Sun: p + R / r (e - (e.p) p) / (1 + e.p) (Explanatory Supplement, 7.2.4).
-    0.004 arcsec at a right angle from the Sun, 0.015 arcsec at 30 deg.
+    By 0.004 arcsec at a right angle from the Sun, 0.015 arcsec at 30 deg.
     """
-    r = math.sqrt(heliocentric_au[0] ** 2 + heliocentric_au[1] ** 2 + heliocentric_au[2] ** 2)
-    e = heliocentric_au / r
-    least = _LEAST_FROM_SUN / max(r * r, 1.0)
-    deflected = np.empty((len(directions), 3))
-    for n in range(len(directions)):
-        p = directions[n]
-        along = e[0] * p[0] + e[1] * p[1] + e[2] * p[2]
-        bend = _SUN_RADIUS_AU / r / max(1 + along, least)
-        for i in range(3):
-            deflected[n, i] = p[i] + bend * (e[i] - along * p[i])
-    return _aberrated(deflected, beta)
-
-
-@compiled
-def _aberrated(directions: np.ndarray, beta: np.ndarray) -> np.ndarray:
-    """
-    Return directions p (N, 3) as seen by an observer of velocity / c beta (3,).
-
-    p / gamma + (1 + p.beta / (1 + 1 / gamma)) beta, made a unit vector, with
-    1 / gamma = sqrt(1 - beta^2) (Explanatory Supplement, 7.2.5).
-    """
-    root = math.sqrt(1 - (beta[0] ** 2 + beta[1] ** 2 + beta[2] ** 2))
-    seen = np.empty((len(directions), 3))
-    for n in range(len(directions)):
-        p, q = directions[n], seen[n]
-        along = 1 + (p[0] * beta[0] + p[1] * beta[1] + p[2] * beta[2]) / (1 + root)
-        for i in range(3):
-            q[i] = root * p[i] + along * beta[i]
-        q /= math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
-    return seen
+    distance_au = np.sqrt(heliocentric_au @ heliocentric_au)
+    return erfa.ldsun(directions, heliocentric_au / distance_au, distance_au)
 
 
 def refract(directions: np.ndarray, air: Air) -> np.ndarray:
