@@ -29,7 +29,8 @@ class Body:
 
     def __init__(self, probe):
         self.probe, self.time_s, self.mounts = probe, 0.0, head_mounts(2)
-        self.heads = [probe.advertise(Imu, f'{name}/frame_attitude', qos.LIST) for name in HEADS]
+        # As deep as imu: on a busy machine the node may stop for seconds.
+        self.heads = [probe.advertise(Imu, f'{name}/frame_attitude', qos.IMU) for name in HEADS]
         self.imu = probe.advertise(Imu, 'imu', qos.IMU)
 
     def truth(self, time_s):
@@ -76,7 +77,9 @@ def body(nodes, probe, tmp_path):
     save_mounts(mounts, tmp_path / 'mounts.yaml')
     nodes.start('attitude_fusion', {
         'mounts_file': str(tmp_path / 'mounts.yaml'),
-        'output_file': str(tmp_path / 'learnt.yaml')})
+        'output_file': str(tmp_path / 'learnt.yaml'),
+        **{f'qos_overrides./{name}/frame_attitude.subscription.depth': qos.IMU.depth
+           for name in HEADS}})
     for kind, topic in ((QuaternionStamped, 'attitude'), (Imu, 'attitude_imu'),
                         (PoseWithCovarianceStamped, 'attitude_cov'),
                         (PoseWithCovarianceStamped, 'tracker_2/mount'), (Imu, 'tracker_2/hint'),
