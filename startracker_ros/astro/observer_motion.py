@@ -5,8 +5,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.astro.aberration import (
-    Air, apparent_directions, Vantage, vantage_near_earth)
+from startracker_ros.astro.aberration import Air, Vantage, vantage_near_earth
 from startracker_ros.astro.bodies import bodies_at, BodiesInSky, STEP_NS
 from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.earth import earth_state, EpochError
@@ -112,7 +111,6 @@ class ObserverMotion:
     def warm_up(self) -> None:
         """Load what the first odometry needs, so that no frame waits for it."""
         propagate(np.array([7e6, 0.0, 0.0]), np.array([0.0, 7.5e3, 0.0]), 1.0)
-        apparent_directions(np.eye(3), Vantage(np.zeros(3), np.ones(3)))
         self.at(0)
 
     def add_state(self, stamp_ns: int, state: State) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import psutil
 from startracker_ros.bench.corpus import Cell, frames, View
 from startracker_ros.bench.lost_in_space import CORRECT, kind_of, Outcome, WRONG
-from startracker_ros.bench.peers import Ours, timed_attitudes, WARM_UP
+from startracker_ros.bench.peers import Ours, timed_attitudes, WARM_UP, WARM_UP_VIEW
 from startracker_ros.campaign.parallel import concatenated, parallel_trials
 from startracker_ros.figures.rows import Row
 
@@ -24,7 +24,6 @@ NARROW_CONDITIONS = '; '.join(
     for view in VIEWS.values()) + '; random attitudes, a noise of 0.2 px, a tenth of the trials'
 
 _SOLVED_PERCENT = {'N3': 99.0, 'N2': 97.0}
-_WIDE_VIEW = View('W12', 512, 12.0, 6.0)
 _CELL = Cell(0.2)
 _PART_TRIALS = 500
 
@@ -42,8 +41,8 @@ def solve_frames(view: View, trials: int, seed: int) -> Outcome:
 def measure_build(view: View) -> tuple[float, float]:
     """Return the wall time in s and the resident memory in MB of a database, without a cache."""
     solver, process = Ours(), psutil.Process()
-    # What is loaded once, whatever the camera, and what was freed but not returned to the system.
-    solver.build(_WIDE_VIEW, _WIDE_VIEW.camera)
+    solver.build(WARM_UP_VIEW, WARM_UP_VIEW.camera)
+    # What was freed but not returned to the system would be used again.
     return_freed = ctypes.CDLL('libc.so.6').malloc_trim
     return_freed(0)
     with tempfile.TemporaryDirectory() as folder:

@@ -32,7 +32,8 @@ WARM_UP = 20
 
 # A database has to hold stars whose magnitude is noisy or in another band.
 _MAGNITUDE_MARGIN = 0.3
-_WIDE_VIEW = View('W30', 512, 30.0, 4.5)
+WARM_UP_VIEW = View('W30', 512, 30.0, 4.5)
+"""Its database is built first, for what is loaded once whatever the camera."""
 
 
 @dataclass(frozen=True)
@@ -165,8 +166,7 @@ def timed_attitudes(solver: Solver, frames: list[Frame]
 def measure_database(name: str, view: View) -> Database:
     """Build the database of a solver; for a new process, whose memory has not grown yet."""
     solver = solvers()[name]
-    # Machine code and catalogues, which are loaded once whatever the camera.
-    solver.build(_WIDE_VIEW, _WIDE_VIEW.camera)
+    solver.build(WARM_UP_VIEW, WARM_UP_VIEW.camera)
     with tempfile.TemporaryDirectory() as folder:
         # An empty cache: ours would load its database from a full one.
         os.environ['XDG_CACHE_HOME'] = folder

@@ -37,6 +37,12 @@ def _run(scene: Scene, options: MountOptions, seed: int) -> tuple[SceneRun, Atti
     return run, fusion, list(run.events(fusion))
 
 
+def _wrong(errors: np.ndarray, covariances: np.ndarray) -> int:
+    """Count errors (N, 3) that their covariances (N, 3, 3) make wrong attitudes."""
+    sigma = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    return np.count_nonzero(over_bound(errors, sigma) > 1)
+
+
 def _seconds(heads: int) -> float:
     return FRAMES / heads * _HEAD_FRAMES_S
 
@@ -122,9 +128,8 @@ def dropping(runs: int, seed: int) -> np.ndarray:
     for index in range(runs):
         _, _, outcomes = _run(scene, _KNOWN, seed + index)
         errors, covariances = errors_of(outcomes)
-        sigma = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
         rows.append([nees_of(errors, covariances).sum(), len(errors),
-                     np.count_nonzero(over_bound(errors, sigma) > 1),
+                     _wrong(errors, covariances),
                      _frame_cpu_us(Scene(20.0, delays_s=scene.delays_s), seed)])
     return np.array(rows)
 
@@ -152,9 +157,8 @@ def faults(fault: str, runs: int, seed: int) -> np.ndarray:
         run, _, outcomes = _run(
             Scene(_seconds(3), fault=fault, fault_s=begin_s), _LEARNT, seed + index)
         errors, covariances = errors_of(outcomes)
-        sigma = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
         after = run.excluded_after
-        rows.append([len(errors), np.count_nonzero(over_bound(errors, sigma) > 1),
+        rows.append([len(errors), _wrong(errors, covariances),
                      np.inf if after is None else after])
     return np.array(rows)
 
@@ -165,9 +169,8 @@ def understated(runs: int, seed: int) -> np.ndarray:
     for index in range(runs):
         run, fusion, outcomes = _run(Scene(_seconds(3), fault=UNDERSTATED), _KNOWN, seed + index)
         errors, covariances = errors_of(outcomes)
-        sigma = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
         rows.append([nees_of(errors, covariances)[_SETTLED:].mean(),
-                     np.count_nonzero(over_bound(errors, sigma) > 1),
+                     _wrong(errors, covariances),
                      fusion.heads[NAMES[run.faulty]].noise.scale ** 0.5])
     return np.array(rows)
 

@@ -56,6 +56,7 @@ class ApparentCatalog:
         if self._vantage is not None:
             missing = _missing(self._computed, star_index)
             if len(missing):
+                self._computed[missing] = True
                 self._direction[missing] = apparent_directions(
                     self.onboard.direction[missing], self._vantage)
         return self._direction.take(star_index, axis=0)
@@ -75,11 +76,10 @@ class ApparentCatalog:
 
 @compiled
 def _missing(computed: np.ndarray, star_index: np.ndarray) -> np.ndarray:
-    """Return which of entries (M,) are not computed, and count them as computed."""
+    """Return which of entries (M,) are not computed."""
     missing, count = np.empty(len(star_index), np.int64), 0
     for star in star_index:
         if not computed[star]:
-            computed[star] = True
             missing[count] = star
             count += 1
     return missing[:count]

@@ -20,7 +20,6 @@ class PredictedCentroids:
     velocity: np.ndarray
     sigma_px: np.ndarray
     hip: np.ndarray
-
     stars: int
 
     def joined(self, targets: 'PredictedCentroids') -> 'PredictedCentroids':

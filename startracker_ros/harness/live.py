@@ -218,7 +218,7 @@ def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None 
             with suppress(KeyboardInterrupt, ExternalShutdownException):
                 _watch(rig, view, begin_s + seconds, {
                     **asdict(capture), 'camera_file': str(camera_file)})
-            codes = rig.processes.stop()
+            codes = rig.stop()
             if bad := [f'{name} (status {code})' for name, code in codes.items() if code]:
                 raise HarnessError(f'{", ".join(bad)} did not end cleanly: see {logs}')
             return Result('live', [rig.figures()], {

@@ -90,7 +90,7 @@ class Demo(Rig, ABC):
     def finish(self) -> None:
         """End all nodes; HarnessError when one does not end cleanly."""
         bad = [f'{name} (status {code})'
-               for name, code in self.processes.stop().items() if code != 0]
+               for name, code in self.stop().items() if code != 0]
         if bad:
             raise HarnessError(f'{", ".join(bad)} did not end cleanly: see {self.log_folder}')
 

@@ -48,16 +48,31 @@ class Rig:
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.SIGTERM)
         self.probe = Probe(name, context=self._context, timeout_s=timeout_s,
                            log_folder=log_folder)
+        self._has_probe = True
 
-    def close(self) -> None:
-        """End the processes, then the probe."""
-        self.processes.stop()
-        self.probe.destroy_node()
-        rclpy.try_shutdown(context=self._context)
+    def stop(self, timeout_s: float = 15.0) -> dict[str, int]:
+        """Remove the probe, then end the processes; return their exit codes."""
+        try:
+            self.remove_probe()
+        finally:
+            codes = self.processes.stop(timeout_s)
+        return codes
+
+    def remove_probe(self) -> None:
+        """
+        Remove the probe from DDS, after its last use; a second call does nothing.
+
+        Before the nodes end: with one that ended while it received, what is sent to all may wait
+        for ever (eProsima/Fast-DDS issue 6485).
+        """
+        if self._has_probe:
+            self._has_probe = False
+            self.probe.destroy_node()
+            rclpy.try_shutdown(context=self._context)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
-        self.close()
+        self.stop()

@@ -128,8 +128,8 @@ class PipelineNode(ManagedNode):
 
     def subscribe(self, message_type: type, topic: str, callback: Callable,
                   profile: QoSProfile, *, first: bool = False, last: bool = False,
-                  while_inactive: bool = False,
-                  decode: Callable[[bytes], Any] | None = None) -> None:
+                  while_inactive: bool = False, decode: Callable[[bytes], Any] | None = None
+                  ) -> None:
         """
         Subscribe to a topic; messages that the callback rejects are reported and counted.
 

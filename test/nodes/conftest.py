@@ -34,7 +34,7 @@ def observed_rig(folder: Path) -> Iterator[Rig]:
     with Rig(folder, name='probe', timeout_s=HANGS_S) as rig:
         rig.probe.collect_diagnostics()
         yield rig
-        codes = rig.processes.stop(HANGS_S)
+        codes = rig.stop(HANGS_S)
         logs = {path.name: path.read_text() for path in folder.glob('*.log')}
         assert all(code == 0 for code in codes.values()), (codes, logs)
         assert not any('Traceback' in text for text in logs.values()), logs

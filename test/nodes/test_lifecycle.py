@@ -233,11 +233,12 @@ def check_topics_and_reset(probe, places, folder):
 
 
 def test_every_node_has_its_topics_and_parameters_and_ends(
-        nodes, probe, tmp_path, sky_data):
+        rig, nodes, probe, tmp_path, sky_data):
     places = start_all(nodes, probe, tmp_path, sky_data)
     check_topics_and_reset(probe, places, tmp_path)
     check_parameters(probe, places, tmp_path)
     assert nodes.ended() == []
+    rig.remove_probe()
     end_all(nodes, tmp_path)
 
 

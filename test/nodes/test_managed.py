@@ -105,7 +105,7 @@ def test_an_inactive_node_is_silent_and_continues_when_it_is_active(nodes, probe
 def test_random_transitions_end_with_attitudes_that_are_right(tmp_path):
     with RandomTransitions(tmp_path, composed=False, seed=7, timeout_s=HANGS_S) as transitions:
         result = transitions.run(SEQUENCES)
-        codes = transitions.processes.stop(HANGS_S)
+        codes = transitions.stop(HANGS_S)
     assert (result.sequences, result.wrong_responses, result.ended) == (SEQUENCES, 0, [])
     assert result.requests >= 4 * SEQUENCES
     assert result.attitudes >= 3 * SEQUENCES

@@ -83,17 +83,18 @@ class StarTrackerNode(CameraNode):
         rows = read_cloud(message, CENTROID_DTYPE)
         centroids, directed = centroids_from_rows(rows), bool(rows['directed'].any())
         camera = self.camera_or_drop()
-        if camera is None or not self.in_order('centroids', message.header.stamp):
+        header = message.header
+        if camera is None or not self.in_order('centroids', header.stamp):
             return
-        header, self.sensor_frame_id = message.header, message.header.frame_id
+        self.sensor_frame_id = header.frame_id
         if (tracks := self._tracker.update(ns_from_stamp(header.stamp), centroids)) is None:
             return
         # Before the tracks, so that a subscriber of both has both when the tracks come.
-        self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, message.header))
+        self._attitude.publish(tracked_attitude_to_imu(self._tracker.attitude, header))
         if self._frame_attitude.get_subscription_count():
             self._frame_attitude.publish(attitude_to_imu(self._tracker.frame_attitude, header))
-        self._tracks.publish(tracks_to_message(tracks, camera, message.header))
-        self.defer(partial(self._finish, message.header, camera, centroids, directed))
+        self._tracks.publish(tracks_to_message(tracks, camera, header))
+        self.defer(partial(self._finish, header, camera, centroids, directed))
 
     def _finish(self, header: Header, camera: Camera, centroids: Centroids, directed: bool
                 ) -> None:
