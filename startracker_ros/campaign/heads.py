@@ -40,7 +40,7 @@ def _run(scene: Scene, options: MountOptions, seed: int) -> tuple[SceneRun, Atti
 def _wrong(errors: np.ndarray, covariances: np.ndarray) -> int:
     """Count errors (N, 3) that their covariances (N, 3, 3) make wrong attitudes."""
     sigma = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-    return np.count_nonzero(over_bound(errors, sigma) > 1)
+    return int(np.count_nonzero(over_bound(errors, sigma) > 1))
 
 
 def _seconds(heads: int) -> float:

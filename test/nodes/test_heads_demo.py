@@ -47,8 +47,11 @@ def test_the_fused_attitude_is_right_without_a_jump(demo):
     for series in heads.mounts.values():
         # A mount is published as unknown until two heads have been seen together.
         known = np.isfinite(series.sigma_arcsec()).all(axis=1)
-        assert np.count_nonzero(~known) <= 1 and np.count_nonzero(known) > 5
-        assert (np.abs(series.error_arcsec()) < 5 * series.sigma_arcsec())[known].all()
+        assert np.count_nonzero(~known) <= 1
+        # The recorder may discover the truth some frames after the mounts.
+        compared = known & np.isfinite(series.error_arcsec()).all(axis=1)
+        assert np.count_nonzero(compared) > 5
+        assert (np.abs(series.error_arcsec()) < 5 * series.sigma_arcsec())[compared].all()
 
 
 def test_report_and_picture_show_heads_and_mounts(demo, tmp_path):

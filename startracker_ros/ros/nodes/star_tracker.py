@@ -82,8 +82,7 @@ class StarTrackerNode(CameraNode):
     def _on_centroids(self, message: PointCloud2) -> None:
         rows = read_cloud(message, CENTROID_DTYPE)
         centroids, directed = centroids_from_rows(rows), bool(rows['directed'].any())
-        camera = self.camera_or_drop()
-        header = message.header
+        camera, header = self.camera_or_drop(), message.header
         if camera is None or not self.in_order('centroids', header.stamp):
             return
         self.sensor_frame_id = header.frame_id
