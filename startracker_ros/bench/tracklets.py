@@ -9,7 +9,7 @@ from startracker_ros.figures.rows import Row
 from startracker_ros.flights.bags import write_bag
 from startracker_ros.flights.options import FlightOptions
 from startracker_ros.flights.truth import Truth
-from startracker_ros.maths.rotation import ARCSEC, matrix_from_quaternion
+from startracker_ros.maths.rotation import ARCSEC, matrix_from_quaternion, unit_from_radec
 from startracker_ros.reprocess.parameters import parameter_sets
 from startracker_ros.reprocess.plan import find_bags, plan_bag, SegmentOptions
 from startracker_ros.reprocess.tables import read_table
@@ -45,8 +45,7 @@ def run_tracklet_bench(*, trials: int, seed: int) -> Result:
 def _result(truth: Truth, trials: int, seed: int, table: dict[str, np.ndarray],
             hot: dict[str, np.ndarray]) -> Result:
     time_s = table['stamp_ns'] * 1e-9 - truth.options.start_utc_s
-    ra, dec = np.radians(table['ra_deg']), np.radians(table['dec_deg'])
-    direction = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], -1)
+    direction = unit_from_radec(np.radians(table['ra_deg']), np.radians(table['dec_deg']))
     objects, camera = truth.objects(0), truth.camera
     seen = _frames_seen(truth, trials)
     covered, false, nees = np.zeros(len(seen), bool), 0, list[float]()

@@ -8,7 +8,7 @@ import numpy as np
 from startracker_ros.astro.state import State
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.maths.rotation import ARCSEC, matrix_from_quaternion
+from startracker_ros.maths.rotation import ARCSEC, matrix_from_quaternion, unit_from_radec
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineFrame
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.target import MOST_SPOTS, unexplained
@@ -96,10 +96,9 @@ class Leftovers:
         rows = _rows(self._spots, count)
         frame = np.repeat([spots.frame for spots in self._spots], count)
         held = np.repeat([spots.held for spots in self._spots], count)
-        ra, dec = np.radians(rows['ra_deg']), np.radians(rows['dec_deg'])
         found = link_tracklets(Detections(
             frame, (rows['stamp_ns'] - rows['stamp_ns'][0]) * 1e-9,
-            np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], -1),
+            unit_from_radec(np.radians(rows['ra_deg']), np.radians(rows['dec_deg'])),
             (rows['cov_ee_arcsec2'] + rows['cov_nn_arcsec2']).astype(float) / 2 * ARCSEC ** 2,
             np.stack([rows['u'], rows['v']], -1).astype(float), rows['sigma_px'].astype(float)))
         # An object of the overlap alone is one of the segment before.

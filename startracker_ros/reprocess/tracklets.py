@@ -11,10 +11,11 @@ from startracker_ros.export.tdm import tdm_text, TrackletAngles
 from startracker_ros.locate.line_of_sight import LineOfSight, without_aberration
 from startracker_ros.locate.locator import Located, TargetLocator
 from startracker_ros.locate.observer import ObservedLine
-from startracker_ros.maths.rotation import ARCSEC
+from startracker_ros.maths.rotation import ARCSEC, unit_from_radec
 from startracker_ros.report.panels import utc
 from startracker_ros.reprocess.leftovers import TRACKLET_DTYPE
 from startracker_ros.reprocess.runs import open_run, Run
+from startracker_ros.reprocess.tracklet_joining import continued, joined, split_tracklets
 from startracker_ros.table import Result
 
 _POSITION_SIGMA_M = 10.0
@@ -59,8 +60,7 @@ class _Tracklet:
     @property
     def direction(self) -> np.ndarray:
         """Apparent unit vectors (N, 3)."""
-        ra, dec = np.radians(self.rows['ra_deg']), np.radians(self.rows['dec_deg'])
-        return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], -1)
+        return unit_from_radec(np.radians(self.rows['ra_deg']), np.radians(self.rows['dec_deg']))
 
     @property
     def covariance_arcsec2(self) -> np.ndarray:
@@ -99,30 +99,8 @@ def _read(run: Run, tracker: str) -> list[_Tracklet]:
     rows = np.zeros(len(table['stamp_ns']), TRACKLET_DTYPE)
     for name in names:
         rows[name] = table[name]
-    rows = joined(rows)
-    return [_Tracklet(tracker, int(number), rows[rows['tracklet'] == number])
-            for number in np.unique(rows['tracklet'])]
-
-
-def joined(rows: np.ndarray) -> np.ndarray:
-    """
-    Return rows (N,) of all segments with one number for each object, and each detection once.
-
-    An object that crosses the border of two segments has a tracklet in each, which share the
-    detections of the overlap; the number becomes that of the first one. Of a detection the row of
-    the earlier segment stays, as of the frame.
-    """
-    rows = rows[np.lexsort((rows['tracklet'], rows['v'], rows['u'], rows['stamp_ns']))]
-    same = np.ones(len(rows) - 1, bool) if len(rows) else np.empty(0, bool)
-    for name in ('stamp_ns', 'u', 'v'):
-        same &= rows[name][1:] == rows[name][:-1]
-    first: dict[int, int] = {}
-    for before, after in np.unique(np.stack([rows['tracklet'][:-1][same],
-                                             rows['tracklet'][1:][same]], -1), axis=0).tolist():
-        first[before] = first[after] = min(first.get(before, before), first.get(after, after))
-    rows = rows[np.append(True, ~same)] if len(rows) else rows
-    rows['tracklet'] = [first.get(number, number) for number in rows['tracklet'].tolist()]
-    return rows
+    return [_Tracklet(tracker, int(part['tracklet'][0]), part)
+            for part in split_tracklets(continued(joined(rows)))]
 
 
 def _row(one: _Tracklet, located_with: str, range_m: float | None) -> TrackletRow:

@@ -97,7 +97,7 @@ def _triples(found: Detections, first: np.ndarray, second: np.ndarray,
     """
     p, q = _expanded(np.searchsorted(first, second), np.searchsorted(first, second, side='right'))
     i, j, k = first[p], second[p], second[q]
-    x_i, x_k = (_tangent(found.direction[j], found.direction[other]) for other in (i, k))
+    x_i, x_k = (tangent(found.direction[j], found.direction[other]) for other in (i, k))
     before_s, after_s = found.time_s[j] - found.time_s[i], found.time_s[k] - found.time_s[j]
     a = after_s / before_s
     curved = acceleration_rad_s2 / 2 * after_s * (before_s + after_s)
@@ -117,7 +117,7 @@ def _expanded(begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return index, begin[index] + offset
 
 
-def _tangent(centre: np.ndarray, direction: np.ndarray) -> np.ndarray:
+def tangent(centre: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Return coordinates (N, 2) of directions (N, 3) to the east and north of centres (N, 3)."""
     east = np.stack([-centre[..., 1], centre[..., 0], np.zeros(centre.shape[:-1])], -1)
     east /= np.linalg.norm(east, axis=-1, keepdims=True)
@@ -130,7 +130,7 @@ def _tangent(centre: np.ndarray, direction: np.ndarray) -> np.ndarray:
 def _verified(found: Detections, member: np.ndarray, options: TargetTrackOptions) -> np.ndarray:
     """Return a chain without its outliers, empty unless it is a moving object."""
     centre = found.direction[member].mean(axis=0)
-    x = _tangent(centre / np.linalg.norm(centre), found.direction[member])
+    x = tangent(centre / np.linalg.norm(centre), found.direction[member])
     for _ in range(3):
         if len(member) < options.target_confirm_frames:
             return member[:0]
