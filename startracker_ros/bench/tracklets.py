@@ -10,9 +10,11 @@ from startracker_ros.flights.bags import write_bag
 from startracker_ros.flights.options import FlightOptions
 from startracker_ros.flights.truth import Truth
 from startracker_ros.maths.rotation import ARCSEC, matrix_from_quaternion, unit_from_radec
+from startracker_ros.reprocess.leftovers import TRACKLET_DTYPE
 from startracker_ros.reprocess.parameters import parameter_sets
 from startracker_ros.reprocess.plan import find_bags, plan_bag, SegmentOptions
 from startracker_ros.reprocess.tables import read_table
+from startracker_ros.reprocess.tracklet_joining import tracklet_rows
 from startracker_ros.reprocess.work import Outputs, process
 from startracker_ros.table import Result
 
@@ -36,13 +38,13 @@ def run_tracklet_bench(*, trials: int, seed: int) -> Result:
         for segment in plan_bag(bag, 'flight', '', SegmentOptions()).segments:
             process(segment, parameters.options, '', Outputs(
                 folder / 'out', frozenset(), smooth=False))
-        table = read_table(folder / 'out' / 'tables', 'tracklets', 'head_1', [
-            'stamp_ns', 'tracklet', 'ra_deg', 'dec_deg', 'cov_ee_arcsec2', 'cov_nn_arcsec2'])
+        table = tracklet_rows(read_table(folder / 'out' / 'tables', 'tracklets', 'head_1',
+                                         list(TRACKLET_DTYPE.names or ())))
         hot = read_table(folder / 'out' / 'tables', 'hot_pixels', 'head_1', ['stamp_ns', 'u', 'v'])
     return _result(Truth(options, seed), trials, seed, table, hot)
 
 
-def _result(truth: Truth, trials: int, seed: int, table: dict[str, np.ndarray],
+def _result(truth: Truth, trials: int, seed: int, table: np.ndarray,
             hot: dict[str, np.ndarray]) -> Result:
     time_s = table['stamp_ns'] * 1e-9 - truth.options.start_utc_s
     direction = unit_from_radec(np.radians(table['ra_deg']), np.radians(table['dec_deg']))

@@ -88,6 +88,13 @@ def unit_from_radec(ra_rad: np.ndarray, dec_rad: np.ndarray) -> np.ndarray:
                      np.sin(dec_rad)], -1)
 
 
+def east_and_north(unit: np.ndarray) -> np.ndarray:
+    """Return the unit vectors (..., 2, 3) to the east and north at unit vectors (..., 3)."""
+    east = np.stack([-unit[..., 1], unit[..., 0], np.zeros(unit.shape[:-1])], -1)
+    east /= np.linalg.norm(east, axis=-1, keepdims=True)
+    return np.stack([east, np.cross(unit, east)], -2)
+
+
 def radec_from_unit(unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return right ascension in [0, 2 pi) and declination in rad of vectors (..., 3)."""
     x, y, z = np.moveaxis(np.asarray(unit, float), -1, 0)

@@ -8,7 +8,8 @@ import numpy as np
 from startracker_ros.astro.state import State
 from startracker_ros.camera.model import Camera
 from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.maths.rotation import ARCSEC, matrix_from_quaternion, unit_from_radec
+from startracker_ros.maths.rotation import (
+    ARCSEC, east_and_north, matrix_from_quaternion, unit_from_radec)
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineFrame
 from startracker_ros.track.in_view import StarsInView
 from startracker_ros.track.target import MOST_SPOTS, unexplained
@@ -23,9 +24,9 @@ TRACKLET_DTYPE = np.dtype([
 """
 One row for each detection of a moving object. A segment has the detections in its overlap as well:
 those of an object that crosses its border stand in both segments, at equal stamps and pixels. The
-direction is the apparent one on ICRF axes:
-neither aberration nor light time is removed; its covariance is on axes to the east and north.
-Position and velocity are those of the observer, geocentric, NaN without odometry.
+direction is the apparent one on ICRF axes: neither aberration nor light time is removed; its
+covariance is on axes to the east and north. Position and velocity are those of the observer,
+geocentric, NaN without odometry.
 """
 
 PIXEL_DTYPE = np.dtype([('stamp_ns', 'i8'), ('u', 'i4'), ('v', 'i4'), ('count', 'i4')])
@@ -142,9 +143,7 @@ def _rows(found: Sequence[_Spots], count: Sequence[int]) -> np.ndarray:
     seen = np.concatenate([camera.unproject(np.concatenate([spots.uv for spots in same]))
                            for camera, same in groupby(found, lambda spots: spots.camera)])
     d = np.einsum('mij,mj->mi', matrix, seen)
-    east = np.stack([-d[:, 1], d[:, 0], np.zeros(len(d))], -1)
-    east /= np.linalg.norm(east, axis=1, keepdims=True)
-    e, n = (np.einsum('mji,mj->mi', matrix, axis) for axis in (east, np.cross(d, east)))
+    e, n = np.einsum('mji,mkj->kmi', matrix, east_and_north(d))
     variance = (sigma_px * of_frames([spots.camera.pixel_rad for spots in found])) ** 2
     rows['stamp_ns'] = of_frames([spots.stamp_ns for spots in found])
     rows['ra_deg'] = np.degrees(np.arctan2(d[:, 1], d[:, 0])) % 360

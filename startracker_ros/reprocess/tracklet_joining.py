@@ -1,15 +1,20 @@
 """One tracklet for each moving object: over borders of segments, gaps and ends of bags."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
-from startracker_ros.maths.rotation import ARCSEC, unit_from_radec
+from startracker_ros.maths.rotation import ARCSEC, east_and_north, unit_from_radec
+from startracker_ros.reprocess.leftovers import TRACKLET_DTYPE
 from startracker_ros.track.tracklets import tangent
 
 _ARC_RAD = np.radians(3.0)
 """Of the detections next to a gap from which the motion at its side is found, but five at least:
 on a longer one a parabola does not follow what passes."""
+
+_MOST_PATH_RAD = np.radians(6.0)
+"""In a gap: on a longer path almost any two motions may be one."""
 
 _DETECTIONS_A_DEGREE = 5
 _ORBIT_RAD_S2 = 1.2e-6
@@ -26,6 +31,14 @@ class _Motion(NamedTuple):
     direction: np.ndarray
     rate: np.ndarray
     covariance: np.ndarray
+
+
+def tracklet_rows(table: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the table tracklets of a run as rows with one number for each object."""
+    rows = np.zeros(len(table['stamp_ns']), TRACKLET_DTYPE)
+    for name in rows.dtype.names or ():
+        rows[name] = table[name]
+    return continued(joined(rows))
 
 
 def joined(rows: np.ndarray) -> np.ndarray:
@@ -50,7 +63,7 @@ def continued(rows: np.ndarray) -> np.ndarray:
     """
     Return rows (N,) as of joined() with one number for an object that was lost for a while.
 
-    A tracklet goes on as another one if the gap is no longer than the longer of both and if
+    A tracklet goes on as another one if the gap is no longer than the shorter of both and if
     direction and rate at its two sides agree within 1e-4 of chance. What passes at a constant
     velocity moves on a great circle, where it accelerates by 2 w^2 tan(theta) with its angular
     rate w, theta from the closest approach: 2 w^2 is the standard deviation along the motion.
@@ -59,16 +72,15 @@ def continued(rows: np.ndarray) -> np.ndarray:
     parts = split_tracklets(rows)
     duration_s = [float(part['stamp_ns'][-1] - part['stamp_ns'][0]) * 1e-9 for part in parts]
     ends, begins = ([_motion(part, side) for part in parts] for side in (-1, 0))
-    longest_s = max(duration_s, default=0.0)
     begin_s = np.array([begin.time_s for begin in begins])
     order = np.argsort(begin_s, kind='stable')
     pairs = []
     for before, end in enumerate(ends):
-        for place in range(*np.searchsorted(begin_s[order], [end.time_s, end.time_s + longest_s],
-                                            side='right')):
+        for place in range(*np.searchsorted(
+                begin_s[order], [end.time_s, end.time_s + duration_s[before]], side='right')):
             after = int(order[place])
             gap_s = begins[after].time_s - end.time_s
-            if gap_s <= max(duration_s[before], duration_s[after]) and _agree(
+            if gap_s <= min(duration_s[before], duration_s[after]) and _agree(
                     end, begins[after], gap_s):
                 pairs.append((before, after))
     found = np.array(pairs, int).reshape(-1, 2)
@@ -115,23 +127,18 @@ def _motion(rows: np.ndarray, side: int) -> _Motion:
     design = np.vander(time_s / scale_s, degree + 1, increasing=True) / sigma[:, None]
     covariance = np.linalg.inv(design.T @ design)
     fit = covariance @ design.T @ (x / sigma[:, None])
-    axes, per_s = _tangent_axes(direction[side]), np.array([1.0, 1 / scale_s])
+    axes, per_s = east_and_north(direction[side]), np.array([1.0, 1 / scale_s])
     fitted = direction[side] + fit[0] @ axes
     return _Motion(float(rows['stamp_ns'][side] * 1e-9), fitted / np.linalg.norm(fitted),
                    fit[1] / scale_s @ axes, covariance[:2, :2] * np.outer(per_s, per_s))
 
 
-def _tangent_axes(direction: np.ndarray) -> np.ndarray:
-    """Return the axes (2, 3) of tangent() at a direction (3,): east and north."""
-    east = np.array([-direction[1], direction[0], 0.0])
-    east /= np.linalg.norm(east)
-    return np.stack([east, np.cross(direction, east)])
-
-
 def _agree(end: _Motion, begin: _Motion, gap_s: float) -> bool:
     """Return whether a motion goes on as another one after a gap."""
-    axes = _tangent_axes(end.direction)
+    axes = east_and_north(end.direction)
     before, after = axes @ end.rate, axes @ begin.rate
+    if gap_s * max(np.linalg.norm(before), np.linalg.norm(after)) > _MOST_PATH_RAD:
+        return False
     innovation = np.stack([tangent(end.direction, begin.direction) - before * gap_s,
                            after - before])
     along = (before + after) / max(np.linalg.norm(before + after), 1e-12)

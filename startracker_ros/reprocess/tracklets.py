@@ -11,11 +11,11 @@ from startracker_ros.export.tdm import tdm_text, TrackletAngles
 from startracker_ros.locate.line_of_sight import LineOfSight, without_aberration
 from startracker_ros.locate.locator import Located, TargetLocator
 from startracker_ros.locate.observer import ObservedLine
-from startracker_ros.maths.rotation import ARCSEC, unit_from_radec
+from startracker_ros.maths.rotation import ARCSEC, east_and_north, unit_from_radec
 from startracker_ros.report.panels import utc
 from startracker_ros.reprocess.leftovers import TRACKLET_DTYPE
 from startracker_ros.reprocess.runs import open_run, Run
-from startracker_ros.reprocess.tracklet_joining import continued, joined, split_tracklets
+from startracker_ros.reprocess.tracklet_joining import split_tracklets, tracklet_rows
 from startracker_ros.table import Result
 
 _POSITION_SIGMA_M = 10.0
@@ -94,13 +94,9 @@ def tracklets(folder: Path, output: Path, originator: str) -> Result:
 
 
 def _read(run: Run, tracker: str) -> list[_Tracklet]:
-    names = list(TRACKLET_DTYPE.names or ())
-    table = run.table('tracklets', tracker, names)
-    rows = np.zeros(len(table['stamp_ns']), TRACKLET_DTYPE)
-    for name in names:
-        rows[name] = table[name]
+    table = run.table('tracklets', tracker, list(TRACKLET_DTYPE.names or ()))
     return [_Tracklet(tracker, int(part['tracklet'][0]), part)
-            for part in split_tracklets(continued(joined(rows)))]
+            for part in split_tracklets(tracklet_rows(table))]
 
 
 def _row(one: _Tracklet, located_with: str, range_m: float | None) -> TrackletRow:
@@ -163,9 +159,7 @@ def _line(tracklet: _Tracklet, index: int) -> tuple[ObservedLine | None, State]:
     if not np.isfinite([position_m, velocity_m_s]).all():
         return None, state
     direction = tracklet.direction[index]
-    east = np.array([-direction[1], direction[0], 0.0])
-    axes = np.stack([east / np.linalg.norm(east), np.cross(direction, east)
-                     / np.linalg.norm(east)])
+    axes = east_and_north(direction)
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = state.covariance_m2
     covariance[3:, 3:] = axes.T @ (

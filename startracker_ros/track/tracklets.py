@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
+from startracker_ros.maths.rotation import east_and_north
 from startracker_ros.track.target import GATE, MOVES_SIGMA, TargetTrackOptions
 
 _LAGS = (1, 2, 3, 4)
@@ -119,12 +120,8 @@ def _expanded(begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def tangent(centre: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Return coordinates (N, 2) of directions (N, 3) to the east and north of centres (N, 3)."""
-    east = np.stack([-centre[..., 1], centre[..., 0], np.zeros(centre.shape[:-1])], -1)
-    east /= np.linalg.norm(east, axis=-1, keepdims=True)
-    north = np.cross(centre, east)
     ahead = np.sum(direction * centre, axis=-1)
-    return np.stack([np.sum(direction * east, axis=-1) / ahead,
-                     np.sum(direction * north, axis=-1) / ahead], -1)
+    return (east_and_north(centre) @ direction[..., None])[..., 0] / ahead[..., None]
 
 
 def _verified(found: Detections, member: np.ndarray, options: TargetTrackOptions) -> np.ndarray:
