@@ -105,7 +105,8 @@ def _worker_rows(bag: Path, folder: Path, trials: int, rows: list[Row]) -> None:
     CPU time of the segments, which grows where two workers hinder each other.
     """
     sets, _ = parameter_sets((), ())
-    segment_s = max(1.0, trials / 10 / 8)
+    # At least eight, none longer than those of a user.
+    segment_s = min(SegmentOptions().segment_s, max(1.0, trials / 10 / 8))
     times_s, cpu_s, peak_mb = list[float](), list[float](), 0.0
     for workers in (1, 2):
         request = Request([str(bag)], folder / f'workers {workers}', '', SegmentOptions(
