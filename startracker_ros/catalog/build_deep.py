@@ -26,7 +26,7 @@ from startracker_ros.catalog import build
 from startracker_ros.catalog.band import G_BAND, magnitude_in_band
 from startracker_ros.catalog.deep import DEEP_FILE, DEEP_LIMIT, load_deep_catalog, pack
 from startracker_ros.catalog.stars import CATALOG_EPOCH_YEAR, RADIAL_VELOCITY_KM_S, StarCatalog
-from startracker_ros.maths.rotation import ARCSEC
+from startracker_ros.maths.rotation import ARCSEC, unit_from_radec
 
 GAIA_EPOCH_YEAR = 2016.0
 _TYCHO_EPOCH_YEAR = 2000.0
@@ -155,8 +155,7 @@ def _partner(stars: Stars, others: Stars, *, brightness: bool = True) -> np.ndar
 
 
 def _unit(stars: Stars) -> np.ndarray:
-    ra, dec = stars['ra_rad'], stars['dec_rad']
-    return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], -1)
+    return unit_from_radec(stars['ra_rad'], stars['dec_rad'])
 
 
 def _rows(stars: Stars, rows: np.ndarray) -> Stars:

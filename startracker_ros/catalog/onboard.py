@@ -8,6 +8,7 @@ from startracker_ros.astro.earth import earth_position_au
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.sky_grid import pairs_within, sky_grid
 from startracker_ros.catalog.stars import StarCatalog
+from startracker_ros.maths.graph import lowest_connected
 
 MERGE_PX = 2.0
 """Stars with a smaller separation are one catalogue entry. Two equal Gaussians of 1 px sigma have
@@ -80,7 +81,9 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     """
     direction = catalog.directions(epoch_year, earth_position_au(epoch_year))
     pairs, square = pairs_within(sky_grid(direction), _chord(max(merge_rad, crowd_rad)))
-    count, entry = _connected_components(pairs[square <= _chord(merge_rad) ** 2], len(catalog))
+    merged, entry = np.unique(lowest_connected(
+        pairs[square <= _chord(merge_rad) ** 2], len(catalog)), return_inverse=True)
+    count = len(merged)
     flux = 10 ** (-0.4 * catalog.magnitude.astype(float))
     magnitude = -2.5 * np.log10(np.bincount(entry, flux, count))
     direction = np.stack([np.bincount(entry, flux * axis, count) for axis in direction.T], -1)
@@ -105,17 +108,6 @@ def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,
     return build_onboard_catalog(catalog, epoch_year, magnitude_limit=magnitude_limit,
                                  merge_rad=MERGE_PX * camera.pixel_rad,
                                  crowd_rad=CROWD_PX * camera.pixel_rad)
-
-
-def _connected_components(pairs: np.ndarray, size: int) -> tuple[int, np.ndarray]:
-    """Return the number of components of the graph of pairs (P, 2), and each node's (size,)."""
-    lowest = np.arange(size)
-    while (lowest[pairs[:, 0]] != lowest[pairs[:, 1]]).any():
-        # Propagate the lowest index over the edges, then shorten the paths to it.
-        np.minimum.at(lowest, pairs, lowest[pairs].min(axis=1, keepdims=True))
-        lowest = lowest[lowest]
-    members, component = np.unique(lowest, return_inverse=True)
-    return len(members), component
 
 
 def _crowded(pairs: np.ndarray, magnitude: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
+from startracker_ros.maths.graph import lowest_connected
 from startracker_ros.maths.rotation import ARCSEC, east_and_north, unit_from_radec
 from startracker_ros.reprocess.leftovers import TRACKLET_DTYPE
 from startracker_ros.track.tracklets import tangent
@@ -56,7 +57,7 @@ def joined(rows: np.ndarray) -> np.ndarray:
     for name in ('stamp_ns', 'u', 'v'):
         same &= rows[name][1:] == rows[name][:-1]
     pairs = np.stack([rows['tracklet'][:-1][same], rows['tracklet'][1:][same]], -1)
-    return _renumbered(rows[np.append(True, ~same)], np.unique(pairs, axis=0))
+    return _renumbered(rows, pairs)[np.append(True, ~same)]
 
 
 def continued(rows: np.ndarray) -> np.ndarray:
@@ -99,17 +100,10 @@ def split_tracklets(rows: np.ndarray) -> list[np.ndarray]:
 
 def _renumbered(rows: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Return rows in which both numbers of each pair (M, 2), and of chains, are the least one."""
-    first: dict[int, int] = {}
-
-    def least(number: int) -> int:
-        while first.get(number, number) != number:
-            number = first[number]
-        return number
-    for one, other in pairs.tolist():
-        one, other = sorted((least(one), least(other)))
-        first[other] = one
+    numbers, place = np.unique(rows['tracklet'], return_inverse=True)
     rows = rows.copy()
-    rows['tracklet'] = [least(number) for number in rows['tracklet'].tolist()]
+    first = lowest_connected(np.searchsorted(numbers, pairs), len(numbers))
+    rows['tracklet'] = numbers[first][place]
     return rows
 
 

@@ -1,0 +1,13 @@
+"""Connected nodes of a graph."""
+
+import numpy as np
+
+
+def lowest_connected(pairs: np.ndarray, size: int) -> np.ndarray:
+    """Return for each node (size,) of the graph of pairs (P, 2) the lowest one it connects to."""
+    lowest = np.arange(size)
+    while (lowest[pairs[:, 0]] != lowest[pairs[:, 1]]).any():
+        # Propagate the lowest index over the edges, then shorten the paths to it.
+        np.minimum.at(lowest, pairs, lowest[pairs].min(axis=1, keepdims=True))
+        lowest = lowest[lowest]
+    return lowest
