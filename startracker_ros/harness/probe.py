@@ -19,6 +19,7 @@ from startracker_ros.harness.processes import HarnessError
 _SPIN_S = 0.05
 _DISCOVERY_S = 0.3
 _REPEAT_REQUEST_S = 3.0
+_REPEAT_MESSAGE_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,18 @@ class Progress:
         if count > self.count:
             self.count, self._increased_s = count, time.monotonic()
         return time.monotonic() - self._increased_s > self._stall_s
+
+
+def _every(period_s: float, act: Callable[[], Any]) -> Callable[[], None]:
+    """Return a function that acts at its first call, and again once the period has passed."""
+    due_s = 0.0
+
+    def act_when_due() -> None:
+        nonlocal due_s
+        if time.monotonic() > due_s:
+            act()
+            due_s = time.monotonic() + period_s
+    return act_when_due
 
 
 class Probe(Node):
@@ -116,6 +129,23 @@ class Probe(Node):
         self.spin_for(_DISCOVERY_S)
         return publisher
 
+    def publish_until_received(self, publisher: Publisher, message: Any, *, nodes: int = 1
+                               ) -> None:
+        """
+        Publish a message until that many nodes have counted it in their diagnostics.
+
+        It is repeated every second, as the camera_info of a camera is: what one message starts
+        does not depend on when a node has matched. collect_diagnostics() comes first.
+        """
+        topic = publisher.topic_name.lstrip('/')
+        publish = _every(_REPEAT_MESSAGE_S, lambda: publisher.publish(message))
+
+        def received() -> bool:
+            publish()
+            return nodes <= len({status.name for status in self.statuses() if any(
+                value.key == f'{topic} received' for value in status.values)})
+        self.wait(received, f'{topic} received by {nodes} nodes')
+
     def call(self, service_type: type, name: str, request: Any, timeout_s: float | None = None
              ) -> Any:
         """
@@ -129,14 +159,14 @@ class Probe(Node):
         client = self._service_clients[name]
         self.wait(client.service_is_ready, f'service {name}', timeout_s)
         futures: list[Any] = []
-        repeat_s = 0.0
+
+        def send() -> None:
+            futures.append(client.call_async(request))
+            self.requests[name] += 1
+        send_when_due = _every(_REPEAT_REQUEST_S, send)
 
         def done() -> Any:
-            nonlocal repeat_s
-            if time.monotonic() > repeat_s:
-                futures.append(client.call_async(request))
-                self.requests[name] += 1
-                repeat_s = time.monotonic() + _REPEAT_REQUEST_S
+            send_when_due()
             return next((future for future in futures if future.done()), None)
         return self.wait(done, f'response of {name}', timeout_s).result()
 

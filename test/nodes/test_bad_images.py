@@ -39,7 +39,7 @@ class Extractor:
         self.index = 0
         probe.collect(PointCloud2, 'centroids')
         self.camera_info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
-        self.camera_info.publish(camera_to_message(CAMERA, header(0)))
+        probe.publish_until_received(self.camera_info, camera_to_message(CAMERA, header(0)))
         self.image = probe.advertise(Image, 'image_raw', qos.IMAGE)
         probe.wait(lambda: probe.count_publishers('centroids'), 'centroids offered')
 

@@ -33,7 +33,7 @@ def test_cloud_without_a_field_is_refused_by_name(nodes, probe):
     nodes.start('star_identifier')
     info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
     centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
-    info.publish(camera_to_message(CAMERA, header(0)))
+    probe.publish_until_received(info, camera_to_message(CAMERA, header(0)))
     rows = np.zeros(3, np.dtype([('x', 'f4'), ('y', 'f4')]))
     centroids.publish(cloud_to_message(rows, header(1)))
     probe.wait_diagnostic("cloud has no field 'z'")
@@ -52,8 +52,7 @@ def test_too_few_stars_give_no_attitude(nodes, probe):
     centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST, subscribers=2)
     probe.wait(lambda: probe.count_publishers('attitude') and probe.count_publishers('stars')
                and probe.count_publishers('tracks'), 'all nodes')
-    info.publish(camera_to_message(CAMERA, header(0)))
-    probe.spin_for(1.0)
+    probe.publish_until_received(info, camera_to_message(CAMERA, header(0)), nodes=3)
     rows = np.zeros(2, CENTROID_DTYPE)
     rows['u'], rows['v'], rows['z'] = (100.0, 300.0), (50.0, 400.0), 1.0
     rows['flux'], rows['snr'], rows['sigma_px'] = 1000.0, 50.0, 0.1

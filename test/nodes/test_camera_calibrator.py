@@ -72,8 +72,7 @@ def test_what_is_missing_is_said(nodes, probe, tmp_path):
     assert not answer.success and answer.message == 'no valid camera_info received'
     info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
     stars = probe.advertise(PointCloud2, 'stars', qos.LIST)
-    info.publish(camera_to_message(CAMERA, header(0)))
-    probe.wait(lambda: value(probe, 'frames') == '0', 'the camera')
+    probe.publish_until_received(info, camera_to_message(CAMERA, header(0)))
     rng = np.random.default_rng(1)
     q = random_attitude(rng)
     index = 0
@@ -124,8 +123,7 @@ def test_a_camera_that_has_changed_in_flight_is_proposed_and_applied(nodes, prob
     info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
     topics = [probe.advertise(PointCloud2, name, qos.LIST) for name in ('centroids', 'tracks')]
     temperature = probe.advertise(Temperature, 'temperature', qos.LIST)
-    info.publish(camera_to_message(CAMERA, header(0)))
-    probe.wait(lambda: value(probe, 'frames') == '0', 'the camera')
+    probe.publish_until_received(info, camera_to_message(CAMERA, header(0)))
     rng, truth, index = np.random.default_rng(3), CAMERA.with_focal_ratio(1.0005), 0
 
     def send(*, change=lambda spots: spots, later=False):

@@ -108,8 +108,7 @@ class Sky:
         self.index = 0
         probe.collect(PointCloud2, 'stars', qos.LIST)
         self.info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
-        self.info.publish(camera_to_message(CAMERA, self.header()))
-        probe.spin_for(0.5)
+        probe.publish_until_received(self.info, camera_to_message(CAMERA, self.header()))
         self.centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
         self.imu = probe.advertise(Imu, 'imu', qos.LIST)
         probe.wait(lambda: probe.count_publishers('stars'), 'stars offered')

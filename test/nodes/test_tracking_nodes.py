@@ -59,12 +59,8 @@ class Flight:
         probe.collect(DiagnosticStatus, 'tracker_state', qos.STATE)
         probe.collect(PointCloud2, 'stars', qos.LIST)
         info = probe.advertise(CameraInfo, 'camera_info', qos.LIST, subscribers=3)
-
-        def camera_known():
-            info.publish(camera_to_message(CAMERA, make_header(START_NS, FRAME)))
-            return all('camera 1024 x 1024' in path.read_text()
-                       for path in nodes.log_folder.glob('*.log'))
-        probe.wait(camera_known, 'the camera in all nodes')
+        probe.publish_until_received(
+            info, camera_to_message(CAMERA, make_header(START_NS, FRAME)), nodes=3)
         self.imu = probe.advertise(Imu, 'imu', qos.IMU)
         self.centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST, subscribers=2)
         probe.wait(lambda: all(probe.count_publishers(topic) and probe.count_subscribers(topic)
@@ -222,8 +218,8 @@ def test_a_camera_turned_away_is_lost_and_found(nodes, probe):
 def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
     nodes.start('star_identifier')
     probe.collect(PointCloud2, 'stars', qos.LIST)
-    probe.advertise(CameraInfo, 'camera_info', qos.LIST).publish(
-        camera_to_message(CAMERA, make_header(START_NS, FRAME)))
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
+    probe.publish_until_received(info, camera_to_message(CAMERA, make_header(START_NS, FRAME)))
     state = probe.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
     state.publish(DiagnosticStatus(message='TRACKING'))
     centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
@@ -262,8 +258,8 @@ def test_tracks_alone_are_solved(nodes, probe, solver):
     nodes.start('attitude_estimator', {'solver': solver, 'aberration': 'none'})
     probe.collect(Imu, 'attitude_imu', qos.LIST)
     header = make_header(START_NS, FRAME)
-    probe.advertise(CameraInfo, 'camera_info', qos.LIST).publish(
-        camera_to_message(CAMERA, header))
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
+    probe.publish_until_received(info, camera_to_message(CAMERA, header))
     tracks = probe.advertise(PointCloud2, 'tracks', qos.LIST)
     q = quaternion_from_pointing(*np.radians([84.0, 0.0, 20.0]))
     seen, hip = star_list(ONBOARD, CAMERA, q, 0.1, np.random.default_rng(3))
