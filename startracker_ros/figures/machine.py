@@ -10,6 +10,7 @@ import psutil
 
 PACKAGE = 'startracker_ros'
 
+_BUSY_STEAL = 0.1
 _HALT_POLL = Path('/sys/module/haltpoll/parameters/guest_halt_poll_ns')
 
 
@@ -49,10 +50,34 @@ class StealTime:
     def __init__(self) -> None:
         self._before = psutil.cpu_times()
 
-    def __str__(self) -> str:
+    @property
+    def share(self) -> float:
+        """Return the share, NaN where the system does not measure it."""
         now = psutil.cpu_times()
         if not hasattr(now, 'steal'):
-            return 'steal time not measured on this system'
+            return float('nan')
         stolen_s = now.steal - self._before.steal
         busy_s = now.user + now.system - self._before.user - self._before.system
-        return f'{stolen_s / max(stolen_s + busy_s, 1e-9):.1%} steal time'
+        return stolen_s / max(stolen_s + busy_s, 1e-9)
+
+    def __str__(self) -> str:
+        share = self.share
+        if np.isnan(share):
+            return 'steal time not measured on this system'
+        return f'{share:.1%} steal time'
+
+
+class MachineLoad:
+    """How busy the machine is from now on: load averages, steal time; it says if it is busy."""
+
+    def __init__(self) -> None:
+        self._steal = StealTime()
+        self._before = os.getloadavg()[0]
+
+    def __str__(self) -> str:
+        cores = len(os.sched_getaffinity(0))
+        busy = ''
+        if self._before >= cores or self._steal.share >= _BUSY_STEAL:
+            busy = 'busy, which the times show: '
+        return (f'{busy}load {self._before:.1f} before and {os.getloadavg()[0]:.1f} after on '
+                f'{cores} {"core" if cores == 1 else "cores"}, {self._steal}')

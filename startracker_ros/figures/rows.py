@@ -22,6 +22,26 @@ class Row:
 
 
 @dataclass(frozen=True)
+class DemoRow(Row):
+    """A figure of a demo; goal is what a time of this machine should be, which decides nothing."""
+
+    goal: str = ''
+
+    @classmethod
+    def with_goal(cls, case: str, ours: float, unit: str, goal: float, *, least: bool = False
+                  ) -> 'DemoRow':
+        """Return a row whose figure should be at most its goal, or at least."""
+        met = ours >= goal if least else ours <= goal
+        return cls(case, ours, unit, goal=f'{">=" if least else "<="} {goal:g}, '
+                                          f'{"met" if met else "missed"}')
+
+    @classmethod
+    def of(cls, row: Row) -> 'DemoRow':
+        """Return a row among those of a demo."""
+        return cls(row.case, row.ours, row.unit, row.bound, row.holds)
+
+
+@dataclass(frozen=True)
 class BenchRow:
     """A figure of ours beside that of a peer; ratio is ours over theirs."""
 

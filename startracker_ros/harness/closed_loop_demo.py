@@ -13,7 +13,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.executables import STAGES
-from startracker_ros.figures.rows import Row
+from startracker_ros.figures.machine import machine
+from startracker_ros.figures.rows import DemoRow
 from startracker_ros.gnc.camera import (
     FrameFault, Observation, START_NS, SUN_FALLOFF_DEG, SUN_LIGHT_E)
 from startracker_ros.gnc.history import draw, History, rows_of
@@ -21,8 +22,9 @@ from startracker_ros.gnc.loop import ClosedLoop, Step
 from startracker_ros.gnc.navigation import Navigation
 from startracker_ros.gnc.plan import Plan
 from startracker_ros.gnc.spacecraft import CONTROL_NS, tumbling
-from startracker_ros.harness.live_demo import draw_if_possible, LockStepDemo
+from startracker_ros.harness.live_demo import draw_if_possible, LockStepDemo, STALL_S
 from startracker_ros.harness.processes import HarnessError
+from startracker_ros.harness.readiness import needs_of
 from startracker_ros.maths.rotation import ARCSEC
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import (
@@ -40,7 +42,7 @@ _PARAMETERS = {
     'fov_deg': 12.0, 'bit_depth': 12, 'motion': 'topic', 'lock_step': True,
     'motion_smear': True,
     # image_raw: the extractor. camera_info: the four stages, the recorder and, once all nodes are
-    # connected, the demo.
+    # ready, the demo.
     'wait_for_subscribers': 1, 'wait_for_camera_users': 6}
 _NODES = ('sky_simulator', *STAGES)
 
@@ -48,8 +50,9 @@ _NODES = ('sky_simulator', *STAGES)
 class ClosedLoopDemo(LockStepDemo):
     """The nodes in one process, and the bridge: truth to them, attitudes to the loop."""
 
-    answer_s = 30.0
-    endpoints = {'attitude_imu': (1, 2), 'tracker_state': (1, 2), '/clock': (1, 2)}
+    endpoints = {'attitude_imu': (1, 2), 'tracker_state': (1, 2), '/clock': (1, 2),
+                 'truth/attitude': (1, 1)}
+    needs = needs_of(('bag_recorder', *_NODES))
 
     def __init__(self, output: Path) -> None:
         super().__init__(output)
@@ -121,19 +124,13 @@ class ClosedLoopDemo(LockStepDemo):
         return table
 
     def _connect(self) -> None:
-        """Wait until all nodes are connected, then let the simulator subscribe to the motion."""
-        self.probe.wait(self._is_connected, 'all nodes',
-                        timeout_s=120.0)
+        """Wait until all nodes are ready, then let the simulator subscribe to the motion."""
+        # The nodes learn the epoch of the sky with the camera.
+        self.await_ready(lambda: self._clock.publish(Clock(clock=stamp_from_ns(START_NS))))
         # The simulator and the recorder.
         self.probe.wait(lambda: self._motion.get_subscription_count() >= 2,
-                        'subscribers of motion/odometry', timeout_s=120.0)
+                        'subscribers of motion/odometry', STALL_S)
         self.probe.spin_for(0.5)
-
-    def _is_connected(self) -> bool:
-        # The nodes learn the epoch of the sky with the camera.
-        self._clock.publish(Clock(clock=stamp_from_ns(START_NS)))
-        self._release_when_connected()
-        return self._connected
 
     def _blind(self, blinded: bool) -> None:
         """Let the Sun into the images, or out of them."""
@@ -186,9 +183,9 @@ def run_closed_loop_demo(output: Path, *, seed: int) -> Result:
         demo.finish()
     history = demo.history(plan)
     pace = float(history.time_s[-1] / wall_s)
-    rows = [*rows_of(history),
-            Row('pace, simulated time over wall time', pace, '', '>= 1', pace >= 1),
-            Row('processor time of all processes, starts included', float(
+    rows = [*map(DemoRow.of, rows_of(history)),
+            DemoRow.with_goal('pace, simulated time over wall time', pace, '', 1.0, least=True),
+            DemoRow('processor time of all processes, starts included', float(
                 demo.cpu_s / history.time_s[-1]), 's each simulated s')]
     picture, page = output / 'closed_loop.png', output / 'report.html'
     drawn = draw_if_possible(picture, lambda: draw(picture, history, 'closed loop, five nodes'))
@@ -200,4 +197,5 @@ def run_closed_loop_demo(output: Path, *, seed: int) -> Result:
                            '0.1 s after each exposure; gyro in detumbling only',
         'sky': '1024 x 1024 px, 12 deg, 5 Hz in lock-step, smeared images, five nodes in one '
                'process',
+        'machine': machine(str(demo.load)),
         'bag': demo.bag_text(), 'picture': drawn, 'report': written})

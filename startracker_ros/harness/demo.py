@@ -9,9 +9,13 @@ from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 from rich.table import Table
 from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
-from startracker_ros.figures.rows import Row
-from startracker_ros.harness.live_demo import Demo, draw_if_possible, read_stamped, start_time_s
+from startracker_ros.executables import STAGES
+from startracker_ros.figures.machine import machine
+from startracker_ros.figures.rows import DemoRow
+from startracker_ros.harness.live_demo import (
+    Demo, draw_if_possible, FRAMES_AHEAD, read_stamped, start_time_s)
 from startracker_ros.harness.processes import HarnessError
+from startracker_ros.harness.readiness import needs_of
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, pointing_from_quaternion
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import quaternion_from_message
@@ -26,10 +30,10 @@ _SIMULATOR = {
     'frame_rate_hz': FRAME_RATE_HZ, 'width': 1024, 'height': 1024, 'fov_deg': 12.0,
     'motion': 'constant_rate', 'rate_deg_s': [0.05, 0.1, 0.02], 'bit_depth': 12,
     # Images: the recorder and the extractor. camera_info: the recorder, the extractor, the three
-    # other stages and, once all nodes are connected, the demo.
-    'wait_for_subscribers': 2, 'wait_for_camera_users': 6,
+    # other stages and, once all nodes are ready, the demo.
+    'wait_for_subscribers': 2, 'wait_for_camera_users': 6, 'frames_ahead': FRAMES_AHEAD,
     'qos_overrides./image_raw.publisher.depth': 10}
-# The queue holds a second of images, so that none is lost while a busy machine starts processes.
+# The queues of images are as long as those of lists.
 _EXTRACTOR: dict[str, object] = {
     'qos_overrides./image_raw.subscription.depth': 10}
 
@@ -37,8 +41,12 @@ _EXTRACTOR: dict[str, object] = {
 class StarTrackerDemo(Demo):
     """The pipeline of one star tracker; compares its attitudes with the truth."""
 
-    endpoints = {'centroids': (1, 3), 'stars': (1, 2), 'tracks': (1, 2),
-                 'tracker_state': (1, 3), 'attitude': (1, 2)}
+    endpoints = {
+        'image_raw': (1, 2), 'imu': (1, 2), 'truth/attitude': (1, 2), 'truth/stars': (1, 1),
+        'truth/odometry': (1, 1), 'centroids': (1, 3), 'stars': (1, 2), 'tracks': (1, 2),
+        'tracked_attitude': (1, 2), 'predicted_centroids': (1, 2), 'tracker_state': (1, 3),
+        'attitude': (1, 2), 'attitude_cov': (1, 1), 'attitude_imu': (1, 2)}
+    needs = needs_of(('bag_recorder', 'sky_simulator', *STAGES))
 
     def __init__(self, output: Path) -> None:
         super().__init__(output)
@@ -55,7 +63,7 @@ class StarTrackerDemo(Demo):
         """Start all nodes."""
         self.processes.start('bag_recorder', {'folder': str(self.bag)})
         self.processes.start('centroid_extractor', _EXTRACTOR)
-        for node in ('star_identifier', 'star_tracker', 'attitude_estimator'):
+        for node in STAGES[1:]:
             self.processes.start(node)
         self.processes.start('sky_simulator', {**_SIMULATOR, 'frame_count': frames, 'seed': seed})
 
@@ -105,15 +113,15 @@ def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
     from startracker_ros.report.loading import load_recording
     from startracker_ros.report.summary import summarise
     recording = load_recording(demo.bag)
-    rows = summarise(recording)
+    rows = summarise(recording, frames)
     start_s = float('nan') if demo.first_attitude_s is None else demo.first_attitude_s - began_s
-    rows.append(Row('process start to first attitude', start_s, 's', '<= 10', start_s <= 10))
+    rows.append(DemoRow.with_goal('process start to first attitude', start_s, 's', 10.0))
     picture = output / 'demo.png'
     drawn = draw_if_possible(picture, lambda: _draw(picture, demo.bag, recording))
     return Result('demo', rows, {
         'sky': '1024 x 1024 px, mono16 (12 bit), 12 deg field, 10 Hz, six nodes, a process each',
         'motion': 'constant rate 0.05, 0.1, 0.02 deg/s about x, y, z',
-        'bag': demo.bag_text(), 'picture': drawn})
+        'machine': machine(str(demo.load)), 'bag': demo.bag_text(), 'picture': drawn})
 
 
 def _draw(path: Path, bag: Path, recording: 'Recording') -> None:

@@ -14,12 +14,14 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.executables import STAGES
-from startracker_ros.figures.rows import Row
+from startracker_ros.figures.machine import machine
+from startracker_ros.figures.rows import DemoRow
 from startracker_ros.fusion.mounts import Mount, save_mounts
 from startracker_ros.harness.heads_history import Forecast, HeadsHistory
 from startracker_ros.harness.heads_orbit import body_motion, MOUNTS, START_NS, TURN_S
-from startracker_ros.harness.live_demo import draw_if_possible, LockStepDemo
+from startracker_ros.harness.live_demo import draw_if_possible, LockStepDemo, STALL_S
 from startracker_ros.harness.processes import HarnessError
+from startracker_ros.harness.readiness import needs_of
 from startracker_ros.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector)
 from startracker_ros.ros import qos
@@ -34,7 +36,7 @@ from startracker_ros.table import Result
 FRAME_RATE_HZ = 5.0
 _HEADS = tuple(MOUNTS)
 _INERTIAL, _BODY = 'icrf', 'base_link'
-_START_S, _FUSION_S = 240.0, 1.0
+_FUSION_S = 60.0
 EXCLUSION_DEG = {'Sun': 25.0, 'Moon': 10.0, 'Earth': 15.0}
 # Their glare fills the image two degrees nearer: the last stars fade within the exclusion angle.
 _GLARE_DEG = {name: angle - 2.0 for name, angle in EXCLUSION_DEG.items()}
@@ -52,7 +54,7 @@ _PARAMETERS: dict[str, object] = {
     **{f'{name.lower()}_glare_deg': angle for name, angle in _GLARE_DEG.items()},
     **{f'{name.lower()}_exclusion_deg': angle for name, angle in EXCLUSION_DEG.items()},
     # image_raw: the extractor. camera_info: the four stages, the recorder and, once all nodes are
-    # connected, the demo.
+    # ready, the demo.
     'wait_for_subscribers': 1, 'wait_for_camera_users': 6}
 # What the report does not show. A subscriber of target_centroid would have the extractors search
 # every image as a whole.
@@ -71,13 +73,15 @@ class HeadsDemo(LockStepDemo):
     It begins begin_s after START_NS.
     """
 
-    answer_s = 120.0
     # Within the process of a head subscriptions are not in DDS.
     endpoints = {
         'attitude_imu': (1, 1), 'attitude': (1, 2), 'heads': (1, 1), 'imu': (1, 1), **{
             f'{name}/{topic}': (1, 2) for name in _HEADS for topic in (
                 'attitude_imu', 'tracker_state', 'stars', 'frame_attitude', 'hint',
                 'temperature')}}
+    needs = {**needs_of(('bag_recorder', 'attitude_fusion')), **{
+        node: counts for name in _HEADS
+        for node, counts in needs_of(('sky_simulator', *STAGES), name).items()}}
     camera_infos = tuple(f'{name}/camera_info' for name in _HEADS)
 
     def __init__(self, output: Path, begin_s: float = 0.0) -> None:
@@ -137,10 +141,12 @@ class HeadsDemo(LockStepDemo):
 
     def run(self, frames: int) -> float:
         """Simulate so many frames; return the wall time in s."""
-        self.probe.wait(self._is_connected, 'all nodes', timeout_s=_START_S)
+        # The nodes learn the epoch of the sky with the camera.
+        self.await_ready(
+            lambda: self._clock.publish(Clock(clock=stamp_from_ns(self._begin_ns))))
         # The simulators and the recorder.
         self.probe.wait(lambda: self._odometry.get_subscription_count() >= len(_HEADS) + 1,
-                        'subscribers of motion/odometry', timeout_s=_START_S)
+                        'subscribers of motion/odometry', STALL_S)
         self.probe.spin_for(0.5)
         return self.run_steps(
             lambda: self._step(self._begin_ns + round(self.frames / FRAME_RATE_HZ * 1e9)),
@@ -186,14 +192,6 @@ class HeadsDemo(LockStepDemo):
             self._imu.publish(gyro_to_imu(
                 self._gyro.measure(rate_rad_s, dt_s), sigma_rad_s,
                 make_header(stamp_ns - round(before * dt_s * 1e9), _BODY)))
-
-    def _is_connected(self) -> bool:
-        # The nodes learn the epoch of the sky with the camera.
-        if ended := self.processes.ended():
-            raise HarnessError(f'{", ".join(ended)} ended early: see {self.log_folder}')
-        self._clock.publish(Clock(clock=stamp_from_ns(self._begin_ns)))
-        self._release_when_connected()
-        return self._connected
 
     def _on_head(self, name: str, message: Imu) -> None:
         self._has_attitude[name][ns_from_stamp(message.header.stamp)] = (
@@ -241,10 +239,10 @@ def run_heads_demo(output: Path, *, seconds: float, seed: int) -> Result:
     if heads is None:
         raise HarnessError(f'{demo.bag} has no heads: see {demo.log_folder}')
     pace = frames / FRAME_RATE_HZ / wall_s
-    rows = [*history.rows(recording, heads),
-            Row('pace, simulated time over wall time', pace, '', '>= 1', pace >= 1),
-            Row('processor time of all processes, starts included',
-                demo.cpu_s * FRAME_RATE_HZ / frames, 's each simulated s')]
+    rows = [*map(DemoRow.of, history.rows(recording, heads)),
+            DemoRow.with_goal('pace, simulated time over wall time', pace, '', 1.0, least=True),
+            DemoRow('processor time of all processes, starts included',
+                    demo.cpu_s * FRAME_RATE_HZ / frames, 's each simulated s')]
     picture, page = output / 'heads.png', output / 'report.html'
     drawn = draw_if_possible(picture, lambda: history.draw(picture, recording, heads))
     written = draw_if_possible(page, lambda: _write_report(demo.bag, page))
@@ -255,7 +253,7 @@ def run_heads_demo(output: Path, *, seconds: float, seed: int) -> Result:
                   'for an orbit; 20200 km, J2000, 2026-06-09T12:00:00',
         'mounts': f'{_MOUNT_ERROR_ARCSEC:g} arcsec off in mounts.yaml, and bent by '
                   f'{_BEND_RMS_ARCSEC:g} arcsec rms with the temperature',
-        'processes': len(demo.processes.processes),
+        'processes': len(demo.processes.processes), 'machine': machine(str(demo.load)),
         'bag': demo.bag_text(), 'picture': drawn, 'report': written})
 
 

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 import math
 from pathlib import Path
 import shutil
@@ -14,15 +15,39 @@ import psutil
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, Imu
 from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.bag.reader import BagMessage, decode, read_messages
 from startracker_ros.extras import MissingLibraryError
-from startracker_ros.harness.probe import Progress
+from startracker_ros.figures.machine import MachineLoad
 from startracker_ros.harness.processes import HarnessError, module_command, node_environment
+from startracker_ros.harness.readiness import Needs, Readiness
 from startracker_ros.harness.rig import Rig
 from startracker_ros.machine_code import cached_share, machine_code_folder, package_code
 from startracker_ros.ros import qos
+
+
+STALL_S = 300.0
+"""Time without any change after which a demo gives up: a busy machine takes minutes to start."""
+FRAMES_AHEAD = 5
+"""Images that are ahead of their attitudes: fewer than any queue holds, so that none is lost."""
+_REPORT_S = 10.0
+_FLUSHES = 2
+
+
+class _Stall:
+    """Measures how long nothing has changed."""
+
+    def __init__(self) -> None:
+        self._before: object = None
+        self._changed_s = time.monotonic()
+
+    def check(self, now: object, what: str) -> None:
+        """HarnessError with what does not happen, once a value has not changed for STALL_S."""
+        if now != self._before:
+            self._before, self._changed_s = now, time.monotonic()
+        if time.monotonic() - self._changed_s > STALL_S:
+            raise HarnessError(f'{what}: nothing has changed for {STALL_S:g} s')
 
 
 class Demo(Rig, ABC):
@@ -30,18 +55,23 @@ class Demo(Rig, ABC):
     Node processes with a live table, in the ROS domain of the user.
 
     endpoints holds the publishers and subscribers, those of the demo and of the recorder
-    included, that each topic has once all nodes are connected. The simulators wait for a
-    subscriber of each topic in camera_infos.
+    included, that each topic has once all nodes are connected. needs are all nodes. The
+    simulators wait for a subscriber of each topic in camera_infos, which the demo is once all
+    nodes are ready: no frame is lost, however slow the machine is.
     """
 
     endpoints: Mapping[str, tuple[int, int]]
+    needs: Needs
     camera_infos: Sequence[str] = ('camera_info',)
 
     def __init__(self, output: Path) -> None:
         self.bag = output / 'bag'
+        self.load = MachineLoad()
+        self._begin_s = time.monotonic()
         super().__init__(_prepare(output), isolated=False, name='demo_monitor')
-        self._connected = False
         self.probe.collect_diagnostics()
+        self._sent_ns = dict.fromkeys(self.camera_infos, 0)
+        self._answered_ns = dict.fromkeys(self.camera_infos, 0)
 
     @property
     @abstractmethod
@@ -57,35 +87,91 @@ class Demo(Rig, ABC):
         return int(self.probe.diagnostic_value(
             'sky_simulator: simulation', 'frames', hardware_id) or 0)
 
-    def watch(self, frames: int, *, stall_s: float = 30.0) -> None:
-        """Show the table until all frames are simulated; HarnessError when a node fails."""
-        progress = Progress(stall_s)
-        console = Console()
-        with Live(self.table(frames), console=console, refresh_per_second=4) as live:
-            while self.frames < frames:
-                self.probe.spin_once(0.1)
-                self._release_when_connected()
-                live.update(self.table(frames))
-                ended = self.processes.ended()
-                if ended:
-                    raise HarnessError(f'{", ".join(ended)} ended early: see {self.log_folder}')
-                if progress.is_stalled(self.frames):
-                    raise HarnessError(f'no frame after number {self.frames} of {frames} within '
-                                       f'{stall_s:g} s: see {self.log_folder}')
-        console.print()
-        # Frames in flight.
-        self.probe.spin_for(1.0)
+    def await_ready(self, prompt: Callable[[], None] = lambda: None) -> None:
+        """
+        Wait until all nodes are ready, print their conditions, then let the simulation start.
 
-    def _release_when_connected(self) -> None:
-        """Start the simulation by subscribing to camera_info once all nodes are connected."""
-        if not self._connected and all(
-                self.probe.count_publishers(topic) >= publishers
-                and self.probe.count_subscribers(topic) >= subscribers
-                for topic, (publishers, subscribers) in self.endpoints.items()):
-            self._connected = True
-            for topic in self.camera_infos:
-                self.probe.create_subscription(
-                    CameraInfo, topic, lambda message: None, qos.LIST)
+        prompt() is called again and again. HarnessError when a node ends or nothing changes.
+        """
+        readiness, stall, shown = Readiness(self.probe, self.needs), _Stall(), dict[str, str]()
+        report_s = time.monotonic() + _REPORT_S
+        while True:
+            prompt()
+            self.probe.spin_once(0.1)
+            readiness.update()
+            missing = self._missing_endpoints()
+            if not missing:
+                readiness.connected()
+            conditions = readiness.conditions()
+            for name, text in conditions.items():
+                if shown.get(name) != text:
+                    self._print(f'{name[1:]}: {text or "ready"}')
+            if conditions != shown:
+                report_s = time.monotonic() + _REPORT_S
+            shown = conditions
+            waiting = [name[1:] for name, text in conditions.items() if text]
+            if not waiting:
+                break
+            if time.monotonic() > report_s:
+                report_s = time.monotonic() + _REPORT_S
+                self._print(f'waiting for {", ".join(waiting)}' + (
+                    f'; not connected: {", ".join(missing)}' if missing else ''))
+            self._check_processes()
+            stall.check((readiness.activity(), missing),
+                        f'not ready: {", ".join(waiting)}; see {self.log_folder}')
+        self._print('all nodes are ready: the first frame')
+        self._release()
+
+    def watch(self, frames: int) -> None:
+        """Show the table until all frames have their attitudes; HarnessError if a node fails."""
+        self.await_ready()
+        stall, console = _Stall(), Console()
+        with Live(self.table(frames), console=console, refresh_per_second=4) as live:
+            while self.frames < frames or self._in_flight():
+                self.probe.spin_once(0.1)
+                live.update(self.table(frames))
+                self._check_processes()
+                stall.check(
+                    (self.frames, {**self._answered_ns}),
+                    f'no attitude_imu after frame {self.frames} of {frames}; see '
+                    f'{self.log_folder}')
+        console.print()
+        self.await_recorder()
+
+    def await_recorder(self) -> None:
+        """Wait until the recorder has had time for what was sent to it."""
+        def received() -> int:
+            return sum(diagnostic.node == 'bag_recorder' for diagnostic in self.probe.diagnostics)
+        enough = received() + _FLUSHES
+        self.probe.wait(lambda: received() >= enough, 'the recorder', STALL_S)
+
+    def _print(self, text: str) -> None:
+        print(f'[{time.monotonic() - self._begin_s:5.1f} s] {text}', file=sys.stderr, flush=True)
+
+    def _check_processes(self) -> None:
+        if ended := self.processes.ended():
+            raise HarnessError(f'{", ".join(ended)} ended early: see {self.log_folder}')
+
+    def _missing_endpoints(self) -> list[str]:
+        """Return the topics that do not have all their publishers and subscribers yet."""
+        return [topic for topic, (publishers, subscribers) in self.endpoints.items()
+                if self.probe.count_publishers(topic) < publishers
+                or self.probe.count_subscribers(topic) < subscribers]
+
+    def _in_flight(self) -> bool:
+        """Return whether the newest frame of a camera has no attitude_imu yet."""
+        return any(self._answered_ns[topic] < sent_ns for topic, sent_ns in self._sent_ns.items())
+
+    def _release(self) -> None:
+        """Let the simulators start: follow camera_info, of which a frame has one, and answers."""
+        def follow(newest_ns: dict[str, int], topic: str, message: CameraInfo | Imu) -> None:
+            newest_ns[topic] = max(newest_ns[topic], ns_from_stamp(message.header.stamp))
+        for topic in self.camera_infos:
+            self.probe.create_subscription(
+                Imu, topic.replace('camera_info', 'attitude_imu'),
+                partial(follow, self._answered_ns, topic), qos.LIST)
+            self.probe.create_subscription(
+                CameraInfo, topic, partial(follow, self._sent_ns, topic), qos.LIST)
 
     def finish(self) -> None:
         """End all nodes; HarnessError when one does not end cleanly."""
@@ -104,11 +190,8 @@ class LockStepDemo(Demo):
     """
     A demo that steps frame by frame: each step publishes a frame and awaits its attitudes.
 
-    answer_s is how long these may take; cpu_s is the processor time of all processes in s, starts
-    included, after the last step.
+    cpu_s is the processor time of all processes in s, starts included, after the last step.
     """
-
-    answer_s: float
 
     def __init__(self, output: Path) -> None:
         super().__init__(output)
@@ -126,21 +209,16 @@ class LockStepDemo(Demo):
         self.cpu_s = sum(sum(process.cpu_times()[:2]) for process in [
             psutil.Process(),
             *(psutil.Process(process.pid) for process in self.processes.processes.values())])
-        # Frames in flight to the recorder.
-        self.probe.spin_for(1.0)
+        self.await_recorder()
         return wall_s
 
     def await_attitudes(self, missing: Callable[[], str]) -> None:
         """Wait until no attitude_imu is missing; HarnessError with what missing() returns."""
-        deadline_s = time.monotonic() + self.answer_s
+        stall = _Stall()
         while text := missing():
             self.probe.spin_once(0.1)
-            ended = self.processes.ended()
-            if ended or time.monotonic() > deadline_s:
-                raise HarnessError(
-                    f'{", ".join(ended)} ended early' if ended else
-                    f'no attitude_imu of {text} within {self.answer_s:g} s: see '
-                    f'{self.log_folder}')
+            self._check_processes()
+            stall.check(text, f'no attitude_imu of {text}; see {self.log_folder}')
 
 
 def draw_if_possible(picture: Path, draw: Callable[[], None]) -> str:

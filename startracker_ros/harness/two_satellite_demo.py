@@ -13,9 +13,13 @@ from rich.table import Table
 from startracker_ros.astro.constants import EARTH_RADIUS_M
 from startracker_ros.astro.orbit import CircularOrbit, orbit_frame
 from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
-from startracker_ros.figures.rows import Row
-from startracker_ros.harness.live_demo import Demo, draw_if_possible, read_stamped, start_time_s
+from startracker_ros.executables import STAGES
+from startracker_ros.figures.machine import machine
+from startracker_ros.figures.rows import DemoRow
+from startracker_ros.harness.live_demo import (
+    Demo, draw_if_possible, FRAMES_AHEAD, read_stamped, start_time_s)
 from startracker_ros.harness.processes import HarnessError
+from startracker_ros.harness.readiness import needs_of
 from startracker_ros.maths.rotation import radec_from_unit
 from startracker_ros.report.target import draw_target, load_target, summarise_target
 from startracker_ros.ros import qos
@@ -39,12 +43,16 @@ _COMMON = {
     'target': True, **_ORBIT, **_TARGET,
     # Images: the recorder and the extractor. camera_info: the four stages, the recorder, the
     # locator and the demo.
-    'wait_for_subscribers': 2, 'wait_for_camera_users': 7}
-_PIPELINE = ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_estimator')
+    'wait_for_subscribers': 2, 'wait_for_camera_users': 7, 'frames_ahead': FRAMES_AHEAD,
+    # Both, so that none of the cameras is far ahead of the other.
+    'answer_topics': [f'/{name}/attitude_imu' for name in OBSERVERS]}
 
 # Publishers and subscribers of each star tracker, the demo and the recorder included.
-_ENDPOINTS = {'centroids': (1, 3), 'stars': (1, 2), 'tracks': (1, 2), 'tracked_attitude': (1, 2),
-              'tracker_state': (1, 3), 'attitude_cov': (1, 2), 'target_centroid': (1, 2)}
+_ENDPOINTS = {
+    'image_raw': (1, 2), 'odometry': (1, 4), 'truth/attitude': (1, 1), 'truth/target': (1, 2),
+    'centroids': (1, 3), 'stars': (1, 2), 'tracks': (1, 2), 'tracked_attitude': (1, 2),
+    'predicted_centroids': (1, 2), 'tracker_state': (1, 3), 'attitude_cov': (1, 2),
+    'attitude_imu': (1, 3), 'target_centroid': (1, 2)}
 
 
 def simulator_parameters(index: int, seconds: float) -> dict[str, object]:
@@ -78,6 +86,11 @@ class TwoSatelliteDemo(Demo):
 
     endpoints = {'target/position': (1, 2), **{
         f'{name}/{topic}': ends for name in OBSERVERS for topic, ends in _ENDPOINTS.items()}}
+    needs = {
+        '/bag_recorder': (),
+        '/target_locator': [f'{name}/camera_info received' for name in OBSERVERS],
+        **needs_of(('sky_simulator', *STAGES), OBSERVERS[0]),
+        **needs_of(('sky_simulator', *STAGES), OBSERVERS[1])}
     camera_infos = tuple(f'{name}/camera_info' for name in OBSERVERS)
 
     def __init__(self, output: Path) -> None:
@@ -98,7 +111,7 @@ class TwoSatelliteDemo(Demo):
         self.processes.start('bag_recorder', {'folder': str(self.bag)})
         self.processes.start('target_locator')
         for index, name in enumerate(OBSERVERS):
-            for node in _PIPELINE:
+            for node in STAGES:
                 self.processes.start(node, namespace=name)
             self.processes.start('sky_simulator', {
                 **simulator_parameters(index, seconds), 'frame_count': frames,
@@ -152,14 +165,13 @@ def run_two_satellite_demo(output: Path, *, seconds: float, seed: int) -> Result
     frames = round(seconds * FRAME_RATE_HZ)
     with TwoSatelliteDemo(output) as demo:
         demo.start(seconds, frames, seed)
-        # Twelve processes on a busy machine need long to discover each other.
-        demo.watch(frames, stall_s=90.0)
+        demo.watch(frames)
         demo.finish()
     recording = load_target(demo.bag, OBSERVERS)
     if demo.first_position_s is None or not len(recording.stamp_ns):
         raise HarnessError(f'the target was never located: see {demo.log_folder}')
     rows = summarise_target(recording, frames)
-    rows.append(Row('process start to first position', demo.first_position_s - began_s, 's'))
+    rows.append(DemoRow('process start to first position', demo.first_position_s - began_s, 's'))
     picture = output / 'two_satellite.png'
     drawn = draw_if_possible(picture, lambda: draw_target(
         picture, recording, {name: _last_frame(demo.bag, name) for name in OBSERVERS}))
@@ -171,7 +183,7 @@ def run_two_satellite_demo(output: Path, *, seconds: float, seed: int) -> Result
         'sky': '1024 x 1024 px, mono16 (12 bit), 12 deg field, 2 Hz, aberration and motion '
                f'smear; frames of the second camera {_START_OFFSETS_S[1]:g} s after those of the '
                'first',
-        'processes': len(demo.processes.processes),
+        'processes': len(demo.processes.processes), 'machine': machine(str(demo.load)),
         'bag': demo.bag_text(), 'picture': drawn})
 
 

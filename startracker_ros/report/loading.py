@@ -126,7 +126,7 @@ class _Reader:
         self._rate: dict[int, np.ndarray] = {}
         self._without: set[int] = set()
         self._truth: dict[int, np.ndarray] = {}
-        self._state: list[tuple[int, str]] = []
+        self._state: list[tuple[int, int, str]] = []
         self._diagnostics: list[DiagnosticRecord] = []
 
     def read(self, message: BagMessage) -> None:
@@ -152,10 +152,7 @@ class _Reader:
         return stamp_ns
 
     def _note_time(self, topic: str, stamp_ns: int, message: BagMessage) -> None:
-        received_ns = min(message.log_time_ns, _NEWEST_NS)
-        # Recorders that do not know when a message was sent may note 0.
-        sent_ns = min(message.publish_time_ns or received_ns, _NEWEST_NS)
-        self._times[topic].append((stamp_ns, sent_ns, received_ns))
+        self._times[topic].append((stamp_ns, *_sent_and_received_ns(message)))
 
     def _on_camera(self, decoded: Any, message: BagMessage) -> None:
         self._camera = camera_from_message(decoded)
@@ -204,7 +201,8 @@ class _Reader:
         self._truth[self._stamp_ns(decoded, message)] = quaternion
 
     def _on_state(self, decoded: Any, message: BagMessage) -> None:
-        self._state.append((min(message.log_time_ns, _NEWEST_NS), decoded.message))
+        sent_ns, received_ns = _sent_and_received_ns(message)
+        self._state.append((received_ns, sent_ns, decoded.message))
 
     def _on_diagnostics(self, decoded: Any, message: BagMessage) -> None:
         stamp = decoded.header.stamp
@@ -238,8 +236,15 @@ class _Reader:
             truth_ns=np.array(sorted(self._truth), np.int64),
             truth_quaternion=_table(self._truth, sorted(self._truth), (4,)),
             state_ns=np.array([row[0] for row in self._state], np.int64),
-            state=tuple(row[1] for row in self._state),
+            state_sent_ns=np.array([row[1] for row in self._state], np.int64),
+            state=tuple(row[2] for row in self._state),
             diagnostics=tuple(self._diagnostics), problems=problems, complete=complete)
+
+
+def _sent_and_received_ns(message: BagMessage) -> tuple[int, int]:
+    received_ns = min(message.log_time_ns, _NEWEST_NS)
+    # Recorders that do not know when a message was sent may note 0.
+    return min(message.publish_time_ns or received_ns, _NEWEST_NS), received_ns
 
 
 def _topic_times(rows: list[tuple[int, int, int]]) -> TopicTimes:

@@ -4,6 +4,7 @@
 const data = JSON.parse(document.getElementById('data').textContent);
 const SVG = 'http://www.w3.org/2000/svg';
 const STATES = {TRACKING: 'good', ACQUIRING: 'warn', LOST: 'bad',
+  'TRACKING, no attitude': 'other',
   used: 'good', checked: 'warn', excluded: 'bad'};
 const view = {from: 0, to: data.duration || 1, cursor: null};
 const figures = [];

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 from startracker_ros.maths.rotation import pointing_from_quaternion
-from startracker_ros.report.recording import Clouds, Recording
+from startracker_ros.report.recording import Clouds, gaps_after, Recording
 
 # A curve of more samples is thinned to about this many, its extremes kept.
 SAMPLES = 4000
+WITHOUT_ATTITUDE = 'TRACKING, no attitude'
 AXES = ('x, cross boresight', 'y, cross boresight', 'z, roll')
 STAGES = {
     'centroids': ('image_raw', 'centroids'), 'tracking': ('centroids', 'tracks'),
@@ -81,10 +82,30 @@ class Panels:
                 'y': numbers(values[keep], digits)}
 
     def states(self) -> list[dict[str, Any]]:
-        """Return the intervals from, to, state of the tracker."""
+        """
+        Return the intervals from, to, state of the tracker.
+
+        TRACKING without an attitude is an interval of its own, and so is a time without frames.
+        """
         recording = self.recording
-        return self.intervals(
-            recording.state_ns - recording.receipt_delay_ns(), recording.state)
+        stamp_ns, states = recording.state_frame_ns(), np.array(recording.state, object)
+        if not len(states) or not recording.knows_attitudes or not len(self.frame_ns):
+            return self.intervals(stamp_ns, recording.state)
+        frame_ns, has_attitude = self._frames_and_gaps()
+        known = np.searchsorted(stamp_ns, frame_ns, 'right') - 1
+        shown = np.where(known >= 0, states[known], '')
+        shown[(shown == 'TRACKING') & ~has_attitude] = WITHOUT_ATTITUDE
+        return self.intervals(frame_ns[known >= 0], shown[known >= 0].tolist())
+
+    def _frames_and_gaps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the stamps (N,) of frames and of begins of gaps, and which have an attitude."""
+        frame_ns = self.frame_ns
+        has_attitude = np.isin(frame_ns, self.recording.attitude_ns)
+        gaps = gaps_after(frame_ns)
+        begin_ns = frame_ns[gaps] + (np.median(np.diff(frame_ns)).astype(np.int64)
+                                     if len(gaps) else 0)
+        return (np.insert(frame_ns, gaps + 1, begin_ns),
+                np.insert(has_attitude, gaps + 1, False))
 
     def intervals(self, stamp_ns: np.ndarray, states: Sequence[str]) -> list[dict[str, Any]]:
         """Return the intervals from, to, state of states (N,) that begin at stamps (N,)."""

@@ -6,13 +6,19 @@ from typing import Any
 import numpy as np
 from startracker_ros.extras import new_figure
 from startracker_ros.pipeline.annotate import annotate
-from startracker_ros.report.recording import Recording
+from startracker_ros.report.recording import gaps_after, Recording
 
 
 def draw_error(axis: Any, time_s: np.ndarray, error: np.ndarray, sigma: np.ndarray, label: str,
                *, markersize: float) -> None:
-    """Draw errors (N,) over time_s (N,) on axes of matplotlib, between their 3 sigma bounds."""
-    axis.fill_between(time_s, -3 * sigma, 3 * sigma, color='tab:blue', alpha=0.15,
+    """
+    Draw errors (N,) over time_s (N,) on axes of matplotlib, between their 3 sigma bounds.
+
+    Nothing is drawn over a gap of the times.
+    """
+    gaps = gaps_after(time_s) + 1
+    band_s, three = np.insert(time_s, gaps, time_s[gaps]), np.insert(3 * sigma, gaps, np.nan)
+    axis.fill_between(band_s, -three, three, color='tab:blue', alpha=0.15,
                       label='3 sigma', linewidth=0)
     axis.plot(time_s, error, '.', markersize=markersize, color='tab:blue', label='error')
     axis.axhline(0, color='black', linewidth=0.5)

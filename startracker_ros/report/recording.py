@@ -8,6 +8,9 @@ from startracker_ros.bag.reader import BagTopic
 from startracker_ros.camera.model import Camera
 from startracker_ros.maths.rotation import ARCSEC, attitude_error
 
+GAP_INTERVALS = 2.5
+"""Of the usual interval: frames that are farther apart are not joined in pictures."""
+
 
 @dataclass(frozen=True)
 class TopicTimes:
@@ -65,8 +68,8 @@ class Recording:
     axes and rate_rad_s (N, 3), both NaN where they were not published;
     without_attitude_ns: frames of which the estimator said that they have none;
     truth_ns (T,), truth_quaternion (T, 4); state_ns and state: the tracker's states, by the
-    time they were received; problems: what of the bag could not be used; complete: whether it
-    could be read to its end.
+    time they were received; state_sent_ns: when they were sent; problems: what of the bag could
+    not be used; complete: whether it could be read to its end.
     """
 
     namespace: str
@@ -85,6 +88,7 @@ class Recording:
     truth_ns: np.ndarray
     truth_quaternion: np.ndarray
     state_ns: np.ndarray
+    state_sent_ns: np.ndarray
     state: tuple[str, ...]
     diagnostics: tuple[DiagnosticRecord, ...]
     problems: tuple[str, ...]
@@ -138,17 +142,44 @@ class Recording:
             *(self.times[topic].stamp_ns for topic in ('image_raw', 'centroids', 'tracks')),
             self.attitude_ns, self.without_attitude_ns]))
 
-    def receipt_delay_ns(self) -> int:
-        """
-        Return how much later than its stamp a frame's message is received, the median.
+    @property
+    def knows_attitudes(self) -> bool:
+        """Whether the bag has a topic of attitudes, with messages or not."""
+        return bool(len(self.attitude_ns) or len(self.without_attitude_ns)) or any(
+            self.full_name(topic) in self.topics
+            for topic in ('attitude', 'attitude_cov', 'attitude_imu'))
 
-        States carry no stamp: this brings the time of their receipt to that of the frames.
+    def state_frame_ns(self) -> np.ndarray:
         """
-        for topic in ('tracks', 'centroids', 'attitude', 'attitude_imu', 'image_raw'):
+        Return the stamps (S,) of the frames of the states, which carry none themselves.
+
+        The tracker sends a state after the tracks of its frame, or after an identification
+        between two frames: it is that of the last frame sent before it. A state before all
+        frames has the time of its receipt, at most that of the first frame.
+        """
+        for topic in ('tracks', 'centroids', 'attitude_imu', 'attitude', 'image_raw'):
             times = self.times[topic]
             if len(times):
-                return int(np.median(times.received_ns - times.stamp_ns))
-        return 0
+                order = np.argsort(times.sent_ns, kind='stable')
+                before = np.searchsorted(times.sent_ns[order], self.state_sent_ns, 'right') - 1
+                return np.where(before >= 0, times.stamp_ns[order][before],
+                                np.minimum(self.state_ns, times.stamp_ns.min()))
+        return self.state_ns
+
+    def reason_at(self, stamp_ns: int) -> str:
+        """Return why a frame has no attitude: by the next status of the estimator, or ''."""
+        times = self.times['attitude_imu']
+        received_ns = times.received_ns[times.stamp_ns == stamp_ns].min(initial=2 ** 63 - 1)
+        status = next((record for record in self.diagnostics if record.received_ns >= received_ns
+                       and record.name == 'attitude_estimator: attitude'), None)
+        return status.message.partition('no attitude: ')[2] if status else ''
+
+
+def gaps_after(stamps: np.ndarray) -> np.ndarray:
+    """Return the indices of sorted stamps (N,), of any unit, that a gap of frames follows."""
+    intervals = np.diff(stamps)
+    return np.flatnonzero(intervals > GAP_INTERVALS * np.median(intervals)) if len(
+        intervals) else np.empty(0, int)
 
 
 def full_name(namespace: str, topic: str) -> str:

@@ -9,7 +9,7 @@ from startracker_ros.astro.orbit import orbit_frame
 from startracker_ros.bag.reader import decode, read_messages
 from startracker_ros.extras import new_figure
 from startracker_ros.figures.correctness import WRONG_SIGMAS
-from startracker_ros.figures.rows import Row
+from startracker_ros.figures.rows import DemoRow
 from startracker_ros.pipeline.annotate import annotate
 from startracker_ros.report.picture import draw_error
 
@@ -87,12 +87,12 @@ def load_target(bag: Path, observers: tuple[str, str]) -> TargetRecording:
             'truth/attitude', 'attitude_cov', 'target_centroid'))) for name in observers})
 
 
-def summarise_target(recording: TargetRecording, frames: int) -> list[Row]:
+def summarise_target(recording: TargetRecording, frames: int) -> list[DemoRow]:
     """Return the figures of a run with so many frames each."""
     rows = []
     for name, seen in recording.sightings.items():
         images = len(seen.image_ns)
-        rows += [Row(f'{name}: images', images, 'frames', f'= {frames}', images == frames),
+        rows += [DemoRow(f'{name}: images', images, 'frames', f'= {frames}', images == frames),
                  _share_row(f'{name}: frames with attitude', seen.attitude_ns, seen.image_ns),
                  _share_row(f'{name}: frames with target', seen.target_ns, seen.image_ns)]
     image_ns = next(iter(recording.sightings.values())).image_ns
@@ -105,19 +105,19 @@ def summarise_target(recording: TargetRecording, frames: int) -> list[Row]:
     squared = recording.normalised()
     wrong = int(np.count_nonzero(squared > WRONG_SIGMAS ** 2))
     return [
-        *rows, Row('first image to first position', start_s, 's', '<= 10', start_s <= 10),
-        Row('error of the position, rms', error_m, 'm'),
-        Row('sigma of the position, rms', sigma_m, 'm'),
-        Row('normalised error squared, mean of 3 expected', float(squared.mean()), '', '< 4',
-            squared.mean() < 4),
-        Row('wrong positions', wrong, 'frames', '= 0', wrong == 0)]
+        *rows, DemoRow.with_goal('first image to first position', start_s, 's', 10.0),
+        DemoRow('error of the position, rms', error_m, 'm'),
+        DemoRow('sigma of the position, rms', sigma_m, 'm'),
+        DemoRow('normalised error squared, mean of 3 expected', float(squared.mean()), '',
+                '< 4', squared.mean() < 4),
+        DemoRow('wrong positions', wrong, 'frames', '= 0', wrong == 0)]
 
 
-def _share_row(case: str, stamps: np.ndarray, image_ns: np.ndarray) -> Row:
+def _share_row(case: str, stamps: np.ndarray, image_ns: np.ndarray) -> DemoRow:
     """Return the share of images with a result, from the first result on: acquisition is free."""
     since = image_ns >= stamps.min(initial=image_ns.max(initial=0))
     share = 100 * len(stamps) / max(1, int(np.count_nonzero(since)))
-    return Row(f'{case}, from the first on', share, '%', '>= 90', share >= 90)
+    return DemoRow(f'{case}, from the first on', share, '%', '>= 90', share >= 90)
 
 
 def draw_target(path: Path, recording: TargetRecording, pictures: dict[str, tuple]) -> None:

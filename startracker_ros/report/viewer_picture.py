@@ -79,7 +79,7 @@ def _draw_sky(axes: Any, recording: Recording, stamp_ns: int) -> None:
 
 
 def _draw_states(axes: Any, recording: Recording) -> None:
-    time_s = (recording.state_ns - recording.receipt_delay_ns() - recording.image_ns[0]) / 1e9
+    time_s = (recording.state_frame_ns() - recording.image_ns[0]) / 1e9
     names = ('LOST', 'ACQUIRING', 'TRACKING')
     axes.step(time_s, [names.index(state) for state in recording.state], where='post')
     axes.set_yticks(range(len(names)), names, fontsize=7)

@@ -3,13 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 
 import numpy as np
 from rclpy.timer import Timer
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, Imu
 from sensor_msgs.srv import SetCameraInfo
 from startracker_ros.astro.epoch import stamp_from_datetime
-from startracker_ros.bag.layouts import camera_from_message
+from startracker_ros.bag.layouts import camera_from_message, ns_from_stamp
 from startracker_ros.camera.files import load_camera
 from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.options import option, Options
@@ -34,6 +35,13 @@ class SourceOptions(Options):
         0, 'subscribers of camera_info to wait for before the first image: every stage of the '
         'pipeline is one once it has loaded its code; the extractor subscribes to image_raw then, '
         'so that wait_for_subscribers, too, keeps first images from being lost', low=0, high=100)
+    frames_ahead: int = option(
+        0, 'images that may be ahead of the messages of answer_topics: the next one waits, so '
+        'that a busy machine loses no frame and is slower than frame_rate_hz; 0 for no limit',
+        low=0, high=1000)
+    answer_topics: tuple[str, ...] = option(
+        ('attitude_imu',), 'topics (sensor_msgs/Imu) with a message for each image, for '
+        'frames_ahead', read_only=True)
     start_time_utc: str = option(
         '', 'stamp of the first image, as 2019-07-29T20:47:26; empty for now', read_only=True)
 
@@ -136,7 +144,8 @@ class SourceNode(ImageSourceNode):
 
     Until then only camera_info is published, so that every node knows the camera before the
     first image. On a machine that is too slow images are late, which is counted, but none is
-    left out: the stamps keep the rate.
+    left out: the stamps keep the rate. With frames_ahead an image waits for the nodes, and those
+    after it are due later.
     """
 
     def __init__(self, name: str) -> None:
@@ -144,6 +153,7 @@ class SourceNode(ImageSourceNode):
         self._timer: Timer | None = None
         self._begin_ns: int | None = None
         self._inactive_ns: int | None = None
+        self._answered_ns: dict[str, int] = {}
 
     def start_ns(self) -> int:
         """Return the stamp of the first image, in ns since the UNIX epoch."""
@@ -156,6 +166,8 @@ class SourceNode(ImageSourceNode):
         self._waiting_camera, self._publish = camera, publish
         self._next_index = 0
         self._begin_ns = self._inactive_ns = None
+        self._waited_ns, self._waits = 0, False
+        self._follow_answers()
         self._timer = self.create_timer(
             1 / self.options(SourceOptions).frame_rate_hz, self._tick)
 
@@ -185,6 +197,26 @@ class SourceNode(ImageSourceNode):
             self._publish_camera_info(camera, self.sensor_header(stamp_ns))
         return enough
 
+    def _follow_answers(self) -> None:
+        """Forget the answers of before; subscribe to them if images wait for them."""
+        options = self.options(SourceOptions)
+        subscribed = bool(self._answered_ns)
+        self._answered_ns = {
+            topic: 0 for topic in options.answer_topics if subscribed or options.frames_ahead}
+        for topic in () if subscribed else self._answered_ns:
+            self.subscribe(Imu, topic, partial(self._on_answer, topic), qos.LIST)
+
+    def _on_answer(self, topic: str, message: Imu) -> None:
+        self._answered_ns[topic] = max(
+            self._answered_ns[topic], ns_from_stamp(message.header.stamp))
+
+    def _is_ahead(self, begin_ns: int) -> bool:
+        """Return whether the next image has to wait for the nodes."""
+        options = self.options(SourceOptions)
+        index = self._next_index - options.frames_ahead
+        return bool(options.frames_ahead) and index >= 0 and (
+            min(self._answered_ns.values()) < self._stamp_ns(begin_ns, index))
+
     def _tick(self) -> None:
         if not self.active:
             return
@@ -196,22 +228,36 @@ class SourceNode(ImageSourceNode):
                 return
             self._begin_ns = now_ns
             self.before_first_image(now_ns + self._stamp_offset_ns)
-        since_ns = now_ns - self._begin_ns
-        self._publish_next(self._begin_ns, since_ns)
-        # Make up for a missed tick, so that later images are not late, too.
-        if since_ns >= self._due_ns():
-            self._publish_next(self._begin_ns, since_ns)
+        self._publish_due(self._begin_ns, now_ns - self._begin_ns)
 
-    def _due_ns(self) -> int:
-        """Return when the next image is due, counted from the first one."""
-        return round(self._next_index / self.options(SourceOptions).frame_rate_hz * 1e9)
+    def _publish_due(self, begin_ns: int, elapsed_ns: int) -> None:
+        """Publish the next image, elapsed_ns after the first one at begin_ns, if none waits."""
+        if self._is_ahead(begin_ns):
+            self._waits = True
+            return
+        if self._waits:
+            # The schedule goes on from here.
+            self._waits = False
+            self._waited_ns = max(self._waited_ns, elapsed_ns - self._due_ns(self._next_index))
+        since_ns = elapsed_ns - self._waited_ns
+        self._publish_next(begin_ns, since_ns)
+        # Make up for a missed tick, so that later images are not late, too.
+        if since_ns >= self._due_ns(self._next_index) and not self._is_ahead(begin_ns):
+            self._publish_next(begin_ns, since_ns)
+
+    def _due_ns(self, index: int) -> int:
+        """Return when an image is due, counted from the first one, without waits."""
+        return round(index / self.options(SourceOptions).frame_rate_hz * 1e9)
+
+    def _stamp_ns(self, begin_ns: int, index: int) -> int:
+        return begin_ns + self._stamp_offset_ns + self._due_ns(index)
 
     def _publish_next(self, begin_ns: int, since_ns: int) -> None:
         """Publish an image, since_ns after the first one at begin_ns."""
         options = self.options(SourceOptions)
         if options.frame_count and self._next_index >= options.frame_count:
             return
-        due_ns = self._due_ns()
-        self.diagnostics.counts['frames late'] += since_ns - due_ns > 1e9 / options.frame_rate_hz
         index, self._next_index = self._next_index, self._next_index + 1
-        self._publish(index, begin_ns + self._stamp_offset_ns + due_ns, due_ns / 1e9)
+        due_ns = self._due_ns(index)
+        self.diagnostics.counts['frames late'] += since_ns - due_ns > 1e9 / options.frame_rate_hz
+        self._publish(index, self._stamp_ns(begin_ns, index), due_ns / 1e9)

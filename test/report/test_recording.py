@@ -39,7 +39,6 @@ def test_figures_of_a_run(run: Path) -> None:
     np.testing.assert_allclose(recording.stage_ms('image_raw', 'centroids')[1], 12)
     np.testing.assert_allclose(recording.stage_ms('tracks', 'attitude')[1], 2)
     np.testing.assert_allclose(recording.latency_ms(), 19)
-    assert recording.receipt_delay_ns() == 27_000_000
     assert {row.case: row.holds for row in summarise(recording)}['wrong attitudes']
 
 
@@ -48,7 +47,7 @@ def test_panels_hold_the_figures(run: Path) -> None:
     assert panels.duration_s == pytest.approx((FRAMES - 1) * 0.1)
     assert [state['state'] for state in panels.states()] == [
         'LOST', 'ACQUIRING', 'TRACKING', 'LOST', 'ACQUIRING', 'TRACKING']
-    assert panels.states()[3]['from'] == pytest.approx(3.001)
+    assert panels.states()[3]['from'] == pytest.approx(3.0)
     right_ascension, declination, roll = panels.attitude()
     drawn, ours = (series['y'] for series in right_ascension['series'])
     assert np.abs(np.diff(drawn)).max() < 1, 'the jump from 360 to 0 must not be drawn'
