@@ -52,16 +52,15 @@ def _rows_without_attitude(recording: Recording) -> list[DemoRow]:
     explained = sum(bool(recording.reason_at(stamp_ns)) for stamp_ns in np.intersect1d(
         missing_ns, recording.without_attitude_ns))
     silent = len(missing_ns) - explained
-    return [DemoRow('frames without attitude after the first one, reason given', explained,
-                    'frames'),
-            DemoRow('frames without attitude after the first one, no reason given', silent,
-                    'frames', '= 0', silent == 0)]
+    return [DemoRow('later frames without attitude, reason given', explained, 'frames'),
+            DemoRow('later frames without attitude, no reason', silent, 'frames', '= 0',
+                    silent == 0)]
 
 
 def _bag_row(recording: Recording, frames: int) -> DemoRow:
     """Return how many frames the bag does not hold with their truth."""
     missing = frames - len(np.intersect1d(recording.image_ns, recording.truth_ns))
-    return DemoRow('frames missing in the bag', missing, 'frames', '= 0, all of it readable',
+    return DemoRow('frames missing in the bag', missing, 'frames', '= 0, readable',
                    missing == 0 and recording.complete and not recording.problems)
 
 

@@ -7,11 +7,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, Imu
 from sensor_msgs.srv import SetCameraInfo
 from startracker_ros.bag.layouts import camera_from_message, image_from_message, ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.header import stamp_from_ns
 from std_msgs.msg import Header
 
 
@@ -39,6 +40,29 @@ def test_a_source_makes_up_for_the_time_that_it_stood_still(nodes, probe):
     assert probe.call(SetCameraInfo, 'set_camera_info', SetCameraInfo.Request(
         camera_info=camera_to_message(better, Header()))).success
     probe.wait(lambda: camera_from_message(heard[-1]) == better, 'the calibrated camera')
+
+
+def test_images_wait_for_the_attitudes_of_a_slow_pipeline(nodes, probe):
+    probe.collect(CameraInfo, 'camera_info', qos.LIST)
+    answers = probe.create_publisher(Imu, 'attitude_imu', qos.LIST)
+    nodes.start('sky_simulator', {
+        'width': 64, 'height': 64, 'frame_rate_hz': 10.0, 'frames_ahead': 3,
+        'wait_for_camera_users': 1})
+    probe.wait(lambda: answers.get_subscription_count(), 'the simulator')
+    heard = probe.received['camera_info']
+
+    def frames() -> int:
+        return int(probe.diagnostic_value('sky_simulator: simulation', 'frames') or 0)
+    for count in (3, 4, 6):
+        probe.wait(lambda: frames() >= count, f'{count} images')
+        published = len(probe.diagnostics)
+        probe.wait(lambda: len(probe.diagnostics) > published, 'the time of some more')
+        assert frames() == count
+        images = sorted({ns_from_stamp(message.header.stamp) for message in heard})[-count:]
+        answered = 0 if count == 3 else 2
+        answers.publish(Imu(header=Header(stamp=stamp_from_ns(images[answered]))))
+    steps_ns = np.diff(images)
+    assert np.abs(steps_ns - 100_000_000).max() <= 1, 'the stamps keep the rate'
 
 
 def test_looped_files_are_read_again_when_they_change(nodes, probe, tmp_path):

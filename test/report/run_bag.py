@@ -60,11 +60,13 @@ def attitude(frame: int) -> AttitudeEstimate:
 
 def write_run(folder: Path, *, leave_out: tuple[str, ...] = (), namespace: str = '',
               change: Callable[[str, Any], Any] | None = None,
+              delay_ns: Callable[[str, int], int] = lambda topic, time_ns: 0,
               damage: Callable[[bytes], bytes] = bytes) -> Path:
     """
     Write a bag without the topics of leave_out.
 
-    change(topic, message) may swap messages, damage(data) their bytes.
+    change(topic, message) may swap messages, or leave one out as None, damage(data) their bytes.
+    delay_ns(topic, time_ns) is how much later a message is sent.
     """
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections: dict[tuple[str, str], Any] = {}
@@ -73,13 +75,16 @@ def write_run(folder: Path, *, leave_out: tuple[str, ...] = (), namespace: str =
                 continue
             if change:
                 message = change(topic, deserialize_message(data, kind))
+                if message is None:
+                    continue
                 kind, data = type(message), serialize_message(message)
             name = topic if topic.startswith('/') else f'{namespace}/{topic}'
             type_name = '/'.join((kind.__module__.split('.')[0], 'msg', kind.__name__))
             if (name, type_name) not in connections:
                 connections[name, type_name] = writer.add_connection(
                     name, type_name, typestore=_STORE)
-            writer.write(connections[name, type_name], time_ns, damage(data))
+            writer.write(connections[name, type_name], time_ns + delay_ns(topic, time_ns),
+                         damage(data))
     return folder
 
 

@@ -65,6 +65,82 @@ def test_panels_hold_the_figures(run: Path) -> None:
     assert panels.latency_rows()[0] == ('centroids', FRAMES, 12.0, 12.0, 12.0)
 
 
+def stalled(topic: str, message: Any) -> Any:
+    """Leave out what the stages send of the frames 10 to 24."""
+    stages = ('centroids', 'tracks', 'attitude', 'attitude_cov', 'attitude_imu')
+    return None if topic in stages and 10 <= frame_of(message) < 25 else message
+
+
+def frame_of(message: Any) -> int:
+    stamp_ns = message.header.stamp.sec * 10 ** 9 + message.header.stamp.nanosec
+    return (stamp_ns - START_NS) // STEP_NS
+
+
+def test_tracking_without_attitude_is_shown(tmp_path: Path) -> None:
+    def gap(topic: str, message: Any) -> Any:
+        return None if topic == 'image_raw' and 10 <= frame_of(message) < 25 else (
+            stalled(topic, message))
+    for number, change in enumerate((stalled, gap)):
+        panels = Panels(load_recording(write_run(tmp_path / str(number), change=change)))
+        states = panels.states()
+        assert [state['state'] for state in states] == [
+            'LOST', 'ACQUIRING', 'TRACKING', 'TRACKING, no attitude', 'TRACKING', 'LOST',
+            'ACQUIRING', 'TRACKING']
+        assert [states[3]['from'], states[3]['to']] == pytest.approx([1.0, 2.5])
+
+
+def test_states_without_any_topic_of_attitudes_are_drawn_as_they_are(tmp_path: Path) -> None:
+    bag = write_run(tmp_path / 'run', leave_out=('attitude', 'attitude_cov', 'attitude_imu'))
+    assert [state['state'] for state in Panels(load_recording(bag)).states()] == [
+        'LOST', 'ACQUIRING', 'TRACKING', 'LOST', 'ACQUIRING', 'TRACKING']
+
+
+def test_a_state_is_that_of_its_frame_however_late_it_is(tmp_path: Path) -> None:
+    def delay_ns(topic: str, time_ns: int) -> int:
+        """Stop the stages from 2 s to 4 s; then they catch up."""
+        since_ns = time_ns - START_NS - 2 * 10 ** 9
+        if topic in ('image_raw', 'camera_info', 'truth/attitude') or not (
+                0 <= since_ns < 2 * 10 ** 9):
+            return 0
+        return 2 * 10 ** 9 - since_ns + since_ns // 1000
+    states = Panels(load_recording(write_run(tmp_path / 'run', delay_ns=delay_ns))).states()
+    assert [(state['state'], state['from']) for state in states[3:]] == [
+        ('LOST', 3.0), ('ACQUIRING', 3.2), ('TRACKING', 3.3)]
+
+
+def test_frames_that_were_lost_in_silence_do_not_hold(tmp_path: Path) -> None:
+    said, silent = ('later frames without attitude, reason given',
+                    'later frames without attitude, no reason')
+
+    def reason(topic: str, message: Any) -> Any:
+        if topic == '/diagnostics':
+            message.status[0].name = 'attitude_estimator: attitude'
+            message.status[0].message = 'no attitude: too few stars'
+        return message
+    rows = {row.case: row for row in summarise(load_recording(
+        write_run(tmp_path / 'said', change=reason)), FRAMES)}
+    assert (rows[said].ours, rows[silent].ours) == (3, 0)
+    assert all(row.holds for row in rows.values()), rows
+    rows = {row.case: row for row in summarise(load_recording(
+        write_run(tmp_path / 'silent', change=lambda topic, message: reason(
+            topic, stalled(topic, message)) if stalled(topic, message) else None)), FRAMES)}
+    assert (rows[said].ours, rows[silent].ours) == (3, 15)
+    assert {case for case, row in rows.items() if not row.holds} == {silent, 'frames dropped'}
+    # An estimator that does not say why.
+    rows = {row.case: row for row in summarise(load_recording(write_run(tmp_path / 'run')))}
+    assert rows[silent].ours == 3 and not rows[silent].holds
+
+
+def test_a_bag_that_is_not_whole_does_not_hold(run: Path, tmp_path: Path) -> None:
+    rows = {row.case: row for row in summarise(load_recording(run), FRAMES + 1)}
+    assert rows['frames missing in the bag'].ours == 1
+    assert not rows['frames missing in the bag'].holds and not rows['images'].holds
+    bag = write_run(tmp_path / 'run', change=lambda topic, message: String(data='no truth')
+                    if topic == 'truth/attitude' else message)
+    rows = {row.case: row for row in summarise(load_recording(bag))}
+    assert rows['frames missing in the bag'].ours == FRAMES
+
+
 def test_another_namespace_is_found_and_several_must_be_chosen_from(tmp_path: Path) -> None:
     bag = write_run(tmp_path / 'one', namespace='/fleet/tracker_1')
     recording = load_recording(bag)

@@ -1,0 +1,29 @@
+"""A node is ready once it is active, set up for the camera, and connected."""
+
+from sensor_msgs.msg import CameraInfo
+from startracker_ros.camera.model import Camera
+from startracker_ros.harness.readiness import needs_of, Readiness
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.header import make_header
+
+
+def test_readiness(nodes, probe):
+    needs = needs_of(('star_tracker', 'bag_player'), 'head')
+    assert list(needs) == ['/head/star_tracker', '/head/bag_player']
+    readiness = Readiness(probe, needs_of(('star_tracker',), 'head'))
+    publisher = probe.create_publisher(CameraInfo, '/head/camera_info', qos.LIST)
+    nodes.start('star_tracker', {'magnitude_limit': 5.0}, namespace='head')
+
+    def condition() -> str:
+        readiness.update()
+        return readiness.conditions()['/head/star_tracker']
+    assert condition() == 'starting'
+    probe.wait(lambda: condition() == 'waiting for camera_info', 'the code')
+    probe.wait(publisher.get_subscription_count, 'a subscriber')
+    camera = camera_to_message(Camera.from_fov(256, 256, 12.0), make_header(
+        1_790_000_000_000_000_000, 'camera'))
+    probe.publish_until_received(publisher, camera)
+    probe.wait(lambda: condition() == 'waiting for connections', 'the camera')
+    readiness.connected()
+    probe.wait(lambda: condition() == '', 'the next diagnostics')
