@@ -8,6 +8,7 @@ VENV := $(CURDIR)/.venv
 # `/usr/bin/env python3` of the node scripts is to be the python of the venv, and what is run the
 # package that is installed there, not the sources in this folder.
 RUN := PATH="$(VENV)/bin:$$PATH" PYTHONSAFEPATH=1 $(VENV)/bin/python
+PIP_LIBRARIES := $(VENV)/bin/python -m pip install --disable-pip-version-check --no-compile
 PIP_INSTALL := $(VENV)/bin/python -m pip install -q --disable-pip-version-check
 # Leftovers of a sourced ROS 2 or of another venv must not meet the wheels of this one.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONPATH PYTHONHOME
@@ -20,6 +21,7 @@ SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
 .PHONY: demo demo-closed-loop test test-core clean
 
 demo: .venv/package
+	@echo '== demo: six nodes on the simulated sky, a minute of it once all are ready; a bag of some 320 MB in demo'
 	$(RUN) -m startracker_ros demo
 
 demo-closed-loop: .venv/package .venv/gnc
@@ -30,21 +32,29 @@ PYTEST := $(RUN) -m pytest -q
 # Three workers: tests of nodes wait half of their time. The order is that of test/conftest.py.
 ON_BOTH_CORES := -n 3 --dist loadfile --no-loadscope-reorder
 DEMOS := $(addprefix test/nodes/,test_demo.py test_two_satellite_demo.py test_closed_loop_demo.py)
-test: .venv/package .venv/gnc
+test: .venv/package .venv/tests .venv/gnc
 	@$(PYTEST) $(ON_BOTH_CORES) test $(DEMOS:%=--ignore %); others=$$?; \
 		$(PYTEST) $(DEMOS) && exit $$others
 
 # What neither starts nodes nor takes long, to be run after each change.
-test-core: .venv/package
+test-core: .venv/package .venv/tests
 	@$(PYTEST) $(ON_BOTH_CORES) -m core test
 
 .venv/requirements: requirements.txt
 	@"$(PYTHON)" -c '$(SUPPORTED)' 2>/dev/null || { \
 		echo 'Python 3.11 or 3.12 with venv is needed: make PYTHON=/path/to/python3.12' >&2; \
 		exit 1; }
+	@echo '== libraries: a virtual environment in .venv; downloads some 270 MB, takes about a minute'
 	"$(PYTHON)" -m venv .venv
-	$(PIP_INSTALL) -r requirements.txt
-	touch $@
+	$(PIP_LIBRARIES) -r requirements.txt
+	@touch $@
+	@echo "== libraries: .venv has $$(du -sh .venv | cut -f 1)"
+
+.venv/tests: requirements-test.txt .venv/requirements
+	@echo '== libraries of the tests: downloads some 150 MB more'
+	$(PIP_LIBRARIES) -r requirements-test.txt
+	@touch $@
+	@echo "== libraries of the tests: .venv has $$(du -sh .venv | cut -f 1)"
 
 # Without what Basilisk asks for: its limits would replace matplotlib, pillow and sgp4 by older ones,
 # and the loop imports none of the others.
@@ -54,9 +64,11 @@ test-core: .venv/package
 
 # Not editable: pip leaves config, launch files and node scripts out of an editable install.
 .venv/package: .venv/requirements $(SOURCES)
-	rm -rf build/lib
+	@echo '== package: installs it and compiles its functions for this machine, some minutes of processor time, once for the same sources'
+	@rm -rf build/lib
 	$(PIP_INSTALL) --no-deps --no-build-isolation .
-	touch $@
+	@touch $@
+	@echo "== package: .venv has $$(du -sh .venv | cut -f 1)"
 
 clean:
 	rm -rf .venv build install log demo demo_closed_loop demo_heads *.egg-info .pytest_cache .mypy_cache .hypothesis
