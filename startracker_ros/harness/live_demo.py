@@ -114,11 +114,12 @@ class Demo(Rig, ABC):
                 break
             if time.monotonic() > report_s:
                 report_s = time.monotonic() + _REPORT_S
-                self._print(f'waiting for {", ".join(waiting)}' + (
-                    f'; not connected: {", ".join(missing)}' if missing else ''))
+                self._print(f'waiting for {", ".join(waiting)}; {len(missing)} of '
+                            f'{len(self.endpoints)} topics not connected')
             self._check_processes()
             stall.check((readiness.activity(), missing),
-                        f'not ready: {", ".join(waiting)}; see {self.log_folder}')
+                        f'not ready: {", ".join(waiting)}; topics not connected: '
+                        f'{", ".join(missing) or "none"}; see {self.log_folder}')
         self._print('all nodes are ready: the first frame')
         self._release()
 
