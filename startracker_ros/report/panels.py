@@ -92,7 +92,9 @@ class Panels:
         if not len(states) or not recording.knows_attitudes or not len(self.frame_ns):
             return self.intervals(stamp_ns, recording.state)
         frame_ns, has_attitude = self._frames_and_gaps()
-        known = np.searchsorted(stamp_ns, frame_ns, 'right') - 1
+        # The first state of a frame; a later one, after an identification, is that of the next.
+        known = np.searchsorted(stamp_ns, frame_ns)
+        known -= stamp_ns[np.minimum(known, len(stamp_ns) - 1)] != frame_ns
         shown = np.where(known >= 0, states[known], '')
         shown[(shown == 'TRACKING') & ~has_attitude] = WITHOUT_ATTITUDE
         return self.intervals(frame_ns[known >= 0], shown[known >= 0].tolist())
