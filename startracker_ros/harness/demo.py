@@ -12,8 +12,7 @@ from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
 from startracker_ros.executables import STAGES
 from startracker_ros.figures.machine import machine
 from startracker_ros.figures.rows import DemoRow
-from startracker_ros.harness.live_demo import (
-    Demo, draw_if_possible, FRAMES_AHEAD, read_stamped, start_time_s)
+from startracker_ros.harness.live_demo import Demo, draw_if_possible, read_stamped, start_time_s
 from startracker_ros.harness.processes import HarnessError
 from startracker_ros.harness.readiness import needs_of
 from startracker_ros.maths.rotation import ARCSEC, attitude_error, pointing_from_quaternion
@@ -31,7 +30,9 @@ _SIMULATOR = {
     'motion': 'constant_rate', 'rate_deg_s': [0.05, 0.1, 0.02], 'bit_depth': 12,
     # Images: the recorder and the extractor. camera_info: the recorder, the extractor, the three
     # other stages and, once all nodes are ready, the demo.
-    'wait_for_subscribers': 2, 'wait_for_camera_users': 6, 'frames_ahead': FRAMES_AHEAD,
+    'wait_for_subscribers': 2, 'wait_for_camera_users': 6,
+    # Fewer than the queues hold, so that a slow stage loses none.
+    'frames_ahead': 5,
     'qos_overrides./image_raw.publisher.depth': 10}
 # The queues of images are as long as those of lists.
 _EXTRACTOR: dict[str, object] = {

@@ -29,8 +29,6 @@ from startracker_ros.ros import qos
 
 STALL_S = 300.0
 """Time without any change after which a demo gives up: a busy machine takes minutes to start."""
-FRAMES_AHEAD = 5
-"""Images that are ahead of their attitudes: fewer than any queue holds, so that none is lost."""
 _REPORT_S = 10.0
 _FLUSHES = 2
 

@@ -16,8 +16,7 @@ from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
 from startracker_ros.executables import STAGES
 from startracker_ros.figures.machine import machine
 from startracker_ros.figures.rows import DemoRow
-from startracker_ros.harness.live_demo import (
-    Demo, draw_if_possible, FRAMES_AHEAD, read_stamped, start_time_s)
+from startracker_ros.harness.live_demo import Demo, draw_if_possible, read_stamped, start_time_s
 from startracker_ros.harness.processes import HarnessError
 from startracker_ros.harness.readiness import needs_of
 from startracker_ros.maths.rotation import radec_from_unit
@@ -43,9 +42,9 @@ _COMMON = {
     'target': True, **_ORBIT, **_TARGET,
     # Images: the recorder and the extractor. camera_info: the four stages, the recorder, the
     # locator and the demo.
-    'wait_for_subscribers': 2, 'wait_for_camera_users': 7, 'frames_ahead': FRAMES_AHEAD,
-    # Both, so that none of the cameras is far ahead of the other.
-    'answer_topics': [f'/{name}/attitude_imu' for name in OBSERVERS]}
+    'wait_for_subscribers': 2, 'wait_for_camera_users': 7,
+    # As many as the queues of images hold, and no camera far ahead of the other.
+    'frames_ahead': 2, 'answer_topics': [f'/{name}/attitude_imu' for name in OBSERVERS]}
 
 # Publishers and subscribers of each star tracker, the demo and the recorder included.
 _ENDPOINTS = {
