@@ -9,6 +9,7 @@ from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 from rich.table import Table
 from startracker_ros.bag.layouts import image_from_message, ns_from_stamp
+from startracker_ros.executables import STAGES
 from startracker_ros.figures.rows import Row
 from startracker_ros.harness.live_demo import Demo, draw_if_possible, read_stamped, start_time_s
 from startracker_ros.harness.processes import HarnessError
@@ -27,11 +28,7 @@ _SIMULATOR = {
     'motion': 'constant_rate', 'rate_deg_s': [0.05, 0.1, 0.02], 'bit_depth': 12,
     # Images: the recorder and the extractor. camera_info: the recorder, the extractor, the three
     # other stages and, once all nodes are connected, the demo.
-    'wait_for_subscribers': 2, 'wait_for_camera_users': 6,
-    'qos_overrides./image_raw.publisher.depth': 10}
-# The queue holds a second of images, so that none is lost while a busy machine starts processes.
-_EXTRACTOR: dict[str, object] = {
-    'qos_overrides./image_raw.subscription.depth': 10}
+    'wait_for_subscribers': 2, 'wait_for_camera_users': 6}
 
 
 class StarTrackerDemo(Demo):
@@ -54,8 +51,7 @@ class StarTrackerDemo(Demo):
     def start(self, frames: int, seed: int) -> None:
         """Start all nodes."""
         self.processes.start('bag_recorder', {'folder': str(self.bag)})
-        self.processes.start('centroid_extractor', _EXTRACTOR)
-        for node in ('star_identifier', 'star_tracker', 'attitude_estimator'):
+        for node in STAGES:
             self.processes.start(node)
         self.processes.start('sky_simulator', {**_SIMULATOR, 'frame_count': frames, 'seed': seed})
 

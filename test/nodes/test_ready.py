@@ -65,7 +65,8 @@ def test_every_frame_played_into_active_nodes_is_answered(
             processes.callback(loop.kill)
         player = processes.enter_context(play(BAG, rate, early))
         processes.callback(player.kill)
-        wait_while_it_increases(probe, lambda: len(answers), lambda: len(answers) >= len(frames_ns))
+        wait_while_it_increases(
+            probe, lambda: len(answers), lambda: len(answers) >= len(frames_ns))
         assert {ns_from_stamp(message.header.stamp) for message in answers} == frames_ns
         # The counters of the last frame.
         probe.forget()
