@@ -23,8 +23,8 @@ def generate_launch_description() -> LaunchDescription:
     composed = LaunchConfiguration('composed')
     # The name of the parameter contains that of the topic.
     images = PathJoinSubstitution(['/', LaunchConfiguration('namespace'), 'image_raw'])
-    managed = {'autostart': False, ('qos_overrides.', images, '.subscription.depth'):
-               LaunchConfiguration('image_depth')}
+    managed = [{'autostart': False}, {('qos_overrides.', images, '.subscription.depth'):
+                                      LaunchConfiguration('image_depth')}]
     return LaunchDescription([
         *shared_arguments(),
         DeclareLaunchArgument(
@@ -35,11 +35,11 @@ def generate_launch_description() -> LaunchDescription:
         node('bag_recorder', name='bag_recorder',
              condition=IfCondition(LaunchConfiguration('record'))),
         *(node(name, name=name, condition=UnlessCondition(composed), **RESPAWN,
-               parameters=[managed])
+               parameters=managed)
           for name in STAGES),
         # Without a name: it would rename all nodes of the process.
         node('composed_pipeline', files=STAGES, condition=IfCondition(composed), **RESPAWN,
-             parameters=[managed]),
+             parameters=managed),
         node('pipeline_manager', name='pipeline_manager', **RESPAWN,
              condition=IfCondition(LaunchConfiguration('manager'))),
     ])

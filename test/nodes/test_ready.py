@@ -5,21 +5,28 @@ from pathlib import Path
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import Image, Imu
-from startracker_ros.bag.layouts import ns_from_stamp
+from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
+from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp
 from startracker_ros.bag.reader import read_messages
+from startracker_ros.camera.model import Camera
 from startracker_ros.executables import STAGES
 from startracker_ros.harness.managed_nodes import ACTIVE, NodeManager
 from startracker_ros.harness.probe import Progress
 from startracker_ros.harness.processes import NodeProcesses
 from startracker_ros.ros import qos
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.clouds import cloud_to_message
+from startracker_ros.ros.messages.header import make_header
 
 BAG = Path(__file__).parents[2] / 'bags' / 'slew'
 PLAYER = Path(__file__).with_name('replaying.py')
 # Without any progress for so long something hangs.
 STALL_S = 60.0
+START_NS = 1_790_000_000_000_000_000
+CAMERA = Camera.from_fov(256, 256, 20.0)
 LOST = ('dropped', 'missing', 'while not active', 'out of order', 'without', 'before ready')
 
 
@@ -76,3 +83,56 @@ def test_every_frame_played_into_active_nodes_is_answered(
         assert player.wait(STALL_S) == 0
         rig.remove_probe()
         assert set(nodes.stop(STALL_S).values()) == {0}
+
+
+def header(index):
+    return make_header(START_NS + index * 10 ** 8, 'star_tracker_optical_frame')
+
+
+def test_the_newest_lists_wait_for_the_first_camera_info_and_older_ones_are_counted(nodes, probe):
+    nodes.start('star_tracker')
+    probe.collect(PointCloud2, 'tracks', qos.LIST)
+    centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
+    probe.wait(lambda: probe.count_publishers('tracks'), 'the tracker')
+    depth, too_many = qos.LIST.depth, 30
+    for index in range(depth + too_many):
+        centroids.publish(cloud_to_message(np.zeros(0, CENTROID_DTYPE), header(index)))
+        # No more at a time than the queue of the subscription holds.
+        probe.spin_once(0.01)
+    dropped = f'{too_many}'
+    probe.wait(lambda: probe.diagnostic_value(
+        'star_tracker: tracking', 'dropped without camera_info') == dropped, 'dropped lists')
+    assert not probe.received['tracks']
+    probe.publish_until_received(info, camera_to_message(CAMERA, header(0)))
+    probe.wait(lambda: len(probe.received['tracks']) >= depth, 'tracks of all that wait')
+    assert [ns_from_stamp(message.header.stamp) for message in probe.received['tracks']] == [
+        ns_from_stamp(header(index).stamp) for index in range(too_many, depth + too_many)]
+
+
+def test_what_waits_is_dropped_after_an_invalid_camera_info(nodes, probe):
+    nodes.start('star_tracker')
+    probe.collect(PointCloud2, 'tracks', qos.LIST)
+    centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
+    probe.wait(lambda: probe.count_publishers('tracks'), 'the tracker')
+
+    def publish(index):
+        centroids.publish(cloud_to_message(np.zeros(0, CENTROID_DTYPE), header(index)))
+
+    def wait_for(key, value):
+        probe.wait(lambda: probe.diagnostic_value('star_tracker: tracking', key) == value, key)
+    publish(0)
+    wait_for('centroids received', '1')
+    invalid = camera_to_message(CAMERA, header(0))
+    invalid.k = [0.0] * 9
+    info.publish(invalid)
+    wait_for('dropped without camera_info', '1')
+    publish(1)
+    wait_for('dropped without camera_info', '2')
+    info.publish(camera_to_message(CAMERA, header(1)))
+    wait_for('camera_info received', '2')
+    publish(2)
+    probe.wait(lambda: probe.received['tracks'], 'tracks')
+    assert [ns_from_stamp(message.header.stamp) for message in probe.received['tracks']] == [
+        ns_from_stamp(header(2).stamp)]
