@@ -1,6 +1,6 @@
 """What a node builds for a camera, in a thread, and the messages that wait for it."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from threading import Lock, Thread
 from typing import Any
@@ -52,26 +52,29 @@ class WaitingMessages:
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[str, Callable[[], None]]] = deque()
+        self._counts: Counter[str] = Counter()
 
-    def __len__(self) -> int:
-        return len(self._waiting)
-
-    def add(self, topic: str, process: Callable[[], None], depth: int) -> int:
-        """Keep the processing of a message; return how many older ones were dropped for it."""
+    def add(self, topic: str, process: Callable[[], None], depth: int) -> bool:
+        """Keep the processing of a message; return whether the oldest was dropped for it."""
         self._waiting.append((topic, process))
-        same = [entry for entry in self._waiting if entry[0] == topic]
-        dropped = same[:-depth] if depth else []
-        for entry in dropped:
-            self._waiting.remove(entry)
-        return len(dropped)
+        self._counts[topic] += 1
+        if self._counts[topic] <= depth:
+            return False
+        del self._waiting[next(index for index, entry in enumerate(self._waiting)
+                               if entry[0] == topic)]
+        self._counts[topic] -= 1
+        return True
 
     def process(self) -> None:
         """Process all."""
         while self._waiting:
-            self._waiting.popleft()[1]()
+            topic, process = self._waiting.popleft()
+            self._counts[topic] -= 1
+            process()
 
     def clear(self) -> list[str]:
         """Drop all; return their topics."""
         topics = [topic for topic, _ in self._waiting]
         self._waiting.clear()
+        self._counts.clear()
         return topics
