@@ -15,42 +15,31 @@ from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from startracker_ros.executables import STAGES
 from startracker_ros.harness.launching import node, RESPAWN, shared_arguments
-
-LISTS = ('centroids', 'stars', 'tracks', 'tracked_attitude')
-
-
-def queue_depth(topic: str, end: str, argument: str) -> dict:
-    """Return the parameter that sets the depth of the publisher or subscription of a topic."""
-    # Its name contains that of the topic.
-    name = PathJoinSubstitution(['/', LaunchConfiguration('namespace'), topic])
-    return {('qos_overrides.', name, f'.{end}.depth'): LaunchConfiguration(argument)}
+from startracker_ros.ros import qos
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the four stages of the star tracker and, on request, the recorder."""
     composed = LaunchConfiguration('composed')
-    managed = {'autostart': False}
-    depths = [queue_depth('image_raw', 'subscription', 'image_depth'),
-              *(queue_depth(topic, end, 'list_depth')
-                for topic in LISTS for end in ('publisher', 'subscription'))]
+    # The name of the parameter contains that of the topic.
+    images = PathJoinSubstitution(['/', LaunchConfiguration('namespace'), 'image_raw'])
+    managed = [{'autostart': False}, {('qos_overrides.', images, '.subscription.depth'):
+                                      LaunchConfiguration('image_depth')}]
     return LaunchDescription([
         *shared_arguments(),
         DeclareLaunchArgument(
             'record', default_value='false', description='record all topics into a bag'),
         DeclareLaunchArgument(
-            'image_depth', default_value='2', description='images that centroid_extractor may '
-            'have in its queue'),
-        DeclareLaunchArgument(
-            'list_depth', default_value='10', description='frames that each following stage may '
-            'have in its queues'),
+            'image_depth', default_value=str(qos.IMAGE.depth), description='images that '
+            'centroid_extractor may have in its queue'),
         node('bag_recorder', name='bag_recorder',
              condition=IfCondition(LaunchConfiguration('record'))),
         *(node(name, name=name, condition=UnlessCondition(composed), **RESPAWN,
-               parameters=[managed, *depths])
+               parameters=managed)
           for name in STAGES),
         # Without a name: it would rename all nodes of the process.
         node('composed_pipeline', files=STAGES, condition=IfCondition(composed), **RESPAWN,
-             parameters=[managed, *depths]),
+             parameters=managed),
         node('pipeline_manager', name='pipeline_manager', **RESPAWN,
              condition=IfCondition(LaunchConfiguration('manager'))),
     ])

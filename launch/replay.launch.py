@@ -15,9 +15,9 @@ from startracker_ros.harness.launching import node, pipeline, shared_arguments
 TOPICS = ('image_raw', 'image_raw/compressed', 'camera_info', 'imu', 'odometry')
 # The first run on a machine compiles.
 WAIT_LIMIT_S = 300.0
-# Ten seconds of a camera of 10 Hz: on a busy machine a stage may be late by seconds, above all
-# when it builds what depends on the camera. A live pipeline has short queues to stay current.
-QUEUE_DEPTH = '100'
+# Ten seconds of a camera of 10 Hz: on a busy machine the extractor may be late by seconds. A live
+# pipeline has a shorter queue to stay current.
+IMAGE_DEPTH = '100'
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -26,7 +26,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([
         *shared,
         DeclareLaunchArgument('bag', default_value='bag', description='bag folder or .mcap file'),
-        pipeline(shared, image_depth=QUEUE_DEPTH, list_depth=QUEUE_DEPTH),
+        pipeline(shared, image_depth=IMAGE_DEPTH),
         node('bag_player', name='bag_player',
              parameters=[{'path': LaunchConfiguration('bag'),
                           'topics': [f'*/{topic}' for topic in TOPICS],

@@ -35,6 +35,7 @@ LONGEST = (
     'nodes/test_faults.py',
     'pipeline/test_photographs.py',
     'nodes/test_replay.py',
+    'nodes/test_ready.py',
     'nodes/test_lifecycle.py',
     'nodes/test_managed.py',
     'package/test_install.py',

@@ -32,11 +32,7 @@ _SIMULATOR = {
     # other stages and, once all nodes are ready, the demo.
     'wait_for_subscribers': 2, 'wait_for_camera_users': 6,
     # Fewer than the queues hold, so that a slow stage loses none.
-    'frames_ahead': 5,
-    'qos_overrides./image_raw.publisher.depth': 10}
-# The queues of images are as long as those of lists.
-_EXTRACTOR: dict[str, object] = {
-    'qos_overrides./image_raw.subscription.depth': 10}
+    'frames_ahead': 5}
 
 
 class StarTrackerDemo(Demo):
@@ -63,8 +59,7 @@ class StarTrackerDemo(Demo):
     def start(self, frames: int, seed: int) -> None:
         """Start all nodes."""
         self.processes.start('bag_recorder', {'folder': str(self.bag)})
-        self.processes.start('centroid_extractor', _EXTRACTOR)
-        for node in STAGES[1:]:
+        for node in STAGES:
             self.processes.start(node)
         self.processes.start('sky_simulator', {**_SIMULATOR, 'frame_count': frames, 'seed': seed})
 

@@ -95,9 +95,7 @@ class TimedPipeline(Rig):
             f'{_SOURCE}:loop': True, f'{_SOURCE}:frame_count': 1,
             # The extractor subscribes to images once its compiled code is loaded.
             f'{_SOURCE}:wait_for_subscribers': 1,
-            f'{_SOURCE}:wait_for_camera_users': len(stages),
-            'qos_overrides./image_raw.publisher.depth': 10,
-            'qos_overrides./image_raw.subscription.depth': 10})
+            f'{_SOURCE}:wait_for_camera_users': len(stages)})
         for file, group in zip(self.files, groups):
             self.processes.run(group[0], module_command(
                 'startracker_ros.harness.stage_times', [str(file), *group, *arguments]))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import math
 
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = 'unconfigured', 'inactive', 'active', 'finalized'
+CONFIGURING = 'configuring'
 CONFIGURE, ACTIVATE = 'configure', 'activate'
 
 

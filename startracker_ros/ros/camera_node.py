@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from threading import Thread
 import time
+from typing import Any
 
 from builtin_interfaces.msg import Time
 import numpy as np
@@ -14,12 +15,14 @@ from startracker_ros.camera.model import Camera, CameraError
 from startracker_ros.machine_code import cached_share, imported_code, machine_code_folder
 from startracker_ros.ros import qos
 from startracker_ros.ros.cadence import Cadence
+from startracker_ros.ros.camera_setup import CameraSetup, is_building, WaitingMessages
 from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.topic_status import TopicStatus
 
 _EARLY = 'camera_info before ready'
 _LOADING = 'loading code'
+_DROPPED = 'dropped without camera_info'
 # Cached code is loaded in two seconds.
 _SLOW_LOADING_S = 10.0
 _MOSTLY = 0.5
@@ -34,8 +37,12 @@ class CameraNode(PipelineNode):
     for all topics. Messages from before the restart may still be in the queues of other topics.
     The code is loaded, or compiled, in a thread before the node subscribes to its source: a
     source that waits for subscribers loses no frame, and diagnostics continue meanwhile.
+    What depends on the camera is built in a thread, too. Messages wait for it, and for the first
+    camera_info, in the order of their arrival: of each topic as many as its queue holds.
+
     Subclasses set sensor_frame_id, the frame of the centroids, and frame_topic, which has one
-    message for each frame: its gaps and silence are reported.
+    message for each frame: its gaps and silence are reported. They override restart(),
+    builder() and use() instead of rebuild().
     """
 
     # No star of the catalogue moves by more than 0.2 arcsec in this time, in years.
@@ -49,36 +56,75 @@ class CameraNode(PipelineNode):
         self.frame_topic = ''
         self._thread = Thread(target=self._warm_up, name=f'{name} warm-up', daemon=True)
         self._warm_up_error: BaseException | None = None
+        self._is_loaded = False
+        self._setup: CameraSetup | None = None
+        self._waiting = WaitingMessages()
+        self._waits_for_camera = True
         self._cadence = Cadence()
         self._newest_ns: dict[str, int] = {}
         self._restarted = False
         self._topic_status = TopicStatus(self.get_clock())
         self.diagnostics.checks.append(self._check_silence)
 
-    def prepare(self) -> None:
-        """Load the code in a thread, then subscribe to the source."""
+    def load(self) -> None:
         if self.frame_topic:
             self.diagnostics.tasks[f'{self.frame_topic} topic status'] = self._topic_status.run
         self._text, self._slow_s = self._loading(), time.monotonic() + _SLOW_LOADING_S
-        self.diagnostics.report(WARN, self._text)
-        self.diagnostics.publish()
         self._thread.start()
         self._warm_up_timer = self.create_steady_timer(0.02, self._check_warm_up)
+
+    @property
+    def is_loaded(self) -> bool:
+        return self._is_loaded
+
+    def on_state(self, label: str) -> None:
+        super().on_state(label)
+        if label == 'configuring':
+            self.diagnostics.report(WARN, self._text)
+            self.diagnostics.publish()
 
     def activate(self) -> None:
         # The time without frames is no gap of the source.
         self._cadence = Cadence()
         self._topic_status.restart()
 
+    def deactivate(self) -> None:
+        for topic in self._waiting.clear():
+            self.diagnostics.counts[f'{topic} while not active'] += 1
+
     def cleanup(self) -> None:
         self.camera = None
+        self._end_set_up()
+        self._waits_for_camera = True
         self._newest_ns.clear()
         self._restarted = False
 
     @property
-    def preparing(self) -> bool:
-        """Whether the thread that loads the code is running."""
-        return self._thread.is_alive()
+    def is_busy(self) -> bool:
+        return self._thread.is_alive() or is_building()
+
+    def restart(self) -> None:
+        """Forget the state and read the options, before anything is built for the camera."""
+
+    def builder(self, camera: Camera, epoch_year: float) -> Callable[[], Any] | None:
+        """
+        Return the function that builds what depends on the camera, None for a node without.
+
+        It runs in a thread: it must not use anything that the node changes.
+        """
+
+    def use(self, built: Any) -> None:
+        """Use what the builder has built; the camera is set."""
+
+    def rebuild(self) -> None:
+        if self._setup is not None:
+            # It may have the options of before.
+            self._set_up(self._setup.camera, self._setup.epoch_year)
+            return
+        self.restart()
+        if self.camera is not None:
+            build = self.builder(self.camera, self.epoch_year)
+            self.use(None if build is None else build())
 
     def warm_up(self) -> None:
         """Load or compile what a frame needs, in a thread, without anything of the node."""
@@ -101,9 +147,14 @@ class CameraNode(PipelineNode):
     def _check_warm_up(self) -> None:
         if self._thread.is_alive():
             if time.monotonic() > self._slow_s and self._text == _LOADING:
-                self.diagnostics.report(WARN, 'compiling for this machine what is not cached yet')
+                self._text = 'compiling for this machine what is not cached yet'
+                self.diagnostics.report(WARN, self._text)
             return
         self.destroy_timer(self._warm_up_timer)
+        self._is_loaded = True
+        self.on_loaded()
+
+    def get_ready(self) -> None:
         if self._warm_up_error is not None:
             raise self._warm_up_error
         early = self.diagnostics.counts[_EARLY]
@@ -112,7 +163,6 @@ class CameraNode(PipelineNode):
         if early:
             self.diagnostics.report_event(f'{early} {_EARLY}: images that came with them are lost')
         self.on_warm()
-        super().prepare()
 
     @staticmethod
     def _loading() -> str:
@@ -129,9 +179,20 @@ class CameraNode(PipelineNode):
     def camera_or_drop(self) -> Camera | None:
         """Return the camera; without one, count and report that the message is dropped."""
         if self.camera is None:
-            self.diagnostics.counts['dropped without camera_info'] += 1
-            self.diagnostics.report(WARN, 'no valid camera_info received')
+            self._count_dropped(1)
         return self.camera
+
+    def accept(self, topic: str, process: Callable[[], None], depth: int) -> None:
+        if self._setup is None and not self._waits_for_camera:
+            process()
+            return
+        self._count_dropped(self._waiting.add(topic, process, depth))
+
+    def _count_dropped(self, messages: int) -> None:
+        if messages:
+            self.diagnostics.counts[_DROPPED] += messages
+            self.diagnostics.report(WARN, 'no valid camera_info received' if self._setup is None
+                                    else 'messages dropped while the set-up for the camera runs')
 
     def subscribe_rates(self, add: Callable[[int, np.ndarray], bool]) -> None:
         """
@@ -192,24 +253,62 @@ class CameraNode(PipelineNode):
         try:
             camera = camera_from_message(message)
         except CameraError:
-            # The old camera is not valid any more either.
+            # The old camera is not valid any more either, nor are frames that wait for one.
             self.camera = None
+            self._end_set_up()
+            self._waits_for_camera = False
             raise
-        if self.preparing:
+        if not self._is_loaded:
             self.diagnostics.counts[_EARLY] += 1
         epoch_year = epoch_year_from_stamp(ns_from_stamp(message.header.stamp))
-        if self.camera is not None and camera != self.camera:
+        newest = self if self._setup is None else self._setup
+        if newest.camera is not None and camera != newest.camera:
             self.diagnostics.report_event(
                 f'another camera: {camera.width} x {camera.height} px, '
                 f'{np.degrees(camera.fov_x_rad):.2f} deg wide')
-        if camera != self.camera or abs(epoch_year - self.epoch_year) > self.EPOCH_TOLERANCE:
-            self.camera, self.epoch_year = camera, epoch_year
+            # Frames of the camera before.
+            self._end_set_up()
+        if camera != newest.camera or abs(epoch_year - newest.epoch_year) > self.EPOCH_TOLERANCE:
             self.get_logger().info(
                 f'camera {camera.width} x {camera.height} px, '
                 f'{np.degrees(camera.fov_x_rad):.2f} deg wide, epoch J{epoch_year:.2f}')
-            try:
-                self.rebuild()
-            except CameraError:
-                # What was built for the old camera does not fit.
-                self.camera = None
-                raise
+            self._set_up(camera, epoch_year)
+
+    def _set_up(self, camera: Camera, epoch_year: float) -> None:
+        """Build what depends on the camera; until then messages wait."""
+        self.restart()
+        build = self.builder(camera, epoch_year)
+        if build is None:
+            self.camera, self.epoch_year = camera, epoch_year
+            self._process_waiting()
+            return
+        if self._setup is None:
+            self._setup_timer = self.create_steady_timer(0.01, self._check_set_up)
+        self._setup = CameraSetup(camera, epoch_year, build)
+
+    def _check_set_up(self) -> None:
+        if (setup := self._setup) is not None and setup.is_done:
+            self._setup = None
+            self.destroy_timer(self._setup_timer)
+            self.guard('camera_info', lambda: self._use_camera(setup))
+            self._process_waiting()
+
+    def _use_camera(self, setup: CameraSetup) -> None:
+        # With a CameraError there is none: what was built for the old one does not fit.
+        self.camera = None
+        built = setup.built()
+        self.camera, self.epoch_year = setup.camera, setup.epoch_year
+        self.use(built)
+        # Live options that have changed meanwhile.
+        self.set_live_options()
+
+    def _process_waiting(self) -> None:
+        self._waits_for_camera = False
+        self._waiting.process()
+
+    def _end_set_up(self) -> None:
+        """Drop what waits for a camera, and what is being built for it."""
+        self._count_dropped(len(self._waiting.clear()))
+        if self._setup is not None:
+            self._setup = None
+            self.destroy_timer(self._setup_timer)

@@ -85,6 +85,7 @@ class PipelineNode(ManagedNode):
 
     def begin(self) -> None:
         """Configure and activate unless a manager does, and accept changes of parameters."""
+        self.load()
         if self.options(LifecycleOptions).autostart:
             self.autostart()
         else:
@@ -92,26 +93,35 @@ class PipelineNode(ManagedNode):
         # Last: rclpy sets the parameters that the last callback has accepted.
         self.add_on_set_parameters_callback(self._on_change)
 
+    def load(self) -> None:
+        """Begin to load the code, in a thread."""
+
     def configure(self) -> None:
         self.rebuild()
+
+    def prepare(self) -> None:
         if not self._prepared:
             self._prepared = True
-            self.prepare()
+            self.get_ready()
+            self.get_logger().info('ready')
 
     def on_state(self, label: str) -> None:
-        if label == 'active':
+        if label in ('active', 'configuring'):
             self.diagnostics.release()
         else:
             self.diagnostics.hold(label)
 
-    def prepare(self) -> None:
+    def get_ready(self) -> None:
         """Get ready for messages, once, after the first rebuild()."""
-        self.get_logger().info('ready')
 
     @property
-    def preparing(self) -> bool:
-        """Whether a thread of prepare() is running."""
+    def is_busy(self) -> bool:
+        """Whether a thread of the node loads code or builds."""
         return False
+
+    def say_compiling(self, name: str) -> None:
+        """Report, from any thread, the function that is compiled; '' for none any more."""
+        self.diagnostics.say_compiling(name)
 
     def options(self, cls: type[Options]) -> Any:
         """Return the current options of one class."""
@@ -145,12 +155,16 @@ class PipelineNode(ManagedNode):
                 self.diagnostics.counts[f'{topic} while not active'] += 1
                 return
             self.diagnostics.counts[f'{topic} received'] += 1
-            try:
-                # Within a process messages are not serialized.
-                callback(decode(message) if decode and isinstance(message, bytes) else message)
-            except (MessageError, CameraError) as error:
-                self.diagnostics.counts[f'{topic} rejected'] += 1
-                self.diagnostics.report(ERROR, f'{topic}: {error}')
+            # What is latched holds now.
+            if while_inactive or profile.durability is DurabilityPolicy.TRANSIENT_LOCAL:
+                process(message)
+            else:
+                self.accept(topic, partial(process, message), profile.depth)
+
+        def process(message: Any) -> None:
+            # Within a process messages are not serialized.
+            self.guard(topic, lambda: callback(
+                decode(message) if decode and isinstance(message, bytes) else message))
 
         def subscribe_dds() -> None:
             with qos.named_errors('subscription', topic):
@@ -166,6 +180,18 @@ class PipelineNode(ManagedNode):
         else:
             self.composition.subscribe(
                 self.resolve_topic_name(topic), guarded, subscribe_dds, last)
+
+    def guard(self, topic: str, work: Callable[[], None]) -> None:
+        """Do work with a message; one that it rejects is reported and counted."""
+        try:
+            work()
+        except (MessageError, CameraError) as error:
+            self.diagnostics.counts[f'{topic} rejected'] += 1
+            self.diagnostics.report(ERROR, f'{topic}: {error}')
+
+    def accept(self, topic: str, process: Callable[[], None], depth: int) -> None:
+        """Process a message now, or keep it: of each topic no more than depth wait."""
+        process()
 
     def defer(self, work: Callable[[], None]) -> None:
         """Do work that the attitude does not depend on: now, or last among several nodes."""
@@ -304,7 +330,7 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
-        if any(node.preparing for node in nodes) and sys.exc_info()[0] is None:
+        if any(node.is_busy for node in nodes) and sys.exc_info()[0] is None:
             # The end of the interpreter could free what the compiler in a thread is using.
             sys.stdout.flush()
             sys.stderr.flush()

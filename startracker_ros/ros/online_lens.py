@@ -24,9 +24,6 @@ from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.odometry_input import OdometryInput
 from startracker_ros.track.tracks import Tracks
 
-_REMEMBERED = 8  # frames of which only one of the two clouds has come
-
-
 @dataclass(frozen=True)
 class OutputOptions(Options):
     """Where the calibration goes."""
@@ -87,7 +84,7 @@ class OnlineLens:
     def _pair(self, stamp_ns: int, frame_id: str) -> None:
         """Use a frame of which both clouds have come."""
         for waiting in (self._centroids, self._tracks):
-            while len(waiting) > _REMEMBERED:
+            while len(waiting) > qos.LIST.depth:
                 del waiting[next(iter(waiting))]
         camera = self._node.camera_or_drop()
         if camera is None or self._calibration is None or not (

@@ -10,8 +10,10 @@ from startracker_ros.ros.parameters import ParameterError
 
 # Reliable on both sides: on the stock transport best effort loses most large images. For a
 # camera driver that publishes best effort set qos_overrides./image_raw.subscription.reliability.
-IMAGE = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
-LIST = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+# The depths hold ten seconds of lists and a second of images of a camera of 10 Hz while a stage
+# is late: the backlog is processed at full speed, and no frame is skipped.
+IMAGE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+LIST = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 # Holds a second of a fast gyro while a node processes a frame, on both sides: what was measured
 # between two frames may be published at once.
 IMU = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)

@@ -45,12 +45,9 @@ def test_a_rate_survives_its_message():
 def test_attitudes_of_two_and_three_stars(nodes, probe):
     """The field holds ten stars at first, two to three in the second half."""
     nodes.start('centroid_extractor')
-    # On a busy machine the first frames wait while the databases are built.
-    nodes.start('star_identifier', {
-        **OPTIONS, 'qos_overrides./centroids.subscription.depth': 50})
+    nodes.start('star_identifier', OPTIONS)
     nodes.start('attitude_estimator', {
-        'source': 'stars', 'min_stars': 2, 'aberration': 'none',
-        'qos_overrides./stars.subscription.depth': 50})
+        'source': 'stars', 'min_stars': 2, 'aberration': 'none'})
     for topic, kind in (('attitude', QuaternionStamped), ('truth/attitude', QuaternionStamped),
                         ('truth/stars', PointCloud2), ('stars', PointCloud2),
                         ('centroids', PointCloud2)):

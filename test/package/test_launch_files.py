@@ -150,7 +150,7 @@ def test_a_source_with_the_pipeline(launched, name, source, record):
     check_nodes(launch)
     pipeline, = launch.included
     assert [node['executable'] for node in pipeline.nodes] == PIPELINE
-    assert pipeline.arguments == {**launch.arguments, 'image_depth': '2', 'list_depth': '10'}
+    assert pipeline.arguments == {**launch.arguments, 'image_depth': '10'}
     assert pipeline.arguments['record'] == record
 
 
@@ -208,10 +208,7 @@ def test_replay_is_the_pipeline_behind_a_bag(launched):
     pipeline, = launch.included
     assert [node['executable'] for node in pipeline.nodes] == PIPELINE
     assert pipeline.arguments['namespace'] == '/trk'
-    expected = {f'qos_overrides./trk/{topic}.{end}.depth': '100'
-                for topic in ('centroids', 'stars', 'tracks', 'tracked_attitude')
-                for end in ('publisher', 'subscription')}
-    expected['qos_overrides./trk/image_raw.subscription.depth'] = '100'
+    expected = {'qos_overrides./trk/image_raw.subscription.depth': '100'}
     for node in pipeline.nodes:
         depths = {pipeline.text(name): pipeline.text(value)
                   for given in node['parameters'][1:] if isinstance(given, dict)

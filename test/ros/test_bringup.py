@@ -36,6 +36,18 @@ def test_all_are_configured_in_order_then_activated_in_order(bringup):
     assert bringup.problems(0.0) == (False, '')
 
 
+def test_a_node_that_loads_its_code_for_minutes_is_waited_for(bringup):
+    for now_s in range(300):
+        bringup.on_state('estimator', 'configuring', now_s)
+        for name in NAMES[1:]:
+            bringup.on_state(name, 'unconfigured', now_s)
+        assert transitions(bringup, now_s) == {}
+        assert bringup.problems(now_s) == (False, 'estimator is configuring, tracker is '
+                                           'unconfigured, extractor is unconfigured')
+    bringup.on_state('estimator', 'inactive', now_s)
+    assert bring_up(bringup, now_s)[-1] == ('extractor', 'activate')
+
+
 def test_later_nodes_wait_for_one_that_is_missing(bringup):
     bringup.on_state('estimator', 'unconfigured', 0.0)
     bringup.on_state('extractor', 'unconfigured', 0.0)

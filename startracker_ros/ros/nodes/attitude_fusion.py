@@ -61,9 +61,8 @@ class AttitudeFusionNode(PipelineNode):
             mounts, self.options(FusionOptions), self.options(MountOptions),
             self.options(GyroErrorOptions))
 
-    def prepare(self) -> None:
+    def get_ready(self) -> None:
         warm_up()
-        super().prepare()
 
     def _on_head(self, name: str, message: Imu) -> None:
         self._output.frame_ids[name] = message.header.frame_id

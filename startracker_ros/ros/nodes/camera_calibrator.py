@@ -1,5 +1,7 @@
 """camera_calibrator: stars or tracks, camera_info -> a camera YAML, proposed_camera_info."""
 
+from collections.abc import Callable
+
 import numpy as np
 from sensor_msgs.msg import PointCloud2
 from startracker_ros.astro.observer_motion import AberrationOptions
@@ -12,8 +14,9 @@ from startracker_ros.calibration.matching import View
 from startracker_ros.calibration.online import OnlineOptions
 from startracker_ros.calibration.summary import sentence
 from startracker_ros.camera.files import save_camera
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.deep import camera_catalog
-from startracker_ros.catalog.onboard import onboard_catalog
+from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.pipeline.cloud_rows import centroids_from_rows
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
@@ -41,15 +44,19 @@ class CameraCalibratorNode(CameraNode):
         self.advertise_trigger('calibrate', self._calibrate)
         self.advertise_reset()
 
-    def rebuild(self) -> None:
+    def restart(self) -> None:
         self._observer.rebuild()
-        if self.camera is not None:
-            self._onboard = onboard_catalog(
-                camera_catalog(self.camera), self.camera, self.epoch_year)
-            self._collection = ViewCollection(self.camera, self.options(CollectionOptions))
-            self._describe()
-            if self._online is not None:
-                self._online.rebuild(self.camera, self._onboard)
+
+    def builder(self, camera: Camera, epoch_year: float) -> Callable[[], OnboardCatalog]:
+        return lambda: onboard_catalog(camera_catalog(camera), camera, epoch_year)
+
+    def use(self, built: OnboardCatalog) -> None:
+        assert self.camera is not None
+        self._onboard = built
+        self._collection = ViewCollection(self.camera, self.options(CollectionOptions))
+        self._describe()
+        if self._online is not None:
+            self._online.rebuild(self.camera, self._onboard)
 
     def _on_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)

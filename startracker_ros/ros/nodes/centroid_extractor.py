@@ -43,7 +43,7 @@ class CentroidExtractorNode(CameraNode):
         self.subscribe_camera_info()
         self.subscribe(PointCloud2, 'predicted_centroids', self._on_predicted, qos.LIST)
 
-    def rebuild(self) -> None:
+    def restart(self) -> None:
         self._predicted: PredictedCentroids | None = None
         self._bodies: tuple[BodyInImage, ...] = ()
         self._stage = ExtractionStage(self.options(ExtractionOptions),

@@ -11,7 +11,7 @@ from rclpy.client import Client
 from rclpy.task import Future
 from startracker_ros.executables import STAGES
 from startracker_ros.options import option, Options
-from startracker_ros.ros.bringup import ACTIVATE, ACTIVE, Bringup, CONFIGURE, INACTIVE
+from startracker_ros.ros.bringup import ACTIVATE, ACTIVE, Bringup, CONFIGURE, CONFIGURING, INACTIVE
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.node import main_of, PipelineNode
 
@@ -54,7 +54,7 @@ class PipelineManagerNode(PipelineNode):
         self._states = {name: self.create_client(GetState, f'{name}/get_state') for name in names}
         self._changes = {name: self.create_client(ChangeState, f'{name}/change_state')
                          for name in names}
-        self._pending: dict[str, tuple[Client, Future]] = {}
+        self._pending: dict[Client, Future] = {}
         self._due_s = dict.fromkeys(names, 0.0)
         self.create_steady_timer(_TICK_S, self._tick)
 
@@ -78,7 +78,7 @@ class PipelineManagerNode(PipelineNode):
     def _proceed(self) -> None:
         """Request the next transition of each node that has one."""
         for name, client in self._changes.items():
-            if name not in self._pending and (
+            if not {client, self._states[name]} & self._pending.keys() and (
                     wanted := self._bringup.transition(name, time.monotonic())):
                 self.get_logger().info(f'{wanted} {name}')
                 self._request(name, client, ChangeState.Request(
@@ -86,22 +86,22 @@ class PipelineManagerNode(PipelineNode):
 
     def _request(self, name: str, client: Client, request: Any) -> None:
         """Send a request instead of the one that is pending."""
-        if name in self._pending:
-            earlier, future = self._pending.pop(name)
-            earlier.remove_pending_request(future)
+        if client in self._pending:
+            client.remove_pending_request(self._pending.pop(client))
         if client.service_is_ready():
             self._due_s[name] = time.monotonic() + self.options(ManagerOptions).heartbeat_period_s
-            future = client.call_async(request)
-            self._pending[name] = client, future
-            future.add_done_callback(partial(self._on_response, name, request))
+            self._pending[client] = future = client.call_async(request)
+            future.add_done_callback(partial(self._on_response, name, client, request))
 
-    def _on_response(self, name: str, request: Any, future: Future) -> None:
-        if not self.active or self._pending.get(name, (None, None))[1] is not future:
+    def _on_response(self, name: str, client: Client, request: Any, future: Future) -> None:
+        if not self.active or self._pending.get(client) is not future:
             return
-        del self._pending[name]
+        del self._pending[client]
         response, now_s = future.result(), time.monotonic()
         if isinstance(response, GetState.Response):
             state = response.current_state.label
+            if state != CONFIGURING:  # the response that is still pending was lost
+                self._pending.pop(self._changes[name], None)
         else:
             wanted = request.transition.label
             if not response.success:

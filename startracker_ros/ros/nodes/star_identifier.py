@@ -1,12 +1,15 @@
 """star_identifier: centroids, camera_info, tracker_state, imu -> stars."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import PointCloud2
 from startracker_ros.attitude.gyro import GyroErrorOptions
 from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud
+from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.band import BandOptions
 from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.identify.extended_grid import ExtendedGridOptions
@@ -41,18 +44,22 @@ class StarIdentifierNode(CameraNode):
         self.subscribe(DiagnosticStatus, 'tracker_state', self._on_tracker_state, qos.STATE)
         self.advertise_reset()
 
-    def rebuild(self) -> None:
+    def restart(self) -> None:
         options = self.options(IdentificationOptions)
         if options.method == 'extended_grid' and not self._subscribed_imu:
             # Only if it is used: a gyro publishes a hundred messages a second.
             self.subscribe_rates(self._add_rate)
             self._subscribed_imu = True
         self.diagnostics.values.pop('prediction', None)
-        if self.camera is not None:
-            self._stage = IdentificationStage(
-                self.camera, self.epoch_year, options, self.options(CheckOptions),
-                self.options(ExtendedGridOptions), self.options(GyroErrorOptions),
-                self.options(BandOptions))
+
+    def builder(self, camera: Camera, epoch_year: float) -> Callable[[], IdentificationStage]:
+        return partial(
+            IdentificationStage, camera, epoch_year, self.options(IdentificationOptions),
+            self.options(CheckOptions), self.options(ExtendedGridOptions),
+            self.options(GyroErrorOptions), self.options(BandOptions))
+
+    def use(self, built: IdentificationStage) -> None:
+        self._stage = built
 
     def warm_up(self) -> None:
         options = replace(self.options(IdentificationOptions), magnitude_limit=5.0)

@@ -54,14 +54,15 @@ class StarTrackerNode(CameraNode):
         self.subscribe_rates(self._add_rate)
         self.advertise_reset()
 
-    def rebuild(self) -> None:
+    def builder(self, camera: Camera, epoch_year: float) -> partial:
         self._observer.rebuild()
-        if self.camera is not None:
-            self._tracker, self._target_tracker = make_trackers(
-                self.camera, self.epoch_year, self.options(TrackerOptions),
-                self.options(GyroErrorOptions), self.options(TargetTrackOptions),
-                self._observer.motion, self.options(BandOptions))
-            self._state.publish(self._tracker)
+        return partial(make_trackers, camera, epoch_year, self.options(TrackerOptions),
+                       self.options(GyroErrorOptions), self.options(TargetTrackOptions),
+                       self._observer.motion, self.options(BandOptions))
+
+    def use(self, built: tuple) -> None:
+        self._tracker, self._target_tracker = built
+        self._state.publish(self._tracker)
 
     def set_live_options(self) -> None:
         if self.camera is not None:
@@ -75,9 +76,8 @@ class StarTrackerNode(CameraNode):
         return self.camera is None or self._tracker.add_rate(stamp_ns, rate_rad_s)
 
     def _on_hint(self, message: Imu) -> None:
-        hint = hint_from_imu(message)
         if self.camera is not None:
-            self._tracker.add_hint(hint)
+            self._tracker.add_hint(hint_from_imu(message))
 
     def _on_centroids(self, message: PointCloud2) -> None:
         rows = read_cloud(message, CENTROID_DTYPE)

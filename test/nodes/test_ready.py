@@ -1,0 +1,138 @@
+"""A node that is active is ready: of a recording that begins then no frame is lost."""
+
+from contextlib import ExitStack
+from pathlib import Path
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
+from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp
+from startracker_ros.bag.reader import read_messages
+from startracker_ros.camera.model import Camera
+from startracker_ros.executables import STAGES
+from startracker_ros.harness.managed_nodes import ACTIVE, NodeManager
+from startracker_ros.harness.probe import Progress
+from startracker_ros.harness.processes import NodeProcesses
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.camera_info import camera_to_message
+from startracker_ros.ros.messages.clouds import cloud_to_message
+from startracker_ros.ros.messages.header import make_header
+
+BAG = Path(__file__).parents[2] / 'bags' / 'slew'
+PLAYER = Path(__file__).with_name('replaying.py')
+# Without any progress for so long something hangs.
+STALL_S = 60.0
+START_NS = 1_790_000_000_000_000_000
+CAMERA = Camera.from_fov(256, 256, 20.0)
+LOST = ('dropped', 'missing', 'while not active', 'out of order', 'without', 'before ready')
+
+
+def play(bag, rate, early):
+    """Start a player, in the environment of this process."""
+    return subprocess.Popen([sys.executable, str(PLAYER), str(bag), str(rate), str(early)])
+
+
+def wait_while_it_increases(probe, count, done):
+    """Wait until done() is true or count() has not increased for a long time."""
+    progress = Progress(STALL_S)
+    while not done() and not progress.is_stalled(count()):
+        probe.spin_for(0.1)
+
+
+def lost_frames(probe):
+    """Return the counters of the newest diagnostics that count lost messages."""
+    newest = {status.name: status for status in probe.statuses()}
+    return {(name, value.key): value.value for name, status in newest.items()
+            for value in status.values if any(word in value.key for word in LOST)
+            and value.key != 'frames without attitude' and int(float(value.value))}
+
+
+@pytest.mark.parametrize('composed, rate, early, busy', [
+    (False, 1.0, 0, 0), (False, 2.0, 5, 2), (True, 2.0, 0, 2)])
+def test_every_frame_played_into_active_nodes_is_answered(
+        rig, probe, tmp_path, composed, rate, early, busy):
+    frames_ns = {ns_from_stamp(deserialize_message(message.data, Image).header.stamp)
+                 for message in read_messages(BAG, topics=('/image_raw',))}
+    probe.collect(Imu, 'attitude_imu', qos.LIST)
+    answers = probe.received['attitude_imu']
+    manager = NodeManager(probe)
+    with ExitStack() as processes:
+        # As a user starts them: nothing is loaded yet.
+        nodes = processes.enter_context(NodeProcesses(tmp_path))
+        for name in (('composed_pipeline',) if composed else STAGES):
+            nodes.start(name)
+        for name in STAGES:
+            probe.wait(lambda name=name: manager.state(name) == ACTIVE, f'{name} active')
+        for _ in range(busy):
+            loop = processes.enter_context(
+                subprocess.Popen([sys.executable, '-c', 'while True: pass']))
+            processes.callback(loop.kill)
+        player = processes.enter_context(play(BAG, rate, early))
+        processes.callback(player.kill)
+        wait_while_it_increases(
+            probe, lambda: len(answers), lambda: len(answers) >= len(frames_ns))
+        assert {ns_from_stamp(message.header.stamp) for message in answers} == frames_ns
+        # The counters of the last frame.
+        probe.forget()
+        probe.wait(lambda: len({status.name for status in probe.statuses()}) >= 2 * len(STAGES),
+                   'diagnostics of all stages')
+        assert lost_frames(probe) == {}
+        assert player.wait(STALL_S) == 0
+        rig.remove_probe()
+        assert set(nodes.stop(STALL_S).values()) == {0}
+
+
+def header(index):
+    return make_header(START_NS + index * 10 ** 8, 'star_tracker_optical_frame')
+
+
+def test_the_newest_lists_wait_for_the_first_camera_info_and_older_ones_are_counted(nodes, probe):
+    nodes.start('star_tracker')
+    probe.collect(PointCloud2, 'tracks', qos.LIST)
+    centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
+    probe.wait(lambda: probe.count_publishers('tracks'), 'the tracker')
+    depth, too_many = qos.LIST.depth, 30
+    for index in range(depth + too_many):
+        centroids.publish(cloud_to_message(np.zeros(0, CENTROID_DTYPE), header(index)))
+        # No more at a time than the queue of the subscription holds.
+        probe.spin_once(0.01)
+    dropped = f'{too_many}'
+    probe.wait(lambda: probe.diagnostic_value(
+        'star_tracker: tracking', 'dropped without camera_info') == dropped, 'dropped lists')
+    assert not probe.received['tracks']
+    probe.publish_until_received(info, camera_to_message(CAMERA, header(0)))
+    probe.wait(lambda: len(probe.received['tracks']) >= depth, 'tracks of all that wait')
+    assert [ns_from_stamp(message.header.stamp) for message in probe.received['tracks']] == [
+        ns_from_stamp(header(index).stamp) for index in range(too_many, depth + too_many)]
+
+
+def test_what_waits_is_dropped_after_an_invalid_camera_info(nodes, probe):
+    nodes.start('star_tracker')
+    probe.collect(PointCloud2, 'tracks', qos.LIST)
+    centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
+    probe.wait(lambda: probe.count_publishers('tracks'), 'the tracker')
+
+    def publish(index):
+        centroids.publish(cloud_to_message(np.zeros(0, CENTROID_DTYPE), header(index)))
+
+    def wait_for(key, value):
+        probe.wait(lambda: probe.diagnostic_value('star_tracker: tracking', key) == value, key)
+    publish(0)
+    wait_for('centroids received', '1')
+    invalid = camera_to_message(CAMERA, header(0))
+    invalid.k = [0.0] * 9
+    info.publish(invalid)
+    wait_for('dropped without camera_info', '1')
+    publish(1)
+    wait_for('dropped without camera_info', '2')
+    info.publish(camera_to_message(CAMERA, header(1)))
+    wait_for('camera_info received', '2')
+    publish(2)
+    probe.wait(lambda: probe.received['tracks'], 'tracks')
+    assert [ns_from_stamp(message.header.stamp) for message in probe.received['tracks']] == [
+        ns_from_stamp(header(2).stamp)]
