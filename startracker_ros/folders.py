@@ -1,13 +1,17 @@
 """Folders that the package writes to unasked."""
 
 from contextlib import suppress
+from itertools import chain
 import os
 from pathlib import Path
 import tempfile
 
-MAX_DATABASE_BYTES = 600_000_000
-"""Size of the pattern databases in the cache folder: a search of all fields of view has 420 MB, a
-camera up to 90 MB a year."""
+DATABASES = 'pairs-*', 'catalogue-*'
+"""Names of the files of pattern databases in the cache folder."""
+
+MAX_DATABASE_BYTES = 1_600_000_000
+"""Size of the pattern databases in the cache folder: a search of all fields of view has
+1180 MB, a camera up to 170 MB."""
 
 
 def cache_folder() -> Path:
@@ -20,11 +24,11 @@ def stored_databases(folder: Path) -> list[tuple[Path, int]]:
     """Return the files of pattern databases in a folder and their bytes, last used first."""
     found = []
     # With those of processes that were killed while they wrote.
-    for file in folder.glob('pairs-*'):
+    for file in chain(*map(folder.glob, DATABASES)):
         # Another process may delete one meanwhile.
         with suppress(FileNotFoundError):
             status = file.stat()
-            found.append((status.st_mtime_ns, file, status.st_size))
+            found.append((status.st_atime_ns, file, status.st_size))
     return [(file, size) for _, file, size in sorted(found, reverse=True)]
 
 

@@ -13,6 +13,7 @@ from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.band import BandOptions, catalog_in_band
 from startracker_ros.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.maths.rotation import ARCSEC
+from startracker_ros.stored_arrays import digest, stored_arrays
 
 DEEP_FILE = Path(__file__).with_name('deep.npz')
 
@@ -62,15 +63,21 @@ def camera_catalog(camera: Camera, deep: Callable[[], StarCatalog] | None = None
 
 
 def load_deep_catalog() -> StarCatalog:
-    """Return the stars of Hipparcos and of DEEP_FILE, 40 MB that belong to the caller."""
+    """Return the stars of Hipparcos and of DEEP_FILE, 40 MB mapped from the cache."""
     hipparcos = load_catalog()
-    with np.load(DEEP_FILE) as packed:
-        deep = unpack(dict(packed))
-    order = np.argsort(np.concatenate([hipparcos.magnitude, deep['magnitude']]), kind='stable')
-    columns = {}
-    for name, values in deep.items():
-        columns[name] = np.concatenate([getattr(hipparcos, name), values])[order]
-    return StarCatalog(**columns)
+
+    def build() -> dict[str, np.ndarray]:
+        with np.load(DEEP_FILE) as packed:
+            deep = unpack(dict(packed))
+        order = np.argsort(np.concatenate([hipparcos.magnitude, deep['magnitude']]),
+                           kind='stable')
+        return {name: np.concatenate([getattr(hipparcos, name), values])[order]
+                for name, values in deep.items()}
+    key = digest(hipparcos.digest, np.frombuffer(DEEP_FILE.read_bytes(), np.uint8))
+    catalog = StarCatalog(**stored_arrays('catalogue', key, build).arrays)
+    # Otherwise computed when first used, which reads all of it.
+    vars(catalog).update(digest=key)
+    return catalog
 
 
 def pack(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

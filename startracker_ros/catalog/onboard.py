@@ -6,9 +6,10 @@ from functools import cached_property
 import numpy as np
 from startracker_ros.astro.earth import earth_position_au
 from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.sky_grid import pairs_within, sky_grid
+from startracker_ros.catalog.sky_grid import pairs_within, sky_grid, SkyGrid
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.maths.graph import lowest_connected
+from startracker_ros.stored_arrays import digest, StoredArrays
 
 MERGE_PX = 2.0
 """Stars with a smaller separation are one catalogue entry. Two equal Gaussians of 1 px sigma have
@@ -34,6 +35,7 @@ class OnboardCatalog:
     blended (N,) is True for these and for entries of several components, none much brighter than
     the others: the image may be off the direction. crowd_rad is the separation of neighbours.
     variation_mag (N,) is the standard deviation of the brightness of a variable, 0 for others.
+    stored is where the arrays are mapped from.
     """
 
     hip: np.ndarray
@@ -43,6 +45,7 @@ class OnboardCatalog:
     blended: np.ndarray
     crowd_rad: float = 0.0
     variation_mag: np.ndarray | None = None
+    stored: StoredArrays | None = None
 
     def __len__(self) -> int:
         return len(self.hip)
@@ -61,6 +64,17 @@ class OnboardCatalog:
         if self.variation_mag is None:
             return np.zeros(len(star_index))
         return self.variation_mag[star_index]
+
+    @cached_property
+    def grid(self) -> SkyGrid:
+        """Return the directions by cell."""
+        return sky_grid(self.direction)
+
+    @cached_property
+    def digest(self) -> str:
+        """Return a digest of what identifies the content."""
+        return digest(self.hip, self.direction, self.magnitude, self.crowded, self.blended,
+                      self.crowd_rad, self.variation_mag)
 
     @cached_property
     def _index_of_hip(self) -> np.ndarray:

@@ -1,12 +1,13 @@
 """Hipparcos stars and their directions at a given epoch."""
 
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
 from startracker_ros.astro.constants import AU_M, YEAR_S
 from startracker_ros.maths.rotation import ARCSEC
+from startracker_ros.stored_arrays import digest
 
 CATALOG_EPOCH_YEAR = 1991.25
 """Julian year of the Hipparcos positions (ESA SP-1200, vol. 1)."""
@@ -47,6 +48,11 @@ class StarCatalog:
 
     def __len__(self) -> int:
         return len(self.hip)
+
+    @cached_property
+    def digest(self) -> str:
+        """Return a digest of the columns."""
+        return digest(*(getattr(self, field.name) for field in fields(self)))
 
     def brighter_than(self, limit: float) -> 'StarCatalog':
         """Return the stars of magnitude up to and including limit."""

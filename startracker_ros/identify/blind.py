@@ -109,6 +109,7 @@ class BlindIdentifier:
             if np.degrees(nominal.pixel_rad) > COARSEST_PIXEL_DEG:
                 continue
             identifier = self._identifier(int(field), rung, nominal)
+            identifier.prepare()
             for centroids in islice(lists, _LISTS):
                 start_s = time.thread_time()
                 found = identifier.identify_within(centroids, time_s)

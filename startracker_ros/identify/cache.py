@@ -1,86 +1,53 @@
-"""Pair databases in the user's cache folder, keyed by a hash of what they are built from."""
+"""Catalogues and pairs of cameras in the user's cache, keyed by what they are built from."""
 
-from contextlib import suppress
 from dataclasses import fields
-import hashlib
-import io
-import logging
-import os
-from pathlib import Path
-from uuid import uuid4
 
 import numpy as np
-from startracker_ros.catalog.onboard import OnboardCatalog
-from startracker_ros.folders import cache_folder, MAX_DATABASE_BYTES, stored_databases
+from startracker_ros.camera.model import Camera
+from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.catalog.sky_grid import SkyGrid
+from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.identify.pairs import build_pairs, MOST_PAIRS, PairDatabase
+from startracker_ros.stored_arrays import digest, stored_arrays
 
-# To be raised whenever the same input would give other pairs or another layout.
-_VERSION = 2
+_COLUMNS = 'hip', 'direction', 'magnitude', 'crowded', 'blended', 'variation_mag'
+_PAIRS = tuple(field.name for field in fields(PairDatabase) if field.name != 'stored')
+
+
+def cached_onboard(catalog: StarCatalog, camera: Camera, epoch_year: float,
+                   magnitude_limit: float) -> OnboardCatalog:
+    """Return onboard_catalog() and its grid from the cache, or build and store them."""
+    def build() -> dict[str, np.ndarray]:
+        onboard = onboard_catalog(catalog, camera, epoch_year, magnitude_limit)
+        return {**{name: getattr(onboard, name) for name in _COLUMNS},
+                'cells': np.array(onboard.grid.cells), 'crowd_rad': np.array(onboard.crowd_rad),
+                'start': onboard.grid.start, 'member': onboard.grid.member}
+    key = digest(catalog.digest, camera.pixel_rad, epoch_year, magnitude_limit)
+    stored = stored_arrays('catalogue', key, build)
+    arrays = stored.arrays
+    onboard = OnboardCatalog(**{name: arrays[name] for name in _COLUMNS},
+                             crowd_rad=float(arrays['crowd_rad']), stored=stored)
+    # What is otherwise computed when first used.
+    vars(onboard).update(digest=key, grid=SkyGrid(
+        onboard.direction, int(arrays['cells']), arrays['start'], arrays['member']))
+    return onboard
 
 
 def cached_pairs(onboard: OnboardCatalog, min_separation_rad: float,
-                 max_separation_rad: float, most_pairs: float = MOST_PAIRS) -> PairDatabase:
+                 max_separation_rad: float, most_pairs: float = MOST_PAIRS,
+                 brightest: int | None = None) -> PairDatabase:
     """
-    Return the pairs of the catalogue from the cache, or build and store them.
+    Return build_pairs() from the cache, or build and store them.
 
-    The file begins with the SHA-256 of its content; a file that does not match is
-    rebuilt. Where the folder cannot be written, the pairs are built each time. The last used
-    files remain, up to MAX_DATABASE_BYTES.
+    With brightest, only those among this number of catalogue entries.
     """
-    key = hashlib.sha256(
-        repr((_VERSION, min_separation_rad, max_separation_rad, most_pairs)).encode())
-    for field in fields(OnboardCatalog):
-        key.update(np.ascontiguousarray(getattr(onboard, field.name)).tobytes())
-    path = cache_folder() / f'pairs-{key.hexdigest()[:32]}.bin'
-    pairs = _load(path)
-    if pairs is None:
-        pairs = build_pairs(onboard, min_separation_rad, max_separation_rad, most_pairs)
-        _store(path, pairs)
-    return pairs
-
-
-def _load(path: Path) -> PairDatabase | None:
-    try:
-        content = path.read_bytes()
-    except OSError:
-        return None
-    digest, body = content[:32], memoryview(content)[32:]
-    if hashlib.sha256(body).digest() != digest:
-        logging.getLogger(__name__).warning('%s is damaged and is rebuilt', path)
-        return None
-    # The file of another user can be read but not touched.
-    with suppress(OSError):
-        os.utime(path)
-    stream = io.BytesIO(body)
-    return PairDatabase(*(np.load(stream, allow_pickle=False) for _ in fields(PairDatabase)))
-
-
-def _store(path: Path, pairs: PairDatabase) -> None:
-    stream = io.BytesIO()
-    for field in fields(PairDatabase):
-        np.save(stream, getattr(pairs, field.name), allow_pickle=False)
-    body = stream.getbuffer()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Renamed when complete: another process never reads a partial file.
-        part = path.with_name(f'{path.stem}-{uuid4().hex}.part')
-        try:
-            with part.open('wb') as stored:
-                stored.write(hashlib.sha256(body).digest())
-                stored.write(body)
-            os.replace(part, path)
-        finally:
-            part.unlink(missing_ok=True)
-        _delete_oldest(path.parent)
-    except OSError as error:
-        logging.getLogger(__name__).warning(
-            'pattern database is not cached in %s: %s', path.parent, error.strerror)
-
-
-def _delete_oldest(folder: Path) -> None:
-    """Delete the least recently used files beyond MAX_DATABASE_BYTES, whoever has made them."""
-    total = 0
-    for file, size in stored_databases(folder):
-        total += size
-        if total > MAX_DATABASE_BYTES:
-            file.unlink(missing_ok=True)
+    def build() -> dict[str, np.ndarray]:
+        if brightest is None:
+            pairs = build_pairs(onboard, min_separation_rad, max_separation_rad, most_pairs)
+        else:
+            pairs = cached_pairs(onboard, min_separation_rad, max_separation_rad, most_pairs)
+            pairs = pairs.among(int(np.searchsorted(pairs.star, brightest)))
+        return {name: getattr(pairs, name) for name in _PAIRS}
+    stored = stored_arrays('pairs', digest(
+        onboard.digest, min_separation_rad, max_separation_rad, most_pairs, brightest), build)
+    return PairDatabase(**stored.arrays, stored=stored)

@@ -10,11 +10,11 @@ from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.lens import Lens, ray, shows, undistort
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.deep import camera_catalog, DEEP_LIMIT
-from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import StarCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import synthetic_field
 from startracker_ros.compiled import compiled
+from startracker_ros.identify.cache import cached_onboard
 from startracker_ros.identify.verification import Match, same_attitude, Verifier
 from startracker_ros.options import option, Options
 
@@ -129,7 +129,7 @@ class Identifier(ABC):
             camera, catalog, self.stars_per_field)
         self.scale_error = options.fov_error_percent / 100
         # Proper motion of a year is far below the tolerances: one database for the whole year.
-        self.onboard = onboard_catalog(catalog, camera, round(epoch_year), self.magnitude_limit)
+        self.onboard = cached_onboard(catalog, camera, round(epoch_year), self.magnitude_limit)
         self._catalog_stars = len(self.onboard) * _share_of_sky(camera)
         self.verifier = self._verifier(camera)
 

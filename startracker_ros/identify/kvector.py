@@ -24,14 +24,16 @@ class KVector:
     its step by i = (limit - start) per_step; only the values of that step are compared.
     """
 
-    def __init__(self, values: np.ndarray) -> None:
+    def __init__(self, values: np.ndarray, below: np.ndarray | None = None) -> None:
+        """Count the values under each step, unless below (N + 1,) has them."""
         values = np.ascontiguousarray(values, float)
         count = len(values)
         start, last = values[[0, -1]] if count else (0.0, 0.0)
         step = (last - start) / count if last > start else 1.0
-        below = np.searchsorted(values, start + step * np.arange(count + 1))
-        below[-1] = count
-        self.table = KVectorTable(values, below.astype(np.int32), float(start), float(1 / step))
+        if below is None:
+            below = np.searchsorted(values, start + step * np.arange(count + 1)).astype(np.int32)
+            below[-1] = count
+        self.table = KVectorTable(values, below, float(start), float(1 / step))
 
     def between(self, low: float, high: float) -> slice:
         """Return the slice of the values with low <= value <= high."""

@@ -135,6 +135,7 @@ class LadderIdentifier:
         identifier = self._identifier(rung)
         if identifier is None:
             return None, 0.0
+        identifier.prepare()
         start_s = time.thread_time()
         found = identifier.identify_within(centroids, time_s)
         return Attempt(found, identifier, centroids, self.camera), time.thread_time() - start_s

@@ -71,26 +71,11 @@ class ScaleBand(NamedTuple):
     high: float
 
 
-def pair_level(pairs: PairDatabase, direction: np.ndarray, image_stars: int, triangles: int
-               ) -> PairLevel:
-    """Return the level of these pairs; direction (C, 3) are those of the whole catalogue."""
-    stars = len(pairs.star)
-    member = np.stack([pairs.first, pairs.second], -1).ravel()
-    return PairLevel(pairs.kvector.table, pairs.star, direction[pairs.star], member,
-                     _previous_entries(member, stars), np.full(stars, -1, member.dtype),
+def pair_level(pairs: PairDatabase, image_stars: int, triangles: int) -> PairLevel:
+    """Return the level of these pairs."""
+    return PairLevel(pairs.kvector.table, pairs.star, pairs.direction, pairs.member,
+                     pairs.previous, np.full(len(pairs.star), -1, pairs.member.dtype),
                      image_stars, triangles)
-
-
-@compiled
-def _previous_entries(member: np.ndarray, stars: int) -> np.ndarray:
-    """Return the entry (2 P,) before each one of the same star, of member (2 P,), -1 for none."""
-    previous = np.empty_like(member)
-    latest = np.full(stars, -1, member.dtype)
-    for entry in range(len(member)):
-        star = member[entry]
-        previous[entry] = latest[star]
-        latest[star] = entry
-    return previous
 
 
 @compiled

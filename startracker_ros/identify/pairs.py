@@ -6,7 +6,9 @@ from functools import cached_property
 import numpy as np
 from startracker_ros.catalog.onboard import OnboardCatalog
 from startracker_ros.catalog.sky_grid import pairs_within, sky_grid
+from startracker_ros.compiled import compiled
 from startracker_ros.identify.kvector import KVector
+from startracker_ros.stored_arrays import StoredArrays
 
 # Memory and time to build bound the number of pairs: in wide fields by the faintest stars; in
 # narrow ones, whose few stars are all needed, by the longest sides as well.
@@ -21,25 +23,40 @@ class PairDatabase:
     """
     Star pairs by angular separation.
 
-    star (S,) int32 are catalogue indices; separation (P,) float64 rad ascending; first, second
-    (P,) int32 are indices into star.
+    star (S,) int32 are catalogue indices, direction (S, 3) unit vectors. Pair p has the
+    separation (P,) float64 in rad, ascending, and the stars member[2 p], member[2 p + 1] (2 P,)
+    int32, indices into star. below (P + 1,) is that of KVectorTable; previous[e] (2 P,) the entry
+    of member before e of the same star, -1 for none. stored is where the arrays are mapped from.
     """
 
     star: np.ndarray
+    direction: np.ndarray
     separation: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
+    below: np.ndarray
+    member: np.ndarray
+    previous: np.ndarray
+    stored: StoredArrays | None = None
+
+    @property
+    def first(self) -> np.ndarray:
+        """Return the first star (P,) of each pair."""
+        return self.member[::2]
+
+    @property
+    def second(self) -> np.ndarray:
+        """Return the second star (P,) of each pair."""
+        return self.member[1::2]
 
     @cached_property
     def kvector(self) -> KVector:
         """Return the range search over the separations."""
-        return KVector(self.separation)
+        return KVector(self.separation, self.below)
 
     def among(self, count: int) -> 'PairDatabase':
         """Return the pairs of the count brightest stars alone."""
         chosen = (self.first < count) & (self.second < count)
-        return PairDatabase(self.star[:count], self.separation[chosen],
-                            self.first[chosen], self.second[chosen])
+        return _database(self.star[:count], self.direction[:count], self.separation[chosen],
+                         self.member.reshape(-1, 2)[chosen])
 
     def between(self, low_rad: float, high_rad: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the pairs of a separation in both orders: stars a (M,) and b (M,)."""
@@ -71,5 +88,25 @@ def build_pairs(onboard: OnboardCatalog, min_separation_rad: float,
                                  2 * np.sin(max_separation_rad / 2))
     order = np.argsort(square)
     order = order[np.searchsorted(square[order], (2 * np.sin(min_separation_rad / 2)) ** 2):]
-    return PairDatabase(star.astype(np.int32), 2 * np.arcsin(np.sqrt(square[order]) / 2),
-                        pairs[order, 0], pairs[order, 1])
+    return _database(star.astype(np.int32), onboard.direction[star],
+                     2 * np.arcsin(np.sqrt(square[order]) / 2), pairs[order])
+
+
+def _database(star: np.ndarray, direction: np.ndarray, separation: np.ndarray,
+              pairs: np.ndarray) -> PairDatabase:
+    """Return the database of stars (S,) and pairs (P, 2) of them by separation (P,)."""
+    member = pairs.ravel()
+    return PairDatabase(star, direction, separation, KVector(separation).table.below, member,
+                        _previous_entries(member, len(star)))
+
+
+@compiled
+def _previous_entries(member: np.ndarray, stars: int) -> np.ndarray:
+    """Return the entry (2 P,) before each one of the same star, of member (2 P,), -1 for none."""
+    previous = np.empty_like(member)
+    latest = np.full(stars, -1, member.dtype)
+    for entry in range(len(member)):
+        star = member[entry]
+        previous[entry] = latest[star]
+        latest[star] = entry
+    return previous

@@ -16,6 +16,7 @@ This is the method for general use, compiled throughout.
 """
 
 from copy import copy
+from functools import partial
 import time
 from typing import NamedTuple, Self
 
@@ -34,11 +35,12 @@ from startracker_ros.identify.clock import search_clock, time_is_up
 from startracker_ros.identify.identification import (
     Identification, IdentificationOptions, Identifier, per_centroid, usable_stars)
 from startracker_ros.identify.pair_search import pair_level, PairLevel
-from startracker_ros.identify.pairs import MOST_PAIRS, PairDatabase
+from startracker_ros.identify.pairs import MOST_PAIRS
 from startracker_ros.identify.triangle_order import new_state, next_triangle, TRIANGLE_COST
 from startracker_ros.identify.triangles import catalogue_triangles
 from startracker_ros.identify.verification import (
     rejected, same_attitude, Verification, VerifierData, verify)
+from startracker_ros.stored_arrays import prepare
 
 # The relative noise of shorter sides is too large to be of use.
 _MIN_SEPARATION_PX = 20.0
@@ -104,28 +106,30 @@ class PyramidIdentifier(Identifier):
                  options: IdentificationOptions = IdentificationOptions(),
                  catalog: StarCatalog | None = None) -> None:
         super().__init__(camera, epoch_year, options, catalog)
-        pairs = cached_pairs(self.onboard, _MIN_SEPARATION_PX * camera.pixel_rad,
-                             2 * camera.corner_angle_rad * (1 + self.scale_error),
-                             self.most_pairs)
-        self._set_levels(pairs, _BRIGHT)
+        self._pairs = partial(
+            cached_pairs, self.onboard, _MIN_SEPARATION_PX * camera.pixel_rad,
+            2 * camera.corner_angle_rad * (1 + self.scale_error), self.most_pairs)
+        self._all_pairs = self._pairs()
+        self._set_levels(_BRIGHT)
         # Compiles at the first use on a machine, before the first frame.
         self.identify(Centroids.empty())
 
-    def _set_levels(self, pairs: PairDatabase, bright: BrightLevel) -> None:
-        """Make the database of these pairs."""
-        camera, direction = self.camera, self.onboard.direction
+    def _set_levels(self, bright: BrightLevel) -> None:
+        """Make the database of all pairs and of those of the brightest stars."""
+        camera, every = self.camera, self._all_pairs
         share = camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
-        stars = int(np.searchsorted(pairs.star, bright.stars_per_field / share))
+        brightest = self._pairs(brightest=int(np.ceil(bright.stars_per_field / share)))
         self._levels = (
-            pair_level(pairs.among(stars), direction, bright.image_stars, bright.triangles),
-            pair_level(pairs, direction, self.options.max_image_stars, _MANY_TRIANGLES))
+            pair_level(brightest, bright.image_stars, bright.triangles),
+            pair_level(every, self.options.max_image_stars, _MANY_TRIANGLES))
+        self._stored = [made.stored for made in (self.onboard, every, brightest)
+                        if made.stored is not None]
         self._database = _database(self._levels, self.verifier.data, camera.lens)
 
     def with_bright_level(self, bright: BrightLevel) -> Self:
         """Return an identifier of the same pairs with another level of the brightest stars."""
-        level, other = self._levels[1], copy(self)
-        other._set_levels(PairDatabase(level.star, level.table.values, level.member[::2],
-                                       level.member[1::2]), bright)
+        other = copy(self)
+        other._set_levels(bright)
         return other
 
     def with_camera(self, camera: Camera, options: IdentificationOptions) -> Self:
@@ -140,6 +144,10 @@ class PyramidIdentifier(Identifier):
             other.camera, other.verifier = camera, self._verifier(camera)
             other._database = _database(self._levels, other.verifier.data, camera.lens)
         return other
+
+    def prepare(self) -> None:
+        """Have the database in memory before a short search among many databases."""
+        prepare(*self._stored)
 
     def identify(self, centroids: Centroids) -> Identification:
         """Return the stars of the first triangle that is verified."""

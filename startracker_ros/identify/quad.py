@@ -51,12 +51,11 @@ class QuadIdentifier(CandidateIdentifier):
                                                    self.scale_error)
         self.pairs = cached_pairs(self.onboard, _MIN_SEPARATION_PX * camera.pixel_rad,
                                   2 * camera.corner_angle_rad * (1 + self.scale_error))
-        self._directions = self.onboard.direction[self.pairs.star]
 
     def candidates(self, field: FieldStars) -> Iterator[Candidates]:
         """Yield the catalogue quads that fit one image quad after the other."""
         for base in base_quads(len(field)):
-            quads = matching_quads(self.pairs, self._directions, field.direction[base],
+            quads = matching_quads(self.pairs, self.pairs.direction, field.direction[base],
                                    field.sigma_rad[base], self.options.tolerance_sigmas,
                                    self.scale_error)
             yield Candidates(base, self.pairs.star[quads])

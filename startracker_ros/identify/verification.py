@@ -15,7 +15,7 @@ from startracker_ros.attitude.estimate import AttitudeEstimate
 from startracker_ros.camera.lens import plane_points, undistorted
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import OnboardCatalog
-from startracker_ros.catalog.sky_grid import count_in_image, count_near, sky_grid, SkyGrid
+from startracker_ros.catalog.sky_grid import count_in_image, count_near, SkyGrid
 from startracker_ros.compiled import compiled
 from startracker_ros.identify.association import align, fit
 from startracker_ros.identify.false_alarm import (
@@ -101,7 +101,7 @@ class Verifier:
                  lens_known: bool = True) -> None:
         self._pixel_rad = camera.pixel_rad
         area = camera.width * camera.height * camera.pixel_rad ** 2
-        sky = sky_grid(onboard.direction)
+        sky = onboard.grid
         self.data = VerifierData(
             sky, onboard.hip, onboard.magnitude, onboard.blended,
             float(tolerance_sigmas), float(scale_error), camera.model.equidistant,

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 import sys
 import time
@@ -123,10 +123,10 @@ class _Solvers:
         self._blind = fov_deg is None and camera_file is None
         self._fov_deg = fov_deg
         self._calibrated = None if self._blind else calibrated_camera(camera_file, fov_deg)
-        self._options = options
-        # Images of one camera and one night mostly follow each other.
-        self._photographs = lru_cache(maxsize=4)(self._photograph_solver)
-        self._calibrations = lru_cache(maxsize=4)(self._calibrated_solver)
+        # Images of one camera and one night mostly follow each other. Not of methods of this
+        # object: the cycle would keep the databases until garbage is collected.
+        self._photographs = lru_cache(maxsize=4)(partial(_photograph_solver, options))
+        self._calibrations = lru_cache(maxsize=4)(partial(_calibrated_solver, options))
 
     def solve(self, path: Path, photograph: Photograph, when: Occasion, observer: Observer,
               bodies: Bodies) -> tuple[Solution, float]:
@@ -150,13 +150,16 @@ class _Solvers:
             solution = solve_image(image, extractor, identifier, sky, bodies)
         return solution, 1e3 * (time.perf_counter() - start_s)
 
-    def _photograph_solver(self, camera: Camera | None, year: int) -> PhotographSolver:
-        return PhotographSolver(camera, year, self._options)
 
-    def _calibrated_solver(self, camera: Camera, year: float
-                           ) -> tuple[CentroidExtractor, Identifier, OnboardCatalog]:
-        return (CentroidExtractor(), make_identifier(camera, year, self._options),
-                onboard_catalog(camera_catalog(camera), camera, year))
+def _photograph_solver(options: IdentificationOptions, camera: Camera | None, year: int
+                       ) -> PhotographSolver:
+    return PhotographSolver(camera, year, options)
+
+
+def _calibrated_solver(options: IdentificationOptions, camera: Camera, year: float
+                       ) -> tuple[CentroidExtractor, Identifier, OnboardCatalog]:
+    return (CentroidExtractor(), make_identifier(camera, year, options),
+            onboard_catalog(camera_catalog(camera), camera, year))
 
 
 def _progress(found: Iterable[Shot], paths: Sequence[Path]) -> Iterable[Shot]:

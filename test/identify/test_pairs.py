@@ -5,11 +5,12 @@ import os
 
 import numpy as np
 import pytest
+from startracker_ros import folders, stored_arrays
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.identify import cache
-from startracker_ros.identify.cache import cache_folder, cached_pairs
+from startracker_ros.folders import cache_folder
+from startracker_ros.identify.cache import cached_pairs
 from startracker_ros.identify.pairs import build_pairs
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
@@ -27,8 +28,15 @@ def own_cache(tmp_path, monkeypatch):
 
 
 def assert_equal(a, b):
-    for name in ('star', 'separation', 'first', 'second'):
+    for name in ('star', 'direction', 'separation', 'below', 'member', 'previous'):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+def replace_file(file, content):
+    """Replace a file, which may be mapped, by another one."""
+    other = file.with_suffix('.other')
+    other.write_bytes(content)
+    other.rename(file)
 
 
 def test_every_pair_of_lone_stars_is_there_once(onboard):
@@ -77,7 +85,7 @@ def test_the_cache_keeps_what_was_used_last(onboard, monkeypatch):
     os.utime(left, (50, 50))
     cached_pairs(onboard, NEAR, 0.19)
     sizes = first.stat().st_size + second.stat().st_size
-    monkeypatch.setattr('startracker_ros.identify.cache.MAX_DATABASE_BYTES', sizes)
+    monkeypatch.setattr('startracker_ros.stored_arrays.MAX_DATABASE_BYTES', sizes)
     cached_pairs(onboard, NEAR, 0.17)
     assert first.exists() and not second.exists() and not left.exists()
     assert len(list(cache_folder().iterdir())) == 2
@@ -87,7 +95,7 @@ def test_the_cache_keeps_what_was_used_last(onboard, monkeypatch):
 def test_a_file_that_another_process_deletes_is_no_error(onboard, monkeypatch, caplog):
     cached_pairs(onboard, NEAR, 0.19)
     gone = [cache_folder() / 'pairs-gone.bin']
-    monkeypatch.setattr(cache.Path, 'glob', lambda folder, pattern: gone)
+    monkeypatch.setattr(folders.Path, 'glob', lambda folder, pattern: gone)
     built = cached_pairs(onboard, NEAR, 0.18)
     assert not caplog.text and len(list(cache_folder().iterdir())) == 2
     assert_equal(cached_pairs(onboard, NEAR, 0.18), built)
@@ -105,8 +113,8 @@ def test_a_database_of_another_version_is_left_alone(onboard, monkeypatch):
     built = cached_pairs(onboard, NEAR, FAR)
     old, = cache_folder().iterdir()
     # Whatever another version has put there under its own key.
-    old.write_bytes(b'another layout')
-    monkeypatch.setattr(cache, '_VERSION', cache._VERSION + 1)
+    replace_file(old, b'another layout')
+    monkeypatch.setattr(stored_arrays, '_VERSION', stored_arrays._VERSION + 1)
     assert_equal(cached_pairs(onboard, NEAR, FAR), built)
     assert old.read_bytes() == b'another layout' and len(list(cache_folder().iterdir())) == 2
 
@@ -119,7 +127,7 @@ def test_a_damaged_cache_is_built_anew_and_replaced(onboard, caplog, damage):
     built = cached_pairs(onboard, NEAR, FAR)
     file, = cache_folder().iterdir()
     content = file.read_bytes()
-    file.write_bytes(damage(content))
+    replace_file(file, damage(content))
     with caplog.at_level(logging.WARNING):
         assert_equal(cached_pairs(onboard, NEAR, FAR), built)
     assert 'is damaged and is rebuilt' in caplog.text

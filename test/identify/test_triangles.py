@@ -24,7 +24,7 @@ def make(direction, scale_error):
     count = len(direction)
     sky = OnboardCatalog(np.arange(1, count + 1, dtype=np.int32), direction, np.full(count, 5.0),
                          *np.zeros((2, count), bool))
-    level = pair_level(build_pairs(sky, 1e-3, 0.3), direction, 40, 1000)
+    level = pair_level(build_pairs(sky, 1e-3, 0.3), 40, 1000)
     return level, Verifier(CAMERA, sky, SIGMAS, scale_error).data
 
 
