@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 from click.testing import CliRunner
+from limits import HANGS_S
 import numpy as np
 import pytest
 from startracker_ros.bench.corpus import ALL_CELLS, Cell, CELLS, frames, View, VIEWS
@@ -62,11 +63,12 @@ def test_every_solver_solves_frames_without_noise(view):
 def cedar_python(tmp_path_factory):
     """Return the Python of a venv of its own: cedar-solve wants a NumPy below 2."""
     folder = tmp_path_factory.mktemp('cedar')
-    subprocess.run([sys.executable, '-m', 'venv', '--without-pip', str(folder)], check=True)
+    subprocess.run([sys.executable, '-m', 'venv', '--without-pip', str(folder)], check=True,
+                   timeout=HANGS_S)
     python = str(folder / 'bin' / 'python')
     subprocess.run([sys.executable, '-m', 'pip', '--python', python, 'install', '-q',
                     '--no-compile', '--disable-pip-version-check', 'cedar-solve==0.5.1',
-                    'numpy==1.26.4'], check=True)
+                    'numpy==1.26.4'], check=True, timeout=HANGS_S)
     return python
 
 

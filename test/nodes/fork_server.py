@@ -24,6 +24,7 @@ from startracker_ros.harness.processes import NodeProcesses
 _MAX_REQUEST_BYTES = 1 << 18
 _PR_SET_CHILD_SUBREAPER = 36
 _POLL_S = 0.005
+_END_S = 300.0
 
 
 class ForkedProcess:
@@ -85,7 +86,7 @@ class ForkServer:
     def close(self) -> None:
         """End the server."""
         self._connection.close()
-        self._server.wait()
+        self._server.wait(_END_S)
 
 
 class ForkedNodes(NodeProcesses):

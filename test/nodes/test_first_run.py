@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from limits import HANGS_S
 import pytest
 import startracker_ros
 from startracker_ros.harness.processes import node_environment, NodeProcesses
@@ -32,11 +33,11 @@ def test_a_node_says_that_it_compiles_and_can_be_ended(probe, tmp_path, run, rea
         log = tmp_path / 'centroid_extractor.log'
         assert reason in log.read_text() and 'ready' not in log.read_text()
         process.send_signal(signal.SIGINT)
-        assert process.wait(60) == 0
+        assert process.wait(HANGS_S) == 0
         assert 'Traceback' not in log.read_text()
     finally:
         process.kill()
-        process.wait()
+        process.wait(HANGS_S)
 
 
 def test_a_process_imports_the_package_of_its_parent(tmp_path):
@@ -44,5 +45,6 @@ def test_a_process_imports_the_package_of_its_parent(tmp_path):
     decoy.mkdir()
     (decoy / '__init__.py').write_text('raise SystemExit("not this one")\n')
     done = subprocess.run([sys.executable, '-m', 'startracker_ros', '--version'], cwd=tmp_path,
-                          env=node_environment(), stdout=subprocess.PIPE, text=True)
+                          env=node_environment(), stdout=subprocess.PIPE, text=True,
+                          timeout=HANGS_S)
     assert done.stdout.split()[-1] == startracker_ros.__version__

@@ -15,6 +15,7 @@ import subprocess
 from click.testing import CliRunner
 from docutils.core import publish_doctree
 from docutils.utils import Reporter
+from limits import HANGS_S
 import numpy as np
 import pytest
 from startracker_ros.camera.model import Camera
@@ -241,5 +242,5 @@ def test_systemd_unit(tmp_path):
         named = tmp_path / 'startracker@star_tracker.service'
         named.write_text(source.read_text().replace(words[0], shutil.which('true')))
         done = subprocess.run([verifier, 'verify', '--man=no', str(named)],
-                              capture_output=True, text=True)
+                              capture_output=True, text=True, timeout=HANGS_S)
         assert named.name not in done.stderr, done.stderr

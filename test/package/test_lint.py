@@ -4,6 +4,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+from limits import HANGS_S
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -36,6 +37,6 @@ sys.exit(main())
 ], ids=['ament_flake8', 'ruff', 'pycodestyle', 'mypy'])
 def test_nothing_is_found(linter):
     done = subprocess.run([sys.executable, *linter], cwd=ROOT, stdout=subprocess.PIPE,
-                          stderr=subprocess.STDOUT, text=True)
+                          stderr=subprocess.STDOUT, text=True, timeout=HANGS_S)
     found = [line for line in done.stdout.splitlines() if not line.startswith('checking ')]
     assert done.returncode == 0, '\n'.join(found)
