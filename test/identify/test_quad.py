@@ -56,7 +56,7 @@ def sky(direction):
                           *np.zeros((2, count), bool))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(8))
 def test_the_search_finds_what_trying_all_stars_finds(seed):
     """A small patch with wide tolerances, so that stars have several partners on each side."""

@@ -22,6 +22,7 @@ INPUTS = ('image_raw', 'camera_info', 'imu', 'odometry')
 PLAYER = {'topics': [f'*/{topic}' for topic in INPUTS], 'wait_for_camera_users': len(STAGES),
           'wait_limit_s': 300.0, 'start_delay_s': 2.0}
 REMAPPINGS = [word for topic in INPUTS for word in ('-r', f'/{topic}:={topic}')]
+SOME = (('slew', True), ('kidnapped', False))
 
 
 def recorded(bag, topic):
@@ -35,8 +36,10 @@ def stamps_ns(messages):
     return {ns_from_stamp(message.header.stamp) for message in messages}
 
 
-@pytest.mark.parametrize('name', ['slew', 'kidnapped', 'dropouts'])
-@pytest.mark.parametrize('composed', [False, True], ids=['processes', 'composed'])
+@pytest.mark.parametrize(('name', 'composed'), [
+    pytest.param(name, composed, id=f'{name}-{"composed" if composed else "processes"}',
+                 marks=() if (name, composed) in SOME else pytest.mark.long)
+    for name, composed in product(('slew', 'kidnapped', 'dropouts'), (False, True))])
 def test_every_frame_is_answered(nodes, probe, name, composed):
     bag, namespace = BAGS / name, 'trk'
     probe.collect(Imu, f'{namespace}/attitude_imu', 100)

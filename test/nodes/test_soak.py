@@ -6,18 +6,19 @@ import pytest
 from startracker_ros.campaign.resources import growth
 from startracker_ros.campaign.soak import rows_of
 from startracker_ros.harness.soak import NODES, Soak
+FRAMES = 200
 
 
 @pytest.fixture(scope='module')
 def result(tmp_path_factory):
-    """Return what six hundred frames through the nodes showed."""
+    """Return what frames through the nodes showed."""
     with Soak(tmp_path_factory.mktemp('soak'), seed=3) as soak:
-        return soak.run(600)
+        return soak.run(FRAMES)
 
 
 def test_every_frame_is_answered_and_none_wrong(result):
-    assert (result.frames, result.processed, result.lost, result.wrong) == (600, 600, 0, 0)
-    assert result.attitudes >= 594
+    assert (result.frames, result.processed, result.lost, result.wrong) == (FRAMES, FRAMES, 0, 0)
+    assert result.attitudes >= 0.99 * FRAMES
 
 
 def test_no_handle_and_no_thread_is_left_behind(result):

@@ -82,7 +82,7 @@ def test_cheap_commands_run(option):
     assert CliRunner().invoke(main, [option]).exit_code == 0
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize('text', sorted(
     {text for _, text in COMMANDS if text.endswith('night-sky-11deg/*.png')}))
 def test_commands_on_the_photographs_run(text, sky_data, tmp_path, monkeypatch):
