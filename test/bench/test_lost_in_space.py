@@ -48,7 +48,9 @@ def test_false_only_fields_have_as_many_stars_as_real_ones():
     assert all(frame.truth is None for frame in frames(A12, CELLS['mirrored'], 3, 1))
 
 
-@pytest.mark.parametrize('view', VIEWS.values(), ids=list(VIEWS))
+@pytest.mark.parametrize('view', [
+    pytest.param(view, id=name, marks=() if name == 'B20' else pytest.mark.long)
+    for name, view in VIEWS.items()])
 def test_every_solver_solves_frames_without_noise(view):
     """One that does not has got the pixels, the field of view or the attitude wrong."""
     outcomes = solve_frames(view, EASY, None, 40, 1)
@@ -130,7 +132,7 @@ def test_without_peers_only_the_absolute_bounds_are_left():
 
 
 def test_rows_are_complete():
-    result = run_lost_in_space_bench(trials=4, seed=1, only=('0.3px', 'mirrored'),
+    result = run_lost_in_space_bench(trials=1, seed=1, only=('0.3px', 'mirrored'),
                                      cameras=('B20',))
     by_cell = {(row['cell'], row['solver']): row for row in result.rows}
     assert len(by_cell) == len(result.rows) == 2 * len(solvers())
