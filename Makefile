@@ -1,4 +1,5 @@
-# make demo | demo-closed-loop | test | test-core | test-long | clean. Needs Python 3.11 or 3.12 and a package index; ROS 2 comes as wheels.
+# make demo | demo-closed-loop | test | test-core | test-long | lint | clean. Needs Python 3.11 or 3.12
+# and a package index; ROS 2 comes as wheels.
 
 SUPPORTED = import ensurepip, sys, venv; sys.exit(sys.version_info[:2] not in [(3, 11), (3, 12)])
 PYTHON ?= $(shell for python in python3.12 python3.11 python3; do \
@@ -17,7 +18,7 @@ unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
 	find startracker_ros config launch resource -not -path '*/__pycache__*')
 
-.PHONY: demo demo-closed-loop test test-core test-long clean
+.PHONY: demo demo-closed-loop test test-core test-long lint clean
 
 demo: .venv/package
 	$(RUN) -m startracker_ros demo
@@ -38,6 +39,10 @@ test: .venv/package .venv/gnc
 # What neither starts nodes nor takes long, to be run after each change.
 test-core: .venv/package
 	@$(PYTEST) $(ON_BOTH_CORES) -m core test
+
+# The linters of ROS 2 packages, ruff and mypy: half a minute of a processor.
+lint: .venv/package
+	@$(PYTEST) test/package/test_lint.py
 
 # More cases and larger sizes of what `make test` covers, and installs: before a release.
 test-long: .venv/package .venv/gnc
