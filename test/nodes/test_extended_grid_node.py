@@ -4,6 +4,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
+from queues import deep_queues
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
 from startracker_ros.bag.layouts import MessageError, ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.bag.telemetry import rate_from_imu
@@ -45,15 +46,12 @@ def test_a_rate_survives_its_message():
 def test_attitudes_of_two_and_three_stars(nodes, probe):
     """The field holds ten stars at first, two to three in the second half."""
     frames = 50
-    # On a busy machine all of them wait for a node.
-    def deep(*ends):
-        return {f'qos_overrides./{end}.depth': frames for end in ends}
-    nodes.start('centroid_extractor', deep('image_raw.subscription', 'centroids.publisher'))
+    nodes.start('centroid_extractor', deep_queues('image_raw.subscription', 'centroids.publisher'))
     nodes.start('star_identifier', {
-        **OPTIONS, **deep('centroids.subscription', 'stars.publisher')})
+        **OPTIONS, **deep_queues('centroids.subscription', 'stars.publisher')})
     nodes.start('attitude_estimator', {
         'source': 'stars', 'min_stars': 2, 'aberration': 'none',
-        **deep('stars.subscription', 'attitude.publisher', 'attitude_imu.publisher')})
+        **deep_queues('stars.subscription', 'attitude.publisher', 'attitude_imu.publisher')})
     for topic, kind in (('attitude_imu', Imu), ('attitude', QuaternionStamped),
                         ('truth/attitude', QuaternionStamped),
                         ('truth/stars', PointCloud2), ('stars', PointCloud2),
@@ -63,7 +61,7 @@ def test_attitudes_of_two_and_three_stars(nodes, probe):
                and probe.count_subscribers('stars') >= 2 and probe.count_subscribers('imu')
                and probe.count_subscribers('camera_info') >= 3, 'the nodes')
     nodes.start('sky_simulator', {
-        **deep('image_raw.publisher', 'truth/stars.publisher', 'truth/attitude.publisher'),
+        **deep_queues('image_raw.publisher', 'truth/stars.publisher', 'truth/attitude.publisher'),
         'fov_deg': 4.0, 'faint_limit': 7.5, 'zero_flux_e_s': 1e7, 'frame_rate_hz': 5.0,
         'frame_count': frames, 'wait_for_subscribers': 1, 'wait_for_camera_users': 4,
         'motion': 'constant_rate', 'ra_deg': 317.24, 'dec_deg': -56.04,

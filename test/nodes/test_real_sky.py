@@ -5,6 +5,7 @@ import csv
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
+from queues import deep_queues
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.camera.files import save_camera
@@ -18,13 +19,10 @@ FRAME_NS = 500_000_000
 
 
 def start_nodes(nodes, probe, publisher):
-    # On a busy machine all images wait for a node.
-    def deep(*ends):
-        return {f'qos_overrides./{end}.depth': 100 for end in ends}
-    nodes.start('centroid_extractor', deep('image_raw.subscription', 'centroids.publisher'))
-    nodes.start('star_identifier', deep('centroids.subscription', 'stars.publisher'))
+    nodes.start('centroid_extractor', deep_queues('image_raw.subscription', 'centroids.publisher'))
+    nodes.start('star_identifier', deep_queues('centroids.subscription', 'stars.publisher'))
     nodes.start('attitude_estimator', {
-        'source': 'stars', **deep('stars.subscription', 'attitude.publisher',
+        'source': 'stars', **deep_queues('stars.subscription', 'attitude.publisher',
                                   'attitude_imu.publisher')})
     probe.collect(QuaternionStamped, 'attitude', qos.LIST)
     probe.collect(Imu, 'attitude_imu', qos.LIST)
@@ -32,7 +30,7 @@ def start_nodes(nodes, probe, publisher):
     probe.wait(lambda: probe.count_publishers('attitude') and probe.count_publishers('stars')
                and probe.count_subscribers('stars') >= 2, 'the nodes')
     nodes.start('image_publisher', {
-        **deep('image_raw.publisher'), 'frame_rate_hz': 1e9 / FRAME_NS,
+        **deep_queues('image_raw.publisher'), 'frame_rate_hz': 1e9 / FRAME_NS,
         'wait_for_subscribers': 1, 'wait_for_camera_users': 3,
         'start_time_utc': '2019-07-29T20:47:26', **publisher})
 

@@ -4,6 +4,7 @@ from itertools import product
 from pathlib import Path
 
 import pytest
+from queues import deep_queues
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
 from startracker_ros.bag.layouts import ns_from_stamp
@@ -48,7 +49,7 @@ def test_every_frame_is_answered(nodes, probe, name, composed):
                          namespace=namespace)
     managed = {'autostart': False}
     ends = [('image_raw', 'subscription'), *product(LISTS, ('publisher', 'subscription'))]
-    depths = {f'qos_overrides./{namespace}/{topic}.{end}.depth': 100 for topic, end in ends}
+    depths = deep_queues(*(f'{namespace}/{topic}.{end}' for topic, end in ends))
     for name in (('composed_pipeline',) if composed else STAGES):
         nodes.start(name, managed | depths, namespace=namespace)
     nodes.start('pipeline_manager', namespace=namespace)

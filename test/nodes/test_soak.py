@@ -12,7 +12,8 @@ FRAMES = 200
 @pytest.fixture(scope='module')
 def result(tmp_path_factory):
     """Return what frames through the nodes showed, with several samples on the way."""
-    with pytest.MonkeyPatch.context() as patch, Soak(tmp_path_factory.mktemp('soak'), seed=3) as soak:
+    folder = tmp_path_factory.mktemp('soak')
+    with pytest.MonkeyPatch.context() as patch, Soak(folder, seed=3) as soak:
         patch.setattr('startracker_ros.harness.soak._SAMPLE_PERIOD_S', 0.1)
         return soak.run(FRAMES)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from queues import deep_queues
 from sensor_msgs.msg import CameraInfo, Image
 from sensor_msgs.srv import SetCameraInfo
 from startracker_ros.bag.layouts import camera_from_message, image_from_message, ns_from_stamp
@@ -22,7 +23,7 @@ def test_a_source_makes_up_for_the_time_that_it_stood_still(nodes, probe):
     probe.collect(CameraInfo, 'camera_info', qos.LIST)
     source = nodes.start('sky_simulator', {
         'width': 64, 'height': 64, 'frame_rate_hz': 10.0,
-        'qos_overrides./camera_info.publisher.depth': 1000})
+        **deep_queues('camera_info.publisher')})
     heard = probe.received['camera_info']
     probe.wait(lambda: len(heard) >= 10, 'images')
     source.send_signal(signal.SIGSTOP)
