@@ -131,7 +131,7 @@ def test_without_peers_only_the_absolute_bounds_are_left():
     assert bounds(A12, CELLS['0.3px'], {'ours': figures()}) == [('wrong = 0', True)]
 
 
-def test_rows_are_complete():
+def test_rows_are_complete(one_process):
     result = run_lost_in_space_bench(trials=1, seed=1, only=('0.3px', 'mirrored'),
                                      cameras=('B20',))
     by_cell = {(row['cell'], row['solver']): row for row in result.rows}

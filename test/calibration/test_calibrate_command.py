@@ -88,7 +88,7 @@ def test_the_calibrated_camera_solves_the_same_sky(calibrated, night_sky):
         assert np.hypot(*(error[:2] + offset)) < 30, (row['file'], error, offset)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_images_that_cannot_be_used_are_named(night_sky, tmp_path):
     paths = night_sky[0][2:6]
     (tmp_path / 'notes.png').write_text('not an image')

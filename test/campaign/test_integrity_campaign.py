@@ -27,7 +27,7 @@ def test_nothing_wrong_is_published(name):
 
 
 @pytest.mark.parametrize('name', ['mirrored image', 'focal length off by 1 %'])
-@pytest.mark.parametrize('frames', [8, pytest.param(120, marks=pytest.mark.long)])
+@pytest.mark.parametrize('frames', [10, pytest.param(120, marks=pytest.mark.long)])
 def test_nothing_at_all_is_published_of_a_wrong_camera(name, frames, monkeypatch):
     monkeypatch.setitem(CONDITIONS, name, replace(CONDITIONS[name], frames=frames))
     assert integrity_runs(name, 1, seed=4).published == 0

@@ -16,7 +16,7 @@ def test_doctor_finds_a_live_camera_sound_and_another_file_different(nodes, prob
     probe.wait(lambda: probe.count_publishers('tracker_1/image_raw'), 'the simulator')
     save_camera(Camera.from_fov(256, 256, 21.0), tmp_path / 'camera.yaml')
     done = subprocess.run(
-        [sys.executable, '-m', 'startracker_ros', 'doctor', '--json', '--listen', '15',
+        [sys.executable, '-m', 'startracker_ros', 'doctor', '--json', '--listen', '8',
          '--namespace', 'tracker_1', '--camera', str(tmp_path / 'camera.yaml')],
         capture_output=True, text=True, timeout=HANGS_S, env=os.environ)
     rows = {row['check']: row for row in json.loads(done.stdout)['rows']}

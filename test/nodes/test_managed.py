@@ -22,7 +22,7 @@ SKY = {'width': 256, 'height': 256, 'fov_deg': 20.0, 'frame_rate_hz': 5.0,
        'motion': 'constant_rate', 'rate_deg_s': [0.05, 0.1, 0.02], 'faint_limit': 6.5}
 # The largest error that was measured is 30, about the boresight: a pixel is 281.
 WRONG_ARCSEC = 120.0
-SEQUENCES = 8
+SEQUENCES = 4
 GOLDEN_BAG = Path(__file__).parents[2] / 'bags' / 'slew'
 
 
@@ -75,7 +75,8 @@ class Pipeline(NodeManager):
         assert self.nodes.ended() == []
 
 
-@pytest.mark.parametrize('composed', [False, True], ids=['processes', 'composed'])
+@pytest.mark.parametrize('composed', [False, pytest.param(True, marks=pytest.mark.long)],
+                         ids=['processes', 'composed'])
 def test_an_inactive_node_is_silent_and_continues_when_it_is_active(nodes, probe, composed):
     pipeline = Pipeline(nodes, probe, composed)
     for node, topic in (('attitude_estimator', 'attitude_imu'), ('star_tracker', 'tracks')):
