@@ -13,9 +13,11 @@ FRAMES = 200
 def result(tmp_path_factory):
     """Return what frames through the nodes showed, with several samples on the way."""
     folder = tmp_path_factory.mktemp('soak')
-    with pytest.MonkeyPatch.context() as patch, Soak(folder, seed=3) as soak:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('startracker_ros.harness.soak.LOOP_FRAMES', FRAMES)
         patch.setattr('startracker_ros.harness.soak._SAMPLE_PERIOD_S', 0.1)
-        return soak.run(FRAMES)
+        with Soak(folder, seed=3) as soak:
+            return soak.run(FRAMES)
 
 
 def test_every_frame_is_answered_and_none_wrong(result):

@@ -215,7 +215,8 @@ def test_a_mirrored_image_is_named(sky_data):
     assert 'flip it with --mirror' in solution.identification.reason
 
 
-@pytest.mark.parametrize('draw', [pytest.param(city, marks=pytest.mark.long), random_spots])
+@pytest.mark.long
+@pytest.mark.parametrize('draw', [city, random_spots])
 def test_no_field_of_view_explains_what_is_no_sky(any_field, draw):
     image = draw(np.random.default_rng(0)).clip(0, 255).astype(np.uint8)
     solution = any_field.solve(image)
