@@ -1,4 +1,5 @@
-# make demo | demo-closed-loop | test | test-core | clean. Needs Python 3.11 or 3.12 and a package index; ROS 2 comes as wheels.
+# make demo | demo-closed-loop | test | test-core | test-long | lint | clean. Needs Python 3.11 or 3.12
+# and a package index; ROS 2 comes as wheels.
 
 SUPPORTED = import ensurepip, sys, venv; sys.exit(sys.version_info[:2] not in [(3, 11), (3, 12)])
 PYTHON ?= $(shell for python in python3.12 python3.11 python3; do \
@@ -18,7 +19,7 @@ unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
 	find startracker_ros config launch resource -not -path '*/__pycache__*')
 
-.PHONY: demo demo-closed-loop test test-core clean
+.PHONY: demo demo-closed-loop test test-core test-long lint clean
 
 demo: .venv/package
 	@echo '== demo: six nodes on the simulated sky, a minute of it once all are ready; a bag of some 320 MB in demo'
@@ -27,18 +28,27 @@ demo: .venv/package
 demo-closed-loop: .venv/package .venv/gnc
 	$(RUN) -m startracker_ros demo closed-loop
 
-# Everything. The demos measure what they show, so they have both cores to themselves.
+# What a change has to pass. The demos measure what they show, so they have both cores to
+# themselves.
 PYTEST := $(RUN) -m pytest -q
 # Three workers: tests of nodes wait half of their time. The order is that of test/conftest.py.
 ON_BOTH_CORES := -n 3 --dist loadfile --no-loadscope-reorder
 DEMOS := $(addprefix test/nodes/,test_demo.py test_two_satellite_demo.py test_closed_loop_demo.py)
 test: .venv/package .venv/tests .venv/gnc
-	@$(PYTEST) $(ON_BOTH_CORES) test $(DEMOS:%=--ignore %); others=$$?; \
-		$(PYTEST) $(DEMOS) && exit $$others
+	@$(PYTEST) $(ON_BOTH_CORES) -m 'not long' test $(DEMOS:%=--ignore %); others=$$?; \
+		$(PYTEST) -m 'not long' $(DEMOS) && exit $$others
 
 # What neither starts nodes nor takes long, to be run after each change.
 test-core: .venv/package .venv/tests
 	@$(PYTEST) $(ON_BOTH_CORES) -m core test
+
+# The linters of ROS 2 packages, ruff and mypy: half a minute of a processor.
+lint: .venv/package .venv/tests
+	@$(PYTEST) test/package/test_lint.py
+
+# More cases and larger sizes of what `make test` covers, and installs: before a release.
+test-long: .venv/package .venv/tests .venv/gnc
+	@$(PYTEST) $(ON_BOTH_CORES) -m long test
 
 .venv/requirements: requirements.txt
 	@"$(PYTHON)" -c '$(SUPPORTED)' 2>/dev/null || { \

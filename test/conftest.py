@@ -13,47 +13,56 @@ import pytest
 
 ROOT = Path(__file__).parent
 # By the longest path that fits, unless a test is marked itself: core needs no nodes, dds starts
-# some, long takes more than some ten seconds of a processor.
+# some, slow takes seconds of a processor. What is marked as long is not part of `make test`.
 KINDS = {
     '': 'core',
-    'bag/test_damage.py': 'long',
-    'bench': 'long',
-    'campaign': 'long',
-    'datasheet/test_datasheet.py': 'long',
+    'bag/test_damage.py': 'slow',
+    'bench': 'slow',
+    'campaign': 'slow',
+    'datasheet/test_datasheet.py': 'slow',
     'nodes': 'dds',
-    'nodes/test_closed_loop_demo.py': 'long',
-    'nodes/test_demo.py': 'long',
-    'nodes/test_faults.py': 'long',
-    'nodes/test_soak.py': 'long',
-    'nodes/test_two_satellite_demo.py': 'long',
-    'package/test_install.py': 'long',
-    'package/test_lint.py': 'long',
-    'test_compiled.py': 'long',
+    'nodes/test_closed_loop_demo.py': 'slow',
+    'nodes/test_demo.py': 'slow',
+    'nodes/test_faults.py': 'slow',
+    'nodes/test_soak.py': 'slow',
+    'nodes/test_two_satellite_demo.py': 'slow',
+    'package/test_install.py': 'slow',
+    'package/test_lint.py': 'slow',
+    'test_compiled.py': 'slow',
 }
 # Those that take longest, first: with several workers none is left alone with one of them.
 LONGEST = (
+    'nodes/test_lifecycle.py',
     'nodes/test_faults.py',
     'pipeline/test_photographs.py',
-    'nodes/test_replay.py',
     'nodes/test_ready.py',
-    'nodes/test_lifecycle.py',
-    'nodes/test_managed.py',
-    'package/test_install.py',
-    'campaign/test_integrity_campaign.py',
-    'nodes/test_latency.py',
-    'package/test_lint.py',
+    'nodes/test_live.py',
     'nodes/test_tracking_nodes.py',
-    'bench/test_lost_in_space.py',
-    'campaign/test_jpdaf_campaign.py',
-    'nodes/test_soak.py',
-    'nodes/test_bag_player.py',
-    'bench/test_identification_bench.py',
     'nodes/test_extended_grid_node.py',
-    'nodes/test_bad_input.py',
+    'nodes/test_bag_player.py',
+    'campaign/test_integrity_campaign.py',
+    'nodes/test_heads_demo.py',
+    'nodes/test_managed.py',
+    'bench/test_lost_in_space.py',
+    'nodes/test_doctor_listens.py',
+    'package/test_install.py',
     'nodes/test_bag_recorder.py',
+    'nodes/test_replay.py',
+    'nodes/test_bad_images.py',
+    'nodes/test_latency.py',
+    'nodes/test_soak.py',
+    'test_compiled.py',
+    'campaign/test_jpdaf_campaign.py',
+    'nodes/test_bad_input.py',
+    'nodes/test_composition.py',
+    'pipeline/test_solve.py',
+    'identify/test_identifier.py',
+    'reprocess/test_reprocess.py',
+    'track/test_tracker.py',
     'datasheet/test_datasheet.py',
     'track/test_attitude_model.py',
-    'pipeline/test_solve.py',
+    'calibration/test_calibrate_command.py',
+    'bench/test_identification_bench.py',
 )
 NOT_RUN = pytest.StashKey[str]()
 
@@ -129,7 +138,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     ranks = {ROOT / name: rank for rank, name in enumerate(LONGEST)}
     items.sort(key=lambda item: ranks.get(item.path, len(ranks)))
     for item in items:
-        if not any(item.get_closest_marker(kind) for kind in set(KINDS.values())):
+        if not any(item.get_closest_marker(kind) for kind in {*KINDS.values(), 'long'}):
             item.add_marker(kind_of(item.path))
     result = yield
     lines = []

@@ -76,7 +76,7 @@ def test_unreadable_image_is_a_row_and_status_1(tmp_path):
     assert not row['solved'] and 'notes.png' in row['file']
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_bench_prints_rows_that_hold():
     """Except times, which are those of the machine."""
     done = startracker('bench', 'pipeline', '--json', '--trials', '100', '--only', 'cramer-rao',

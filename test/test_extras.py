@@ -5,6 +5,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+from limits import HANGS_S
 import pytest
 
 LIBRARIES = ('Basilisk', 'dask', 'distributed', 'jinja2', 'matplotlib', 'pyarrow')
@@ -31,6 +32,6 @@ def test_a_command_without_the_extras(arguments: list[str], words: str, tmp_path
         [sys.executable, '-m', 'startracker_ros',
          *(word.format(out=tmp_path) for word in arguments)],
         cwd=root, env={**os.environ, 'PYTHONPATH': f'{tmp_path}{os.pathsep}{root}'},
-        capture_output=True, text=True, timeout=120)
+        capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == (1 if words else 0), done.stderr
     assert done.stderr.strip() == (f'startracker: {words}' if words else '')

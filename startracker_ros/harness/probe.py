@@ -2,6 +2,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 import time
@@ -14,12 +15,15 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from startracker_ros.harness.processes import HarnessError
 
 _SPIN_S = 0.05
 _DISCOVERY_S = 0.3
 _REPEAT_REQUEST_S = 3.0
 _REPEAT_MESSAGE_S = 1.0
+_DEPTH = 1000
+"""Of what a probe receives: on a busy machine it may not run for seconds."""
 
 
 @dataclass(frozen=True)
@@ -50,16 +54,11 @@ class Progress:
         return time.monotonic() - self._increased_s > self._stall_s
 
 
-def _every(period_s: float, act: Callable[[], Any]) -> Callable[[], None]:
-    """Return a function that acts at its first call, and again once the period has passed."""
-    due_s = 0.0
-
-    def act_when_due() -> None:
-        nonlocal due_s
-        if time.monotonic() > due_s:
-            act()
-            due_s = time.monotonic() + period_s
-    return act_when_due
+def _deep(profile: QoSProfile | int) -> QoSProfile:
+    """Return a profile, or one of a depth, that holds all that comes while a probe is busy."""
+    deep = QoSProfile(depth=profile) if isinstance(profile, int) else copy(profile)
+    deep.depth = max(deep.depth, _DEPTH)
+    return deep
 
 
 class Probe(Node):
@@ -93,8 +92,9 @@ class Probe(Node):
     # --- messages and services ---
 
     def collect(self, message_type: type, topic: str, profile: Any = 10) -> None:
-        """Append every message of a topic to received[topic]."""
-        self.create_subscription(message_type, topic, self.received[topic].append, profile)
+        """Append every message of a topic to received[topic], whatever the depth of a profile."""
+        self.create_subscription(message_type, topic, self.received[topic].append,
+                                 _deep(profile))
 
     def subscribe_with_info(self, message_type: type, topic: str,
                             callback: Callable[[Any, dict[str, int]], None], profile: Any
@@ -102,11 +102,11 @@ class Probe(Node):
         """Call back with each message and its source_timestamp and received_timestamp, in ns."""
         # The type hint of rclpy allows callbacks of one argument only.
         self.create_subscription(
-            message_type, topic, callback, profile)  # type: ignore[arg-type]
+            message_type, topic, callback, _deep(profile))  # type: ignore[arg-type]
 
     def collect_diagnostics(self) -> None:
         """Append every message of /diagnostics to received, and each status to diagnostics."""
-        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, _DEPTH)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         self.received['/diagnostics'].append(message)
@@ -129,22 +129,49 @@ class Probe(Node):
         self.spin_for(_DISCOVERY_S)
         return publisher
 
+    def send_until(self, send: Callable[[], Any], condition: Callable[[], Any], what: str, *,
+                   period_s: float = _REPEAT_MESSAGE_S, timeout_s: float | None = None) -> Any:
+        """
+        Send now and every period_s until a condition is true, and return its value.
+
+        One message may be too early, in the wrong order among several topics, or too late in a
+        short queue. What is sent again has a new stamp where the receiver drops old ones.
+        """
+        due_s = 0.0
+
+        def sent_and_true() -> Any:
+            nonlocal due_s
+            if value := condition():
+                return value
+            if time.monotonic() > due_s:
+                send()
+                due_s = time.monotonic() + period_s
+            return None
+        return self.wait(sent_and_true, what, timeout_s)
+
     def publish_until_received(self, publisher: Publisher, message: Any, *, nodes: int = 1
                                ) -> None:
         """
-        Publish a message until that many nodes have counted it in their diagnostics.
+        Publish a message until that many nodes have counted another one of its topic.
 
-        It is repeated every second, as the camera_info of a camera is: what one message starts
-        does not depend on when a node has matched. collect_diagnostics() comes first.
+        The counts are those of the diagnostics: collect_diagnostics() comes first. As the
+        camera_info of a camera it is repeated every second, so that what it starts does not
+        depend on when a node has matched.
         """
-        topic = publisher.topic_name.lstrip('/')
-        publish = _every(_REPEAT_MESSAGE_S, lambda: publisher.publish(message))
+        before = self._received_counts(publisher)
 
         def received() -> bool:
-            publish()
-            return nodes <= len({status.name for status in self.statuses() if any(
-                value.key == f'{topic} received' for value in status.values)})
-        self.wait(received, f'{topic} received by {nodes} nodes')
+            counts = self._received_counts(publisher)
+            return nodes <= sum(count > before.get(name, 0) for name, count in counts.items())
+        self.send_until(lambda: publisher.publish(message), received,
+                        f'{publisher.topic_name} received by {nodes} nodes')
+
+    def _received_counts(self, publisher: Publisher) -> dict[tuple[str, str], int]:
+        """Return how many messages of a topic each node has counted."""
+        key = f"{publisher.topic_name.lstrip('/')} received"
+        return {(status.name, status.hardware_id): int(value.value)
+                for status in self.statuses()
+                for value in status.values if value.key.lstrip('/') == key}
 
     def call(self, service_type: type, name: str, request: Any, timeout_s: float | None = None
              ) -> Any:
@@ -163,12 +190,9 @@ class Probe(Node):
         def send() -> None:
             futures.append(client.call_async(request))
             self.requests[name] += 1
-        send_when_due = _every(_REPEAT_REQUEST_S, send)
-
-        def done() -> Any:
-            send_when_due()
-            return next((future for future in futures if future.done()), None)
-        return self.wait(done, f'response of {name}', timeout_s).result()
+        return self.send_until(
+            send, lambda: next((future for future in futures if future.done()), None),
+            f'response of {name}', period_s=_REPEAT_REQUEST_S, timeout_s=timeout_s).result()
 
     # --- time ---
 

@@ -85,7 +85,7 @@ def test_the_optimal_ones_agree_on_noisy_directions(q, count, half_angle_rad, se
         np.testing.assert_allclose(estimate.residual_rad, expected.residual_rad, atol=1e-10)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @given(st.integers(2, 8), st.booleans(), st.integers(0, 9999))
 @settings(max_examples=300)
 def test_the_optimal_ones_agree_on_directions_that_do_not_fit(count, narrow, seed):
@@ -137,7 +137,7 @@ def test_triad_takes_the_two_stars_of_the_least_covariance(seed):
     assert np.linalg.eigvalsh(more).min() > -1e-3 * np.trace(more)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize('solver', SOLVERS)
 def test_each_covariance_is_true(solver):
     rng = np.random.default_rng(11)

@@ -4,6 +4,7 @@ from pathlib import Path
 import threading
 import time
 
+from limits import HANGS_S
 import pytest
 from startracker_ros.bag.background import BackgroundWriter
 from startracker_ros.bag.errors import BagError
@@ -22,7 +23,7 @@ class SlowWriter(BagWriter):
 
     def write(self, *message: object) -> None:
         self.began.set()
-        assert self.released.wait(120)
+        assert self.released.wait(HANGS_S)
         if self._fails:
             raise BagError('the disk is full')
         super().write(*message)
@@ -41,7 +42,7 @@ def test_what_finds_no_room_is_counted(tmp_path: Path) -> None:
     with BackgroundWriter(slow, queue_bytes=5000) as writer:
         writer.add_topic('/a', 'std_msgs/msg/Header')
         assert send(writer, 0)
-        assert slow.began.wait(120)
+        assert slow.began.wait(HANGS_S)
         # The one under way takes room, too.
         taken = [send(writer, number) for number in range(1, 10)]
         assert taken == [True] * 4 + [False] * 5
@@ -62,7 +63,7 @@ def test_messages_reach_the_disk_while_no_others_follow(tmp_path: Path) -> None:
         writer.add_topic('/a', 'std_msgs/msg/Header')
         for number in range(5):
             send(writer, number)
-        deadline_s = time.monotonic() + 120
+        deadline_s = time.monotonic() + HANGS_S
         while numbers(tmp_path / 'run', tolerant=True) != [0, 1, 2, 3, 4]:
             assert time.monotonic() < deadline_s
             time.sleep(0.02)
@@ -75,7 +76,7 @@ def test_a_failure_of_the_disk_is_told_and_the_rest_counted(tmp_path: Path) -> N
         for number in range(4):
             assert send(writer, number)
         slow.released.set()
-        deadline_s = time.monotonic() + 120
+        deadline_s = time.monotonic() + HANGS_S
         while writer.error is None:
             assert time.monotonic() < deadline_s
             time.sleep(0.01)

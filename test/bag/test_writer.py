@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 from hypothesis import given, settings, strategies as st
+from limits import HANGS_S
 from mcap.reader import make_reader
 import pytest
 from rosbags.interfaces import (
@@ -325,7 +326,8 @@ with BagWriter(Path(sys.argv[1])) as writer:
 
 def test_a_full_disk_keeps_what_came_before(tmp_path: Path) -> None:
     bag = tmp_path / 'run'
-    done = subprocess.run([sys.executable, '-c', FULL, str(bag)], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, '-c', FULL, str(bag)], capture_output=True, text=True,
+                          timeout=HANGS_S)
     assert (done.returncode, done.stderr) == (0, '')
     first, second = done.stdout.splitlines()
     frame, text = first.split(' ', 1)

@@ -3,6 +3,7 @@
 import time
 
 import cv2
+from limits import HANGS_S
 import numpy as np
 import pytest
 from startracker_ros.camera.capture import (
@@ -185,7 +186,7 @@ class Script:
 
 
 def wait_for(condition):
-    deadline_s = time.monotonic() + 20
+    deadline_s = time.monotonic() + HANGS_S
     while not condition():
         assert time.monotonic() < deadline_s
         time.sleep(0.002)

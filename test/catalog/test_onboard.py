@@ -58,7 +58,7 @@ def brute_force(catalog: StarCatalog, limit: float) -> dict[int, tuple]:
     return result
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2 ** 32 - 1), st.integers(0, 40))
 def test_places_agree_with_brute_force(seed, size):

@@ -7,6 +7,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+from limits import HANGS_S
 import pytest
 from startracker_ros.camera.files import save_camera
 from startracker_ros.camera.model import Camera
@@ -22,12 +23,12 @@ J2026_NS = 1_767_225_600 * 10 ** 9
 def doctor(*arguments, **environment):
     return subprocess.run(
         [sys.executable, '-m', 'startracker_ros', 'doctor', *arguments], text=True,
-        capture_output=True, timeout=300,
+        capture_output=True, timeout=HANGS_S,
         env={**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
              'ROS_DOMAIN_ID': take_domain(), **environment})
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_every_check_is_a_row_and_the_status_tells_whether_all_hold(tmp_path):
     save_camera(replace(CAMERA, fy=CAMERA.fx * 1.1), tmp_path / 'camera.yaml')
     done = doctor('--json', '--camera', str(tmp_path / 'camera.yaml'))
@@ -63,7 +64,7 @@ def test_brackets_of_a_text_are_printed():
     assert "'.[ros]'" in subprocess.run(
         [sys.executable, '-c', 'from startracker_ros.table import Result, show; '
          'show(Result("x", [{"mend": "pip install \'.[ros]\' :star:"}]), False)'],
-        capture_output=True, text=True, cwd=ROOT).stdout
+        capture_output=True, text=True, cwd=ROOT, timeout=HANGS_S).stdout
 
 
 def test_broken_and_missing_packages_are_named(tmp_path, monkeypatch):

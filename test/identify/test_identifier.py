@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 import re
-import time
 
 import numpy as np
 import pytest
@@ -81,12 +80,13 @@ def test_each_star_gets_its_own_number(identifier, onboard):
             result.residual_px[known]).all()
 
 
-@pytest.mark.long
-def test_false_stars_alone_are_never_accepted(identifier):
+@pytest.mark.slow
+@pytest.mark.parametrize('count', [15, pytest.param(60, marks=pytest.mark.long)])
+def test_false_stars_alone_are_never_accepted(identifier, count):
     rng = np.random.default_rng(5)
     quick = make_identifier(CAMERA, EPOCH_YEAR,
                             replace(identifier.options, time_limit_s=0.1))
-    for _ in range(60):
+    for _ in range(count):
         result = quick.identify(frame(rng.uniform(0, 511, (15, 2)), sigma_px=0.3))
         assert result.status in ('no_candidate', 'time_limit')
         assert result.attitude is None
@@ -147,8 +147,9 @@ def test_a_focal_length_far_off_gives_no_result(onboard):
         assert identifier.identify(centroids).attitude is None
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('ratio', [1 / 1.03, 1 / 1.015, 1.03])
+@pytest.mark.slow
+@pytest.mark.parametrize('ratio', [1 / 1.015, *(pytest.param(ratio, marks=pytest.mark.long)
+                                                for ratio in (1 / 1.03, 1.03))])
 @pytest.mark.parametrize('ra_deg, dec_deg', [(56.75, 24.1), (66.7, 16.0)])
 def test_a_wrong_lens_finds_nothing_in_a_cluster(onboard, ra_deg, dec_deg, ratio):
     """Around the Pleiades and the Hyades many stars still match, at a wrong attitude."""
@@ -237,7 +238,7 @@ def test_a_catalogue_without_pairs_gives_no_result(onboard):
     assert 'a field holds 0.0 catalogue stars' in result.reason
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_catalogue_too_deep_for_the_field_is_no_burden():
     """Two thousand stars in a field: bounded pairs, and still the right result."""
     camera = Camera.from_fov(512, 512, 40.0)
@@ -295,9 +296,7 @@ def test_thousands_of_centroids_are_bounded_work():
     part, fewer = searched(0.001)
     assert part.status == 'time_limit' and fewer < tested / 2
     assert part.reason == f'not identified within time_limit_s = 0.001, {fewer} candidates tested'
-    start_s = time.thread_time()
-    assert searched(0.3, 500)[0].status == 'time_limit'
-    assert time.thread_time() - start_s < 1.0
+    assert searched(0.1, 500)[0].status == 'time_limit'
 
 
 def test_two_skies_in_one_image_are_ambiguous_or_one_of_them(identifier, onboard):

@@ -82,7 +82,7 @@ def test_weighted_solution_is_the_maximum_likelihood_position():
     assert found.covariance_m2[2, 2] < 0.5 * worse.covariance_m2[2, 2]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize('weighted', [True, False])
 def test_covariance_is_that_of_the_errors(weighted):
     rng = np.random.default_rng(5)

@@ -113,7 +113,7 @@ def test_what_aberration_and_light_time_are_worth():
     assert np.linalg.norm(error_m(made.solve()[-1])) > 30
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_errors_are_those_of_the_covariance():
     """Normalised error squared over frames of an interpolating locator."""
     squared = []
@@ -129,7 +129,7 @@ def test_errors_are_those_of_the_covariance():
     assert 2.3 < np.mean(squared) < 3.7
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_covariance_of_interpolated_frames_is_not_too_small():
     squared = []
     for seed in range(60):

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fork_server import ForkedNodes
+from limits import HANGS_S
 import pytest
 from startracker_ros.harness.processes import NodeProcesses, set_environment
 
@@ -13,9 +14,6 @@ set_environment(isolated=True)
 
 from startracker_ros.harness.probe import Probe  # noqa: E402, I100
 from startracker_ros.harness.rig import Rig  # noqa: E402
-
-HANGS_S = 120.0
-"""After this time a node hangs: on a busy machine everything takes ten times as long."""
 
 
 @pytest.fixture(scope='session', autouse=True)

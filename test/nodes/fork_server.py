@@ -23,7 +23,9 @@ from startracker_ros.harness.processes import NodeProcesses
 
 _MAX_REQUEST_BYTES = 1 << 18
 _PR_SET_CHILD_SUBREAPER = 36
+_PR_SET_PDEATHSIG = 1
 _POLL_S = 0.005
+_END_S = 300.0
 
 
 class ForkedProcess:
@@ -85,7 +87,7 @@ class ForkServer:
     def close(self) -> None:
         """End the server."""
         self._connection.close()
-        self._server.wait()
+        self._server.wait(_END_S)
 
 
 class ForkedNodes(NodeProcesses):
@@ -113,11 +115,12 @@ def _serve(connection: socket.socket) -> str:
         # Twice, so that what has started the server can wait for the end of the process.
         between = os.fork()
         if between == 0:
-            pid = os.fork()
+            between, pid = os.getpid(), os.fork()
             if pid:
                 connection.send(str(pid).encode())
                 os._exit(0)
             connection.close()
+            _end_with_adopter(between)
             break
         os.waitpid(between, 0)
         connection.send(b'orphaned')
@@ -130,6 +133,13 @@ def _serve(connection: socket.socket) -> str:
     os.environ.update(environment)
     sys.argv = [import_module(module).__file__ or module, *arguments]
     return module
+
+
+def _end_with_adopter(between: int) -> None:
+    """Let this process end with the one of the tests, should that be killed."""
+    while os.getppid() == between:
+        time.sleep(0.001)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 
 
 def _count_threads() -> int:

@@ -2,6 +2,7 @@
 
 from geometry_msgs.msg import (
     PoseWithCovarianceStamped, QuaternionStamped, TwistWithCovarianceStamped)
+from limits import HANGS_S
 import numpy as np
 import pytest
 from sensor_msgs.msg import Imu, Temperature
@@ -58,17 +59,25 @@ class Body:
                 self.send(head, **other)
             self.probe.spin_for(0.02)
 
-    def run_until(self, text, **other):
-        """Go on until a diagnostic has a text."""
-        def done():
+    def run_until(self, text, also=lambda: None, **other):
+        """Go on, with something else in each frame, until a diagnostic has a text."""
+        def send():
             self.run(1, **other)
-            return self.probe.find_diagnostic(text)
-        self.probe.wait(done, text)
+            also()
+        self.probe.send_until(send, lambda: self.probe.find_diagnostic(text), text, period_s=0.0)
 
-    def has_attitude(self):
-        """Return the attitude of now, None before it comes."""
-        return next((message for message in self.probe.received['attitude']
-                     if ns_from_stamp(message.header.stamp) == self.stamp_ns(self.time_s)), None)
+    def run_until_attitude(self, **other):
+        """Go on until there is an attitude of a frame from now on, and return it."""
+        begin_ns = self.stamp_ns(self.time_s)
+        return self.probe.send_until(
+            lambda: self.run(1, **other), lambda: next(
+                (message for message in self.probe.received['attitude']
+                 if ns_from_stamp(message.header.stamp) > begin_ns), None),
+            'an attitude', period_s=0.0)
+
+    def newest_attitude_ns(self):
+        """Return the newest stamp of an attitude."""
+        return max(ns_from_stamp(m.header.stamp) for m in self.probe.received['attitude'])
 
 
 @pytest.fixture
@@ -90,11 +99,11 @@ def body(nodes, probe, tmp_path):
 
 def test_two_heads_give_the_attitude_of_the_body_and_faults_are_named(body, probe, tmp_path):
     body.run(10)
-    attitude = probe.wait(body.has_attitude, 'the attitude of both heads')
+    attitude = body.run_until_attitude()
     assert attitude.header.frame_id == 'icrf'
+    time_s = (ns_from_stamp(attitude.header.stamp) - START_NS) * 1e-9
     assert np.linalg.norm(attitude_error(
-        quaternion_from_message(attitude),
-        body.truth(body.time_s))) < ARCSEC
+        quaternion_from_message(attitude), body.truth(time_s))) < ARCSEC
     body.run_until('publishing attitude')
     imu = probe.received['attitude_imu'][-1]
     assert imu.header.frame_id == 'base_link'
@@ -103,30 +112,22 @@ def test_two_heads_give_the_attitude_of_the_body_and_faults_are_named(body, prob
     assert 0 < imu.orientation_covariance[0] < (5 * ARCSEC) ** 2
     pose = probe.received['attitude_cov'][-1].pose
     assert np.any(pose.covariance) and not np.any(np.reshape(pose.covariance, (6, 6))[:3])
-    assert probe.received['gyro_drift'] and probe.received['tracker_2/mount']
+    probe.wait(lambda: probe.received['gyro_drift'] and probe.received['tracker_2/mount'],
+               'drift and mount')
     # What is no attitude, and what is no temperature.
-    body.send(1, quaternion=[0.0, 0.0, 0.0, np.nan])
-    probe.wait_diagnostic('is no attitude')
-    probe.advertise(Temperature, 'tracker_1/temperature', qos.LIST).publish(
-        Temperature(temperature=float('nan')))
-    probe.wait_diagnostic('nan degC is no temperature')
+    body.run_until('is no attitude', heads=(0,), also=lambda: body.send(
+        1, quaternion=[0.0, 0.0, 0.0, np.nan]))
+    temperature = probe.advertise(Temperature, 'tracker_1/temperature', qos.LIST)
+    body.run_until('nan degC is no temperature', also=lambda: temperature.publish(
+        Temperature(temperature=float('nan'))))
     # Frames of a head that come 2 s late.
-
-    def late():
-        body.run(1, heads=(0,))
-        body.send(1, later_s=-2.0)
-        return probe.find_diagnostic('frames 2.0 s behind the other heads')
-    probe.wait(late, 'the late head')
+    body.run_until('frames 2.0 s behind the other heads', heads=(0,),
+                   also=lambda: body.send(1, later_s=-2.0))
     # A head that disagrees is named, and the other goes on.
     body.run(8, heads=(0,))
-
-    def wrong():
-        body.run(1, heads=(0,))
-        body.send(1, error=(0.0, 0.0, 0.0175))
-        return probe.find_diagnostic('publishing attitude; tracker_2 excluded: 1 deg from')
-    probe.wait(wrong, 'the excluded head')
-    body.run(3, heads=(0,))
-    assert probe.wait(body.has_attitude, 'the attitude of one head')
+    body.run_until('publishing attitude; tracker_2 excluded: 1 deg from', heads=(0,),
+                   also=lambda: body.send(1, error=(0.0, 0.0, 0.0175)))
+    body.run_until_attitude(heads=(0,))
     hint = hint_from_imu(probe.wait(
         lambda: probe.received['tracker_2/hint'], 'a hint for the head that does not count')[-1])
     truth = multiply(body.truth((hint.stamp_ns - START_NS) * 1e-9), body.mounts[1])
@@ -138,47 +139,36 @@ def test_two_heads_give_the_attitude_of_the_body_and_faults_are_named(body, prob
     assert load_mounts(tmp_path / 'learnt.yaml', HEADS)['tracker_2'].covariance is not None
     # Neither head is in use after a reset, and one is not enough.
     assert probe.call(Trigger, '/attitude_fusion/reset', Trigger.Request()).success
-    before = len(probe.received['attitude'])
+    reset_ns = body.stamp_ns(body.time_s)
+    probe.send_until(lambda: body.run(1, heads=(0,)), lambda: probe.received['attitude_imu'][
+        -1].orientation_covariance[0] == -1, 'an invalid attitude', period_s=0.0)
     body.run(4, heads=(0,))
-    probe.wait(lambda: probe.received['attitude_imu'][-1].orientation_covariance[0] == -1,
-               'an invalid attitude')
-    assert len(probe.received['attitude']) == before
     # A head whose tracker identifies nothing: mirrored, or with another focal length.
-
-    def without():
-        body.run(1, heads=(0,))
-        body.heads[1].publish(attitude_to_imu(None, make_header(
-            body.stamp_ns(body.time_s), 'optical')))
-        return probe.find_diagnostic('tracker_2 waiting: its tracker has no attitude')
-    probe.wait(without, 'the head without attitudes')
+    body.run_until('tracker_2 waiting: its tracker has no attitude', heads=(0,),
+                   also=lambda: body.heads[1].publish(attitude_to_imu(None, make_header(
+                       body.stamp_ns(body.time_s), 'optical'))))
     # Two heads with the mount of one.
-
-    def alike():
-        body.run(1, heads=(0,))
-        body.send(1, quaternion=multiply(body.truth(body.time_s), body.mounts[0]))
-        return probe.find_diagnostic('no attitude: tracker_1 and tracker_2 disagree by 120 deg')
-    probe.wait(alike, 'the head with the mount of another')
-    assert len(probe.received['attitude']) == before
+    body.run_until(
+        'no attitude: tracker_1 and tracker_2 disagree by 120 deg', heads=(0,),
+        also=lambda: body.send(1, quaternion=multiply(
+            body.truth(body.time_s), body.mounts[0])))
+    assert body.newest_attitude_ns() <= reset_ns
     # A clock that is 0.2 s slow: 82 arcsec at this rate.
     body.run(10)
-    probe.wait(body.has_attitude, 'the attitude of both heads again')
-
-    def slow():
-        body.run(1, heads=(0,))
-        body.send(1, later_s=-0.2)
-        return probe.find_diagnostic('publishing attitude; tracker_2 excluded: 0.02')
-    probe.wait(slow, 'the head with another clock')
-    assert probe.wait(body.has_attitude, 'the attitude of the other head')
+    body.run_until_attitude()
+    body.run_until('publishing attitude; tracker_2 excluded: 0.02', heads=(0,),
+                   also=lambda: body.send(1, later_s=-0.2))
+    body.run_until_attitude(heads=(0,))
 
 
 def test_a_start_that_cannot_be_is_named(nodes, tmp_path):
     (tmp_path / 'mounts.yaml').write_text('heads: {tracker_1: {quaternion: [0, 0, 0, 1]}}')
     process = nodes.start('attitude_fusion', {'mounts_file': str(tmp_path / 'mounts.yaml')})
-    assert process.wait(120) == 2
+    assert process.wait(HANGS_S) == 2
     log = (tmp_path / 'attitude_fusion.log').read_text()
     assert 'no mount of tracker_2' in log and 'Traceback' not in log
     nodes.processes.clear()
     process = nodes.start('attitude_fusion', {'heads': ['tracker_1', 'tracker_1']})
-    assert process.wait(120) == 2
+    assert process.wait(HANGS_S) == 2
     assert 'must be different namespaces' in (tmp_path / 'attitude_fusion.log').read_text()
     nodes.processes.clear()

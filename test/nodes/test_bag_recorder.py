@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 
+from limits import HANGS_S
 from mcap.reader import make_reader
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import QosDurability, QosReliability
@@ -20,10 +21,9 @@ BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def wait_recorded(probe, topic):
-    """Wait until the recorder listens to a topic of ours."""
-    probe.wait(lambda: probe.count_subscribers(topic), f'the recorder at {topic}')
-    probe.spin_for(0.3)
+def wait_recorded(probe, publisher):
+    """Wait until the recorder has matched a publisher."""
+    probe.wait(publisher.get_subscription_count, f'the recorder at {publisher.topic_name}')
 
 
 def recorded(bag):
@@ -39,37 +39,50 @@ def recorded(bag):
     return found, offers
 
 
-def send(probe, publisher, texts):
+def send(publisher, texts):
     for text in texts:
         publisher.publish(String(data=text))
         time.sleep(0.01)
 
 
+def messages(probe):
+    """Return how many messages the recorder has written."""
+    return int(probe.diagnostic_value('bag_recorder: recording', 'messages') or 0)
+
+
 def test_topics_are_found_as_they_appear_with_the_quality_they_offer(nodes, probe, tmp_path):
     state = probe.create_publisher(String, '/a/state', LATCHED)
-    send(probe, state, ['before the recorder'])
+    send(state, ['before the recorder'])
     nodes.start('bag_recorder', {
         'folder': str(tmp_path / 'bag'), 'topics': ['/a/*', '/late'], 'exclude': ['*/secret'],
         'compression': 'zstd'})
     secret = probe.create_publisher(String, '/a/secret', 10)
     fast = probe.create_publisher(String, '/a/fast', BEST_EFFORT)
-    for topic in ('/a/state', '/a/fast'):
-        wait_recorded(probe, topic)
+    for publisher in (state, fast):
+        wait_recorded(probe, publisher)
     texts = [f'message {number}' for number in range(30)]
-    send(probe, fast, texts)
-    send(probe, secret, ['not to be recorded'])
+    send(fast, texts)
+    # Of best effort some may be lost, not all.
+    probe.send_until(lambda: send(fast, texts[-1:]), lambda: messages(probe) >= 2,
+                     'what was sent before the recorder, and with best effort')
+    send(secret, ['not to be recorded'])
     late = probe.create_publisher(Header, '/late', 10)
-    wait_recorded(probe, '/late')
+    wait_recorded(probe, late)
     late.publish(Header(frame_id='late'))
     # A second publisher that offers less: the recorder hears both.
     poor = probe.create_publisher(String, '/a/state', BEST_EFFORT)
-    probe.wait(lambda: poor.get_subscription_count(), 'the recorder at the second publisher')
-    probe.spin_for(0.3)
-    send(probe, poor, ['of the second'])
-    probe.spin_for(0.5)
-    assert nodes.stop() == {'bag_recorder': 0}
+    wait_recorded(probe, poor)
+
+    def is_recorded(topic, *last):
+        """Return whether a topic is in what has reached the disk."""
+        return any(message.topic == topic and all(text in bytes(message.data) for text in last)
+                   for message in read_messages(tmp_path / 'bag', tolerant=True))
+    probe.send_until(lambda: send(poor, ['of the second']),
+                     lambda: is_recorded('/a/state', b'of the second') and is_recorded('/late'),
+                     'messages of both')
+    assert nodes.stop(HANGS_S) == {'bag_recorder': 0}
     found, offers = recorded(tmp_path / 'bag')
-    assert found['/a/fast'] == texts
+    assert found['/a/fast'] and set(found['/a/fast']) <= set(texts)
     assert [header.frame_id for header in found['/late']] == ['late']
     assert found['/a/state'][0] == 'before the recorder'
     assert found['/a/state'][-1] == 'of the second'
@@ -78,7 +91,7 @@ def test_topics_are_found_as_they_appear_with_the_quality_they_offer(nodes, prob
     assert offers['/a/state'][0].durability == QosDurability.TRANSIENT_LOCAL
     assert offers['/late'][0].reliability == QosReliability.RELIABLE
     log = (tmp_path / 'bag_recorder.log').read_text()
-    assert f'{sum(map(len, found.values()))} messages of 3 topics, 0 lost' in log
+    assert f'{sum(map(len, found.values()))} messages of 3 topics, ' in log
 
 
 def test_a_killed_recorder_loses_what_is_not_on_the_disk_and_the_bag_is_recovered(
@@ -89,18 +102,19 @@ def test_a_killed_recorder_loses_what_is_not_on_the_disk_and_the_bag_is_recovere
         stderr=subprocess.DEVNULL)
     try:
         publisher = probe.create_publisher(String, '/numbers', 100)
-        wait_recorded(probe, '/numbers')
-        send(probe, publisher, map(str, range(200)))
+        wait_recorded(probe, publisher)
+        send(publisher, map(str, range(200)))
         # They reach the disk by themselves, while none follow.
         probe.wait(lambda: len(list(read_messages(bag, tolerant=True))) == 200,
-                   '200 messages on the disk', 120)
-        send(probe, publisher, map(str, range(200, 300)))
+                   '200 messages on the disk')
+        send(publisher, map(str, range(200, 300)))
     finally:
         recorder.send_signal(signal.SIGKILL)
-        recorder.wait()
+        recorder.wait(HANGS_S)
     assert not (bag / 'metadata.yaml').exists()
     done = subprocess.run([sys.executable, '-m', 'startracker_ros', 'info', str(bag),
-                           '--recover', str(tmp_path / 'whole')], capture_output=True, text=True)
+                           '--recover', str(tmp_path / 'whole')], capture_output=True, text=True,
+                          timeout=HANGS_S)
     assert done.returncode == 0, done.stderr
     store = get_typestore(Stores.ROS2_JAZZY)
     with Reader(tmp_path / 'whole') as reader:
@@ -135,7 +149,7 @@ def test_a_full_disk_is_told_and_the_recorder_lives_on(probe, tmp_path):
         stderr=subprocess.PIPE, text=True)
     try:
         publisher = probe.create_publisher(String, '/noise', 10)
-        wait_recorded(probe, '/noise')
+        wait_recorded(probe, publisher)
         sent = 0
         while not any('File too large' in status.message for status in probe.statuses()):
             assert sent < 1000 and recorder.poll() is None
@@ -146,7 +160,7 @@ def test_a_full_disk_is_told_and_the_recorder_lives_on(probe, tmp_path):
         assert status.level == b'\x02'
     finally:
         recorder.send_signal(signal.SIGTERM)
-        _, errors = recorder.communicate()
+        _, errors = recorder.communicate(timeout=HANGS_S)
     assert recorder.returncode == 0 and 'Traceback' not in errors, errors
     kept = [message.data[8:13].decode() for message in read_messages(bag, tolerant=True)]
     assert len(kept) >= 10 and kept == [f'{number:05d}' for number in range(len(kept))]
@@ -158,13 +172,13 @@ def test_the_command_makes_a_bag_of_files(probe, tmp_path):
          '--max-file-duration-s', '0.5', '--compression', 'lz4'],
         stderr=subprocess.PIPE, text=True)
     publisher = probe.create_publisher(String, '/split', 100)
-    wait_recorded(probe, '/split')
+    wait_recorded(probe, publisher)
     for number in range(30):
         publisher.publish(String(data=str(number)))
         time.sleep(0.05)
-    probe.spin_for(0.3)
+    probe.wait(lambda: messages(probe) == 30, 'all messages')
     recorder.send_signal(signal.SIGINT)
-    _, errors = recorder.communicate(timeout=300)
+    _, errors = recorder.communicate(timeout=HANGS_S)
     assert recorder.returncode == 0 and '30 messages of 1 topics, 0 lost' in errors
     found, _ = recorded(tmp_path / 'bag')
     assert found['/split'] == [str(number) for number in range(30)]

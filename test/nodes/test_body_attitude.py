@@ -1,8 +1,10 @@
 """The attitude of the body over DDS, and publish_tf where tf2_msgs is not installed."""
 
 from importlib.util import find_spec
+from itertools import count
 
 from geometry_msgs.msg import QuaternionStamped
+from limits import HANGS_S
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -34,12 +36,17 @@ def test_the_body_has_the_attitude_of_the_sensor_turned_by_the_mount(nodes, prob
         probe.wait(lambda topic=topic: probe.count_publishers(topic), f'the publisher of {topic}')
     centroids, hip = synthetic_field(
         onboard_catalog(load_catalog(), CAMERA, WARM_UP_EPOCH_YEAR), CAMERA)
-    stars.publish(stars_to_message(centroids, hip, np.zeros(len(hip)), np.zeros(len(hip)), CAMERA,
-                                   make_header(STAMP_NS, FRAME)))
-    probe.wait(lambda: probe.received['attitude'] and probe.received['attitude_body'],
-               'both attitudes')
-    sensor, body = probe.received['attitude'][0], probe.received['attitude_body'][0]
-    assert body.header == sensor.header and body.header.frame_id == 'icrf'
+    stamps_ns = count(STAMP_NS, 100_000_000)
+
+    def both():
+        """Return both attitudes of one frame."""
+        return next(((sensor, body) for sensor in probe.received['attitude']
+                     for body in probe.received['attitude_body']
+                     if sensor.header == body.header), None)
+    sensor, body = probe.send_until(lambda: stars.publish(stars_to_message(
+        centroids, hip, np.zeros(len(hip)), np.zeros(len(hip)), CAMERA,
+        make_header(next(stamps_ns), FRAME))), both, 'both attitudes')
+    assert body.header.frame_id == 'icrf'
     icrf_from_sensor, icrf_from_body = (
         Rotation.from_quat(quaternion_from_message(message)) for message in (sensor, body))
     assert (icrf_from_body * Rotation.from_quat(MOUNT) * icrf_from_sensor.inv()).magnitude() < 1e-9
@@ -48,7 +55,7 @@ def test_the_body_has_the_attitude_of_the_sensor_turned_by_the_mount(nodes, prob
 @pytest.mark.skipif(find_spec('tf2_msgs') is not None, reason='tf2_msgs is installed')
 def test_publish_tf_without_tf2_msgs_ends_with_the_name_of_the_package(nodes, tmp_path):
     process = nodes.start('attitude_estimator', {'publish_tf': True})
-    assert process.wait(120) == 2
+    assert process.wait(HANGS_S) == 2
     log = (tmp_path / 'attitude_estimator.log').read_text()
     assert 'publish_tf needs the package tf2_msgs' in log and 'Traceback' not in log
     # Its end is expected.

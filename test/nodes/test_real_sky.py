@@ -5,7 +5,8 @@ import csv
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
-from sensor_msgs.msg import Image, PointCloud2
+from queues import deep_queues
+from sensor_msgs.msg import Image, Imu, PointCloud2
 from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.camera.files import save_camera
 from startracker_ros.camera.model import Camera
@@ -18,16 +19,35 @@ FRAME_NS = 500_000_000
 
 
 def start_nodes(nodes, probe, publisher):
-    nodes.start('centroid_extractor')
-    nodes.start('star_identifier')
-    nodes.start('attitude_estimator', {'source': 'stars'})
+    nodes.start('centroid_extractor', deep_queues('image_raw.subscription', 'centroids.publisher'))
+    nodes.start('star_identifier', deep_queues('centroids.subscription', 'stars.publisher'))
+    nodes.start('attitude_estimator', {
+        'source': 'stars', **deep_queues('stars.subscription', 'attitude.publisher',
+                                  'attitude_imu.publisher')})
     probe.collect(QuaternionStamped, 'attitude', qos.LIST)
+    probe.collect(Imu, 'attitude_imu', qos.LIST)
     probe.collect(PointCloud2, 'stars', qos.LIST)
     probe.wait(lambda: probe.count_publishers('attitude') and probe.count_publishers('stars')
                and probe.count_subscribers('stars') >= 2, 'the nodes')
     nodes.start('image_publisher', {
-        'frame_rate_hz': 1e9 / FRAME_NS, 'wait_for_subscribers': 1, 'wait_for_camera_users': 3,
+        **deep_queues('image_raw.publisher'), 'frame_rate_hz': 1e9 / FRAME_NS,
+        'wait_for_subscribers': 1, 'wait_for_camera_users': 3,
         'start_time_utc': '2019-07-29T20:47:26', **publisher})
+
+
+def wait_answers(probe, count):
+    """Wait until all images are answered, and return the attitudes by the numbers of images."""
+    def stamps_ns(topic):
+        return {ns_from_stamp(message.header.stamp) for message in probe.received[topic]}
+
+    def valid_ns():
+        return {ns_from_stamp(message.header.stamp) for message in probe.received['attitude_imu']
+                if message.orientation_covariance[0] >= 0}
+    probe.wait(lambda: len(stamps_ns('attitude_imu')) == count
+               and valid_ns() <= stamps_ns('attitude'), 'all images')
+    start_ns = min(stamps_ns('attitude_imu'))
+    return {(ns_from_stamp(message.header.stamp) - start_ns) // FRAME_NS:
+            quaternion_from_message(message) for message in probe.received['attitude']}
 
 
 def solutions(folder):
@@ -44,17 +64,14 @@ def test_night_sky_of_11_degrees(nodes, probe, sky_data, tmp_path):
     camera_file = tmp_path / 'camera.yaml'
     save_camera(Camera.from_fov(1024, 768, 11.427), camera_file)
     start_nodes(nodes, probe, {'path': str(folder), 'camera_file': str(camera_file)})
-    probe.wait(lambda: len(probe.received['stars']) >= len(rows), 'all images')
-    probe.spin_for(1.0)
-    start_ns = ns_from_stamp(probe.received['stars'][0].header.stamp)
-    solved = {(ns_from_stamp(m.header.stamp) - start_ns) // FRAME_NS: quaternion_from_message(m)
-              for m in probe.received['attitude']}
+    solved = wait_answers(probe, len(rows))
     assert sorted(solved) == list(range(len(rows)))
-    picture = probe.received['image_annotated'][0]
+    picture = probe.wait(lambda: probe.received['image_annotated'], 'a picture')[0]
     pixels = np.frombuffer(picture.data, np.uint8).reshape(768, 1024, 3).astype(int)
     assert picture.encoding == 'rgb8'
-    marker = probe.received['image_markers'][0]
-    assert marker.header == picture.header and len(marker.points) >= 4 * 9
+    marker = probe.wait(lambda: next((marker for marker in probe.received['image_markers']
+                                      if marker.header == picture.header), None), 'its marks')
+    assert len(marker.points) >= 4 * 9
     # Orange marks around what was found, on a grey sky.
     assert np.count_nonzero(pixels[..., 0] - pixels[..., 2] > 60) > 500
     for index, row in enumerate(rows):
@@ -68,13 +85,10 @@ def test_hard_night_sky_of_6_degrees_gives_no_wrong_attitude(nodes, probe, sky_d
     folder = sky_data / 'night-sky-6deg'
     rows = solutions(folder)
     start_nodes(nodes, probe, {'path': str(folder), 'fov_deg': 6.075})
-    probe.wait(lambda: len(probe.received['stars']) >= len(rows), 'all images')
-    probe.spin_for(1.0)
-    start_ns = ns_from_stamp(probe.received['stars'][0].header.stamp)
     solved = {}
-    for message in probe.received['attitude']:
-        row = rows[(ns_from_stamp(message.header.stamp) - start_ns) // FRAME_NS]
-        ra, dec, _ = np.degrees(pointing_from_quaternion(quaternion_from_message(message)))
+    for number, quaternion in wait_answers(probe, len(rows)).items():
+        row = rows[number]
+        ra, dec, _ = np.degrees(pointing_from_quaternion(quaternion))
         solved[row['file']] = row['grade']
         # Grade - has no known answer; the next test has other evidence for those.
         if row['ra_deg']:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
+from limits import HANGS_S
 import pytest
 import rclpy
 from startracker_ros.camera.model import Camera
@@ -80,7 +81,7 @@ def start(name: str, parameters: dict[str, object]) -> dict[tuple[str, str], set
         node.begin()
         if isinstance(node, CameraNode):
             # It subscribes to its source once its code is loaded.
-            node._thread.join()
+            node._thread.join(HANGS_S)
             node._check_warm_up()
             node._on_camera_info(camera_to_message(
                 Camera.from_fov(512, 512, 20.0), make_header(1_767_225_600 * 10 ** 9, 'lens')))

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 
+from limits import HANGS_S
 import pytest
 from startracker_ros.harness.processes import node_command
 
@@ -19,7 +20,7 @@ def script(*lines):
              'from startracker_ros.ros.shutdown import Shutdown',
              'shutdown, woken = Shutdown(), threading.Event()')
     done = subprocess.run([sys.executable, '-c', '\n'.join((*start, *lines))],
-                          stdout=subprocess.PIPE, text=True, timeout=300, check=True)
+                          stdout=subprocess.PIPE, text=True, timeout=HANGS_S, check=True)
     return done.stdout.split()
 
 
@@ -30,14 +31,14 @@ def test_an_early_signal_ends_the_loop(number):
         'with shutdown.while_spinning(woken.set):',
         '    while not shutdown.requested: time.sleep(0.01)',
         f'os.kill(os.getpid(), {number:d})',
-        'print(woken.wait(120))') == ['True']
+        'print(woken.wait(300))') == ['True']
 
 
 def test_a_node_may_request_shutdown():
     assert script(
         'with shutdown.while_spinning(woken.set):',
         '    shutdown.request()',
-        '    print(woken.wait(120), shutdown.requested)') == ['True', 'True']
+        '    print(woken.wait(300), shutdown.requested)') == ['True', 'True']
 
 
 @pytest.mark.parametrize('number', NUMBERS, ids=lambda number: number.name)
@@ -63,4 +64,4 @@ def test_a_node_that_has_just_started_ends_cleanly(nodes, tmp_path, number):
             time.sleep(0.001)
         time.sleep(delay_s)
         process.send_signal(number)
-        assert process.wait(120) == 0, log.read_text()
+        assert process.wait(HANGS_S) == 0, log.read_text()

@@ -3,6 +3,7 @@
 import subprocess
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from limits import HANGS_S
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
@@ -68,18 +69,31 @@ class Observers:
             CAMERA, sensor))
         return stamp_ns
 
-    def answer_to(self, stamp_ns):
-        """Return the position published for a stamp, None without one."""
-        return next((m for m in self.probe.received['target/position']
-                     if ns_from_stamp(m.header.stamp) == stamp_ns), None)
+    def frames_until(self, condition, what, **second):
+        """Publish frames of both, the second as given, until condition(stamps) is true."""
+        stamps_ns = set()
 
-    def refused(self, words, **other):
-        """Both speak, the second as told: the reason is named and nothing is published."""
-        self.index += 1
-        stamp_ns = self.frame(0)
-        self.frame(1, **other)
-        self.probe.wait_diagnostic(words)
-        assert self.answer_to(stamp_ns) is None
+        def send():
+            self.index += 1
+            stamps_ns.add(self.frame(0))
+            self.frame(1, **second)
+        return self.probe.send_until(send, lambda: condition(stamps_ns), what)
+
+    def answer_to(self, stamps_ns):
+        """Return a position published for one of the stamps, None without one."""
+        return next((m for m in self.probe.received['target/position']
+                     if ns_from_stamp(m.header.stamp) in stamps_ns), None)
+
+    def located(self):
+        """Publish frames of both until a position is published for one of them."""
+        return self.frames_until(self.answer_to, 'a position')
+
+    def refused(self, words, **second):
+        """Publish frames, the second as given: the reason is named, no position is published."""
+        def named(stamps_ns):
+            assert self.answer_to(stamps_ns) is None
+            return self.probe.find_diagnostic(words)
+        self.frames_until(named, words, **second)
 
 
 @pytest.fixture
@@ -95,9 +109,7 @@ def observers(nodes, probe):
 def test_target_is_located_and_bad_input_is_named(observers):
     probe = observers.probe
     probe.wait_diagnostic('tracker_1: no camera_info; tracker_2: no camera_info')
-    stamp_ns = observers.frame(0)
-    observers.frame(1)
-    message = probe.wait(lambda: observers.answer_to(stamp_ns), 'a position')
+    message = observers.located()
     assert message.header.frame_id == 'icrf'
     place = message.pose.pose.position
     assert np.linalg.norm([place.x, place.y, place.z] - TARGET) < 1e-2
@@ -128,22 +140,21 @@ def test_target_is_located_and_bad_input_is_named(observers):
     observers.refused('its clock apart, for 100.0 s', later_s=100.0)
 
     # One falls silent: what may still come is waited for, then it is named.
-    for _ in range(4):
+    def first_alone():
         observers.index += 250
         observers.frame(0)
-    probe.wait_diagnostic('tracker_2: odometry silent, or its clock apart, for')
+    words = 'tracker_2: odometry silent, or its clock apart, for'
+    probe.forget()
+    probe.send_until(first_alone, lambda: probe.find_diagnostic(words), words)
     # And all is well again.
-    observers.index += 1
-    stamp_ns = observers.frame(0)
-    observers.frame(1)
-    probe.wait(lambda: observers.answer_to(stamp_ns), 'a position after all that')
-    assert not any(status.level == b'\x02' for status in probe.statuses()[-1:])
+    observers.located()
+    probe.wait(lambda: probe.statuses()[-1].level != b'\x02', 'a status without an error')
 
 
 def test_two_names_for_one_observer_stop_the_node():
     """At the start, with the name in the message."""
     done = subprocess.run(
         node_command('target_locator', parameter_arguments({'observer_2': 'tracker_1'})),
-        env=node_environment(), capture_output=True, text=True, timeout=300)
+        env=node_environment(), capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == 2
     assert "observer_1 and observer_2 are both 'tracker_1'" in done.stderr

@@ -1,6 +1,6 @@
 """telemetry_bridge over DDS: what it receives is what it sends, and never more."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 import socket
 
@@ -30,7 +30,7 @@ RATE = np.array([0.01, -0.02, 0.03])
 def receiver() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(('127.0.0.1', 0))
-        receiver.settimeout(60)
+        receiver.setblocking(False)
         yield receiver
 
 
@@ -51,16 +51,32 @@ def imu(number: int, q: np.ndarray | None = Q) -> Imu:
     return message
 
 
-def test_packets_hold_what_was_published(bridge: Rig, receiver: socket.socket):
+@pytest.fixture
+def packet_of(bridge: Rig, receiver: socket.socket) -> Iterator[Callable[..., bytes]]:
+    """Return a function that publishes an attitude until a packet is sent, and returns it."""
     probe = bridge.probe
     attitude = probe.advertise(Imu, 'attitude_imu', qos.LIST)
+
+    def packet() -> bytes | None:
+        try:
+            return receiver.recv(1000)
+        except BlockingIOError:
+            return None
+
+    def packet_of(*messages: Imu) -> bytes:
+        # The bridge drops what it has sent already.
+        return probe.send_until(lambda: [attitude.publish(message) for message in messages],
+                                packet, 'a packet')
+    yield packet_of
+    probe.destroy_publisher(attitude)
+
+
+def test_packets_hold_what_was_published(bridge: Rig, packet_of: Callable[..., bytes]):
+    probe = bridge.probe
     state = probe.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
     temperature = probe.advertise(Temperature, 'temperature', qos.LIST)
     diagnostics = probe.advertise(DiagnosticArray, '/diagnostics', qos.LIST)
-    for publisher in (attitude, state, temperature, diagnostics):
-        probe.wait(publisher.get_subscription_count, 'the bridge')
-    attitude.publish(imu(0))
-    first = space_packet.decode(receiver.recv(1000))
+    first = space_packet.decode(packet_of(imu(0)))
     assert first.stamp_ns == START_NS
     assert (first.quaternion == Q).all()
     assert first.sigma_rad == pytest.approx(SIGMA, rel=1e-6)
@@ -68,56 +84,49 @@ def test_packets_hold_what_was_published(bridge: Rig, receiver: socket.socket):
     assert first.state is TrackerCode.UNKNOWN
     state.publish(DiagnosticStatus(message='TRACKING', values=[
         KeyValue(key='stars_matched', value='37'), KeyValue(key='residual_px', value='0.061')]))
-    temperature.publish(Temperature(temperature=-12.25))
-    diagnostics.publish(DiagnosticArray(status=[
-        DiagnosticStatus(hardware_id=name, values=[KeyValue(key='background_dn', value=value)])
-        for name, value in (('star_tracker', '71.5'), ('other', '99'))]))
     numbers = iter(range(1, 10_000))
 
     def complete() -> bool:
-        attitude.publish(imu(next(numbers)))
-        report = space_packet.decode(receiver.recv(1000))
+        temperature.publish(Temperature(temperature=-12.25))
+        diagnostics.publish(DiagnosticArray(status=[
+            DiagnosticStatus(hardware_id=name, values=[KeyValue(key='background_dn', value=value)])
+            for name, value in (('star_tracker', '71.5'), ('other', '99'))]))
+        report = space_packet.decode(packet_of(imu(next(numbers))))
         return (report.state, report.stars, round(report.residual_px, 3), report.background_dn,
                 report.temperature_c) == (TrackerCode.TRACKING, 37, 0.061, 71.5, -12.25)
     probe.wait(complete, 'state, background and temperature')
     # What no packet can hold is rejected, and packets go on.
     state.publish(DiagnosticStatus(message='TRACKING', values=[
         KeyValue(key='stars_matched', value='-3'), KeyValue(key='residual_px', value='0.5')]))
-    temperature.publish(Temperature(temperature=1e300))
-    diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(
-        hardware_id='star_tracker', values=[KeyValue(key='background_dn', value='many')])]))
+    for publisher, message in (
+            (temperature, Temperature(temperature=1e300)),
+            (diagnostics, DiagnosticArray(status=[DiagnosticStatus(
+                hardware_id='star_tracker',
+                values=[KeyValue(key='background_dn', value='many')])]))):
+        probe.publish_until_received(publisher, message)
     for topic in ('tracker_state', 'temperature', '/diagnostics'):
         probe.wait(partial(probe.diagnostic_value, 'telemetry_bridge: telemetry',
                            f'{topic} rejected'), f'{topic} rejected')
-    attitude.publish(imu(10_000))
-    assert (space_packet.decode(receiver.recv(1000)).quaternion == Q).all()
+    assert (space_packet.decode(packet_of(imu(10_000))).quaternion == Q).all()
     # Without an attitude: sent, and marked.
-    attitude.publish(imu(20_000, None))
-    packet = receiver.recv(1000)
+    packet = packet_of(imu(20_000, None))
     assert space_packet.decode(packet).quaternion is None
     assert not any(space_packet.values(packet)[f'Q_{axis}'] for axis in 'XYZW')
     # What is no attitude, or not newer: not sent at all.
-    for wrong in (imu(20_001, np.full(4, np.nan)), imu(20_002, 3 * Q), imu(20_000)):
-        attitude.publish(wrong)
-    attitude.publish(imu(20_003))
-    last = receiver.recv(1000)
+    last = packet_of(imu(20_001, np.full(4, np.nan)), imu(20_002, 3 * Q), imu(20_000),
+                     imu(20_003))
     assert space_packet.decode(last).stamp_ns == START_NS + 20_003 * STEP_NS
     assert space_packet.sequence_of(last) == space_packet.sequence_of(packet) + 1
     probe.wait_diagnostic('sending ccsds packets')
 
 
-def test_the_packet_can_be_changed_while_it_runs(bridge: Rig, receiver: socket.socket):
-    probe = bridge.probe
-    attitude = probe.advertise(Imu, 'attitude_imu', qos.LIST)
-    probe.wait(attitude.get_subscription_count, 'the bridge')
-    response = probe.call(
+def test_the_packet_can_be_changed_while_it_runs(bridge: Rig, packet_of: Callable[..., bytes]):
+    response = bridge.probe.call(
         SetParametersAtomically, 'telemetry_bridge/set_parameters_atomically',
         SetParametersAtomically.Request(
             parameters=[Parameter('packet_format', value='nos3').to_parameter_msg()]))
     assert response.result.successful, response.result.reason
-    attitude.publish(imu(30_000))
-    quaternion, valid = nos3.decode(receiver.recv(1000))
+    quaternion, valid = nos3.decode(packet_of(imu(30_000)))
     assert valid
     assert np.abs(quaternion - Q).max() <= 0.5 / 32767
-    attitude.publish(imu(30_001, None))
-    assert nos3.decode(receiver.recv(1000))[1] is False
+    assert nos3.decode(packet_of(imu(30_001, None)))[1] is False

@@ -21,6 +21,7 @@ from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.camera.model import Camera
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
+from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.synthetic_field import star_list
 from startracker_ros.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, multiply, quaternion_from_matrix,
@@ -66,7 +67,12 @@ class Flight:
         probe.wait(lambda: all(probe.count_publishers(topic) and probe.count_subscribers(topic)
                                for topic in ('stars', 'tracks', 'tracked_attitude'))
                    and probe.count_subscribers('tracker_state') == 2, 'all nodes')
-        probe.spin_for(0.5)
+        # A frame before the others, without stars: from here on no message is the first one.
+        early = make_header(START_NS - CHECK_NS, FRAME)
+        probe.publish_until_received(self.imu, gyro_to_imu(RATE, 1e-5, early))
+        probe.publish_until_received(
+            self.centroids, centroids_to_message(Centroids.empty(), CAMERA, early), nodes=2)
+        probe.wait(lambda: self.answer_to(START_NS - CHECK_NS), 'the answer to the early frame')
         self.rng = np.random.default_rng(1)
         self.q = quaternion_from_pointing(*np.radians([84.0, 0.0, 20.0]))
         self.index = 0
@@ -74,6 +80,11 @@ class Flight:
 
     def header(self, offset_ns=0, frame_id=FRAME):
         return make_header(START_NS + self.index * STEP_NS + offset_ns, frame_id)
+
+    def answer_to(self, stamp_ns):
+        """Return the answer of the estimator to a frame, None before it comes."""
+        return next((message for message in reversed(self.probe.received['attitude_imu'])
+                     if ns_from_stamp(message.header.stamp) == stamp_ns), None)
 
     def identified_ns(self):
         """Return the stamps of the frames that were identified, or tried."""
@@ -85,27 +96,27 @@ class Flight:
 
         The frame whose identification is due waits for it, so that a slow identifier drops none.
         """
-        before = len(self.probe.received['attitude_imu'])
+        answers = []
         for _ in range(count):
+            stamp_ns = START_NS + self.index * STEP_NS
             for k in range(9, -1, -1):
                 if measured is not None:
                     self.imu.publish(gyro_to_imu(
                         np.asarray(measured), 1e-5, self.header(-k * STEP_NS // 10, frame_id)))
             seen, _ = star_list(self.sky, CAMERA, self.q, 0.1, self.rng, false=3)
-            self.truth[START_NS + self.index * STEP_NS] = self.q
-            answers = len(self.probe.received['attitude_imu'])
+            self.truth[stamp_ns] = self.q
             # The rates of a frame are there before its stars, as a camera's are.
             self.probe.spin_for(0.02)
             self.centroids.publish(
                 centroids_to_message(seen, CAMERA, self.header()))
-            self.probe.wait(lambda answers=answers: len(
-                self.probe.received['attitude_imu']) > answers, 'an answer')
-            due_ns = START_NS + self.index * STEP_NS - CHECK_NS
+            answers.append(self.probe.wait(
+                lambda stamp_ns=stamp_ns: self.answer_to(stamp_ns), 'an answer'))
+            due_ns = stamp_ns - CHECK_NS
             self.probe.wait(lambda due_ns=due_ns: self.identified_ns()
                             and self.identified_ns()[-1] > due_ns, 'the check that is due')
             self.index += 1
             self.q = multiply(self.q, quaternion_from_rotation_vector(RATE * STEP_NS * 1e-9))
-        return self.probe.received['attitude_imu'][before:]
+        return answers
 
     def until(self, state, measured=RATE):
         """Fly until the tracker is in a state, up to a second per frame for its identification."""
@@ -144,8 +155,7 @@ class Flight:
 def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
     flight = Flight(nodes, probe)
     flight.until('TRACKING')
-    # The identifier hears of it while it is at one frame or the next.
-    settled_ns = START_NS + (flight.index + 3) * STEP_NS
+    tracking_ns = START_NS + flight.index * STEP_NS
     answers = flight.frames(40)
     errors = flight.errors(answers)
     assert len(errors) == 40 and np.abs(errors).max() < 5
@@ -155,15 +165,18 @@ def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
     assert np.abs(off).max() < 5 and np.degrees(np.sqrt(tracked.rate_covariance.max())) < 0.02
 
     # While tracking, one frame a second is identified, and compared with the tracks.
-    def identified_ns():
-        stamps = np.array(flight.identified_ns())
-        return stamps[stamps >= settled_ns]
+    def steps_ns():
+        """Return those between identified frames, once the identifier knows of the tracking."""
+        stamps_ns = np.array(flight.identified_ns())
+        steps_ns = np.diff(stamps_ns[stamps_ns >= tracking_ns])
+        long, = np.nonzero(steps_ns > STEP_NS)
+        return steps_ns[long[0]:] if len(long) else long
 
-    while ((len(identified_ns()) < 4 or int(flight.state('checks_passed')) < 3)
+    while ((len(steps_ns()) < 3 or int(flight.state('checks_passed')) < 3)
            and flight.index < 300):
         flight.frames(5)
     assert int(flight.state('checks_passed')) >= 3
-    assert set(np.diff(identified_ns())) == {CHECK_NS}
+    assert set(steps_ns()) == {CHECK_NS}
     flight.frames(2, frame_id='base_link')
     probe.wait_diagnostic("imu: frame 'base_link' is not that of the centroids")
 
@@ -229,28 +242,22 @@ def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
     indices = itertools.count()
 
     def send():
-        """Send a frame, all of them within one period of checks, and wait a little."""
-        centroids.publish(centroids_to_message(
-            seen, CAMERA, make_header(START_NS + next(indices) * 1_000_000, FRAME)))
-        probe.spin_for(0.3)
+        """Send a frame, all of them within one period of checks; return its stamp."""
+        stamp_ns = START_NS + next(indices) * 1_000_000
+        centroids.publish(centroids_to_message(seen, CAMERA, make_header(stamp_ns, FRAME)))
+        return stamp_ns
 
-    def rests():
-        send()
-        return any('resting while the star tracker tracks' in s.message
-                   for s in probe.statuses())
-    probe.wait(rests, 'a frame that is left out')
-    probe.wait(lambda: probe.received['stars'], 'the first check')
+    def identified_ns():
+        return {ns_from_stamp(message.header.stamp) for message in probe.received['stars']}
+    probe.send_until(
+        send, lambda: probe.find_diagnostic('resting while the star tracker tracks')
+        and identified_ns(), 'the first check, then a frame that is left out', period_s=0.3)
+    left_out_ns = send()
     probe.spin_for(1.0)
-    checks = len(probe.received['stars'])
-    send()
-    probe.spin_for(1.0)
-    assert len(probe.received['stars']) == checks
+    assert left_out_ns not in identified_ns()
     probe.destroy_publisher(state)
-
-    def works_on():
-        send()
-        return len(probe.received['stars']) > checks
-    probe.wait(works_on, 'another identification')
+    probe.send_until(send, lambda: max(identified_ns()) > left_out_ns, 'another identification',
+                     period_s=0.3)
 
 
 @pytest.mark.parametrize('solver', ['quest', 'triad'])
@@ -264,13 +271,16 @@ def test_tracks_alone_are_solved(nodes, probe, solver):
     q = quaternion_from_pointing(*np.radians([84.0, 0.0, 20.0]))
     seen, hip = star_list(ONBOARD, CAMERA, q, 0.1, np.random.default_rng(3))
     count, zero = len(hip), np.zeros(len(hip))
-    tracks.publish(tracks_to_message(Tracks(
+    tracked = Tracks(
         hip=hip, magnitude=zero, uv=seen.uv, flux=seen.flux, snr=seen.snr,
         sigma_px=seen.sigma_px, residual_px=zero, track_id=np.arange(count, dtype=np.uint32),
         age=zero.astype(np.uint16), missed=zero.astype(np.uint8), association_probability=zero,
-        velocity=np.zeros((count, 2)), covariance=np.tile(np.eye(2) * 0.01, (count, 1, 1))),
-        CAMERA, header))
-    answer = probe.wait(lambda: probe.received['attitude_imu'], 'an attitude')[0]
+        velocity=np.zeros((count, 2)), covariance=np.tile(np.eye(2) * 0.01, (count, 1, 1)))
+    stamps_ns = itertools.count(START_NS, STEP_NS)
+    answer = probe.send_until(
+        lambda: tracks.publish(tracks_to_message(tracked, CAMERA, make_header(
+            next(stamps_ns), FRAME))),
+        lambda: probe.received['attitude_imu'], 'an attitude')[0]
     found = tracked_attitude_from_imu(answer)
     error = attitude_error(found.attitude.quaternion, q)
     assert error @ np.linalg.solve(found.attitude.covariance_sensor, error) < 25
@@ -304,18 +314,18 @@ def test_odometry_gives_an_attitude_in_icrf(nodes, probe):
                == 'earth_only (no odometry)', 'the value aberration')
     assert probe.received['attitude_itrf'] and not probe.received['attitude_orbit']
 
-    odometry.publish(state_to_odometry(state, 0.0, flight.header(frame_id='itrf'), 'satellite'))
+    def send(state, header):
+        probe.publish_until_received(
+            odometry, state_to_odometry(state, 0.0, header, 'satellite'), nodes=2)
+    send(state, flight.header(frame_id='itrf'))
     probe.wait_diagnostic("odometry: frame 'itrf' is not 'icrf'")
-    fast = state._replace(velocity_m_s=3 * state.velocity_m_s)
-    odometry.publish(state_to_odometry(fast, 0.0, flight.header(frame_id='icrf'), 'satellite'))
+    send(state._replace(velocity_m_s=3 * state.velocity_m_s), flight.header(frame_id='icrf'))
     probe.wait_diagnostic('odometry: 22.5 km/s about the Earth')
-    old = make_header(START_NS - 3 * 3600 * 10 ** 9, 'icrf')
-    odometry.publish(state_to_odometry(state, 0.0, old, 'satellite'))
+    send(state, make_header(START_NS - 3 * 3600 * 10 ** 9, 'icrf'))
     assert sigma_arcsec(flight.frames(5)[-1])[:2].min() > 3
     probe.wait_diagnostic('odometry is 3.0 h off')
 
-    odometry.publish(state_to_odometry(state, 0.0, flight.header(frame_id='icrf'), 'satellite'))
-    probe.spin_for(0.3)
+    send(state, flight.header(frame_id='icrf'))
     answers = flight.frames(30)
     assert len(flight.errors(answers)) == 30 and np.abs(flight.errors(answers)[10:]).max() < 5
     assert sigma_arcsec(answers[-1])[:2].max() < 1

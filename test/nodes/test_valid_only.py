@@ -34,10 +34,14 @@ def test_frames_without_an_attitude_are_held_back_on_request(nodes, probe, valid
     centroids, hip = synthetic_field(
         onboard_catalog(load_catalog(), CAMERA, WARM_UP_EPOCH_YEAR), CAMERA)
     zeros = np.zeros(len(hip))
-    for index, identified in enumerate(IDENTIFIED):
-        stars.publish(stars_to_message(
-            centroids, hip if identified else np.zeros_like(hip), zeros, zeros, CAMERA,
-            make_header(START_NS + index * STEP_NS, FRAME)))
+    clouds = [stars_to_message(
+        centroids, hip if identified else np.zeros_like(hip), zeros, zeros, CAMERA,
+        make_header(START_NS + index * STEP_NS, FRAME))
+        for index, identified in enumerate(IDENTIFIED)]
+    # The first one until it is received, then no more is lost.
+    probe.publish_until_received(stars, clouds[0])
+    for cloud in clouds[1:]:
+        stars.publish(cloud)
     last_ns = START_NS + (len(IDENTIFIED) - 1) * STEP_NS
     received = probe.received['attitude_imu']
     probe.wait(lambda: received and ns_from_stamp(received[-1].header.stamp) == last_ns,

@@ -5,6 +5,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+from limits import HANGS_S
 import pytest
 from startracker_ros.harness.processes import take_domain
 
@@ -31,7 +32,7 @@ def test_segment_holds_images(profile, enough):
     if profile:
         environment['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profile)
     done = subprocess.run([sys.executable, '-c', PROGRAM], env=environment,
-                          capture_output=True, text=True, timeout=300)
+                          capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == 0, done.stderr
     assert 'Error' not in done.stdout + done.stderr
     assert (int(done.stdout.split()[-1]) >= SEGMENT_BYTES) == enough

@@ -15,6 +15,7 @@ import subprocess
 from click.testing import CliRunner
 from docutils.core import publish_doctree
 from docutils.utils import Reporter
+from limits import HANGS_S
 import numpy as np
 import pytest
 from startracker_ros.camera.model import Camera
@@ -81,7 +82,7 @@ def test_cheap_commands_run(option):
     assert CliRunner().invoke(main, [option]).exit_code == 0
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize('text', sorted(
     {text for _, text in COMMANDS if text.endswith('night-sky-11deg/*.png')}))
 def test_commands_on_the_photographs_run(text, sky_data, tmp_path, monkeypatch):
@@ -241,5 +242,5 @@ def test_systemd_unit(tmp_path):
         named = tmp_path / 'startracker@star_tracker.service'
         named.write_text(source.read_text().replace(words[0], shutil.which('true')))
         done = subprocess.run([verifier, 'verify', '--man=no', str(named)],
-                              capture_output=True, text=True)
+                              capture_output=True, text=True, timeout=HANGS_S)
         assert named.name not in done.stderr, done.stderr

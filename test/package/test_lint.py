@@ -4,6 +4,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+from limits import HANGS_S
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -28,14 +29,14 @@ sys.exit(main())
 
 @pytest.mark.parametrize('linter', [
     # The order of imports as ament wants it, and all that ruff has not.
-    ('-c', AMENT_FLAKE8, *SOURCES),
+    pytest.param(('-c', AMENT_FLAKE8, *SOURCES), marks=pytest.mark.long),
     ('-m', 'ruff', 'check', '--no-cache', *SOURCES),
     # All of pycodestyle: half of it is still a preview in ruff.
     ('-m', 'ruff', 'check', '--no-cache', '--preview', '--select', 'E,W', *SOURCES),
-    ('-m', 'mypy', '--no-error-summary'),
+    pytest.param(('-m', 'mypy', '--no-error-summary'), marks=pytest.mark.long),
 ], ids=['ament_flake8', 'ruff', 'pycodestyle', 'mypy'])
 def test_nothing_is_found(linter):
     done = subprocess.run([sys.executable, *linter], cwd=ROOT, stdout=subprocess.PIPE,
-                          stderr=subprocess.STDOUT, text=True)
+                          stderr=subprocess.STDOUT, text=True, timeout=HANGS_S)
     found = [line for line in done.stdout.splitlines() if not line.startswith('checking ')]
     assert done.returncode == 0, '\n'.join(found)

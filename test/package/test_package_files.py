@@ -10,6 +10,7 @@ import subprocess
 import sys
 
 from catkin_pkg.package import parse_package
+from limits import HANGS_S
 import startracker_ros
 from startracker_ros.executables import EXECUTABLES
 import yaml
@@ -37,7 +38,7 @@ def test_package_xml_is_valid_and_of_the_version_of_the_code():
 def test_setup_py_and_package_xml_name_the_same_package():
     shown = subprocess.run(
         [sys.executable, 'setup.py', '--name', '--version', '--license', '--maintainer-email'],
-        cwd=SOURCE, capture_output=True, text=True, check=True).stdout.split()
+        cwd=SOURCE, capture_output=True, text=True, check=True, timeout=HANGS_S).stdout.split()
     package = parse_package(SOURCE / 'package.xml')
     assert shown == [package.name, package.version, package.licenses[0],
                      package.maintainers[0].email]

@@ -76,7 +76,7 @@ def test_hard_night_sky_of_6_degrees(sky_data):
 
 def test_mirrored_photographs_have_no_attitude(sky_data, tmp_path):
     folder = sky_data / 'night-sky-11deg'
-    names = [row['file'] for row in known_rows(folder)][:2]
+    names = [row['file'] for row in known_rows(folder)][:1]
     for name in names:
         image = read_image(folder / name)
         cv2.imwrite(str(tmp_path / name), image[:, ::-1])

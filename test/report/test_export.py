@@ -10,6 +10,7 @@ from typing import Any
 
 from ccsds_ndm import Aem
 from click.testing import CliRunner, Result
+from limits import HANGS_S
 import numpy as np
 import pyarrow.parquet
 import pytest
@@ -236,7 +237,7 @@ def test_parquet_without_pyarrow_names_it(run: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, '-c', code, str(tmp_path), 'export', str(run), '-o',
          str(tmp_path / 'out'), '--format', 'parquet'],
-        capture_output=True, text=True, timeout=300)
+        capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == 1
     assert 'Parquet needs pyarrow' in done.stderr and 'Traceback' not in done.stderr
     assert not (tmp_path / 'out').exists()

@@ -105,7 +105,7 @@ def test_marks_stand_beside_the_centroids() -> None:
     assert centroids_to_image_marker(np.empty((0, 2)), marker.header).points == []
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_picture_is_drawn_from_a_bag(run: Path, tmp_path: Path) -> None:
     draw_viewer(run, tmp_path / 'viewer.png')
     assert (tmp_path / 'viewer.png').read_bytes().startswith(b'\x89PNG')

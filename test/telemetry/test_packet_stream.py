@@ -6,6 +6,7 @@ import pty
 import socket
 
 from click.testing import CliRunner
+from limits import HANGS_S
 import numpy as np
 import pytest
 from startracker_ros.cli import main
@@ -80,7 +81,7 @@ def test_random_bytes_do_nothing_but_count():
 def test_udp_sends_one_datagram_each():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(('127.0.0.1', 0))
-        receiver.settimeout(10)
+        receiver.settimeout(HANGS_S)
         link = Link(f'udp://127.0.0.1:{receiver.getsockname()[1]}')
         for packet in PACKETS[space_stream]:
             link.send(packet)

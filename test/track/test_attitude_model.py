@@ -171,7 +171,7 @@ def random_turns(rng, seconds, acceleration_deg_s2):
     return np.cumsum(acceleration, axis=0) * STEP_NS * 1e-9 / PER_FRAME + [0.0, 0.1, 0.05]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize('gyro', [None, true])
 def test_the_covariance_is_consistent(gyro):
     """The last of 60 frames of 60 runs, with the motion and the errors that are assumed."""
@@ -190,7 +190,7 @@ def test_the_covariance_is_consistent(gyro):
     assert rate_total < high
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_better_than_a_filter_for_each_star():
     rng = np.random.default_rng(5)
     rates = random_turns(rng, 20.0, 0.005)

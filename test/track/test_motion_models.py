@@ -33,7 +33,7 @@ def turn_system(rate):
     return np.array([[0, 1, 0, 0], [0, 0, 0, -rate], [0, 0, 0, 1], [0, rate, 0, 0]], float)
 
 
-@pytest.mark.long
+@settings(max_examples=20)
 @given(st.floats(0.01, 3), st.floats(-9, 9) | st.floats(-1e-3, 1e-3))
 def test_coordinated_turn_against_its_integral(dt_s, rate):
     transition, noise = coordinated_turn(dt_s, rate, (0.4, 1.3))

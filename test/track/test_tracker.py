@@ -105,7 +105,7 @@ def test_identification_may_come_late_or_early():
     np.testing.assert_allclose(from_late.uv[in_late], from_early.uv[in_early], atol=1e-9)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize('model', FILTERS)
 @pytest.mark.parametrize('rate_deg_s', [(0, 0, 0), (0.05, 0.1, 0.02), (0, 1, 0), (0, 0, 1)])
 def test_filtered_attitude_is_consistent_unbiased_and_better_than_one_frame(rate_deg_s, model):
@@ -151,7 +151,7 @@ def test_curved_paths_are_tracked_without_lag():
     assert abs(np.mean(inward)) < 0.01
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize('model', FILTERS)
 @pytest.mark.parametrize('sigma_per_magnitude', [0.0, 0.3])
 def test_attitude_is_consistent_under_acceleration(sigma_per_magnitude, model):
