@@ -1,8 +1,8 @@
 """
 How functions are compiled.
 
-The first call on a machine compiles, which takes seconds; warm_up.py does it beforehand. A change
-of this file compiles everything anew.
+What Python calls with which types stands in signatures.json; warm_up.py compiles all of it
+beforehand. A change of this file compiles everything anew.
 """
 
 from collections.abc import Callable
@@ -17,13 +17,14 @@ _Function = TypeVar('_Function', bound=Callable)
 def _compiler(**options: Any) -> Callable[[_Function], _Function]:
     """Return the decorator of functions that are compiled with options of numba."""
     # Division by zero gives infinity or NaN, as in NumPy: without checks code is smaller, faster.
-    jit = njit(error_model='numpy', **options)
+    # Nobody calls these functions by C pointers.
+    jit = njit(error_model='numpy', no_cfunc_wrapper=True, **options)
 
     def compile_with_cache(function: _Function) -> _Function:
         dispatcher = jit(function)
         # With NUMBA_DISABLE_JIT it is the function itself.
         if hasattr(dispatcher, '_cache'):
-            dispatcher._cache = MachineCodeCache(function)
+            dispatcher._cache = MachineCodeCache(dispatcher)
         return dispatcher
     return compile_with_cache
 

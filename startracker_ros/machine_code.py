@@ -1,32 +1,50 @@
 """
 Where the machine code of compiled functions is kept.
 
-Each module with compiled functions has a folder, named by the module and by the content of its
-source and of all sources of the package that it imports, directly or not: a compiled function
-contains the functions that it calls and the constants that it uses. So equal sources share their
-machine code, wherever they are installed, and a change compiles what depends on it. Numba is not
-needed to know which folder: its import takes longer than many a start.
+A module with compiled functions has a file, named by the module, by the content of its source and
+of all sources of the package that it imports, directly or not, and by what it was compiled for:
+a compiled function contains the functions that it calls and the constants that it uses. So equal
+sources share their machine code, wherever they are installed, a change compiles what depends on
+it, and code of another processor or another version of numba is never loaded. Numba is not needed
+to know which file: its import takes longer than many a start.
 """
 
 from collections.abc import Iterable
 from functools import cache
 import hashlib
+from importlib.metadata import version
+import json
 import os
 from pathlib import Path
 import re
-import shutil
+import sys
+import tempfile
 
+from llvmlite import binding
 from startracker_ros.folders import cache_folder, can_write
 
 _PACKAGE = Path(__file__).parent
 _COMPILER = 'compiled.py'
 
 INSTALLED = _PACKAGE / 'compiled_code'
-"""Machine code that the build has made, see setup.py; nodes only read it."""
+"""Machine code in the install, made by `warm_up --install`; others only read it."""
+
+SIGNATURES = _PACKAGE / 'signatures.json'
+"""What Python calls: by function, the types of its arguments (compiled_types.py)."""
 
 _IMPORT = re.compile(r'^from (startracker_ros[\w.]*) import (\([^)]*\)|.*)', re.MULTILINE)
 
-_imported: set[str] = set()
+
+@cache
+def signatures() -> dict[str, list]:
+    """Return the types that functions are called with, by the function's full name."""
+    return json.loads(SIGNATURES.read_text()) if SIGNATURES.exists() else {}
+
+
+@cache
+def registered_modules() -> frozenset[str]:
+    """Return the modules with functions that Python calls."""
+    return frozenset(name.rpartition('.')[0] for name in signatures())
 
 
 @cache
@@ -40,50 +58,42 @@ def folders_to_read() -> list[Path]:
     return [folder for folder in sorted(_folders(), key=INSTALLED.__ne__) if folder.is_dir()]
 
 
-def code_name(module: str, file: Path) -> str:
-    """Return the name of the folder of a module that this process has imported."""
-    name = _name(module, file)
-    _imported.add(name)
-    return name
+def code_name(module: str) -> str:
+    """Return the name of the file with the registered functions of a module of the package."""
+    return f'{_source_name(module)}-{_target()}.code'
 
 
-def imported_code() -> set[str]:
-    """Return the names of the folders of the modules that this process has imported."""
-    return _imported
-
-
-def package_code() -> set[str]:
-    """Return the names of the folders of all modules of the package that compile functions."""
-    modules = (file for file in _PACKAGE.rglob('*.py')
-               if any(one.name == _COMPILER for one in _source(file)[1]))
-    return {_name('.'.join((_PACKAGE.name, *file.relative_to(_PACKAGE).with_suffix('').parts)),
-                  file) for file in modules}
-
-
-def cached_share(names: Iterable[str]) -> float:
-    """Return which share of modules has machine code."""
-    found = [any((folder / name).is_dir() for folder in folders_to_read()) for name in names]
-    return sum(found) / max(1, len(found))
-
-
-def copy_code(target: Path) -> None:
-    """Copy the machine code of all modules that this process has imported."""
-    for folder in folders_to_read():
-        for name in _imported:
-            if (folder / name).is_dir() and folder.resolve() != target.resolve():
-                shutil.copytree(folder / name, target / name, dirs_exist_ok=True)
+def missing_modules(modules: Iterable[str] | None = None) -> list[str]:
+    """Return the modules without machine code, of those that Python calls or of some of them."""
+    return [module for module in sorted(registered_modules() if modules is None else modules)
+            if not any((folder / code_name(module)).exists() for folder in folders_to_read())]
 
 
 def _folders() -> list[Path]:
     """Return where machine code may be kept, the best first."""
     chosen = os.environ.get('NUMBA_CACHE_DIR')
-    return [Path(chosen)] if chosen else [cache_folder() / 'compiled_code', INSTALLED]
+    if chosen:
+        return [Path(chosen)]
+    return [cache_folder() / 'compiled_code', INSTALLED,
+            Path(tempfile.gettempdir(), f'startracker_ros_{os.getuid()}', 'compiled_code')]
 
 
 @cache
-def _name(module: str, file: Path) -> str:
-    digest = hashlib.sha256()
-    for source in sorted(_sources_of(file)):
+def _target() -> str:
+    """Return a digest of compiler, interpreter and processor."""
+    features = sorted(binding.get_host_cpu_features().items())
+    made_for = (version('numba'), version('llvmlite'), version('numpy').split('.')[0],
+                sys.version_info[:2], binding.get_process_triple(), binding.get_host_cpu_name(),
+                features)
+    return hashlib.sha256(repr(made_for).encode()).hexdigest()[:8]
+
+
+@cache
+def _source_name(module: str) -> str:
+    digest = hashlib.sha256(repr([(name, types) for name, types in sorted(signatures().items())
+                                  if name.rpartition('.')[0] == module]).encode())
+    for source in sorted(_sources_of(_PACKAGE.parent.joinpath(*module.split('.'))
+                                     .with_suffix('.py'))):
         digest.update(_source(source)[0])
     return f'{module}-{digest.hexdigest()[:16]}'
 
@@ -115,7 +125,8 @@ def _source(file: Path) -> tuple[bytes, tuple[Path, ...]]:
 
 def _writable(folder: Path) -> bool:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError:
         return False
-    return can_write(folder)
+    # A folder for all users may hold one that somebody else has made.
+    return folder.stat().st_uid == os.getuid() and can_write(folder)

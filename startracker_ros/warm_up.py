@@ -1,122 +1,203 @@
 """
-Compile what is compiled at its first use, so that no node has to wait for it.
+Compile beforehand what Python calls, so that nothing is compiled once a node is ready.
 
-python -m startracker_ros.warm_up [FOLDER] copies the machine code into a folder as well, which the
-build does for the install.
+python -m startracker_ros.warm_up            compile for this machine what is not there yet
+python -m startracker_ros.warm_up --install  keep it in the install, for all users
+python -m startracker_ros.warm_up --add LOG  register the calls of a log
+
+signatures.json registers the calls: each function with the types of its arguments. A call with
+others is compiled at its first time, and appended to the file that the environment variable
+STARTRACKER_COMPILED_LOG names.
 """
 
-from concurrent.futures import ProcessPoolExecutor
-import hashlib
-from multiprocessing import get_context
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+import fcntl
+from importlib import import_module
+import json
 import os
 from pathlib import Path
+import subprocess
 import sys
+import time
+from typing import Any
 
-import numba
-from numba.core.registry import cpu_target
-import numpy as np
-from startracker_ros.astro.observer_motion import ObserverMotion
-from startracker_ros.attitude.estimate import estimate_attitude
-from startracker_ros.attitude.star_distances import star_distances
-from startracker_ros.catalog.apparent import ApparentCatalog
-from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
-from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.centroid.extraction import CentroidExtractor, ExtractionOptions
-from startracker_ros.centroid.synthetic_field import (
-    synthetic_field, WARM_UP_CAMERA as CAMERA, WARM_UP_EPOCH_YEAR as EPOCH_YEAR)
-from startracker_ros.identify.identification import IdentificationOptions, METHODS
-from startracker_ros.identify.methods import make_identifier
-from startracker_ros.locate.line_of_sight import line_of_sight
-from startracker_ros.locate.location import locate
-from startracker_ros.machine_code import copy_code, imported_code, machine_code_folder
-from startracker_ros.maths.rotation import quaternion_from_pointing
-from startracker_ros.pipeline.cloud_rows import centroid_rows, centroids_from_rows
-from startracker_ros.sky.detector import Detector, DetectorOptions
-from startracker_ros.track.in_view import StarsInView
-from startracker_ros.track.new_stars import match_new_stars
-from startracker_ros.track.options import MODELS, TrackerOptions
-from startracker_ros.track.target import TargetTracker
-from startracker_ros.track.tracker import StarTracker
+from startracker_ros.machine_code import (
+    code_name, INSTALLED, machine_code_folder, registered_modules, SIGNATURES, signatures)
+
+_WORKER = 'STARTRACKER_COMPILES'
+_LOCK_PERIOD_S = 0.5
+
+Report = Callable[[str, int, int], None]
+"""Called with the function that is compiled now, and how many of how many are done."""
 
 
-def _field() -> tuple[OnboardCatalog, Centroids, np.ndarray]:
-    """Return an on-board catalogue, the centroids of a field, and their hip (N,)."""
-    onboard = onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, 5.0)
-    return onboard, *synthetic_field(onboard, CAMERA)
+class CompileError(RuntimeError):
+    """Compiled code that cannot be made or kept; the text says why and what to do."""
 
 
-def extraction() -> None:
-    """Extract from an image."""
-    for method in ('gaussian', 'thresholded'):
-        CentroidExtractor(ExtractionOptions(method=method, threshold='iterative')).warm_up()
+def compile_missing(report: Report, folder: Path | None = None) -> None:
+    """
+    Compile the registered functions that have no machine code, on all cores.
+
+    It is kept in a folder, by default that of the user; without one nothing is done. Two
+    processes do not compile at once. CompileError names what could not be kept: each process
+    compiles that at its first call.
+    """
+    if folder is None:
+        folder = Path(machine_code_folder())
+    if os.environ.get(_WORKER) or not folder.name:
+        return
+    with _lock(folder, report):
+        modules = [module for module in sorted(registered_modules())
+                   if not (folder / code_name(module)).exists()]
+        if modules:
+            _compile(modules, folder, report)
 
 
-def identification() -> None:
-    """Identify a field by every method."""
-    for method in METHODS:
-        options = IdentificationOptions(method=method, magnitude_limit=5.0)
-        make_identifier(CAMERA, EPOCH_YEAR, options, load_catalog()).warm_up()
+def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
+    names = {module: [name for name in signatures() if name.rpartition('.')[0] == module]
+             for module in modules}
+    count, done, errors = sum(map(len, names.values())), 0, []
+    workers = [
+        subprocess.Popen([sys.executable, '-m', f'{__package__}.warm_up', '--worker', str(folder), *share],
+                         env={**os.environ, _WORKER: '1'}, stdin=subprocess.DEVNULL,
+                         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        for share in _shares(names)]
+    try:
+        for line in _lines(workers):
+            if line.startswith(__package__):
+                report(line, done, count)
+                done += 1
+            else:
+                errors.append(line)
+        errors += [f'a compiling process ended with status {worker.returncode}'
+                   for worker in workers if worker.wait() != 0]
+    finally:
+        for worker in workers:
+            worker.terminate()
+            worker.wait()
+    if errors:
+        raise CompileError(f'compiled code is not complete: {errors[0]}')
 
 
-def tracking() -> None:
-    """Track a field by every model, estimate an attitude, look for new stars and a target."""
-    onboard, centroids, _ = _field()
-    for model in MODELS:
-        StarTracker(CAMERA, onboard, TrackerOptions(model=model)).warm_up()
-    attitude = estimate_attitude(np.eye(3), np.eye(3), np.ones(3))
-    star_distances(CAMERA.lens, attitude.quaternion, np.eye(3), np.zeros((3, 2)))
-    centroids_from_rows(centroid_rows(centroids, CAMERA))
-    sky = ApparentCatalog(onboard)
-    match_new_stars(
-        StarsInView(CAMERA, sky), attitude, centroids, centroids.sigma_px, 0.0, 1.0)
-    TargetTracker(CAMERA, sky).update(1, attitude, centroids)
+def _lines(workers: Iterable[subprocess.Popen]) -> Iterator[str]:
+    """Yield what processes print, in the order in which it comes."""
+    import selectors
+    with selectors.DefaultSelector() as selector:
+        for worker in workers:
+            selector.register(worker.stdout, selectors.EVENT_READ)
+        while selector.get_map():
+            for key, _ in selector.select():
+                line = key.fileobj.readline()
+                if line:
+                    yield line.strip()
+                else:
+                    selector.unregister(key.fileobj)
 
 
-def rendering() -> None:
-    """Render a field, and an image without stars."""
-    _, centroids, _ = _field()
-    detector, rng = Detector(CAMERA), np.random.default_rng(1)
-    detector.render(centroids.uv, np.full(len(centroids.uv), 5.0), rng)
-    detector.render(np.zeros((0, 2)), np.zeros(0), rng)
-    artefacts = DetectorOptions(blooming=True, cosmic_ray_hits_cm2_s=1.0)
-    Detector(CAMERA, artefacts).expose(
-        centroids.uv, np.full(len(centroids.uv), 5.0), rng, trails=np.array([[0., 0., 1., 0.]]))
+def _shares(names: dict[str, list[str]]) -> list[list[str]]:
+    """Return the modules of each worker, those of a package together: they share functions."""
+    packages = defaultdict(list)
+    for module in names:
+        packages[module.split('.')[1]].append(module)
+    shares: list[list[str]] = [[] for _ in range(min(os.cpu_count() or 1, len(packages)))]
+    for package in sorted(packages.values(),
+                          key=lambda package: -sum(len(names[module]) for module in package)):
+        min(shares, key=lambda share: sum(len(names[module]) for module in share)).extend(package)
+    return shares
 
 
-def location() -> None:
-    """Locate a target."""
-    first, second = (
-        line_of_sight(CAMERA, np.zeros(2), 0.1,
-                      quaternion_from_pointing(np.radians(aside), 0.0, 0.0), np.eye(3),
-                      np.array([0.0, -1e4 * aside, 0.0]), np.eye(3)) for aside in (-10.0, 10.0))
-    locate(first, second)
-    ObserverMotion().warm_up()
+@contextmanager
+def _lock(folder: Path, report: Report) -> Iterator[None]:
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / 'lock', 'wb') as file:
+        while True:
+            with suppress(OSError):
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            report('in another process', 0, 0)
+            time.sleep(_LOCK_PERIOD_S)
+        yield
 
 
-# The longest first, so that two cores end together.
-STAGES = (identification, extraction, tracking, rendering, location)
+def _work(folder: Path, modules: Iterable[str]) -> None:
+    """Compile the registered functions of modules and write their files, printing each name."""
+    from startracker_ros.compiled_types import decode
+    from startracker_ros.machine_code_cache import compile_only, FUNCTIONS, key_of, save
+    registered = signatures()
+    names = {name for name in registered if name.rpartition('.')[0]}
+    for name in sorted({name.rpartition('.')[0] for name in names}):
+        import_module(name)
+    compile_only(names)
+    for module in modules:
+        results: dict[str, Any] = {}
+        for name in (name for name in registered if name.rpartition('.')[0] == module):
+            print(name, flush=True)
+            for types in registered[name]:
+                arguments = tuple(decode(one) for one in types)
+                FUNCTIONS[name].compile(arguments)
+                results[key_of(name, arguments)] = FUNCTIONS[name].overloads[arguments]
+        save(folder / code_name(module), results)
 
 
-def main(arguments: list[str] = sys.argv[1:]) -> None:
-    """Warm all stages up, on all cores at once, unless that was done for the same sources."""
-    done = Path(machine_code_folder(), f'complete-{_digest()}')
-    if not done.exists():
-        with ProcessPoolExecutor(os.cpu_count(), get_context('spawn')) as pool:
-            for stage in [pool.submit(stage) for stage in STAGES]:
-                stage.result()
-        if machine_code_folder():
-            done.touch()
-    for folder in arguments:
-        copy_code(Path(folder))
+def _add(log: Path) -> None:
+    """Add the calls of a log to the registered ones, and leave out functions that are gone."""
+    from startracker_ros.machine_code_cache import FUNCTIONS
+    found = {name: list(types) for name, types in signatures().items()}
+    for line in log.read_text().splitlines():
+        name, types = json.loads(line)
+        if types not in found.setdefault(name, []):
+            found[name].append(types)
+    for module in {name.rpartition('.')[0] for name in found}:
+        with suppress(ModuleNotFoundError):
+            import_module(module)
+    rows = (f'{json.dumps(name)}: [\n' + ',\n'.join(
+        f'  {json.dumps(one)}' for one in sorted(found[name], key=repr)) + '\n]'
+        for name in sorted(found) if name in FUNCTIONS)
+    SIGNATURES.write_text('{\n' + ',\n'.join(rows) + '\n}\n')
 
 
-def _digest() -> str:
-    """Return a digest of the sources, the compiler and the processor."""
-    made_for = (sorted(imported_code()), numba.__version__, sys.version,
-                cpu_target.target_context.codegen().magic_tuple())
-    return hashlib.sha256(repr(made_for).encode()).hexdigest()[:16]
+def show_progress() -> Report:
+    """Return a report that draws a bar on a terminal, and prints a line elsewhere."""
+    from rich.console import Console
+    from rich.progress import Progress
+    progress = Progress(console=Console(stderr=True), transient=True)
+    task = progress.add_task('compiling for this machine, once')
+    begun: list[bool] = []
+
+    def report(name: str, done: int, count: int) -> None:
+        if not begun:
+            begun.append(True)
+            progress.console.print(f'compiling {count or "some"} functions for this machine: '
+                                   'a minute, once')
+            progress.start()
+        progress.update(task, completed=done, total=count or None,
+                        description=f'compiling {name.removeprefix(f"{__package__}.")}')
+        if count and done == count - 1:
+            progress.stop()
+    return report
+
+
+def main(arguments: list[str] = sys.argv[1:]) -> int:
+    """Compile what is missing; see the top of the file."""
+    if arguments[:1] == ['--worker']:
+        try:
+            _work(Path(arguments[1]), arguments[2:])
+        except OSError as error:
+            print(f'{error.strerror}: {error.filename}', flush=True)
+        return 0
+    if arguments[:1] == ['--add']:
+        _add(Path(arguments[1]))
+        return 0
+    try:
+        compile_missing(show_progress(), INSTALLED if '--install' in arguments else None)
+    except (CompileError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(main())
