@@ -74,9 +74,10 @@ test-long: .venv/package .venv/tests .venv/gnc
 
 # Not editable: pip leaves config, launch files and node scripts out of an editable install.
 .venv/package: .venv/requirements $(SOURCES)
-	@echo '== package: installs it and compiles its functions for this machine, some minutes of processor time, once for the same sources'
+	@echo '== package: installs it, then compiles its functions for this machine: a minute or two of processor time, once for the same sources'
 	@rm -rf build/lib
 	$(PIP_INSTALL) --no-deps --no-build-isolation .
+	@$(RUN) -m startracker_ros.warm_up --install
 	@touch $@
 	@echo "== package: .venv has $$(du -sh .venv | cut -f 1)"
 

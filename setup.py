@@ -1,10 +1,8 @@
 """Build startracker_ros with pip (a wheel) or with colcon (an ament_python package)."""
 
 from glob import glob
-import os
 from pathlib import Path
 import runpy
-import subprocess
 import sys
 
 from setuptools import Command, Distribution, find_packages, setup
@@ -21,44 +19,6 @@ main()
 
 # The same on every setuptools, whichever distutils it brings.
 install_data: type[Command] = Distribution().get_command_class('install_data')
-build_py: type[Command] = Distribution().get_command_class('build_py')
-develop: type[Command] = Distribution().get_command_class('develop')
-
-
-def compile_ahead(root: Path, *arguments: str) -> None:
-    """
-    Compile the numba functions of the package below a folder, so that its nodes start at once.
-
-    Where that is not possible, as in a build environment without numba, the first start compiles.
-    """
-    print('compiling the numba functions: minutes, unless the same sources were compiled before',
-          flush=True)
-    paths = [str(root.resolve()), *filter(None, [os.environ.get('PYTHONPATH')])]
-    done = subprocess.run(
-        [sys.executable, '-P', '-m', f'{PACKAGE}.warm_up', *arguments],
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(paths)},
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    if done.returncode:
-        print(f'not compiled: {done.stdout.strip().splitlines()[-1:]}; '
-              'the first start of each node will compile', flush=True)
-
-
-class BuildCompiled(build_py):
-    """The modules, and the machine code of their compiled functions beside them."""
-
-    def run(self) -> None:
-        super().run()
-        if not getattr(self, 'editable_mode', False):
-            build = Path(self.build_lib)
-            compile_ahead(build, str(build.resolve() / PACKAGE / 'compiled_code'))
-
-
-class DevelopCompiled(develop):
-    """Modules that stay in the source tree: their machine code is in the cache of the user."""
-
-    def run(self) -> None:
-        super().run()
-        compile_ahead(Path.cwd())
 
 
 class InstallNodes(install_data):
@@ -76,7 +36,7 @@ class InstallNodes(install_data):
 
 
 console_scripts = ['startracker = startracker_ros.cli:main']
-cmdclass: dict[str, type[Command]] = {'build_py': BuildCompiled, 'develop': DevelopCompiled}
+cmdclass: dict[str, type[Command]] = {}
 if {'install', 'develop'} & set(sys.argv):
     # colcon: entry points go to lib/startracker_ros, as setup.cfg says, with a fixed interpreter.
     console_scripts += [f'{node} = {module}:main' for node, module in EXECUTABLES.items()]
@@ -95,7 +55,8 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={f'{PACKAGE}.catalog': ['*.npz', 'LICENSE'],
+    package_data={PACKAGE: ['signatures.json'],
+                  f'{PACKAGE}.catalog': ['*.npz', 'LICENSE'],
                   f'{PACKAGE}.datasheet': ['*.j2'],
                   f'{PACKAGE}.report': ['*.css', '*.j2', '*.js']},
     data_files=[

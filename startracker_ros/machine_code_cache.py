@@ -29,9 +29,10 @@ from numba.core.compiler import compile_result, CompileResult
 from numba.core.environment import Environment, lookup_environment
 from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
-from startracker_ros.compiled_types import encode
+from startracker_ros.compiled_types import decode, encode
 from startracker_ros.machine_code import (
-    code_name, folders_to_read, machine_code_folder, missing_modules, registered_modules)
+    code_name, folders_to_read, machine_code_folder, missing_modules, registered_modules,
+    signatures)
 
 FUNCTIONS: dict[str, Any] = {}
 """Every compiled function of the imported modules, by its full name."""
@@ -72,9 +73,14 @@ class _Compilations(event.Listener):
 
 
 def _log(name: str, types: Iterable[Any]) -> None:
-    """Append a call that is not registered to the log that the environment names, for tests."""
+    """Append a call of the package that is not registered to the log, where there is one."""
     log = os.environ.get('STARTRACKER_COMPILED_LOG')
-    if log and name in FUNCTIONS and not _COMPILE_ONLY:
+    if not log or name not in FUNCTIONS or _COMPILE_ONLY:
+        return
+    frame = sys._getframe()
+    while frame.f_globals['__name__'].startswith(('numba.', 'contextlib', __name__)):
+        frame = frame.f_back
+    if frame.f_globals['__name__'].startswith(f'{__package__}.'):
         with open(log, 'a') as file:
             file.write(json.dumps([name, [encode(one) for one in types]]) + '\n')
 
@@ -231,6 +237,18 @@ def _compile_missing() -> None:
     except (CompileError, OSError) as error:
         print(error, file=sys.stderr)
     COMPILATIONS.report('', 0, 0)
+
+
+def load_imported() -> None:
+    """Load, or compile, all registered functions of the modules that this process has imported."""
+    registered = signatures()
+    # Modules may be imported meanwhile by another thread.
+    functions = {name: FUNCTIONS[name] for name in list(FUNCTIONS) if name in registered}
+    if missing_modules({name.rpartition('.')[0] for name in functions}):
+        _compile_missing()
+    for name, function in functions.items():
+        for types in registered[name]:
+            function.compile(tuple(decode(one) for one in types))
 
 
 def compile_only(names: Iterable[str]) -> None:

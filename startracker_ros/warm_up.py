@@ -79,7 +79,7 @@ def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
             worker.terminate()
             worker.wait()
     if errors:
-        raise CompileError(f'compiled code is not complete: {errors[0]}')
+        raise CompileError(f'compiled code is not complete: {errors[-1]}')
 
 
 def _lines(workers: Iterable[subprocess.Popen]) -> Iterator[str]:
@@ -124,6 +124,7 @@ def _lock(folder: Path, report: Report) -> Iterator[None]:
 
 def _work(folder: Path, modules: Iterable[str]) -> None:
     """Compile the registered functions of modules and write their files, printing each name."""
+    from numba.core.errors import NumbaError
     from startracker_ros.compiled_types import decode
     from startracker_ros.machine_code_cache import compile_only, FUNCTIONS, key_of, save
     registered = signatures()
@@ -137,7 +138,11 @@ def _work(folder: Path, modules: Iterable[str]) -> None:
             print(name, flush=True)
             for types in registered[name]:
                 arguments = tuple(decode(one) for one in types)
-                FUNCTIONS[name].compile(arguments)
+                try:
+                    FUNCTIONS[name].compile(arguments)
+                except (KeyError, NumbaError) as error:
+                    print(f'{SIGNATURES.name}: {name}: {str(error).splitlines()[0]}', flush=True)
+                    continue
                 results[key_of(name, arguments)] = FUNCTIONS[name].overloads[arguments]
         save(folder / code_name(module), results)
 

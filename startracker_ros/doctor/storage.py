@@ -6,35 +6,34 @@ import shutil
 
 from startracker_ros.doctor.check import Check
 from startracker_ros.folders import cache_folder, can_write, MAX_DATABASE_BYTES, stored_databases
-from startracker_ros.machine_code import cached_share, machine_code_folder, package_code
+from startracker_ros.machine_code import (
+    machine_code_folder, missing_modules, registered_modules)
 
 # The demo, 1024 x 1024 px at 10 Hz, writes 10 MB a second.
 _BAG_BYTES_S = 10e6
 _LEAST_FREE_BYTES = 2e9
-# Some modules only serve campaigns.
-_MOSTLY = 0.5
 
 
 def check_storage() -> Iterator[Check]:
     """Yield the checks of what is kept on disk."""
-    yield check_compiled(machine_code_folder(), cached_share(package_code()))
+    yield check_compiled(machine_code_folder(), len(missing_modules()), len(registered_modules()))
     yield check_databases(cache_folder())
     yield check_room(Path.cwd())
 
 
-def check_compiled(folder: str, share: float) -> Check:
+def check_compiled(folder: str, missing: int, count: int) -> Check:
     """
-    Return whether machine code is there, for which share of the modules that compile functions.
+    Return whether machine code is there, of count modules all but some that are missing.
 
     An empty folder means that none can be kept.
     """
-    if share == 0 and not folder:
+    if missing and not folder:
         return Check('compiled code', 'nowhere to keep it: each process compiles anew', False,
                      'make ~/.cache writable, or set NUMBA_CACHE_DIR to a folder that is')
-    if share < _MOSTLY:
-        return Check('compiled code', f'of {100 * share:.0f} % of the modules: the first frames '
-                     'wait half a minute', False, 'python -m startracker_ros.warm_up')
-    return Check('compiled code', f'of {100 * share:.0f} % of the modules that compile')
+    if missing:
+        return Check('compiled code', f'{missing} of {count} modules are not compiled: the first '
+                     'start takes a minute', False, 'python -m startracker_ros.warm_up')
+    return Check('compiled code', f'all {count} modules that compile')
 
 
 def check_databases(folder: Path) -> Check:

@@ -23,7 +23,7 @@ from startracker_ros.figures.machine import MachineLoad
 from startracker_ros.harness.processes import HarnessError, module_command, node_environment
 from startracker_ros.harness.readiness import Needs, Readiness
 from startracker_ros.harness.rig import Rig
-from startracker_ros.machine_code import cached_share, machine_code_folder, package_code
+from startracker_ros.machine_code import missing_modules
 from startracker_ros.ros import qos
 
 
@@ -235,9 +235,8 @@ def start_time_s() -> float:
 
     That is the start of this process, or the end of the compilation where it runs first.
     """
-    if not machine_code_folder() or cached_share(package_code()):
+    if not missing_modules():
         return psutil.Process().create_time()
-    print('compiling for this machine, for a minute, and only once', file=sys.stderr)
     # When this fails, the nodes compile for themselves.
     subprocess.run(module_command('startracker_ros.warm_up'), env=node_environment())
     return time.time()

@@ -1,7 +1,6 @@
 """What the nodes behind a camera share: camera_info, order of the frames, gyro rates."""
 
 from collections.abc import Callable
-from threading import Thread
 import time
 from typing import Any
 
@@ -12,7 +11,6 @@ from startracker_ros.astro.epoch import epoch_year_from_stamp, RESTART_NS
 from startracker_ros.bag.layouts import camera_from_message, MessageError, ns_from_stamp
 from startracker_ros.bag.telemetry import rate_from_imu
 from startracker_ros.camera.model import Camera, CameraError
-from startracker_ros.machine_code import cached_share, imported_code, machine_code_folder
 from startracker_ros.ros import qos
 from startracker_ros.ros.cadence import Cadence
 from startracker_ros.ros.camera_setup import CameraSetup, is_building, WaitingMessages
@@ -21,11 +19,7 @@ from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.topic_status import TopicStatus
 
 _EARLY = 'camera_info before ready'
-_LOADING = 'loading code'
 _DROPPED = 'dropped without camera_info'
-# Cached code is loaded in two seconds.
-_SLOW_LOADING_S = 10.0
-_MOSTLY = 0.5
 
 
 class CameraNode(PipelineNode):
@@ -54,9 +48,6 @@ class CameraNode(PipelineNode):
         self.epoch_year = 0.0
         self.sensor_frame_id = ''
         self.frame_topic = ''
-        self._thread = Thread(target=self._warm_up, name=f'{name} warm-up', daemon=True)
-        self._warm_up_error: BaseException | None = None
-        self._is_loaded = False
         self._setup: CameraSetup | None = None
         self._waiting = WaitingMessages()
         self._waits_for_camera = True
@@ -69,19 +60,7 @@ class CameraNode(PipelineNode):
     def load(self) -> None:
         if self.frame_topic:
             self.diagnostics.tasks[f'{self.frame_topic} topic status'] = self._topic_status.run
-        self._text, self._slow_s = self._loading(), time.monotonic() + _SLOW_LOADING_S
-        self._thread.start()
-        self._warm_up_timer = self.create_steady_timer(0.02, self._check_warm_up)
-
-    @property
-    def is_loaded(self) -> bool:
-        return self._is_loaded
-
-    def on_state(self, label: str) -> None:
-        super().on_state(label)
-        if label == 'configuring':
-            self.diagnostics.report(WARN, self._text)
-            self.diagnostics.publish()
+        super().load()
 
     def activate(self) -> None:
         # The time without frames is no gap of the source.
@@ -101,7 +80,7 @@ class CameraNode(PipelineNode):
 
     @property
     def is_busy(self) -> bool:
-        return self._thread.is_alive() or is_building()
+        return super().is_busy or is_building()
 
     def restart(self) -> None:
         """Forget the state and read the options, before anything is built for the camera."""
@@ -126,9 +105,6 @@ class CameraNode(PipelineNode):
             build = self.builder(self.camera, self.epoch_year)
             self.use(None if build is None else build())
 
-    def warm_up(self) -> None:
-        """Load or compile what a frame needs, in a thread, without anything of the node."""
-
     def on_warm(self) -> None:
         """Subscribe to the source."""
         self.subscribe_camera_info()
@@ -138,43 +114,13 @@ class CameraNode(PipelineNode):
         self.subscribe(CameraInfo, 'camera_info', self._on_camera_info, qos.LIST,
                        while_inactive=True)
 
-    def _warm_up(self) -> None:
-        try:
-            self.warm_up()
-        except BaseException as error:
-            self._warm_up_error = error
-
-    def _check_warm_up(self) -> None:
-        if self._thread.is_alive():
-            if time.monotonic() > self._slow_s and self._text == _LOADING:
-                self._text = 'compiling for this machine what is not cached yet'
-                self.diagnostics.report(WARN, self._text)
-            return
-        self.destroy_timer(self._warm_up_timer)
-        self._is_loaded = True
-        self.on_loaded()
-
     def get_ready(self) -> None:
-        if self._warm_up_error is not None:
-            raise self._warm_up_error
         early = self.diagnostics.counts[_EARLY]
         if self.camera is None:
             self.diagnostics.report(WARN, 'waiting for camera_info')
         if early:
             self.diagnostics.report_event(f'{early} {_EARLY}: images that came with them are lost')
         self.on_warm()
-
-    @staticmethod
-    def _loading() -> str:
-        """Return whether the code is loaded or, for the first time on a machine, compiled."""
-        if not machine_code_folder():
-            return ('compiling for this machine, for a minute, at each start: no folder to keep '
-                    'it in can be written, set NUMBA_CACHE_DIR')
-        # Some modules are only used by other commands.
-        if cached_share(imported_code()) < _MOSTLY:
-            return ('compiling for this machine, for a minute, and only once: next time '
-                    '`python -m startracker_ros.warm_up` does it beforehand')
-        return _LOADING
 
     def camera_or_drop(self) -> Camera | None:
         """Return the camera; without one, count and report that the message is dropped."""

@@ -25,6 +25,7 @@ from startracker_ros.camera.model import CameraError
 from startracker_ros.executables import NODES
 from startracker_ros.options import Options
 from startracker_ros.ros import parameters, qos
+from startracker_ros.ros.code_loading import CodeLoading
 from startracker_ros.ros.composition import Composition
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR
 from startracker_ros.ros.forced_exit import exit_after
@@ -95,12 +96,21 @@ class PipelineNode(ManagedNode):
 
     def load(self) -> None:
         """Begin to load the code, in a thread."""
+        self._code = CodeLoading(self, self.warm_up, self.on_loaded)
+
+    def warm_up(self) -> None:
+        """Do what delays a first frame, in the thread, without anything of the node."""
+
+    @property
+    def is_loaded(self) -> bool:
+        return self._code.is_loaded
 
     def configure(self) -> None:
         self.rebuild()
 
     def prepare(self) -> None:
         if not self._prepared:
+            self._code.raise_error()
             self._prepared = True
             self.get_ready()
             self.get_logger().info('ready')
@@ -110,6 +120,8 @@ class PipelineNode(ManagedNode):
             self.diagnostics.release()
         else:
             self.diagnostics.hold(label)
+        if label == 'configuring':
+            self._code.report()
 
     def get_ready(self) -> None:
         """Get ready for messages, once, after the first rebuild()."""
@@ -117,7 +129,7 @@ class PipelineNode(ManagedNode):
     @property
     def is_busy(self) -> bool:
         """Whether a thread of the node loads code or builds."""
-        return False
+        return self._code.is_running
 
     def say_compiling(self, name: str) -> None:
         """Report, from any thread, the function that is compiled; '' for none any more."""

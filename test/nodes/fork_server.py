@@ -149,16 +149,15 @@ def _count_threads() -> int:
 def _load() -> None:
     """Import all nodes and load the code that they use."""
     import cv2
-    from startracker_ros import warm_up
     from startracker_ros.executables import EXECUTABLES
+    from startracker_ros.machine_code_cache import load_imported
     for module in EXECUTABLES.values():
         import_module(module)
     # Threads are missing in what is forked: the two of the tracing that rclpy is linked with are
     # idle, those of OpenCV would be waited for.
     threads, count = cv2.getNumThreads(), _count_threads()
     cv2.setNumThreads(1)
-    for stage in warm_up.STAGES:
-        stage()
+    load_imported()
     cv2.setNumThreads(threads)
     assert _count_threads() == count
     gc.collect()

@@ -61,7 +61,7 @@ class AttitudeFusionNode(PipelineNode):
             mounts, self.options(FusionOptions), self.options(MountOptions),
             self.options(GyroErrorOptions))
 
-    def get_ready(self) -> None:
+    def warm_up(self) -> None:
         warm_up()
 
     def _on_head(self, name: str, message: Imu) -> None:

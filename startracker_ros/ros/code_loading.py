@@ -1,0 +1,82 @@
+"""Machine code, loaded in a thread before a node is configured."""
+
+from collections.abc import Callable
+from functools import partial
+import sys
+from threading import Thread
+from typing import TYPE_CHECKING
+
+from startracker_ros.machine_code import machine_code_folder, missing_modules
+from startracker_ros.ros.diagnostics import WARN
+
+if TYPE_CHECKING:
+    from startracker_ros.ros.node import PipelineNode
+
+_POLL_S = 0.02
+_CACHE = 'startracker_ros.machine_code_cache'
+
+
+class CodeLoading:
+    """
+    Loads, or compiles, all registered functions of the modules that the process has imported.
+
+    The executor stays free meanwhile, so that diagnostics continue. What is compiled, now or
+    later, is reported within a second. on_loaded() is called in the executor.
+    """
+
+    def __init__(self, node: 'PipelineNode', warm_up: Callable[[], None],
+                 on_loaded: Callable[[], None]) -> None:
+        self.is_loaded = False
+        self.text = _text()
+        self._node, self._on_loaded = node, on_loaded
+        self._error: BaseException | None = None
+        self._thread = Thread(target=partial(self._load, warm_up), daemon=True,
+                              name=f'{node.get_name()} code')
+        self._thread.start()
+        self._timer = node.create_steady_timer(_POLL_S, self._check)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the thread runs."""
+        return self._thread.is_alive()
+
+    def report(self) -> None:
+        """Report that the code is loaded or compiled."""
+        self._node.diagnostics.report(WARN, self.text)
+        self._node.diagnostics.publish()
+
+    def raise_error(self) -> None:
+        """Raise what the thread has raised."""
+        if self._error is not None:
+            raise self._error
+
+    def _load(self, warm_up: Callable[[], None]) -> None:
+        try:
+            # Nodes without compiled functions need no numba.
+            if _CACHE in sys.modules:
+                from startracker_ros.machine_code_cache import COMPILATIONS, load_imported
+                COMPILATIONS.listeners.append(self._say_compiling)
+                load_imported()
+            warm_up()
+        except BaseException as error:
+            self._error = error
+
+    def _say_compiling(self, name: str, done: int, count: int) -> None:
+        self._node.say_compiling(f'{name}, {done} of {count} done' if count > 1 else name)
+
+    def _check(self) -> None:
+        if not self.is_running:
+            self._node.destroy_timer(self._timer)
+            self.is_loaded = True
+            self._on_loaded()
+
+
+def _text() -> str:
+    """Return whether the code is loaded or, for the first time on a machine, compiled."""
+    if _CACHE not in sys.modules or not missing_modules():
+        return 'loading code'
+    if not machine_code_folder():
+        return ('compiling for this machine, for a minute, at each start: no folder to keep '
+                'it in can be written, set NUMBA_CACHE_DIR')
+    return ('compiling for this machine, for a minute, and only once: next time '
+            '`python -m startracker_ros.warm_up` does it beforehand')
