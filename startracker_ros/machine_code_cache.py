@@ -77,12 +77,15 @@ def _log(name: str, types: Iterable[Any]) -> None:
     log = os.environ.get('STARTRACKER_COMPILED_LOG')
     if not log or name not in FUNCTIONS or _COMPILE_ONLY:
         return
+    call = [encode(one) for one in types]
+    if call in signatures().get(name, []):
+        return
     frame = sys._getframe()
     while frame.f_globals['__name__'].startswith(('numba.', 'contextlib', __name__)):
         frame = frame.f_back
     if frame.f_globals['__name__'].startswith(f'{__package__}.'):
         with open(log, 'a') as file:
-            file.write(json.dumps([name, [encode(one) for one in types]]) + '\n')
+            file.write(json.dumps([name, call]) + '\n')
 
 
 COMPILATIONS = _Compilations()
@@ -297,6 +300,8 @@ class MachineCodeCache:
 
     def __init__(self, dispatcher: Any) -> None:
         self._module, self._name = dispatcher.py_func.__module__, full_name(dispatcher.py_func)
+        # Where no source of the package is its own, as in tests, nothing says when it changes.
+        self._is_kept = self._module.startswith(f'{__package__}.')
         FUNCTIONS[self._name] = dispatcher
 
     @property
@@ -304,6 +309,8 @@ class MachineCodeCache:
         return machine_code_folder()
 
     def load_overload(self, signature: Any, context: Any) -> CompileResult | None:
+        if not self._is_kept:
+            return None
         # A function that is compiled contains those that it calls: these are compiled with it.
         if COMPILATIONS.depth or _COMPILE_ONLY:
             return None
@@ -316,7 +323,7 @@ class MachineCodeCache:
     def save_overload(self, signature: Any, result: CompileResult) -> None:
         """Keep what was compiled because its types are not registered."""
         folder = machine_code_folder()
-        if (not COMPILATIONS.depth and not _COMPILE_ONLY and folder
+        if (self._is_kept and not COMPILATIONS.depth and not _COMPILE_ONLY and folder
                 and not result.library.has_dynamic_globals):
             types, _ = sigutils.normalize_signature(signature)
             key = key_of(self._name, types)

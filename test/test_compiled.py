@@ -1,31 +1,44 @@
 """Where the machine code is kept: by content, shared, and somewhere even without a home."""
 
+import json
 import os
 from pathlib import Path
 import shutil
 import subprocess
 import sys
 
+from limits import HANGS_S
+import numpy as np
 import pytest
 import startracker_ros
+from startracker_ros import compiled_types
+from startracker_ros.compiled import compiled
+from startracker_ros.machine_code import registered_modules, signatures
+from startracker_ros.machine_code_cache import COMPILATIONS, FUNCTIONS
 
 PROGRAM = """
+from startracker_ros.machine_code import code_name, machine_code_folder
+from startracker_ros.machine_code_cache import COMPILATIONS
+compiled = []
+COMPILATIONS.listeners.append(lambda name, done, count: compiled.append(name))
 from startracker_ros.camera.lens import Lens, undistort
-from startracker_ros.machine_code import imported_code, machine_code_folder
 print(undistort(Lens(9, 9, 1., 1., 4., 4., (0.,) * 9, False, False), 0.25, 0.5))
 print(machine_code_folder())
-print(*sorted(imported_code()))
-print(sum(undistort.stats.cache_hits.values()))
+print(code_name('startracker_ros.camera.lens'))
+print(len([name for name in compiled if name.endswith('undistort')]))
 """
+NAME = 'startracker_ros.camera.lens.undistort'
+FILES = ('__init__.py', 'compiled.py', 'compiled_types.py', 'machine_code.py',
+         'machine_code_cache.py', 'warm_up.py', 'folders.py', 'camera/__init__.py',
+         'camera/lens.py', 'camera/distortion.py')
 
 
 def copy_of(tree):
-    """Return a copy of what the compiled lens needs."""
+    """Return a copy of what the compiled lens needs, in which nothing is registered."""
     source = Path(startracker_ros.__file__).parent
     copy = tree / 'startracker_ros'
     (copy / 'camera').mkdir(parents=True)
-    for name in ('__init__.py', 'compiled.py', 'machine_code.py', 'machine_code_cache.py',
-                 'folders.py', 'camera/__init__.py', 'camera/lens.py', 'camera/distortion.py'):
+    for name in FILES:
         # As pip does, which gives files the time of the build.
         shutil.copyfile(source / name, copy / name)
     return copy
@@ -36,62 +49,159 @@ def package(tmp_path):
     return copy_of(tmp_path / 'tree')
 
 
-def run(package, home, **environment):
-    """Run the lens in a process; return folder, names of the modules' code, and cache hits."""
+def environment_of(package, home, **variables):
     clean = {name: value for name, value in os.environ.items()
-             if name not in ('XDG_CACHE_HOME', 'NUMBA_CACHE_DIR')}
+             if name not in ('XDG_CACHE_HOME', 'NUMBA_CACHE_DIR', 'STARTRACKER_COMPILED_LOG')}
+    return {**clean, 'HOME': str(home), 'PYTHONPATH': str(package.parent), **variables}
+
+
+def run(package, home, **environment):
+    """Run the lens in a process; return folder, name of its code, and how often it compiled."""
     done = subprocess.run([sys.executable, '-c', PROGRAM], capture_output=True, text=True,
-                          cwd=package.parent, timeout=300,
-                          env={**clean, 'HOME': str(home), 'PYTHONPATH': str(package.parent),
-                               **environment})
+                          cwd=package.parent, timeout=HANGS_S,
+                          env=environment_of(package, home, **environment))
     assert done.returncode == 0, done.stderr
-    result, folder, names, hits = done.stdout.splitlines()
+    result, folder, name, compiles = done.stdout.splitlines()
     assert result == '(0.25, 0.5)'
-    return Path(folder), names.split(), int(hits)
+    return Path(folder), name, int(compiles)
+
+
+def register(package):
+    """Register the call of PROGRAM."""
+    lens = {'named': 'startracker_ros.camera.lens:Lens', 'of': [
+        'int64', 'int64', *['float64'] * 4, ['float64'] * 9, 'bool', 'bool']}
+    (package / 'signatures.json').write_text(json.dumps({NAME: [[lens, 'float64', 'float64']]}))
 
 
 def test_equal_sources_share_their_code_and_changed_ones_do_not(package, tmp_path):
-    folder, names, hits = run(package, tmp_path)
+    folder, name, compiles = run(package, tmp_path)
     assert folder == tmp_path / '.cache' / 'startracker_ros' / 'compiled_code'
-    assert not hits and {file.name for file in folder.iterdir()} >= set(names)
+    assert compiles == 1 and [file.name for file in folder.glob(f'{name}.*')]
     other = copy_of(tmp_path / 'other')
-    assert run(other, tmp_path) == (folder, names, 1)
+    assert run(other, tmp_path) == (folder, name, 0)
     # What decides where code is kept does not change it.
     with (other / 'machine_code.py').open('a') as file:
         file.write('\n# changed\n')
-    assert run(other, tmp_path) == (folder, names, 1)
+    assert run(other, tmp_path) == (folder, name, 0)
     # A function that the compiled one calls, in another module.
     with (other / 'camera' / 'distortion.py').open('a') as file:
         file.write('\n# changed\n')
-    _, changed, hits = run(other, tmp_path)
-    assert not hits and not set(changed) & set(names)
+    _, changed, compiles = run(other, tmp_path)
+    assert compiles and changed != name
 
 
-def test_code_of_the_build_is_read_and_what_it_lacks_is_kept_with_the_user(package, tmp_path):
+def test_code_of_the_install_is_read_and_what_it_lacks_is_kept_with_the_user(package, tmp_path):
     folder = run(package, tmp_path / 'builder')[0]
     shutil.copytree(folder, package / 'compiled_code')
-    found, _, hits = run(package, tmp_path / 'user')
-    assert hits and found.is_relative_to(tmp_path / 'user')
+    found, _, compiles = run(package, tmp_path / 'user')
+    assert not compiles and found.is_relative_to(tmp_path / 'user')
     assert list(found.iterdir()) == []
     # Nor does a cache that cannot be written stop a node.
     (tmp_path / 'file').write_text('')
-    assert run(package, tmp_path / 'file')[2]
+    assert not run(package, tmp_path / 'file')[2]
 
 
 def test_a_user_whose_cache_cannot_be_written_has_the_code_in_the_package(package, tmp_path):
     # A file where the folder should be stops root, too.
     (tmp_path / 'file').write_text('')
     folder, _, _ = run(package, tmp_path / 'file')
-    assert folder == package / 'compiled_code' and run(package, tmp_path / 'file')[2]
+    assert folder == package / 'compiled_code' and not run(package, tmp_path / 'file')[2]
 
 
 def test_without_any_folder_it_still_runs(package, tmp_path):
     (package / 'compiled_code').write_text('')
     (tmp_path / 'file').write_text('')
-    assert run(package, tmp_path / 'file')[0] == Path('')
+    nowhere = str(tmp_path / 'file')
+    assert run(package, nowhere, TMPDIR='/dev/shm')[0].is_relative_to('/dev/shm')
+    assert run(package, nowhere, NUMBA_CACHE_DIR=nowhere)[0] == Path('')
 
 
 def test_the_choice_of_the_user_stays(package, tmp_path):
     chosen = tmp_path / 'mine'
     assert run(package, tmp_path, NUMBA_CACHE_DIR=str(chosen))[0] == chosen
-    assert list(chosen.rglob('*.nbi'))
+    assert list(chosen.glob('*.code*'))
+
+
+def test_registered_functions_are_compiled_beforehand(package, tmp_path):
+    register(package)
+    command = [sys.executable, '-m', 'startracker_ros.warm_up']
+    done = subprocess.run(command, capture_output=True, text=True, cwd=package.parent,
+                          timeout=HANGS_S, env=environment_of(package, tmp_path))
+    assert done.returncode == 0 and '1 functions' in done.stderr, done.stderr
+    folder, name, compiles = run(package, tmp_path)
+    assert not compiles and (folder / name).is_file()
+
+
+def test_the_first_call_compiles_all_that_is_registered_in_another_process(package, tmp_path):
+    register(package)
+    folder, name, compiles = run(package, tmp_path)
+    # The report is of the process that compiles; this one has loaded the code.
+    assert compiles == 1 and [file.name for file in folder.glob('*.code*')] == [name]
+    assert not run(package, tmp_path)[2]
+
+
+@pytest.mark.parametrize('damage', [
+    lambda content: b'', lambda content: content[:-9],
+    lambda content: content[:200] + b'\0' + content[201:]])
+def test_a_damaged_file_is_not_used(package, tmp_path, damage):
+    folder, name, _ = run(package, tmp_path)
+    file, = folder.glob(f'{name}.*')
+    file.write_bytes(damage(file.read_bytes()))
+    assert run(package, tmp_path)[2] == 1
+    assert run(package, tmp_path)[2] == 0
+
+
+def test_a_process_that_is_ended_while_it_writes_leaves_nothing_half_written(package, tmp_path):
+    register(package)
+    folder = tmp_path / 'cache'
+    process = subprocess.Popen([sys.executable, '-m', 'startracker_ros.warm_up'],
+                               cwd=package.parent, stderr=subprocess.PIPE,
+                               env=environment_of(package, tmp_path, NUMBA_CACHE_DIR=str(folder)))
+    process.stderr.readline()
+    process.kill()
+    process.wait(HANGS_S)
+    process.stderr.close()
+    assert not run(package, tmp_path, NUMBA_CACHE_DIR=str(folder))[2] or \
+        not run(package, tmp_path, NUMBA_CACHE_DIR=str(folder))[2]
+
+
+def test_a_full_disk_is_named(package, tmp_path):
+    register(package)
+    # Every write fails with it: a folder in which files can be made, not filled.
+    done = subprocess.run(
+        ['bash', '-c', 'ulimit -f 1; exec "$0" -m startracker_ros.warm_up', sys.executable],
+        capture_output=True, text=True, cwd=package.parent, timeout=HANGS_S,
+        env=environment_of(package, tmp_path))
+    assert done.returncode == 1 and 'compiled code is not complete: ' in done.stderr
+    assert 'Traceback' not in done.stderr, done.stderr
+    folder = tmp_path / '.cache' / 'startracker_ros' / 'compiled_code'
+    assert [file for file in folder.iterdir() if file.name != 'lock'] == []
+
+
+def test_all_registered_types_are_read_and_written():
+    for name, calls in signatures().items():
+        for types in calls:
+            assert [compiled_types.encode(compiled_types.decode(one)) for one in types] == types
+    assert registered_modules()
+
+
+@compiled
+def _twice(values: np.ndarray) -> np.ndarray:
+    return 2 * values
+
+
+@compiled
+def _four_times(values: np.ndarray) -> np.ndarray:
+    return _twice(_twice(values))
+
+
+def test_a_compilation_reports_the_function_that_python_calls():
+    reports = []
+    COMPILATIONS.listeners.append(lambda *report: reports.append(report))
+    try:
+        _four_times(np.ones(3))
+        _four_times(np.ones(3))
+    finally:
+        COMPILATIONS.listeners.pop()
+    name = f'{__name__}._four_times'
+    assert reports == [(name, 0, 1), ('', 0, 0)] and name in FUNCTIONS

@@ -204,7 +204,7 @@ class CameraNode(PipelineNode):
             self._end_set_up()
             self._waits_for_camera = False
             raise
-        if not self._is_loaded:
+        if not self.is_loaded:
             self.diagnostics.counts[_EARLY] += 1
         epoch_year = epoch_year_from_stamp(ns_from_stamp(message.header.stamp))
         newest = self if self._setup is None else self._setup
