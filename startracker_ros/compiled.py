@@ -18,7 +18,8 @@ def _compiler(**options: Any) -> Callable[[_Function], _Function]:
     """Return the decorator of functions that are compiled with options of numba."""
     # Division by zero gives infinity or NaN, as in NumPy: without checks code is smaller, faster.
     # Nobody calls these functions by C pointers.
-    jit = njit(error_model='numpy', no_cfunc_wrapper=True, **options)
+    options = {'error_model': 'numpy', 'no_cfunc_wrapper': True, **options}
+    jit: Any = njit(**options)
 
     def compile_with_cache(function: _Function) -> _Function:
         dispatcher = jit(function)

@@ -6,15 +6,16 @@ from typing import Any
 from numba import types
 
 
-def encode(kind: types.Type) -> Any:
+def encode(kind: Any) -> Any:
     """Return a type of numba as JSON."""
     if isinstance(kind, types.Array):
         writable = '' if kind.mutable else 'readonly '
         return f'{writable}{kind.dtype}[{kind.ndim}{kind.layout}]'
     if isinstance(kind, types.BaseNamedTuple):
-        return {'named': _name(kind.instance_class), 'of': [encode(one) for one in kind.types]}
+        fields: Any = kind
+        return {'named': _name(fields.instance_class), 'of': [encode(one) for one in fields.types]}
     if isinstance(kind, types.BaseTuple):
-        return [encode(one) for one in kind.types]
+        return [encode(one) for one in kind]  # type: ignore[attr-defined]
     if isinstance(kind, types.StructRef):
         return {'struct': _name(type(kind)),
                 'of': [[name, encode(one)] for name, one in kind._fields]}

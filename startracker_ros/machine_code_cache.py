@@ -20,12 +20,13 @@ from pathlib import Path
 import pickle
 import sys
 import tempfile
+from types import FrameType
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
-from numba import _dynfunc
+from numba import _dynfunc  # type: ignore[attr-defined]
 from numba.core import event, serialize, sigutils
-from numba.core.compiler import compile_result, CompileResult
+from numba.core.compiler import compile_result
 from numba.core.environment import Environment, lookup_environment
 from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
@@ -80,10 +81,10 @@ def _log(name: str, types: Iterable[Any]) -> None:
     call = [encode(one) for one in types]
     if call in signatures().get(name, []):
         return
-    frame = sys._getframe()
-    while frame.f_globals['__name__'].startswith(('numba.', 'contextlib', __name__)):
+    frame: FrameType | None = sys._getframe()
+    while frame and frame.f_globals['__name__'].startswith(('numba.', 'contextlib', __name__)):
         frame = frame.f_back
-    if frame.f_globals['__name__'].startswith(f'{__package__}.'):
+    if frame and frame.f_globals['__name__'].startswith(f'{__package__}.'):
         with open(log, 'a') as file:
             file.write(json.dumps([name, call]) + '\n')
 
@@ -127,7 +128,7 @@ class _Unit:
             raise ValueError(f'{path} is damaged')
         self._saved, self._object = pickle.loads(payload)
 
-    def load(self, key: str, context: Any) -> CompileResult | None:
+    def load(self, key: str, context: Any) -> Any:
         """Return a function as numba has it after a compilation, None if it is not here."""
         if key not in self._saved:
             return None
@@ -176,7 +177,7 @@ def key_of(name: str, types: Iterable[Any]) -> str:
     return f'{name}{tuple(types)}'
 
 
-def save(path: Path, functions: dict[str, CompileResult]) -> None:
+def save(path: Path, functions: dict[str, Any]) -> None:
     """Write functions by key to a file, all or nothing; OSError where that fails."""
     context = cpu_target.target_context
     codegen = context.codegen()
@@ -206,7 +207,7 @@ def save(path: Path, functions: dict[str, CompileResult]) -> None:
     _write(path, hashlib.sha256(payload).digest() + payload)
 
 
-def _saved(result: CompileResult, names: Iterable[str], suffix: str) -> _Saved:
+def _saved(result: Any, names: Iterable[str], suffix: str) -> _Saved:
     used = {value.name for value in result.library._final_module.global_variables}
     found = [(name, lookup_environment(name)) for name in names if name in used]
     descriptor = result.fndesc
@@ -308,7 +309,7 @@ class MachineCodeCache:
     def cache_path(self) -> str:
         return machine_code_folder()
 
-    def load_overload(self, signature: Any, context: Any) -> CompileResult | None:
+    def load_overload(self, signature: Any, context: Any) -> Any:
         if not self._is_kept:
             return None
         # A function that is compiled contains those that it calls: these are compiled with it.
@@ -320,7 +321,7 @@ class MachineCodeCache:
         found = (unit.load(key, context) for unit in _units(self._module))
         return next((one for one in found if one is not None), None)
 
-    def save_overload(self, signature: Any, result: CompileResult) -> None:
+    def save_overload(self, signature: Any, result: Any) -> None:
         """Keep what was compiled because its types are not registered."""
         folder = machine_code_folder()
         if (self._is_kept and not COMPILATIONS.depth and not _COMPILE_ONLY and folder

@@ -18,8 +18,10 @@ from importlib import import_module
 import json
 import os
 from pathlib import Path
+from queue import Empty, Queue
 import subprocess
 import sys
+from threading import Thread
 import time
 from typing import Any
 
@@ -28,6 +30,7 @@ from startracker_ros.machine_code import (
 
 _WORKER = 'STARTRACKER_COMPILES'
 _LOCK_PERIOD_S = 0.5
+_POLL_S = 0.1
 
 Report = Callable[[str, int, int], None]
 """Called with the function that is compiled now, and how many of how many are done."""
@@ -60,8 +63,9 @@ def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
     names = {module: [name for name in signatures() if name.rpartition('.')[0] == module]
              for module in modules}
     count, done, errors = sum(map(len, names.values())), 0, []
+    command = [sys.executable, '-m', f'{__package__}.warm_up', '--worker', str(folder)]
     workers = [
-        subprocess.Popen([sys.executable, '-m', f'{__package__}.warm_up', '--worker', str(folder), *share],
+        subprocess.Popen([*command, *share],
                          env={**os.environ, _WORKER: '1'}, stdin=subprocess.DEVNULL,
                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         for share in _shares(names)]
@@ -84,17 +88,18 @@ def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
 
 def _lines(workers: Iterable[subprocess.Popen]) -> Iterator[str]:
     """Yield what processes print, in the order in which it comes."""
-    import selectors
-    with selectors.DefaultSelector() as selector:
-        for worker in workers:
-            selector.register(worker.stdout, selectors.EVENT_READ)
-        while selector.get_map():
-            for key, _ in selector.select():
-                line = key.fileobj.readline()
-                if line:
-                    yield line.strip()
-                else:
-                    selector.unregister(key.fileobj)
+    lines: Queue[str] = Queue()
+    threads = [Thread(target=_forward, args=(worker, lines), daemon=True) for worker in workers]
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads) or not lines.empty():
+        with suppress(Empty):
+            yield lines.get(timeout=_POLL_S)
+
+
+def _forward(worker: subprocess.Popen, lines: Queue) -> None:
+    for line in worker.stdout or ():
+        lines.put(line.strip())
 
 
 def _shares(names: dict[str, list[str]]) -> list[list[str]]:

@@ -179,7 +179,7 @@ def test_a_full_disk_is_named(package, tmp_path):
 
 
 def test_all_registered_types_are_read_and_written():
-    for name, calls in signatures().items():
+    for calls in signatures().values():
         for types in calls:
             assert [compiled_types.encode(compiled_types.decode(one)) for one in types] == types
     assert registered_modules()

@@ -1,7 +1,7 @@
 """The time limit of a compiled search, which reads the clock once in a while."""
 
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from numba import types
 import numpy as np
@@ -11,7 +11,7 @@ from startracker_ros.compiled import compiled
 _PERIOD_NS = 3e5
 _THREAD_CLOCK = time.CLOCK_THREAD_CPUTIME_ID
 # Of the C library, the clock of time.thread_time(): a call of Python would be compiled when made.
-_clock_gettime = types.ExternalFunction(
+_clock_gettime: Any = types.ExternalFunction(
     'clock_gettime', types.int32(types.int32, types.voidptr))
 
 
