@@ -207,6 +207,12 @@ def save(path: Path, functions: dict[str, Any]) -> None:
     _write(path, hashlib.sha256(payload).digest() + payload)
 
 
+def _needs_loaded(result: Any) -> bool:
+    """Return whether a function calls one that this process has loaded, and others may not have."""
+    return any(value.is_declaration and __package__ in value.name
+               for value in result.library._final_module.functions)
+
+
 def _saved(result: Any, names: Iterable[str], suffix: str) -> _Saved:
     used = {value.name for value in result.library._final_module.global_variables}
     found = [(name, lookup_environment(name)) for name in names if name in used]
@@ -325,7 +331,7 @@ class MachineCodeCache:
         """Keep what was compiled because its types are not registered."""
         folder = machine_code_folder()
         if (self._is_kept and not COMPILATIONS.depth and not _COMPILE_ONLY and folder
-                and not result.library.has_dynamic_globals):
+                and not result.library.has_dynamic_globals and not _needs_loaded(result)):
             types, _ = sigutils.normalize_signature(signature)
             key = key_of(self._name, types)
             digest = hashlib.sha256(key.encode()).hexdigest()[:16]
