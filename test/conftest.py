@@ -3,8 +3,11 @@
 from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 from importlib.util import find_spec
+import json
+import os
 from pathlib import Path
 import pickle
+import tempfile
 from types import ModuleType
 from typing import Any
 
@@ -65,6 +68,8 @@ LONGEST = (
     'bench/test_identification_bench.py',
 )
 NOT_RUN = pytest.StashKey[str]()
+COMPILED = pytest.StashKey[str]()
+LOG = 'STARTRACKER_COMPILED_LOG'
 
 
 def _has_chromium() -> bool:
@@ -153,6 +158,27 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if hasattr(config, 'workeroutput'):
             config.workeroutput['not_run'] = config.stash[NOT_RUN]
     return result
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let all processes of the tests log the calls that nothing has compiled beforehand."""
+    if LOG not in os.environ:
+        config.stash[COMPILED] = os.environ[LOG] = tempfile.mkstemp(suffix='_compiled.log')[1]
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail if the package has compiled anything when it was called: a node would stand still."""
+    path = session.config.stash.get(COMPILED, '')
+    if not path:
+        return
+    if not Path(path).stat().st_size:
+        Path(path).unlink()
+        return
+    session.exitstatus = pytest.ExitCode.TESTS_FAILED
+    session.config.stash[NOT_RUN] = (
+        'compiled at its first call, not beforehand: '
+        f'{sorted({json.loads(line)[0] for line in Path(path).read_text().splitlines()})}; '
+        f'register it: python -m startracker_ros.warm_up --add {path}')
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -15,6 +15,7 @@ from startracker_ros.ros import qos
 from startracker_ros.ros.cadence import Cadence
 from startracker_ros.ros.camera_setup import CameraSetup, is_building, WaitingMessages
 from startracker_ros.ros.diagnostics import WARN
+from startracker_ros.ros.memory import return_free_memory
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.topic_status import TopicStatus
 
@@ -247,6 +248,7 @@ class CameraNode(PipelineNode):
         self.use(built)
         # Live options that have changed meanwhile.
         self.set_live_options()
+        return_free_memory()
 
     def _process_waiting(self) -> None:
         self._waits_for_camera = False

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from startracker_ros.machine_code import machine_code_folder, missing_modules
 from startracker_ros.ros.diagnostics import WARN
+from startracker_ros.ros.memory import return_free_memory
 
 if TYPE_CHECKING:
     from startracker_ros.ros.node import PipelineNode
@@ -67,6 +68,7 @@ class CodeLoading:
     def _check(self) -> None:
         if not self.is_running:
             self._node.destroy_timer(self._timer)
+            return_free_memory()
             self.is_loaded = True
             self._on_loaded()
 

@@ -31,6 +31,7 @@ from startracker_ros.ros.diagnostics import Diagnostics, ERROR
 from startracker_ros.ros.forced_exit import exit_after
 from startracker_ros.ros.incompatible_qos import IncompatiblePublishers
 from startracker_ros.ros.managed import LifecycleOptions, ManagedNode, StartError
+from startracker_ros.ros.memory import choose_segment
 from startracker_ros.ros.messages.rclpy_internals import take_all
 from startracker_ros.ros.shared_memory import remove_left_behind
 from startracker_ros.ros.shutdown import Shutdown
@@ -67,8 +68,8 @@ class PipelineNode(ManagedNode):
     shutdown: Shutdown
     """For a node that ends by itself when its work is done."""
 
-    uses_message_info = False
-    """Whether callbacks take the message info, which says when a message was sent."""
+    sends_images = uses_message_info = False
+    """Whether it publishes star images; whether callbacks take the times of messages."""
 
     def __init_subclass__(cls) -> None:
         """Add the options of every node to those that a class names."""
@@ -295,6 +296,7 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
     # First, so that an early signal is not lost.
     shutdown = PipelineNode.shutdown = Shutdown()
     remove_left_behind()
+    choose_segment(any(node_class.sends_images for node_class in node_classes))
     if not _initialize(args, node_classes[0]):
         return 2
     nodes: list[PipelineNode] = []

@@ -82,6 +82,8 @@ class ImageSourceNode(PipelineNode):
     camera_info_manager does; it is not written to camera_file.
     """
 
+    sends_images = True
+
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self._published_camera: Camera | None = None

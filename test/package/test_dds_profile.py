@@ -2,12 +2,14 @@
 
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
 from limits import HANGS_S
 import pytest
 from startracker_ros.harness.processes import take_domain
+from startracker_ros.ros.memory import choose_segment
 
 PROFILE = Path(__file__).parents[2] / 'config' / 'fastdds.xml'
 SEGMENT_BYTES = 64 << 20
@@ -36,3 +38,20 @@ def test_segment_holds_images(profile, enough):
     assert done.returncode == 0, done.stderr
     assert 'Error' not in done.stdout + done.stderr
     assert (int(done.stdout.split()[-1]) >= SEGMENT_BYTES) == enough
+
+
+def test_nodes_without_images_take_the_profile_with_the_smaller_segment(monkeypatch):
+    small = PROFILE.with_name('fastdds_lists.xml')
+    for sends_images, used in ((True, PROFILE), (False, small)):
+        monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(PROFILE))
+        choose_segment(sends_images)
+        assert os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == str(used)
+    # A profile of the user stays.
+    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', 'mine.xml')
+    choose_segment(False)
+    assert os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == 'mine.xml'
+    # Otherwise the two are the same.
+    texts = [re.sub('(?s)<!--.*?-->', '', file.read_text(), count=1) for file in (PROFILE, small)]
+    sizes = [re.search('<segment_size>(.*?)<', text).group(1) for text in texts]
+    assert int(sizes[1]) < int(sizes[0])
+    assert texts[0].replace(sizes[0], sizes[1]) == texts[1]

@@ -22,6 +22,7 @@ class BagPlayerNode(PipelineNode):
 
     option_classes = (PlayOptions, PlaybackOptions)
     task = 'playing'
+    sends_images = True
 
     def __init__(self) -> None:
         super().__init__('bag_player')
