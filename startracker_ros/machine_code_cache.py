@@ -208,7 +208,7 @@ def save(path: Path, functions: dict[str, Any]) -> None:
 
 
 def _needs_loaded(result: Any) -> bool:
-    """Return whether a function calls one that this process has loaded, and others may not have."""
+    """Return whether a function calls one that this process has loaded, others perhaps not."""
     return any(value.is_declaration and __package__ in value.name
                for value in result.library._final_module.functions)
 
