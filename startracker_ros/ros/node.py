@@ -130,7 +130,7 @@ class PipelineNode(ManagedNode):
     @property
     def is_busy(self) -> bool:
         """Whether a thread of the node loads code or builds."""
-        return self._code.is_running
+        return hasattr(self, '_code') and self._code.is_running
 
     def say_compiling(self, name: str) -> None:
         """Report, from any thread, the function that is compiled; '' for none any more."""

@@ -132,11 +132,11 @@ def test_shared_memory_of_a_container_is_too_small():
 
 
 def test_caches(tmp_path):
-    assert not storage.check_compiled('', 0.0).holds
-    assert 'warm_up' in storage.check_compiled(str(tmp_path), 0.2).mend
-    assert storage.check_compiled(str(tmp_path), 0.9).holds
+    assert not storage.check_compiled('', 50, 50).holds
+    assert 'warm_up' in storage.check_compiled(str(tmp_path), 1, 50).mend
+    assert storage.check_compiled(str(tmp_path), 0, 50).holds
     # An install that cannot be written, with the code that the build made.
-    assert storage.check_compiled('', 0.9).holds
+    assert storage.check_compiled('', 0, 50).holds
     (tmp_path / 'file').touch()
     assert storage.check_databases(tmp_path / 'made' / 'later').holds
     assert not storage.check_databases(tmp_path / 'file' / 'below').holds

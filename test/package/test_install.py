@@ -23,11 +23,6 @@ PARTS = ('LICENSE', 'config', 'launch', 'package.xml', 'pyproject.toml', 'resour
 COLCON = Path(sysconfig.get_path('scripts')) / 'colcon'
 LIB = Path('lib', 'startracker_ros')
 SHARE = Path('share', 'startracker_ros')
-COMPILED = """
-from startracker_ros.camera.lens import Lens, undistort
-undistort(Lens(9, 9, 1., 1., 4., 4., (0.,) * 9, False, False), 0.25, 0.5)
-print(sum(undistort.stats.cache_hits.values()))
-"""
 
 
 @dataclass(frozen=True)
@@ -124,23 +119,14 @@ def test_ros_finds_package_and_files(install):
 
 def test_all_modules_and_data_are_installed(install):
     def files(folder: Path) -> set[Path]:
-        return {path.relative_to(folder) for pattern in ('*.py', '*.npz', '*.css', '*.j2', '*.js')
+        return {path.relative_to(folder) for pattern in ('*.py', '*.npz', '*.css', '*.j2', '*.js',
+                                                  '*.json')
                 for path in (folder / 'startracker_ros').rglob(pattern)}
 
     assert files(install.modules) == files(SOURCE)
     used = output(['python3', '-c', 'import startracker_ros; print(startracker_ros.__file__)'],
                   env=install.environment, cwd=install.prefix)
     assert Path(used.strip()).parents[1] == install.modules
-
-
-def test_functions_are_compiled_by_the_build(install, tmp_path):
-    # Another user has an empty cache. Modules that stay in the source tree use that of this one.
-    in_source = not (install.modules / 'startracker_ros' / 'compiled_code').is_dir()
-    environment = {**install.environment, **(
-        {} if in_source else {'XDG_CACHE_HOME': str(tmp_path)})}
-    environment.pop('NUMBA_CACHE_DIR', None)
-    assert output(['python3', '-c', COMPILED], env=environment, cwd=install.prefix) == '1\n'
-    assert in_source == install.symlinked
 
 
 def test_every_node_is_an_executable_of_the_package(install):
