@@ -8,6 +8,8 @@ import json
 import sys
 
 from launch_stand_in import install, Launched, SOURCE
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
@@ -63,9 +65,19 @@ def test_the_file_of_the_user_wins_and_the_arguments_last(
 
 
 @pytest.mark.parametrize('executable', ['centroid_extractor', 'composed_pipeline'])
-def test_the_depth_of_the_queue(started, executable):
-    assert started(launch_file('pipeline', image_depth='7'), executable,
-                   '/trk/centroid_extractor', [DEPTH]) == {DEPTH: 7}
+def test_the_depth_of_the_queue(started, probe, executable):
+    launch, node = launch_file('pipeline', image_depth='7'), '/trk/centroid_extractor'
+    started(launch, executable, node, [])
+    # Declared with the subscription, which configure makes.
+    probe.call(ChangeState, f'{node}/change_state', ChangeState.Request(
+        transition=Transition(id=Transition.TRANSITION_CONFIGURE)))
+
+    def depth():
+        values = probe.call(GetParameters, f'{node}/get_parameters',
+                            GetParameters.Request(names=[DEPTH])).values
+        return [parameter_value_to_python(value) for value in values]
+    probe.wait(depth, 'the subscription')
+    assert depth() == [7]
 
 
 @pytest.mark.parametrize('argument, expected', [('', True), ('false', False)])
