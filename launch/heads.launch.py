@@ -24,5 +24,5 @@ def generate_launch_description() -> LaunchDescription:
         *(pipeline(shared, namespace=PathJoinSubstitution(
             [LaunchConfiguration('namespace'), name])) for name in HEADS),
         node('attitude_fusion', name='attitude_fusion',
-             parameters=[{'mounts_file': LaunchConfiguration('mounts_file')}]),
+             arguments={'mounts_file': ('mounts_file', str)}),
     ])

@@ -9,6 +9,8 @@ For your own camera copy the parameter files, change them and pass their folder 
 and distortion come from the camera_info of the camera.
 """
 
+from typing import Any
+
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition, UnlessCondition
@@ -21,25 +23,27 @@ from startracker_ros.ros import qos
 def generate_launch_description() -> LaunchDescription:
     """Return the four stages of the star tracker and, on request, the recorder."""
     composed = LaunchConfiguration('composed')
-    # The name of the parameter contains that of the topic.
-    images = PathJoinSubstitution(['/', LaunchConfiguration('namespace'), 'image_raw'])
-    managed = [{'autostart': False}, {('qos_overrides.', images, '.subscription.depth'):
-                                      LaunchConfiguration('image_depth')}]
+    # The name of the parameter contains that of the topic. PushRosNamespace of a parent launch
+    # file goes before the namespace.
+    images = PathJoinSubstitution(['/', LaunchConfiguration('ros_namespace', default=''),
+                                   LaunchConfiguration('namespace'), 'image_raw'])
+    managed: dict[str, Any] = {
+        'parameters': {'autostart': False},
+        'arguments': {('qos_overrides.', images, '.subscription.depth'): ('image_depth', int)}}
     return LaunchDescription([
         *shared_arguments(),
         DeclareLaunchArgument(
             'record', default_value='false', description='record all topics into a bag'),
         DeclareLaunchArgument(
-            'image_depth', default_value=str(qos.IMAGE.depth), description='images that '
-            'centroid_extractor may have in its queue'),
+            'image_depth', default_value='', description='images that centroid_extractor may '
+            f'have in its queue; empty: as the files say, else {qos.IMAGE.depth}'),
         node('bag_recorder', name='bag_recorder',
              condition=IfCondition(LaunchConfiguration('record'))),
-        *(node(name, name=name, condition=UnlessCondition(composed), **RESPAWN,
-               parameters=managed)
+        *(node(name, name=name, condition=UnlessCondition(composed), **RESPAWN, **managed)
           for name in STAGES),
         # Without a name: it would rename all nodes of the process.
         node('composed_pipeline', files=STAGES, condition=IfCondition(composed), **RESPAWN,
-             parameters=managed),
+             **managed),
         node('pipeline_manager', name='pipeline_manager', **RESPAWN,
              condition=IfCondition(LaunchConfiguration('manager'))),
     ])

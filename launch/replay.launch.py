@@ -8,7 +8,6 @@ pipeline is ready: it publishes the other topics again. A bag without a namespac
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration
 from startracker_ros.executables import STAGES
 from startracker_ros.harness.launching import node, pipeline, shared_arguments
 
@@ -28,9 +27,9 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument('bag', default_value='bag', description='bag folder or .mcap file'),
         pipeline(shared, image_depth=IMAGE_DEPTH),
         node('bag_player', name='bag_player',
-             parameters=[{'path': LaunchConfiguration('bag'),
-                          'topics': [f'*/{topic}' for topic in TOPICS],
-                          'wait_for_camera_users': len(STAGES), 'wait_limit_s': WAIT_LIMIT_S}],
+             arguments={'path': ('bag', str)},
+             parameters={'topics': [f'*/{topic}' for topic in TOPICS],
+                         'wait_for_camera_users': len(STAGES), 'wait_limit_s': WAIT_LIMIT_S},
              # To the relative name, which is in the namespace of the node.
              remappings=[(f'/{topic}', topic) for topic in TOPICS]),
     ])

@@ -26,5 +26,5 @@ def generate_launch_description() -> LaunchDescription:
             [LaunchConfiguration('namespace'), LaunchConfiguration(name)]))
           for name in OBSERVERS),
         node('target_locator', name='target_locator',
-             parameters=[{name: LaunchConfiguration(name) for name in OBSERVERS}]),
+             arguments={name: (name, str) for name in OBSERVERS}),
     ])

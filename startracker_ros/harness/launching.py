@@ -1,15 +1,16 @@
 """What the launch files share: their arguments, nodes with the environment of DDS, inclusion."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import os
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription
+from launch.actions import (
+    DeclareLaunchArgument, GroupAction, IncludeLaunchDescription, OpaqueFunction)
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import (
-    IfElseSubstitution, LaunchConfiguration, NotEqualsSubstitution, PathJoinSubstitution)
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 from startracker_ros.harness.processes import node_environment
 
 PACKAGE = 'startracker_ros'
@@ -28,7 +29,8 @@ def shared_arguments() -> list[DeclareLaunchArgument]:
         'params_file': ('', 'one more parameter file for all nodes; its values replace those of '
                         'the folder'),
         'log_level': ('info', 'debug, info, warn, error or fatal'),
-        'use_sim_time': ('false', 'use /clock, for example that of a bag'),
+        'use_sim_time': ('', 'true: use /clock, for example that of a bag; empty: as the files or '
+                         'SetParameter of a parent launch file say, else false'),
         'composed': ('false', 'run the four stages in one process: faster, but a crash ends all'),
         'manager': ('true', 'start pipeline_manager, which configures and activates the stages; '
                     'false: another lifecycle manager does'),
@@ -38,26 +40,41 @@ def shared_arguments() -> list[DeclareLaunchArgument]:
 
 
 def node(executable: str, *, name: str | None = None, files: Sequence[str] = (),
-         parameters: Sequence[dict[Any, Any]] = (), **options: Any) -> Node:
+         arguments: Mapping[Any, tuple[str, type]] | None = None,
+         parameters: Mapping[str, Any] | None = None, **options: Any) -> OpaqueFunction:
     """
     Return a node with the shared arguments.
 
-    files names the nodes whose parameter files it reads, by default its own. parameters replace
-    those of the files.
+    files names the nodes whose parameter files it reads, by default its own. arguments maps
+    parameters to the launch argument that sets each and its type: where it is not empty it
+    replaces the value of the files, as parameters do in any case. FileNotFoundError names a
+    folder or file of the arguments that is not there: launch itself would leave it out.
     """
-    params_file = LaunchConfiguration('params_file')
-    paths = [PathJoinSubstitution([LaunchConfiguration('config'), f'{file}.yaml'])
-             for file in files or (executable,)]
-    # Without a params_file the last file is read again: a path to nothing would be a warning.
-    last = IfElseSubstitution(NotEqualsSubstitution(params_file, ''), params_file, paths[-1])
-    return Node(
-        package=PACKAGE, executable=executable, name=name, output='screen',
-        namespace=LaunchConfiguration('namespace'),
-        # First, so that a file may replace it.
-        parameters=[{'use_sim_time': LaunchConfiguration('use_sim_time')}, *paths, last,
-                    *parameters],
-        ros_arguments=['--log-level', LaunchConfiguration('log_level')],
-        additional_env=node_environment(), **options)
+    from_arguments = {'use_sim_time': ('use_sim_time', bool), **(arguments or {})}
+
+    def make(context: Any) -> list[Node]:
+        given = context.launch_configurations
+        config, params_file = given['config'], given['params_file']
+        if not os.path.isdir(config):
+            raise FileNotFoundError(f'config:={config}: no such folder')
+        if params_file and not os.path.isfile(params_file):
+            raise FileNotFoundError(f'params_file:={params_file}: no such file')
+        defaults = [path for file in files or (executable,)
+                    if os.path.isfile(path := os.path.join(config, f'{file}.yaml'))]
+        last = {**{parameter: ParameterValue(LaunchConfiguration(argument), value_type=kind)
+                   for parameter, (argument, kind) in from_arguments.items() if given[argument]},
+                **(parameters or {})}
+        return [Node(
+            package=PACKAGE, executable=executable, name=name, output='screen',
+            namespace=LaunchConfiguration('namespace'),
+            # Of two keys that match a node, rclpy lets the one win that comes later for the first
+            # time. Among these arguments our wildcards come before the key of SetParameter in a
+            # parent launch file, and both before those of the user.
+            ros_arguments=['--log-level', given['log_level'],
+                           *(word for path in defaults for word in ('--params-file', path))],
+            parameters=[*([params_file] if params_file else []), *([last] if last else [])],
+            additional_env=node_environment(), **options)]
+    return OpaqueFunction(function=make)
 
 
 def pipeline(arguments: Sequence[DeclareLaunchArgument], **replaced: Any) -> GroupAction:

@@ -23,7 +23,7 @@ def analyzers(group):
 
 def is_match(analyzer, name):
     """Return whether a GenericAnalyzer has a status, as diagnostic_aggregator documents it."""
-    assert analyzer.keys() <= {'type', 'path', 'expected', 'startswith'}
+    assert analyzer.keys() <= {'type', 'path', 'expected', 'startswith', 'discard_stale'}
     assert analyzer['type'] == 'diagnostic_aggregator/GenericAnalyzer'
     return name in analyzer.get('expected', []) or name.startswith(tuple(analyzer['startswith']))
 
