@@ -55,7 +55,7 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['signatures.json'],
+    package_data={PACKAGE: ['py.typed', 'signatures.json'],
                   f'{PACKAGE}.catalog': ['*.npz', 'LICENSE'],
                   f'{PACKAGE}.datasheet': ['*.j2'],
                   f'{PACKAGE}.report': ['*.css', '*.j2', '*.js']},

@@ -5,7 +5,9 @@ Node parameters, the annotated YAML in config/ and the README tables are all mad
 from these fields, so a default or a range stands in one place only.
 """
 
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+import difflib
 import math
 from numbers import Integral, Real
 from typing import Any
@@ -99,6 +101,29 @@ class Options:
     def table(cls) -> tuple[Option, ...]:
         """Return the rows of this class, in the order of definition."""
         return tuple(Option(f.name, f.default, *f.metadata['option']) for f in fields(cls))
+
+
+def unknown_option(name: str, known: Collection[str]) -> str:
+    """Return what is wrong with a name, the nearest one that is known, and all of them."""
+    near = difflib.get_close_matches(name, known, 1)
+    hint = f', did you mean {near[0]}?' if near else ','
+    return f'unknown option {name}{hint} there are {", ".join(sorted(known))}'
+
+
+def options_by_class(classes: Sequence[type[Options]], values: Mapping[str, Any]
+                     ) -> dict[type[Options], Options]:
+    """
+    Return an instance of each class with the values of a mapping by name.
+
+    ValueError for a name that no class has, with those that there are, and for a wrong value.
+    """
+    rows = {cls: {row.name for row in cls.table()} for cls in classes}
+    known = set().union(*rows.values())
+    for name in values:
+        if name not in known:
+            raise ValueError(unknown_option(name, known))
+    return {cls: cls(**{name: value for name, value in values.items() if name in names})
+            for cls, names in rows.items()}
 
 
 def yaml_value(value: object) -> str:

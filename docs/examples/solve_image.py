@@ -1,15 +1,12 @@
-"""Attitude of one star image, without ROS."""
+"""Attitude of a star image, without ROS."""
 
-import numpy as np
-from startracker_ros.camera.model import Camera
-from startracker_ros.centroid.extraction import CentroidExtractor
-from startracker_ros.identify.methods import make_identifier
+import sys
 
+import startracker_ros as st
 
-def solve_image(image: np.ndarray, fov_deg: float, epoch_year: float) -> np.ndarray:
-    height, width = image.shape  # uint8 or uint16
-    identifier = make_identifier(Camera.from_fov(width, height, fov_deg), epoch_year)
-    identification = identifier.identify(CentroidExtractor().extract(image).centroids)
-    if identification.attitude is None:
-        raise ValueError(identification.reason)
-    return identification.attitude.quaternion  # q_icrf_from_sensor: x, y, z, w
+solution = st.solve(sys.argv[1], fov_deg=float(sys.argv[2]), epoch=float(sys.argv[3]))
+if not solution.solved:
+    sys.exit(solution.reason)
+print(f'right ascension {solution.ra_deg:.3f}, declination {solution.dec_deg:.3f}, '
+      f'roll {solution.roll_deg:.2f} deg')
+print(f'{solution.matched} stars, field of view {solution.fov_deg:.2f} deg')

@@ -27,7 +27,7 @@ from startracker_ros.identify.methods import make_identifier
 from startracker_ros.table import Result
 
 # Stars in the corners are mostly faint.
-_MAX_STARS = 300
+MAX_STARS = 300
 # What is known of the field of view before the first image is solved.
 _WIDE = IdentificationOptions(fov_error_percent=5.0)
 # With the lens of one image; distortion beyond it changes the focal length from field to field.
@@ -52,7 +52,7 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
     if epoch_year is None:
         epoch_year = epoch_year_now()
     camera = calibrated_camera(camera_file, fov_deg, distortion_model)
-    extractor = CentroidExtractor(ExtractionOptions(max_stars=_MAX_STARS))
+    extractor = CentroidExtractor(ExtractionOptions(max_stars=MAX_STARS))
     centroids: dict[int, Centroids] = {}
     reasons: dict[int, str] = {}
     for index, path in enumerate(paths):

@@ -206,7 +206,7 @@ def read_image_with_camera(path: Path, camera: Camera | None, fov_deg: float | N
     return image, camera_of(path, image, camera, fov_deg, distortion_model)
 
 
-def camera_of(path: Path, image: np.ndarray, camera: Camera | None, fov_deg: float | None,
+def camera_of(path: Path | str, image: np.ndarray, camera: Camera | None, fov_deg: float | None,
               distortion_model: str = PLUMB_BOB) -> Camera:
     """
     Return the camera of an image (H, W): the given one, or an ideal one of fov_deg.

@@ -145,7 +145,7 @@ class CentroidExtractor:
         streak is the motion of the exposure where it is known. Streaks and wide stars are not
         searched where points_only.
         """
-        _check(image)
+        check_image(image)
         height, width = image.shape
         if min(height, width) < MIN_SIDE_PX:
             return _none('too_small', f'image of {width} x {height} px, '
@@ -189,7 +189,7 @@ class CentroidExtractor:
 
         None if no image of this size and type has been searched yet.
         """
-        _check(image)
+        check_image(image)
         if (self._reference is None or self._reference[0].image.shape != image.shape
                 or self._reference[0].image.dtype != image.dtype):
             return None
@@ -381,7 +381,8 @@ def _readable(image: np.ndarray) -> np.ndarray:
     return image
 
 
-def _check(image: np.ndarray) -> None:
+def check_image(image: np.ndarray) -> None:
+    """Raise ValueError for what is no image (H, W) uint8 or uint16."""
     if not isinstance(image, np.ndarray) or image.dtype not in (np.uint8, np.uint16):
         kind = image.dtype if isinstance(image, np.ndarray) else type(image).__name__
         raise ValueError(f'image is {kind}, must be uint8 or uint16')

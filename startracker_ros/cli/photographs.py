@@ -101,12 +101,6 @@ def _standpoint(site: tuple[float, float, float] | None,
     return Standpoint(velocity_m_s=velocity_m_s)
 
 
-# What a person knows of the field of view of a photograph, and of a calibrated camera.
-_UNCALIBRATED_PERCENT, _CALIBRATED_PERCENT = 5.0, 0.5
-# Nobody flies by a photograph: on a busy machine it may take as long as its search needs.
-_TIME_LIMIT_S = 3.0
-
-
 def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
     if (fov_deg is None) == (camera_file is None):
         raise click.UsageError('give either --fov-deg or --camera')
@@ -145,21 +139,23 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     from startracker_ros.camera.model import CameraError
     from startracker_ros.identify.identification import IdentificationOptions
     from startracker_ros.pipeline.outputs import Outputs
-    from startracker_ros.pipeline.solve import solve_files
+    from startracker_ros.pipeline.solve import (
+        CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, solve_files, UNCALIBRATED_PERCENT)
     if fov_deg is not None and camera_file is not None:
         raise click.UsageError('give either --fov-deg or --camera')
     paths = image_paths(images)
     if not paths:
         raise click.UsageError(f'no images in {", ".join(map(str, images))}')
     if fov_error_percent is None:
-        fov_error_percent = _UNCALIBRATED_PERCENT if camera_file is None else _CALIBRATED_PERCENT
+        fov_error_percent = UNCALIBRATED_PERCENT if camera_file is None else CALIBRATED_PERCENT
     with usage_error_on(CameraError):
         result = solve_files(paths, fov_deg=fov_deg, camera_file=camera_file,
                              epoch_year=epoch_year, standpoint=_standpoint(**standpoint),
                              mirror=mirror, selection=selection,
                              outputs=Outputs(annotate_folder, wcs_folder),
                              options=IdentificationOptions(
-                                 fov_error_percent=fov_error_percent, time_limit_s=_TIME_LIMIT_S))
+                                 fov_error_percent=fov_error_percent,
+                                 time_limit_s=PHOTOGRAPH_LIMIT_S))
     print_result(result, as_json)
     if not all(row['solved'] for row in result.rows):
         sys.exit(1)

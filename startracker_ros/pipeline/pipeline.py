@@ -19,10 +19,10 @@ from startracker_ros.catalog.band import BandOptions
 from startracker_ros.catalog.deep import camera_catalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import ExtractionOptions
+from startracker_ros.identify.icrf import icrf_identification
 from startracker_ros.identify.identification import Identification, IdentificationOptions
 from startracker_ros.pipeline.attitude import AttitudeStage
 from startracker_ros.pipeline.extraction import ExtractionStage, SearchOptions
-from startracker_ros.pipeline.icrf import icrf_identification
 from startracker_ros.pipeline.identification import CheckOptions, IdentificationStage
 from startracker_ros.pipeline.tracking import make_star_tracker
 from startracker_ros.track.options import TrackerOptions

@@ -21,11 +21,10 @@ from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.centroid.centroids import Centroids
 from startracker_ros.centroid.extraction import CentroidExtractor
 from startracker_ros.identify.blind import LIKELY_DEG
+from startracker_ros.identify.icrf import icrf_identification
 from startracker_ros.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.identify.methods import make_identifier
-from startracker_ros.maths.rotation import ARCSEC, pointing_from_quaternion
 from startracker_ros.pipeline.bodies import Bodies
-from startracker_ros.pipeline.icrf import icrf_identification
 from startracker_ros.pipeline.occasion import Occasion, occasion, OPTION, Standpoint
 from startracker_ros.pipeline.outputs import Outputs
 from startracker_ros.pipeline.photograph import PhotographSolver
@@ -37,6 +36,11 @@ from startracker_ros.table import Result
 DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
            'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'frame', 'time_s')
 """Columns that are too wide for the terminal."""
+
+# What a person knows of the field of view of a photograph, and of a calibrated camera.
+UNCALIBRATED_PERCENT, CALIBRATED_PERCENT = 5.0, 0.5
+# Nobody flies by a photograph: on a busy machine it may take as long as its search needs.
+PHOTOGRAPH_LIMIT_S = 3.0
 
 
 def solve_image(image: np.ndarray, extractor: CentroidExtractor, identifier: Identifier,
@@ -81,7 +85,8 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     image. selection is that of the frames of videos and of animated or paged files, each of which
     is a row. CameraError for an impossible camera; an unreadable image is a row of its own.
     """
-    solvers = _Solvers(fov_deg, camera_file, options)
+    blind = fov_deg is None and camera_file is None
+    solvers = Solvers(fov_deg, None if blind else calibrated_camera(camera_file, fov_deg), options)
     rows, whens, observers = [], [], []
     for shot in _progress(shots(paths, output_names(paths), selection), paths):
         if shot.photograph is None:
@@ -115,20 +120,24 @@ def _different(texts: Iterable[str]) -> str:
     return '; '.join(dict.fromkeys(texts))
 
 
-class _Solvers:
-    """What solves the images of one call, by camera and epoch."""
+class Solvers:
+    """
+    What solves images, by camera and epoch.
 
-    def __init__(self, fov_deg: float | None, camera_file: Path | None,
+    The camera is a calibrated one, or an uncalibrated one of fov_deg, or without both any.
+    """
+
+    def __init__(self, fov_deg: float | None, camera: Camera | None,
                  options: IdentificationOptions) -> None:
-        self._blind = fov_deg is None and camera_file is None
+        self._blind = fov_deg is None and camera is None
         self._fov_deg = fov_deg
-        self._calibrated = None if self._blind else calibrated_camera(camera_file, fov_deg)
+        self._calibrated = camera
         # Images of one camera and one night mostly follow each other. Not of methods of this
         # object: the cycle would keep the databases until garbage is collected.
         self._photographs = lru_cache(maxsize=4)(partial(_photograph_solver, options))
         self._calibrations = lru_cache(maxsize=4)(partial(_calibrated_solver, options))
 
-    def solve(self, path: Path, photograph: Photograph, when: Occasion, observer: Observer,
+    def solve(self, path: Path | str, photograph: Photograph, when: Occasion, observer: Observer,
               bodies: Bodies) -> tuple[Solution, float]:
         """Return the solution of an image and its time in ms; ImageError."""
         image, camera = photograph.image, None
@@ -143,11 +152,12 @@ class _Solvers:
         else:
             # In 9 days no bright star moves by 0.1 arcsec.
             year = when.year if when.source == OPTION else round(20 * when.year) / 20
-            extractor, identifier, onboard = self._calibrations(camera, year)
+            identifier, onboard = self._calibrations(camera, year)
             sky = ApparentCatalog(onboard)
             sky.look_from(observer)
             start_s = time.perf_counter()
-            solution = solve_image(image, extractor, identifier, sky, bodies)
+            # A new extractor, so that no image depends on those before.
+            solution = solve_image(image, CentroidExtractor(), identifier, sky, bodies)
         return solution, 1e3 * (time.perf_counter() - start_s)
 
 
@@ -157,8 +167,8 @@ def _photograph_solver(options: IdentificationOptions, camera: Camera | None, ye
 
 
 def _calibrated_solver(options: IdentificationOptions, camera: Camera, year: float
-                       ) -> tuple[CentroidExtractor, Identifier, OnboardCatalog]:
-    return (CentroidExtractor(), make_identifier(camera, year, options),
+                       ) -> tuple[Identifier, OnboardCatalog]:
+    return (make_identifier(camera, year, options),
             onboard_catalog(camera_catalog(camera), camera, year))
 
 
@@ -178,26 +188,21 @@ def _unreadable(shot: Shot, reason: str) -> dict[str, object]:
 
 
 def _row(shot: Shot, solution: Solution | None, solve_ms: float) -> dict[str, object]:
-    nothing = dict.fromkeys(('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec'),
-                            float('nan'))
-    row = {'file': shot.label, 'solved': False, **nothing, 'matched': 0, 'solve_ms': solve_ms,
-           'reason': '', **dict.fromkeys(DETAILS), 'path': str(shot.path),
-           'frame': shot.frame, 'time_s': shot.time_s}
+    numbers = ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec')
+    row = {'file': shot.label, 'solved': False, **dict.fromkeys(numbers, float('nan')),
+           'matched': 0, 'solve_ms': solve_ms, 'reason': '', **dict.fromkeys(DETAILS),
+           'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s}
     if solution is None:
         return row
-    found, camera = solution.identification, solution.camera
-    row.update(reason=found.reason, status=found.status, detected=len(solution.centroids),
-               false_alarm_probability=found.false_alarm_probability)
+    row.update(reason=solution.reason, status=solution.status, detected=len(solution.centroids),
+               false_alarm_probability=solution.false_alarm)
     row['bodies'] = [{key: value for key, value in body._asdict().items() if key != 'radius_px'}
                      for body in solution.bodies]
-    if found.attitude is not None:
-        ra_deg, dec_deg, roll_deg = np.degrees(
-            pointing_from_quaternion(found.attitude.quaternion))
-        rms_rad = np.sqrt(np.mean(found.attitude.residual_rad ** 2))
-        row.update(solved=True, ra_deg=ra_deg, dec_deg=dec_deg, roll_deg=roll_deg,
-                   fov_deg=np.degrees(camera.seen_x_rad), residual_arcsec=rms_rad / ARCSEC,
-                   matched=found.matched, quaternion=found.attitude.quaternion.tolist(),
-                   covariance_sensor=found.attitude.covariance_sensor.ravel().tolist(),
+    attitude, camera = solution.identification.attitude, solution.camera
+    if attitude is not None:
+        row.update({name: getattr(solution, name) for name in numbers})
+        row.update(solved=True, matched=solution.matched, quaternion=attitude.quaternion.tolist(),
+                   covariance_sensor=attitude.covariance_sensor.ravel().tolist(),
                    lens={'fx': camera.fx, 'fy': camera.fy, 'cx': camera.cx, 'cy': camera.cy,
                          'distortion': list(camera.distortion),
                          'distortion_model': camera.distortion_model})

@@ -1,26 +1,16 @@
 """Parameters of a run: those of the nodes, out of YAML files and sweeps."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 import difflib
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-from startracker_ros.options import Options
+from startracker_ros.pipeline.parameters import (
+    KNOWN, NODES, options_of_nodes, ParameterError)
 from startracker_ros.pipeline.pipeline import PipelineOptions
 from startracker_ros.yaml_text import load_yaml
-
-NODES = {
-    'centroid_extractor': ('extraction', 'search'),
-    'star_identifier': ('identification', 'check', 'gyro'),
-    'star_tracker': ('tracker', 'gyro', 'aberration'),
-    'attitude_estimator': ('validation', 'aberration')}
-"""The stages of the pipeline that each node has the options of."""
-
-
-class ParameterError(ValueError):
-    """A parameter that is unknown or out of range; the text names it."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +34,7 @@ def parameter_sets(files: Iterable[Path], settings: Sequence[str]
     unused: list[str] = []
     for path in files:
         for name, value in _read(path).items():
-            if name in _KNOWN:
+            if name in KNOWN:
                 base[name] = value
             else:
                 unused.append(name)
@@ -57,32 +47,18 @@ def parameter_sets(files: Iterable[Path], settings: Sequence[str]
         chosen = dict(zip(swept, combination))
         name = ','.join(f'{name.partition(".")[2]}={_plain(chosen[name])}' for name in several)
         values = {**base, **chosen}
-        sets.append(ParameterSet(name, _options(values), values))
+        sets.append(ParameterSet(name, options_of_nodes(values), values))
     if len({item.name for item in sets}) < len(sets):
         raise ParameterError('two values of a sweep are the same')
     return sets, unused
-
-
-_DEFAULTS = PipelineOptions()
-
-
-def _known() -> dict[str, tuple[str, type[Options]]]:
-    """Return the stage and the options class of each NODE.NAME."""
-    kinds = {field.name: type(getattr(_DEFAULTS, field.name))
-             for field in fields(PipelineOptions)}
-    return {f'{node}.{row.name}': (stage, kinds[stage]) for node, stages in NODES.items()
-            for stage in stages for row in kinds[stage].table()}
-
-
-_KNOWN = _known()
 
 
 def _setting(text: str) -> tuple[str, list[Any]]:
     name, equals, value = text.partition('=')
     if not equals:
         raise ParameterError(f'--set {text} is not NODE.NAME=VALUE[,VALUE...]')
-    if name not in _KNOWN:
-        near = difflib.get_close_matches(name, _KNOWN, 1)
+    if name not in KNOWN:
+        near = difflib.get_close_matches(name, KNOWN, 1)
         hint = f'; did you mean {near[0]}?' if near else f'; nodes: {", ".join(NODES)}'
         raise ParameterError(f'unknown parameter {name}{hint}')
     try:
@@ -110,22 +86,6 @@ def _read(path: Path) -> dict[str, Any]:
         found |= {f'{str(node).rpartition("/")[2]}.{name}': value
                   for name, value in values.items()}
     return found
-
-
-def _options(values: Mapping[str, Any]) -> PipelineOptions:
-    """Return the options with values by NODE.NAME; two nodes cannot differ in the same one."""
-    changed: dict[str, dict[str, Any]] = {}
-    for name, value in values.items():
-        stage, short = _KNOWN[name][0], name.partition('.')[2]
-        before = changed.setdefault(stage, {}).setdefault(short, value)
-        if before != value:
-            raise ParameterError(f'{short} is {before} of one node and {value} of another')
-    try:
-        return replace(_DEFAULTS, **{
-            stage: replace(getattr(_DEFAULTS, stage), **of_stage)
-            for stage, of_stage in changed.items()})
-    except ValueError as error:
-        raise ParameterError(str(error)) from error
 
 
 def _plain(value: Any) -> str:

@@ -16,16 +16,10 @@ from click.testing import CliRunner
 from docutils.core import publish_doctree
 from docutils.utils import Reporter
 from limits import HANGS_S
-import numpy as np
 import pytest
-from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.cli import main
 from startracker_ros.executables import EXECUTABLES, NODES
-from startracker_ros.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.ros.node import PipelineNode
-from startracker_ros.sky.motion import motion_from_options, MotionOptions
-from startracker_ros.sky.simulator import SkySimulator
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = {path.relative_to(ROOT).as_posix(): path.read_text()
@@ -127,19 +121,20 @@ def test_the_listing_in_cpp_is_the_example():
     assert example.count('{') == example.count('}') and example.count('(') == example.count(')')
 
 
-def test_the_core_example_solves_a_simulated_image():
-    source = (ROOT / 'docs' / 'examples' / 'solve_image.py').read_text()
-    listing = source.split('"""', 2)[2].strip()
-    assert f'```python\n{listing}\n```' in DOCUMENTS['README.md']
-    namespace = runpy.run_path(str(ROOT / 'docs' / 'examples' / 'solve_image.py'))
-    motion = motion_from_options(MotionOptions(ra_deg=211.0, dec_deg=-37.0, roll_deg=64.0), seed=1)
-    simulator = SkySimulator(Camera.from_fov(512, 512, 12.0), motion, load_catalog(), 2026.5)
-    frame = simulator.frame(0.0)
-    quaternion = namespace['solve_image'](frame.image, 12.0, 2026.5)
-    error_arcsec = attitude_error(frame.state.q_icrf_from_sensor, quaternion) / ARCSEC
-    assert np.hypot(*error_arcsec[:2]) < 10 and abs(error_arcsec[2]) < 60
-    with pytest.raises(ValueError, match='all pixels|stars'):
-        namespace['solve_image'](np.zeros_like(frame.image), 12.0, 2026.5)
+@pytest.mark.parametrize('document, name, arguments', [
+    ('README.md', 'solve_image', ['test/data/night-sky-11deg/'
+                                  '2019-07-29T204726_Alt40_Azi-135_Try1.png', '11.4', '2019.57']),
+    ('docs/library.md', 'track_sequence', [])])
+def test_examples_of_the_library_print_what_the_documents_say(
+        document, name, arguments, sky_data, monkeypatch, capsys):
+    path = ROOT / 'docs' / 'examples' / f'{name}.py'
+    listing = path.read_text().split('"""', 2)[2].strip()
+    monkeypatch.setattr('sys.argv', [str(path), *(
+        str(sky_data / Path(argument).relative_to('test/data')) if '/' in argument else argument
+        for argument in arguments)])
+    runpy.run_path(str(path))
+    assert f'```python\n{listing}\n```' in DOCUMENTS[document]
+    assert f'```\n{capsys.readouterr().out}```' in DOCUMENTS[document]
 
 
 def test_measured_rows_of_the_readme_are_those_of_the_full_table():

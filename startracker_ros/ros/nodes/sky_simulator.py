@@ -10,11 +10,11 @@ from startracker_ros.ros.managed import StartError
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.motion_input import MotionInput, MotionInputOptions
 from startracker_ros.ros.node import main_of
-from startracker_ros.ros.simulated_sky import (
-    detector_options, make_simulator, SceneOptions, SKY_OPTIONS)
+from startracker_ros.ros.simulated_sky import detector_options, make_simulator
 from startracker_ros.ros.simulator_output import (
     GyroOutput, NavigationOutput, TemperatureOutput, TruthOutput)
 from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
+from startracker_ros.sky.from_options import SceneOptions, SKY_OPTIONS
 from startracker_ros.sky.gyro import GyroOptions
 from startracker_ros.sky.motion import MotionOptions
 from startracker_ros.sky.motion_state import Motion
