@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from startracker_ros.ros.node import PipelineNode
 
 _POLL_S = 0.02
+_LOADING = 'loading code'
 _CACHE = 'startracker_ros.machine_code_cache'
 
 
@@ -35,6 +36,11 @@ class CodeLoading:
                               name=f'{node.get_name()} code')
         self._thread.start()
         self._timer = node.create_steady_timer(_POLL_S, self._check)
+
+    @property
+    def is_compiling(self) -> bool:
+        """Whether code is compiled that is not there yet."""
+        return not self.is_loaded and self.text != _LOADING
 
     @property
     def is_running(self) -> bool:
@@ -78,7 +84,7 @@ class CodeLoading:
 def _text() -> str:
     """Return whether the code is loaded or, for the first time on a machine, compiled."""
     if _CACHE not in sys.modules or not missing_modules():
-        return 'loading code'
+        return _LOADING
     if not machine_code_folder():
         return ('compiling for this machine, for a minute, at each start: no folder to keep '
                 'it in can be written, set NUMBA_CACHE_DIR')

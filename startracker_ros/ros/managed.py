@@ -54,6 +54,11 @@ class ManagedNode(LifecycleNode):
         """Whether the code of the node is loaded; on_loaded() is called when it becomes so."""
         return True
 
+    @property
+    def is_compiling(self) -> bool:
+        """Whether the code is compiled, which takes a minute, rather than loaded."""
+        return False
+
     def prepare(self) -> None:
         """Get ready for messages, as the last step of configure: the code is loaded."""
 
@@ -80,11 +85,17 @@ class ManagedNode(LifecycleNode):
     def on_loaded(self) -> None:
         """End the transition configure if it waits for the code."""
         if self._on_configured is not None:
-            self._end_configure(self._on_configured, self._do(self.prepare))
+            self._end_configure(self._on_configured, self._do(self._rest))
 
     def _start_configure(self, done: Callable[[TransitionCallbackReturn], None]) -> None:
         """Configure and call done(result), now or when the code is loaded."""
         start_transition(self, Transition.TRANSITION_CONFIGURE)
+        if self.is_compiling:
+            # configure() may need the code, and would stop the executor.
+            self._on_configured, self._rest = done, self._configure_and_prepare
+            self.on_state(self.state_label)
+            return
+        self._rest = self.prepare
         result = self._do(self.configure)
         if result == TransitionCallbackReturn.SUCCESS:
             self.configured = True
@@ -94,6 +105,10 @@ class ManagedNode(LifecycleNode):
                 return
             result = self._do(self.prepare)
         self._end_configure(done, result)
+
+    def _configure_and_prepare(self) -> None:
+        self.configure()
+        self.prepare()
 
     def _end_configure(self, done: Callable[[TransitionCallbackReturn], None],
                        result: TransitionCallbackReturn) -> None:

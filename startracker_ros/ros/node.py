@@ -106,6 +106,10 @@ class PipelineNode(ManagedNode):
     def is_loaded(self) -> bool:
         return self._code.is_loaded
 
+    @property
+    def is_compiling(self) -> bool:
+        return self._code.is_compiling
+
     def configure(self) -> None:
         self.rebuild()
 
