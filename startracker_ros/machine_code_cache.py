@@ -30,6 +30,7 @@ from numba.core.compiler import compile_result
 from numba.core.environment import Environment, lookup_environment
 from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
+from startracker_ros.compilation import compile_missing, CompileError, show_progress
 from startracker_ros.compiled_types import decode, encode
 from startracker_ros.machine_code import (
     code_name, folders_to_read, machine_code_folder, missing_modules, registered_modules,
@@ -241,7 +242,6 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _compile_missing() -> None:
-    from startracker_ros.warm_up import compile_missing, CompileError, show_progress
     try:
         compile_missing(COMPILATIONS.report if COMPILATIONS.listeners else show_progress())
     except (CompileError, OSError) as error:

@@ -28,7 +28,7 @@ print(code_name('startracker_ros.camera.lens'))
 print(len([name for name in compiled if name.endswith('undistort')]))
 """
 NAME = 'startracker_ros.camera.lens.undistort'
-FILES = ('__init__.py', 'compiled.py', 'compiled_types.py', 'machine_code.py',
+FILES = ('__init__.py', 'compilation.py', 'compiled.py', 'compiled_types.py', 'machine_code.py',
          'machine_code_cache.py', 'warm_up.py', 'folders.py', 'camera/__init__.py',
          'camera/lens.py', 'camera/distortion.py')
 

