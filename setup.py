@@ -69,7 +69,8 @@ setup(
     # The oldest versions that the demo was run with; the tested set is requirements.txt.
     install_requires=[
         'click>=8.1', 'lz4>=4.0', 'mcap>=1.5', 'mcap-ros2-support>=0.5.3',
-        'numba>=0.61', 'numpy>=1.26', 'opencv-python-headless>=4.6', 'pillow>=10.0', 'psutil>=5.9', 'pyerfa>=2.0',
+        'numba>=0.61', 'numpy>=1.26', 'opencv-python-headless>=4.6', 'pillow>=10.0',
+        'psutil>=5.9', 'pyerfa>=2.0',
         'PyYAML>=6.0', 'rich>=13.0', 'scipy>=1.11', 'sgp4>=2.20', 'zstandard>=0.20'],
     extras_require={
         # Pictures, and the page of `startracker report`.

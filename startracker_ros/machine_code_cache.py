@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache
 import hashlib
+from importlib import import_module
 import json
 import os
 from pathlib import Path
@@ -163,7 +164,7 @@ class _Unit:
 
 
 def _environment(module: str, constants: list, name: str) -> Environment:
-    environment = Environment(__import__(module, fromlist=['']).__dict__)
+    environment = Environment(import_module(module).__dict__)
     environment.consts[:] = constants
     environment.env_name = name
     return environment

@@ -71,7 +71,7 @@ class CodeLoading:
     def _say_compiling(self, name: str, done: int, count: int) -> None:
         progress = f', {done} of {count} done' if count > 1 else ''
         reason = '' if self.is_loaded else f' ({self.text.removeprefix("compiling ")})'
-        self._node.say_compiling(name and f'{name}{progress}{reason}')
+        self._node.diagnostics.say_compiling(name and f'{name}{progress}{reason}')
 
     def _check(self) -> None:
         if not self.is_running:

@@ -136,10 +136,6 @@ class PipelineNode(ManagedNode):
         """Whether a thread of the node loads code or builds."""
         return hasattr(self, '_code') and self._code.is_running
 
-    def say_compiling(self, name: str) -> None:
-        """Report, from any thread, the function that is compiled; '' for none any more."""
-        self.diagnostics.say_compiling(name)
-
     def options(self, cls: type[Options]) -> Any:
         """Return the current options of one class."""
         return self._options[cls]

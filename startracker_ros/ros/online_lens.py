@@ -24,6 +24,7 @@ from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.odometry_input import OdometryInput
 from startracker_ros.track.tracks import Tracks
 
+
 @dataclass(frozen=True)
 class OutputOptions(Options):
     """Where the calibration goes."""

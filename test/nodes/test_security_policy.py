@@ -81,8 +81,8 @@ def start(name: str, parameters: dict[str, object]) -> dict[tuple[str, str], set
         node.begin()
         if isinstance(node, CameraNode):
             # It subscribes to its source once its code is loaded.
-            node._thread.join(HANGS_S)
-            node._check_warm_up()
+            node._code._thread.join(HANGS_S)
+            node._code._check()
             node._on_camera_info(camera_to_message(
                 Camera.from_fov(512, 512, 20.0), make_header(1_767_225_600 * 10 ** 9, 'lens')))
         found = opened(node)
