@@ -13,14 +13,14 @@ from threading import Thread
 import time
 
 from startracker_ros.machine_code import (
-    code_name, machine_code_folder, registered_modules, signatures)
+    calls_of, code_name, machine_code_folder, missing_modules, registered_modules)
 
 _WORKER = 'STARTRACKER_COMPILES'
 _LOCK_PERIOD_S = 0.5
 _POLL_S = 0.1
 
 Report = Callable[[str, int, int], None]
-"""Called with the function that is compiled now, and how many of how many are done."""
+"""Called with the function that is compiled now, how many of how many are done; '' at the end."""
 
 
 class CompileError(RuntimeError):
@@ -31,24 +31,26 @@ def compile_missing(report: Report, folder: Path | None = None) -> None:
     """
     Compile the registered functions that have no machine code, on all cores.
 
-    It is kept in a folder, by default that of the user; without one nothing is done. Two
-    processes do not compile at once. CompileError names what could not be kept: each process
-    compiles that at its first call.
+    It is kept in a folder, whatever others have, by default in that of the user; without one
+    nothing is done. Two processes do not compile at once. CompileError names what could not be
+    kept: each process compiles that at its first call.
     """
-    if folder is None:
-        folder = Path(machine_code_folder())
-    if os.environ.get(_WORKER) or not folder.name:
+    target = folder or Path(machine_code_folder())
+    if os.environ.get(_WORKER) or not target.name:
         return
-    with _lock(folder, report):
-        modules = [module for module in sorted(registered_modules())
-                   if not (folder / code_name(module)).exists()]
-        if modules:
-            _compile(modules, folder, report)
+    try:
+        with _lock(target, report):
+            modules = missing_modules() if folder is None else [
+                module for module in sorted(registered_modules())
+                if not (folder / code_name(module)).exists()]
+            if modules:
+                _compile(modules, target, report)
+    finally:
+        report('', 0, 0)
 
 
 def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
-    names = {module: [name for name in signatures() if name.rpartition('.')[0] == module]
-             for module in modules}
+    names = {module: list(calls_of(module)) for module in modules}
     count, done, errors = sum(map(len, names.values())), 0, []
     command = [sys.executable, '-m', f'{__package__}.warm_up', '--worker', str(folder)]
     workers = [
@@ -91,13 +93,15 @@ def _forward(worker: subprocess.Popen, lines: Queue) -> None:
 
 def _shares(names: dict[str, list[str]]) -> list[list[str]]:
     """Return the modules of each worker, those of a package together: they share functions."""
+    def functions(modules: list[str]) -> int:
+        return sum(len(names[module]) for module in modules)
+
     packages = defaultdict(list)
     for module in names:
         packages[module.split('.')[1]].append(module)
     shares: list[list[str]] = [[] for _ in range(min(os.cpu_count() or 1, len(packages)))]
-    for package in sorted(packages.values(),
-                          key=lambda package: -sum(len(names[module]) for module in package)):
-        min(shares, key=lambda share: sum(len(names[module]) for module in share)).extend(package)
+    for package in sorted(packages.values(), key=functions, reverse=True):
+        min(shares, key=functions).extend(package)
     return shares
 
 
@@ -119,17 +123,16 @@ def show_progress() -> Report:
     from rich.console import Console
     from rich.progress import Progress
     progress = Progress(console=Console(stderr=True), transient=True)
-    task = progress.add_task('compiling for this machine, once')
-    begun: list[bool] = []
+    task = progress.add_task('')
 
     def report(name: str, done: int, count: int) -> None:
-        if not begun:
-            begun.append(True)
+        if not name:
+            progress.stop()
+            return
+        if not progress.live.is_started:
             progress.console.print(f'compiling {count or "some"} functions for this machine: '
                                    'a minute, once')
             progress.start()
         progress.update(task, completed=done, total=count or None,
                         description=f'compiling {name.removeprefix(f"{__package__}.")}')
-        if count and done == count - 1:
-            progress.stop()
     return report

@@ -41,6 +41,12 @@ def signatures() -> dict[str, list]:
     return json.loads(SIGNATURES.read_text()) if SIGNATURES.exists() else {}
 
 
+def calls_of(module: str) -> dict[str, list]:
+    """Return what is registered of one module, sorted."""
+    return {name: types for name, types in sorted(signatures().items())
+            if name.rpartition('.')[0] == module}
+
+
 @cache
 def registered_modules() -> frozenset[str]:
     """Return the modules with functions that Python calls."""
@@ -90,8 +96,7 @@ def _target() -> str:
 
 @cache
 def _source_name(module: str) -> str:
-    digest = hashlib.sha256(repr([(name, types) for name, types in sorted(signatures().items())
-                                  if name.rpartition('.')[0] == module]).encode())
+    digest = hashlib.sha256(repr(list(calls_of(module).items())).encode())
     for source in sorted(_sources_of(_PACKAGE.parent.joinpath(*module.split('.'))
                                      .with_suffix('.py'))):
         digest.update(_source(source)[0])

@@ -247,7 +247,6 @@ def _compile_missing() -> None:
         compile_missing(COMPILATIONS.report if COMPILATIONS.listeners else show_progress())
     except (CompileError, OSError) as error:
         print(error, file=sys.stderr)
-    COMPILATIONS.report('', 0, 0)
 
 
 def load_imported() -> None:

@@ -21,22 +21,21 @@ from typing import Any
 from numba.core.errors import NumbaError
 from startracker_ros.compilation import compile_missing, CompileError, show_progress
 from startracker_ros.compiled_types import decode
-from startracker_ros.machine_code import code_name, INSTALLED, SIGNATURES, signatures
+from startracker_ros.machine_code import (
+    calls_of, code_name, INSTALLED, registered_modules, SIGNATURES, signatures)
 from startracker_ros.machine_code_cache import compile_only, FUNCTIONS, key_of, save
 
 
 def _work(folder: Path, modules: Iterable[str]) -> None:
     """Compile the registered functions of modules and write their files, printing each name."""
-    registered = signatures()
-    names = {name for name in registered if name.rpartition('.')[0]}
-    for name in sorted({name.rpartition('.')[0] for name in names}):
-        import_module(name)
-    compile_only(names)
+    for module in sorted(registered_modules()):
+        import_module(module)
+    compile_only(signatures())
     for module in modules:
         results: dict[str, Any] = {}
-        for name in (name for name in registered if name.rpartition('.')[0] == module):
+        for name, calls in calls_of(module).items():
             print(name, flush=True)
-            for types in registered[name]:
+            for types in calls:
                 arguments = tuple(decode(one) for one in types)
                 try:
                     FUNCTIONS[name].compile(arguments)
