@@ -1,10 +1,13 @@
 """Folders that the package writes to unasked."""
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from itertools import chain
 import os
 from pathlib import Path
 import tempfile
+from typing import BinaryIO
+from uuid import uuid4
 
 DATABASES = 'pairs-*', 'catalogue-*'
 """Names of the files of pattern databases in the cache folder."""
@@ -30,6 +33,23 @@ def stored_databases(folder: Path) -> list[tuple[Path, int]]:
             status = file.stat()
             found.append((status.st_atime_ns, file, status.st_size))
     return [(file, size) for _, file, size in sorted(found, reverse=True)]
+
+
+@contextmanager
+def replaced(path: Path) -> Iterator[BinaryIO]:
+    """
+    Yield a new file, open to write and read, that replaces the one at path when it is complete.
+
+    Another process never reads a partial file. Its folder is made. OSError where that fails.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f'{path.stem}-{uuid4().hex}.part')
+    try:
+        with part.open('w+b') as file:
+            yield file
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def can_write(folder: Path) -> bool:

@@ -20,7 +20,6 @@ import os
 from pathlib import Path
 import pickle
 import sys
-import tempfile
 from types import FrameType
 from typing import Any, NamedTuple
 
@@ -33,6 +32,7 @@ from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
 from startracker_ros.compilation import compile_missing, CompileError, show_progress
 from startracker_ros.compiled_types import decode, encode
+from startracker_ros.folders import replaced
 from startracker_ros.machine_code import (
     code_name, folders_to_read, machine_code_folder, missing_modules, registered_modules,
     signatures)
@@ -206,7 +206,10 @@ def save(path: Path, functions: dict[str, Any]) -> None:
              for key, result in functions.items()}
     module.verify()
     payload = pickle.dumps((saved, codegen._tm.emit_object(module)))
-    _write(path, hashlib.sha256(payload).digest() + payload)
+    with replaced(path) as file:
+        file.write(hashlib.sha256(payload).digest() + payload)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _needs_loaded(result: Any) -> bool:
@@ -226,20 +229,6 @@ def _saved(result: Any, names: Iterable[str], suffix: str) -> _Saved:
     return _Saved(descriptor, result.signature, tuple(result.reload_init), tuple(
         (one.globals['__name__'], list(one.consts), name + suffix)
         for name, one in found if one is not None and one.can_cache()))
-
-
-def _write(path: Path, content: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix='.', delete=False) as file:
-        try:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-            os.chmod(file.name, 0o644)
-            os.replace(file.name, path)
-        except BaseException:
-            os.unlink(file.name)
-            raise
 
 
 def _compile_missing() -> None:

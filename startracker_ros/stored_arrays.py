@@ -17,12 +17,11 @@ import struct
 from threading import Lock
 import time
 from typing import BinaryIO
-from uuid import uuid4
 from weakref import WeakKeyDictionary
 import zlib
 
 import numpy as np
-from startracker_ros.folders import cache_folder, MAX_DATABASE_BYTES, stored_databases
+from startracker_ros.folders import cache_folder, MAX_DATABASE_BYTES, replaced, stored_databases
 
 MOST_RESIDENT_BYTES = 100_000_000
 """Size of the mapped files that a search of many databases keeps in memory."""
@@ -186,17 +185,10 @@ def _map(file: BinaryIO) -> StoredArrays:
 def _store(path: Path, arrays: dict[str, np.ndarray]) -> StoredArrays | None:
     """Store arrays and return them as mapped from the file, None where none can be written."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Renamed when complete: another process never reads a partial file.
-        part = path.with_name(f'{path.stem}-{uuid4().hex}.part')
-        try:
-            with part.open('w+b') as file:
-                _write(file, arrays)
-                stored, identity = _map(file), _identity(file)
-            os.replace(part, path)
-            _sound[path] = identity
-        finally:
-            part.unlink(missing_ok=True)
+        with replaced(path) as file:
+            _write(file, arrays)
+            stored, identity = _map(file), _identity(file)
+        _sound[path] = identity
         _delete_oldest(path.parent)
     except OSError as error:
         logging.getLogger(__name__).warning(

@@ -28,6 +28,7 @@ from startracker_ros.camera.files import load_camera, save_camera
 from startracker_ros.camera.images import ImageError
 from startracker_ros.camera.model import Camera
 from startracker_ros.executables import STAGES
+from startracker_ros.folders import replaced
 from startracker_ros.harness.processes import HarnessError
 from startracker_ros.harness.rig import Rig
 from startracker_ros.harness.sky_page import SkyPage
@@ -81,10 +82,9 @@ class LiveView:
                                      [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         if good:
             self._page.picture = content.tobytes()
-            # Renamed when complete, for a viewer that reads it again and again.
-            part = self._picture.with_suffix('.part')
-            part.write_bytes(self._page.picture)
-            part.replace(self._picture)
+            # Complete at any time, for a viewer that reads it again and again.
+            with replaced(self._picture) as file:
+                file.write(self._page.picture)
 
 
 class LiveRig(Rig):

@@ -20,6 +20,7 @@ from startracker_ros.bag.layouts import ns_from_stamp
 from startracker_ros.bag.reader import BagMessage, decode, read_messages
 from startracker_ros.extras import MissingLibraryError
 from startracker_ros.figures.machine import MachineLoad
+from startracker_ros.harness.probe import Progress
 from startracker_ros.harness.processes import HarnessError, module_command, node_environment
 from startracker_ros.harness.readiness import Needs, Readiness
 from startracker_ros.harness.rig import Rig
@@ -33,19 +34,10 @@ _REPORT_S = 10.0
 _FLUSHES = 2
 
 
-class _Stall:
-    """Measures how long nothing has changed."""
-
-    def __init__(self) -> None:
-        self._before: object = None
-        self._changed_s = time.monotonic()
-
-    def check(self, now: object, what: str) -> None:
-        """HarnessError with what does not happen, once a value has not changed for STALL_S."""
-        if now != self._before:
-            self._before, self._changed_s = now, time.monotonic()
-        if time.monotonic() - self._changed_s > STALL_S:
-            raise HarnessError(f'{what}: nothing has changed for {STALL_S:g} s')
+def _check(progress: Progress, value: object, what: str) -> None:
+    """HarnessError with what does not happen, once a value has not changed for STALL_S."""
+    if progress.is_stalled(value):
+        raise HarnessError(f'{what}: nothing has changed for {STALL_S:g} s')
 
 
 class Demo(Rig, ABC):
@@ -91,7 +83,8 @@ class Demo(Rig, ABC):
 
         prompt() is called again and again. HarnessError when a node ends or nothing changes.
         """
-        readiness, stall, shown = Readiness(self.probe, self.needs), _Stall(), dict[str, str]()
+        readiness, shown = Readiness(self.probe, self.needs), dict[str, str]()
+        progress = Progress(STALL_S)
         report_s = time.monotonic() + _REPORT_S
         while True:
             prompt()
@@ -115,23 +108,23 @@ class Demo(Rig, ABC):
                 self._print(f'waiting for {", ".join(waiting)}; {len(missing)} of '
                             f'{len(self.endpoints)} topics not connected')
             self._check_processes()
-            stall.check((readiness.activity(), missing),
-                        f'not ready: {", ".join(waiting)}; topics not connected: '
-                        f'{", ".join(missing) or "none"}; see {self.log_folder}')
+            _check(progress, (readiness.activity(), missing),
+                   f'not ready: {", ".join(waiting)}; topics not connected: '
+                   f'{", ".join(missing) or "none"}; see {self.log_folder}')
         self._print('all nodes are ready: the first frame')
         self._release()
 
     def watch(self, frames: int) -> None:
         """Show the table until all frames have their attitudes; HarnessError if a node fails."""
         self.await_ready()
-        stall, console = _Stall(), Console()
+        progress, console = Progress(STALL_S), Console()
         with Live(self.table(frames), console=console, refresh_per_second=4) as live:
             while self.frames < frames or self._in_flight():
                 self.probe.spin_once(0.1)
                 live.update(self.table(frames))
                 self._check_processes()
-                stall.check(
-                    (self.frames, {**self._answered_ns}),
+                _check(
+                    progress, (self.frames, {**self._answered_ns}),
                     f'no attitude_imu after frame {self.frames} of {frames}; see '
                     f'{self.log_folder}')
         console.print()
@@ -213,11 +206,11 @@ class LockStepDemo(Demo):
 
     def await_attitudes(self, missing: Callable[[], str]) -> None:
         """Wait until no attitude_imu is missing; HarnessError with what missing() returns."""
-        stall = _Stall()
+        progress = Progress(STALL_S)
         while text := missing():
             self.probe.spin_once(0.1)
             self._check_processes()
-            stall.check(text, f'no attitude_imu of {text}; see {self.log_folder}')
+            _check(progress, text, f'no attitude_imu of {text}; see {self.log_folder}')
 
 
 def draw_if_possible(picture: Path, draw: Callable[[], None]) -> str:

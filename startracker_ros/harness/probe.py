@@ -40,18 +40,18 @@ class Diagnostic:
 
 
 class Progress:
-    """Measures how long a count has not increased."""
+    """Measures how long a value has not changed."""
 
     def __init__(self, stall_s: float) -> None:
-        self.count = 0
+        self._value: object = None
         self._stall_s = stall_s
-        self._increased_s = time.monotonic()
+        self._changed_s = time.monotonic()
 
-    def is_stalled(self, count: int) -> bool:
-        """Return whether the count has not increased for stall_s."""
-        if count > self.count:
-            self.count, self._increased_s = count, time.monotonic()
-        return time.monotonic() - self._increased_s > self._stall_s
+    def is_stalled(self, value: object) -> bool:
+        """Return whether the value has not changed for stall_s."""
+        if value != self._value:
+            self._value, self._changed_s = value, time.monotonic()
+        return time.monotonic() - self._changed_s > self._stall_s
 
 
 def _deep(profile: QoSProfile | int) -> QoSProfile:

@@ -89,12 +89,18 @@ def header(index):
     return make_header(START_NS + index * 10 ** 8, 'star_tracker_optical_frame')
 
 
-def test_the_newest_lists_wait_for_the_first_camera_info_and_older_ones_are_counted(nodes, probe):
+def started_tracker(nodes, probe):
+    """Start a tracker and return the publishers of its centroids and camera_info."""
     nodes.start('star_tracker')
     probe.collect(PointCloud2, 'tracks', qos.LIST)
     centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
     info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
     probe.wait(lambda: probe.count_publishers('tracks'), 'the tracker')
+    return centroids, info
+
+
+def test_the_newest_lists_wait_for_the_first_camera_info_and_older_ones_are_counted(nodes, probe):
+    centroids, info = started_tracker(nodes, probe)
     depth, too_many = qos.LIST.depth, 30
     for index in range(depth + too_many):
         centroids.publish(cloud_to_message(np.zeros(0, CENTROID_DTYPE), header(index)))
@@ -111,11 +117,7 @@ def test_the_newest_lists_wait_for_the_first_camera_info_and_older_ones_are_coun
 
 
 def test_what_waits_is_dropped_after_an_invalid_camera_info(nodes, probe):
-    nodes.start('star_tracker')
-    probe.collect(PointCloud2, 'tracks', qos.LIST)
-    centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
-    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
-    probe.wait(lambda: probe.count_publishers('tracks'), 'the tracker')
+    centroids, info = started_tracker(nodes, probe)
 
     def publish(index):
         centroids.publish(cloud_to_message(np.zeros(0, CENTROID_DTYPE), header(index)))
