@@ -108,11 +108,6 @@ class ObserverMotion:
         self._propagated: tuple[int, State | None] | None = None
         self._seen: tuple[tuple[int, bool], BodiesInSky | None] | None = None
 
-    def warm_up(self) -> None:
-        """Load what the first odometry needs, so that no frame waits for it."""
-        propagate(np.array([7e6, 0.0, 0.0]), np.array([0.0, 7.5e3, 0.0]), 1.0)
-        self.at(0)
-
     def add_state(self, stamp_ns: int, state: State) -> None:
         """Use geocentric position and velocity on ICRF axes; MotionError if impossible."""
         speed_m_s, radius_m = map(np.linalg.norm, (state.velocity_m_s, state.position_m))

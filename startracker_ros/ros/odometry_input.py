@@ -21,7 +21,6 @@ class OdometryInput:
         self._frames = frames
         self._logged = ''
         self.rebuild()
-        self.motion.warm_up()
         node.subscribe(Odometry, 'odometry', self._on_odometry, qos.LIST)
 
     def rebuild(self) -> None:
