@@ -9,23 +9,23 @@ from importlib import import_module
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from startracker_ros.calibration.estimate import Calibration as Calibration
-    from startracker_ros.camera.files import load_camera as load_camera
-    from startracker_ros.camera.model import Camera as Camera
-    from startracker_ros.catalog.stars import load_catalog as load_catalog
-    from startracker_ros.catalog.stars import StarCatalog as StarCatalog
-    from startracker_ros.centroid.centroids import Centroids as Centroids
-    from startracker_ros.centroid.extraction import Extraction as Extraction
-    from startracker_ros.identify.identification import Identification as Identification
-    from startracker_ros.identify.one_frame import identify as identify
-    from startracker_ros.library.frame_result import Attitude as Attitude
-    from startracker_ros.library.frame_result import FrameResult as FrameResult
-    from startracker_ros.library.images import calibrate as calibrate
-    from startracker_ros.library.images import extract as extract
-    from startracker_ros.library.images import solve as solve
-    from startracker_ros.library.simulator import SkySimulator as SkySimulator
-    from startracker_ros.library.star_tracker import StarTracker as StarTracker
-    from startracker_ros.pipeline.solution import Solution as Solution
+    from startracker_ros.calibration.estimate import Calibration
+    from startracker_ros.camera.files import load_camera
+    from startracker_ros.camera.model import Camera
+    from startracker_ros.catalog.stars import load_catalog
+    from startracker_ros.catalog.stars import StarCatalog
+    from startracker_ros.centroid.centroids import Centroids
+    from startracker_ros.centroid.extraction import Extraction
+    from startracker_ros.identify.identification import Identification
+    from startracker_ros.identify.one_frame import identify
+    from startracker_ros.library.frame_result import Attitude
+    from startracker_ros.library.frame_result import FrameResult
+    from startracker_ros.library.images import calibrate
+    from startracker_ros.library.images import extract
+    from startracker_ros.library.images import solve
+    from startracker_ros.library.simulator import SkySimulator
+    from startracker_ros.library.star_tracker import StarTracker
+    from startracker_ros.pipeline.solution import Solution
 
 __version__ = '0.1.0'
 
@@ -38,7 +38,11 @@ _MODULES = {
     'StarTracker': 'library.star_tracker', 'calibrate': 'library.images',
     'extract': 'library.images', 'identify': '', 'load_camera': 'camera.files',
     'load_catalog': 'catalog.stars', 'solve': 'library.images'}
-__all__ = [*_MODULES]
+# In full, for what reads the source alone.
+__all__ = [
+    'Attitude', 'Calibration', 'Camera', 'Centroids', 'Extraction', 'FrameResult',
+    'Identification', 'SkySimulator', 'Solution', 'StarCatalog', 'StarTracker', 'calibrate',
+    'extract', 'identify', 'load_camera', 'load_catalog', 'solve']
 
 
 def __getattr__(name: str) -> Any:

@@ -238,12 +238,18 @@ def _compile_missing() -> None:
         print(error, file=sys.stderr)
 
 
+def missing_imported() -> list[str]:
+    """Return the imported modules with registered functions that have no machine code."""
+    imported = {name.rpartition('.')[0] for name in list(FUNCTIONS)}
+    return missing_modules(imported & registered_modules())
+
+
 def load_imported() -> None:
     """Load, or compile, all registered functions of the modules that this process has imported."""
     registered = signatures()
     # Modules may be imported meanwhile by another thread.
     functions = {name: FUNCTIONS[name] for name in list(FUNCTIONS) if name in registered}
-    if missing_modules({name.rpartition('.')[0] for name in functions}):
+    if missing_imported():
         _compile_missing()
     for name, function in functions.items():
         for types in registered[name]:

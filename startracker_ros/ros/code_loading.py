@@ -6,7 +6,7 @@ import sys
 from threading import Thread
 from typing import TYPE_CHECKING
 
-from startracker_ros.machine_code import machine_code_folder, missing_modules
+from startracker_ros.machine_code import machine_code_folder
 from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.memory import return_free_memory
 
@@ -59,7 +59,6 @@ class CodeLoading:
 
     def _load(self, warm_up: Callable[[], None]) -> None:
         try:
-            # Nodes without compiled functions need no numba.
             if _CACHE in sys.modules:
                 from startracker_ros.machine_code_cache import COMPILATIONS, load_imported
                 COMPILATIONS.listeners.append(self._say_compiling)
@@ -83,7 +82,11 @@ class CodeLoading:
 
 def _text() -> str:
     """Return whether the code is loaded or, for the first time on a machine, compiled."""
-    if _CACHE not in sys.modules or not missing_modules():
+    # Nodes without compiled functions need no numba.
+    if _CACHE not in sys.modules:
+        return _LOADING
+    from startracker_ros.machine_code_cache import missing_imported
+    if not missing_imported():
         return _LOADING
     if not machine_code_folder():
         return ('compiling for this machine, for a minute, at each start: no folder to keep '

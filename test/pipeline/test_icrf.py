@@ -15,11 +15,11 @@ from startracker_ros.catalog.apparent import ApparentCatalog
 from startracker_ros.catalog.onboard import onboard_catalog
 from startracker_ros.catalog.stars import load_catalog
 from startracker_ros.centroid.synthetic_field import star_list
+from startracker_ros.identify.icrf import icrf_identification
 from startracker_ros.identify.identification import IdentificationOptions
 from startracker_ros.identify.methods import make_identifier
 from startracker_ros.maths.rotation import (
     ARCSEC, attitude_error, quaternion_from_pointing, radec_from_unit, random_attitude)
-from startracker_ros.identify.icrf import icrf_identification
 from startracker_ros.pipeline.pipeline import Pipeline, PipelineOptions
 
 YEAR = 2026.4
