@@ -35,7 +35,7 @@ class InstallNodes(install_data):
             self.outfiles.append(str(script))
 
 
-console_scripts = ['startracker = startracker_ros.cli:main']
+console_scripts = ['startracker = startracker_ros.tools.cli:main']
 cmdclass: dict[str, type[Command]] = {}
 if {'install', 'develop'} & set(sys.argv):
     # colcon: entry points go to lib/startracker_ros, as setup.cfg says, with a fixed interpreter.

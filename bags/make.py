@@ -13,17 +13,17 @@ import sys
 
 import numpy as np
 from rclpy.serialization import serialize_message
-from startracker_ros.astro.epoch import epoch_year_from_stamp
-from startracker_ros.astro.orbit import CircularOrbit
-from startracker_ros.bag.qos import QosProfile
-from startracker_ros.bag.telemetry import rate_from_imu
-from startracker_ros.bag.writer import BagWriter
-from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.maths.rotation import (
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.astro.orbit import CircularOrbit
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.maths.rotation import (
     multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
-from startracker_ros.pipeline.pipeline import Pipeline, PipelineFrame
+from startracker_ros.core.stages.pipeline import Pipeline, PipelineFrame
+from startracker_ros.io.bags.qos import QosProfile
+from startracker_ros.io.bags.telemetry import rate_from_imu
+from startracker_ros.io.bags.writer import BagWriter
 from startracker_ros.ros.diagnostics import OK, status_message
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, attitude_to_pose, quaternion_to_message, tracked_attitude_to_imu)
@@ -34,9 +34,9 @@ from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.ros.messages.odometry import state_to_odometry
-from startracker_ros.sky.detector import DetectorOptions
-from startracker_ros.sky.motion import MotionState
-from startracker_ros.sky.simulator import SkySimulator
+from startracker_ros.sim.sky.detector import DetectorOptions
+from startracker_ros.sim.sky.motion import MotionState
+from startracker_ros.sim.sky.simulator import SkySimulator
 from std_msgs.msg import Header
 
 CAMERA = Camera.from_fov(256, 256, 12.0)

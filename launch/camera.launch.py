@@ -7,7 +7,7 @@ file `params_file:=...`.
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from startracker_ros.harness.launching import node, pipeline, shared_arguments
+from startracker_ros.ros.launching import node, pipeline, shared_arguments
 
 
 def generate_launch_description() -> LaunchDescription:

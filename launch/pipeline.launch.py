@@ -15,9 +15,9 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from startracker_ros.executables import STAGES
-from startracker_ros.harness.launching import node, RESPAWN, shared_arguments
 from startracker_ros.ros import qos
+from startracker_ros.ros.executables import STAGES
+from startracker_ros.ros.launching import node, RESPAWN, shared_arguments
 
 
 def generate_launch_description() -> LaunchDescription:

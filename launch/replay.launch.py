@@ -8,8 +8,8 @@ pipeline is ready: it publishes the other topics again. A bag without a namespac
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from startracker_ros.executables import STAGES
-from startracker_ros.harness.launching import node, pipeline, shared_arguments
+from startracker_ros.ros.executables import STAGES
+from startracker_ros.ros.launching import node, pipeline, shared_arguments
 
 TOPICS = ('image_raw', 'image_raw/compressed', 'camera_info', 'imu', 'odometry')
 # The first run on a machine compiles.

@@ -9,7 +9,7 @@ goes before the namespaces of both.
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from startracker_ros.harness.launching import node, pipeline, shared_arguments
+from startracker_ros.ros.launching import node, pipeline, shared_arguments
 
 OBSERVERS = {'observer_1': 'tracker_1', 'observer_2': 'tracker_2'}
 

@@ -9,23 +9,23 @@ from importlib import import_module
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from startracker_ros.calibration.estimate import Calibration
-    from startracker_ros.camera.files import load_camera
-    from startracker_ros.camera.model import Camera
-    from startracker_ros.catalog.stars import load_catalog
-    from startracker_ros.catalog.stars import StarCatalog
-    from startracker_ros.centroid.centroids import Centroids
-    from startracker_ros.centroid.extraction import Extraction
-    from startracker_ros.identify.identification import Identification
-    from startracker_ros.identify.one_frame import identify
-    from startracker_ros.library.frame_result import Attitude
-    from startracker_ros.library.frame_result import FrameResult
-    from startracker_ros.library.images import calibrate
-    from startracker_ros.library.images import extract
-    from startracker_ros.library.images import solve
-    from startracker_ros.library.simulator import SkySimulator
-    from startracker_ros.library.star_tracker import StarTracker
-    from startracker_ros.pipeline.solution import Solution
+    from startracker_ros.core.calibration.estimate import Calibration
+    from startracker_ros.core.camera.model import Camera
+    from startracker_ros.core.catalog.stars import load_catalog
+    from startracker_ros.core.catalog.stars import StarCatalog
+    from startracker_ros.core.centroid.centroids import Centroids
+    from startracker_ros.core.centroid.extraction import Extraction
+    from startracker_ros.core.frame_result import Attitude
+    from startracker_ros.core.frame_result import FrameResult
+    from startracker_ros.core.identify.identification import Identification
+    from startracker_ros.core.identify.one_frame import identify
+    from startracker_ros.core.stages.solution import Solution
+    from startracker_ros.core.star_tracker import StarTracker
+    from startracker_ros.io.images.camera_files import load_camera
+    from startracker_ros.sim.simulator import SkySimulator
+    from startracker_ros.tools.photographs.arrays import calibrate
+    from startracker_ros.tools.photographs.arrays import extract
+    from startracker_ros.tools.photographs.arrays import solve
 
 __version__ = '0.1.0'
 

@@ -1,5 +1,5 @@
 """`python -m startracker_ros` is the console script `startracker`."""
 
-from startracker_ros.cli import main
+from startracker_ros.tools.cli import main
 
 main()

@@ -19,11 +19,11 @@ import sys
 from typing import Any
 
 from numba.core.errors import NumbaError
-from startracker_ros.compilation import compile_missing, CompileError, show_progress
-from startracker_ros.compiled_types import decode
-from startracker_ros.machine_code import (
+from startracker_ros.core.compilation import compile_missing, CompileError, show_progress
+from startracker_ros.core.compiled_types import decode
+from startracker_ros.core.machine_code import (
     calls_of, code_name, INSTALLED, registered_modules, SIGNATURES, signatures)
-from startracker_ros.machine_code_cache import compile_only, FUNCTIONS, key_of, save
+from startracker_ros.core.machine_code_cache import compile_only, FUNCTIONS, key_of, save
 
 
 def _work(folder: Path, modules: Iterable[str]) -> None:

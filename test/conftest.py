@@ -120,7 +120,7 @@ class InThisProcess:
 def one_process() -> Iterator[None]:
     """Run the pieces of campaigns and benches in this process; others test that of several."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('startracker_ros.campaign.parallel.ProcessPoolExecutor', InThisProcess)
+        patch.setattr('startracker_ros.evaluation.campaign.parallel.ProcessPoolExecutor', InThisProcess)
         yield
 
 

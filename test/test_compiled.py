@@ -11,23 +11,23 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 import startracker_ros
-from startracker_ros import compiled_types
-from startracker_ros.compiled import compiled
-from startracker_ros.machine_code import registered_modules, signatures
-from startracker_ros.machine_code_cache import COMPILATIONS, FUNCTIONS
+from startracker_ros.core import compiled_types
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.machine_code import registered_modules, signatures
+from startracker_ros.core.machine_code_cache import COMPILATIONS, FUNCTIONS
 
 PROGRAM = """
-from startracker_ros.machine_code import code_name, machine_code_folder
-from startracker_ros.machine_code_cache import COMPILATIONS
+from startracker_ros.core.machine_code import code_name, machine_code_folder
+from startracker_ros.core.machine_code_cache import COMPILATIONS
 compiled = []
 COMPILATIONS.listeners.append(lambda name, done, count: compiled.append(name))
-from startracker_ros.camera.lens import Lens, undistort
+from startracker_ros.core.camera.lens import Lens, undistort
 print(undistort(Lens(9, 9, 1., 1., 4., 4., (0.,) * 9, False, False), 0.25, 0.5))
 print(machine_code_folder())
-print(code_name('startracker_ros.camera.lens'))
+print(code_name('startracker_ros.core.camera.lens'))
 print(len([name for name in compiled if name.endswith('undistort')]))
 """
-NAME = 'startracker_ros.camera.lens.undistort'
+NAME = 'startracker_ros.core.camera.lens.undistort'
 FILES = ('__init__.py', 'compilation.py', 'compiled.py', 'compiled_types.py', 'machine_code.py',
          'machine_code_cache.py', 'warm_up.py', 'folders.py', 'camera/__init__.py',
          'camera/lens.py', 'camera/distortion.py')
@@ -68,7 +68,7 @@ def run(package, home, **environment):
 
 def register(package):
     """Register the call of PROGRAM."""
-    lens = {'named': 'startracker_ros.camera.lens:Lens', 'of': [
+    lens = {'named': 'startracker_ros.core.camera.lens:Lens', 'of': [
         'int64', 'int64', *['float64'] * 4, ['float64'] * 9, 'bool', 'bool']}
     (package / 'signatures.json').write_text(json.dumps({NAME: [[lens, 'float64', 'float64']]}))
 

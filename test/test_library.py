@@ -10,11 +10,11 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 import startracker_ros as st
-from startracker_ros.astro.epoch import stamp_from_epoch_year
-from startracker_ros.camera.images import read_image
-from startracker_ros.cli import main
-from startracker_ros.figures.correctness import error_over_bound
-from startracker_ros.pipeline.pipeline import Pipeline
+from startracker_ros.core.astro.epoch import stamp_from_epoch_year
+from startracker_ros.core.stages.pipeline import Pipeline
+from startracker_ros.io.images.images import read_image
+from startracker_ros.tools.cli import main
+from startracker_ros.tools.figures.correctness import error_over_bound
 
 CAMERA = st.Camera.from_fov(512, 512, 12.0)
 START_NS, STEP_NS = stamp_from_epoch_year(2026.5), 100_000_000
@@ -70,7 +70,7 @@ def test_solve_equals_the_command_in_any_order(sky_data):
 
 def test_star_tracker_equals_the_pipeline_and_the_truth(frames):
     tracker = st.StarTracker(CAMERA, 2026.5, aberration='none')
-    from startracker_ros.pipeline.parameters import options_of_keywords
+    from startracker_ros.core.stages.parameters import options_of_keywords
     pipeline = Pipeline(CAMERA, 2026.5, options_of_keywords({'aberration': 'none'}))
     found = 0
     for index, frame in enumerate(frames):

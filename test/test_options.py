@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import pytest
-from startracker_ros.options import option, Options
+from startracker_ros.core.options import option, Options
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ import re
 import click
 from click.testing import CliRunner
 import pytest
-from startracker_ros.campaign.integrity import IntegrityRow
-from startracker_ros.cli.photographs import solve
-from startracker_ros.cli.shared import finish, json_option
-from startracker_ros.table import Result, show
+from startracker_ros.evaluation.campaign.integrity import IntegrityRow
+from startracker_ros.io.table import Result, show
+from startracker_ros.tools.cli.photographs import solve
+from startracker_ros.tools.cli.shared import finish, json_option
 
 REASON = ('no hypothesis has a false-alarm probability below 1e-06: the best one matches 3 of 14 '
           'stars, which chance alone does in one field of 40; a wrong field of view or clouds '

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, TransformStamped
 import numpy as np
 from sensor_msgs.msg import Imu
-from startracker_ros.attitude.result import AttitudeEstimate
-from startracker_ros.attitude.validation import TrustedAttitude
-from startracker_ros.maths.rotation import ARCSEC
-from startracker_ros.options import option, Options
+from startracker_ros.core.attitude.result import AttitudeEstimate
+from startracker_ros.core.attitude.validation import TrustedAttitude
+from startracker_ros.core.maths.rotation import ARCSEC
+from startracker_ros.core.options import option, Options
+from startracker_ros.core.track.tracks import TrackedAttitude
 from startracker_ros.ros import qos
 from startracker_ros.ros.body_output import BodyOutput
 from startracker_ros.ros.diagnostics import OK, WARN
@@ -20,7 +21,6 @@ from startracker_ros.ros.messages.attitude import (
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.odometry_input import OdometryInput
-from startracker_ros.track.tracks import TrackedAttitude
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import time
 
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo
-from startracker_ros.bag.playback import PlayOptions
+from startracker_ros.io.bags.playback import PlayOptions
 from startracker_ros.ros.node import PipelineNode
 
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from startracker_ros.bag.latched import held_messages, MAX_DEPTH
-from startracker_ros.bag.qos import INFINITE_NS, QosProfile
+from startracker_ros.io.bags.latched import held_messages, MAX_DEPTH
+from startracker_ros.io.bags.qos import INFINITE_NS, QosProfile
 
 # DDS does not announce history and depth.
 _DEFAULT_DEPTH = 100

@@ -5,8 +5,8 @@ from typing import Any
 
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
-from startracker_ros.maths.rotation import conjugate, multiply
-from startracker_ros.options import option, Options
+from startracker_ros.core.maths.rotation import conjugate, multiply
+from startracker_ros.core.options import option, Options
 from startracker_ros.ros import qos
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.messages.attitude import quaternion_to_message, rotation_to_transform

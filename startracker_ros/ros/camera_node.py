@@ -7,10 +7,10 @@ from typing import Any
 from builtin_interfaces.msg import Time
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Imu
-from startracker_ros.astro.epoch import epoch_year_from_stamp, RESTART_NS
-from startracker_ros.bag.layouts import camera_from_message, MessageError, ns_from_stamp
-from startracker_ros.bag.telemetry import rate_from_imu
-from startracker_ros.camera.model import Camera, CameraError
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp, RESTART_NS
+from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.io.bags.layouts import camera_from_message, MessageError, ns_from_stamp
+from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.ros import qos
 from startracker_ros.ros.cadence import Cadence
 from startracker_ros.ros.camera_setup import CameraSetup, is_building, WaitingMessages

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from threading import Lock, Thread
 from typing import Any
 
-from startracker_ros.camera.model import Camera
+from startracker_ros.core.camera.model import Camera
 
 # One after the other: the nodes of a process share catalogues, which are built once then.
 _BUILDING = Lock()

@@ -6,7 +6,7 @@ import sys
 from threading import Thread
 from typing import TYPE_CHECKING
 
-from startracker_ros.machine_code import machine_code_folder
+from startracker_ros.core.machine_code import machine_code_folder
 from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.memory import return_free_memory
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _POLL_S = 0.02
 _LOADING = 'loading code'
-_CACHE = 'startracker_ros.machine_code_cache'
+_CACHE = 'startracker_ros.core.machine_code_cache'
 
 
 class CodeLoading:
@@ -60,7 +60,7 @@ class CodeLoading:
     def _load(self, warm_up: Callable[[], None]) -> None:
         try:
             if _CACHE in sys.modules:
-                from startracker_ros.machine_code_cache import COMPILATIONS, load_imported
+                from startracker_ros.core.machine_code_cache import COMPILATIONS, load_imported
                 COMPILATIONS.listeners.append(self._say_compiling)
                 load_imported()
             warm_up()
@@ -85,7 +85,7 @@ def _text() -> str:
     # Nodes without compiled functions need no numba.
     if _CACHE not in sys.modules:
         return _LOADING
-    from startracker_ros.machine_code_cache import missing_imported
+    from startracker_ros.core.machine_code_cache import missing_imported
     if not missing_imported():
         return _LOADING
     if not machine_code_folder():

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from startracker_ros.options import option, Options
+from startracker_ros.core.options import option, Options
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,11 @@
 
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
-from startracker_ros.astro.epoch import epoch_year_from_stamp
-from startracker_ros.astro.frames import gcrs_from_itrf, gcrs_from_j2000
-from startracker_ros.astro.orbit import orbit_frame
-from startracker_ros.astro.state import State
-from startracker_ros.maths.rotation import (
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.astro.frames import gcrs_from_itrf, gcrs_from_j2000
+from startracker_ros.core.astro.orbit import orbit_frame
+from startracker_ros.core.astro.state import State
+from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_matrix, sign_continuous)
 from startracker_ros.ros import qos
 from startracker_ros.ros.frames import ExtraFrameOptions

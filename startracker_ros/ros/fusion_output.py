@@ -7,13 +7,14 @@ from geometry_msgs.msg import (
     PoseWithCovarianceStamped, QuaternionStamped, TwistWithCovarianceStamped)
 import numpy as np
 from sensor_msgs.msg import Imu
-from startracker_ros.attitude.result import AttitudeEstimate
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.fusion.fusion import AttitudeFusion, FusedAttitude
-from startracker_ros.fusion.head import HeadState
-from startracker_ros.fusion.hints import hint_for
-from startracker_ros.maths.rotation import ARCSEC
-from startracker_ros.options import option, Options
+from startracker_ros.core.attitude.result import AttitudeEstimate
+from startracker_ros.core.fusion.fusion import AttitudeFusion, FusedAttitude
+from startracker_ros.core.fusion.head import HeadState
+from startracker_ros.core.fusion.hints import hint_for
+from startracker_ros.core.maths.rotation import ARCSEC
+from startracker_ros.core.options import option, Options
+from startracker_ros.core.track.tracks import TrackedAttitude
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
 from startracker_ros.ros.frames import InertialFrameOptions
@@ -23,7 +24,6 @@ from startracker_ros.ros.messages.attitude import (
 from startracker_ros.ros.messages.gyro import drift_to_twist
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import PipelineNode
-from startracker_ros.track.tracks import TrackedAttitude
 from std_msgs.msg import Header
 
 _NS = 1_000_000_000

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import CompressedImage, Image
-from startracker_ros.bag.layouts import image_from_message
-from startracker_ros.options import option, Options
+from startracker_ros.core.options import option, Options
+from startracker_ros.io.bags.layouts import image_from_message
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.compressed_image import (
     image_from_compressed, image_to_compressed)

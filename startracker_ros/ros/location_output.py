@@ -2,7 +2,7 @@
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
-from startracker_ros.locate.locator import Located, Rejected
+from startracker_ros.core.locate.locator import Located, Rejected
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages.header import make_header

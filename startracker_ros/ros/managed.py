@@ -8,7 +8,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from startracker_ros.options import option, Options
+from startracker_ros.core.options import option, Options
 from startracker_ros.ros.messages.rclpy_internals import (
     end_transition, intercept_change_state, lifecycle_state, start_transition)
 

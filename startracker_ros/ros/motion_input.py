@@ -6,18 +6,18 @@ import time
 
 from nav_msgs.msg import Odometry
 import numpy as np
-from startracker_ros.astro.epoch import RESTART_NS
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.options import option, Options
+from startracker_ros.core.astro.epoch import RESTART_NS
+from startracker_ros.core.options import option, Options
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.messages.odometry import motion_from_odometry
 from startracker_ros.ros.source import SourceNode, SourceOptions
-from startracker_ros.sky.motion import MotionOptions
-from startracker_ros.sky.motion_state import MotionState
-from startracker_ros.sky.mounted import HeadOptions
-from startracker_ros.sky.sampled_motion import SampledMotion
+from startracker_ros.sim.sky.motion import MotionOptions
+from startracker_ros.sim.sky.motion_state import MotionState
+from startracker_ros.sim.sky.mounted import HeadOptions
+from startracker_ros.sim.sky.sampled_motion import SampledMotion
 
 TOPIC = 'motion/odometry'
 MAX_GAP_S = 1.0

@@ -20,14 +20,14 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
-from startracker_ros.bag.layouts import MessageError
-from startracker_ros.camera.model import CameraError
-from startracker_ros.executables import NODES
-from startracker_ros.options import Options
+from startracker_ros.core.camera.model import CameraError
+from startracker_ros.core.options import Options
+from startracker_ros.io.bags.layouts import MessageError
 from startracker_ros.ros import parameters, qos
 from startracker_ros.ros.code_loading import CodeLoading
 from startracker_ros.ros.composition import Composition
 from startracker_ros.ros.diagnostics import Diagnostics, ERROR
+from startracker_ros.ros.executables import NODES
 from startracker_ros.ros.forced_exit import exit_after
 from startracker_ros.ros.incompatible_qos import IncompatiblePublishers
 from startracker_ros.ros.managed import LifecycleOptions, ManagedNode, StartError

@@ -1,9 +1,10 @@
 """The motion of the observer out of its odometry, for the nodes that correct aberration."""
 
 from nav_msgs.msg import Odometry
-from startracker_ros.astro.observer_motion import AberrationOptions, MotionError, ObserverMotion
-from startracker_ros.bag.layouts import MessageError, ns_from_stamp
-from startracker_ros.bag.telemetry import state_from_odometry
+from startracker_ros.core.astro.observer_motion import (
+    AberrationOptions, MotionError, ObserverMotion)
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
+from startracker_ros.io.bags.telemetry import state_from_odometry
 from startracker_ros.ros import qos
 from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.node import PipelineNode

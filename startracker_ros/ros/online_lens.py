@@ -5,16 +5,17 @@ import math
 
 from sensor_msgs.msg import CameraInfo, PointCloud2, Temperature
 from sensor_msgs.srv import SetCameraInfo
-from startracker_ros.bag.layouts import MessageError, ns_from_stamp
-from startracker_ros.calibration.adjustment import CalibrationError
-from startracker_ros.calibration.collection import CollectionOptions
-from startracker_ros.calibration.online import OnlineCalibration, OnlineOptions, Proposal
-from startracker_ros.calibration.tracked_frames import tracked_frame
-from startracker_ros.camera.files import save_camera
-from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import OnboardCatalog
-from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.options import option, Options
+from startracker_ros.core.calibration.adjustment import CalibrationError
+from startracker_ros.core.calibration.collection import CollectionOptions
+from startracker_ros.core.calibration.online import OnlineCalibration, OnlineOptions, Proposal
+from startracker_ros.core.calibration.tracked_frames import tracked_frame
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.options import option, Options
+from startracker_ros.core.track.tracks import Tracks
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
+from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
@@ -22,7 +23,6 @@ from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import centroids_from_message, tracks_from_message
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.odometry_input import OdometryInput
-from startracker_ros.track.tracks import Tracks
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from startracker_ros.options import Option, Options
+from startracker_ros.core.options import Option, Options
 from startracker_ros.ros.messages.rclpy_internals import declared_parameters, parameter_overrides
 
 

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from startracker_ros.bag.errors import BagError
-from startracker_ros.bag.latched import held_before, held_messages
-from startracker_ros.bag.patterns import selected
-from startracker_ros.bag.playback import PlayOptions
-from startracker_ros.bag.reader import BagMessage, BagTopic
-from startracker_ros.bag.schemas import message_schema
-from startracker_ros.bag.tolerant import TolerantBag
+from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.bags.latched import held_before, held_messages
+from startracker_ros.io.bags.patterns import selected
+from startracker_ros.io.bags.playback import PlayOptions
+from startracker_ros.io.bags.reader import BagMessage, BagTopic
+from startracker_ros.io.bags.schemas import message_schema
+from startracker_ros.io.bags.tolerant import TolerantBag
 from startracker_ros.ros.managed import StartError
 from startracker_ros.ros.messages.message_types import message_class
 

@@ -5,7 +5,7 @@ import time
 
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
-from startracker_ros.bag.playback import Playback
+from startracker_ros.io.bags.playback import Playback
 from startracker_ros.ros.node import PipelineNode
 
 _LAST_MESSAGES_S = 10.0

@@ -1,14 +1,14 @@
 """What the star tracker expects of the next image: stars, targets, planets, Moon and Sun."""
 
 from sensor_msgs.msg import PointCloud2
-from startracker_ros.camera.model import Camera
-from startracker_ros.centroid.prediction import PredictedCentroids
-from startracker_ros.pipeline.bodies import Bodies, BodyInImage
-from startracker_ros.pipeline.sky_mapping import SkyMapping
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.centroid.prediction import PredictedCentroids
+from startracker_ros.core.stages.bodies import Bodies, BodyInImage
+from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.core.track.tracker import StarTracker
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.clouds import predictions_to_message
 from startracker_ros.ros.node import PipelineNode
-from startracker_ros.track.tracker import StarTracker
 from std_msgs.msg import Header
 
 

@@ -1,16 +1,16 @@
 """The instrument that the parameters of sky_simulator describe."""
 
-from startracker_ros.astro.epoch import epoch_year_from_stamp
-from startracker_ros.camera.model import Camera
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.camera.model import Camera
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.source import SourceOptions
-from startracker_ros.sky.detector import DetectorOptions
-from startracker_ros.sky.from_options import SceneOptions, simulator_parts
-from startracker_ros.sky.motion import motion_from_options, MotionOptions
-from startracker_ros.sky.motion_state import Motion
-from startracker_ros.sky.mounted import HeadOptions, mounted, seed_in_namespace
-from startracker_ros.sky.presets import with_preset
-from startracker_ros.sky.simulator import SkySimulator
+from startracker_ros.sim.sky.detector import DetectorOptions
+from startracker_ros.sim.sky.from_options import SceneOptions, simulator_parts
+from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sim.sky.motion_state import Motion
+from startracker_ros.sim.sky.mounted import HeadOptions, mounted, seed_in_namespace
+from startracker_ros.sim.sky.presets import with_preset
+from startracker_ros.sim.sky.simulator import SkySimulator
 
 
 def detector_options(node: PipelineNode) -> DetectorOptions:

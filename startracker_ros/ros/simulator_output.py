@@ -5,9 +5,9 @@ from geometry_msgs.msg import QuaternionStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2, Temperature
-from startracker_ros.astro.state import State
-from startracker_ros.camera.model import Camera
-from startracker_ros.centroid.centroids import Centroids
+from startracker_ros.core.astro.state import State
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, status_message
 from startracker_ros.ros.messages.attitude import quaternion_to_message
@@ -16,9 +16,9 @@ from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.odometry import motion_to_odometry, state_to_odometry
 from startracker_ros.ros.node import PipelineNode
-from startracker_ros.sky.gyro import GyroOptions
-from startracker_ros.sky.navigation import NavigationOptions
-from startracker_ros.sky.simulator import Frame, SkySimulator
+from startracker_ros.sim.sky.gyro import GyroOptions
+from startracker_ros.sim.sky.navigation import NavigationOptions
+from startracker_ros.sim.sky.simulator import Frame, SkySimulator
 from std_msgs.msg import Header
 
 

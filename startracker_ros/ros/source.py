@@ -9,11 +9,11 @@ import numpy as np
 from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo, Imu
 from sensor_msgs.srv import SetCameraInfo
-from startracker_ros.astro.epoch import stamp_from_datetime
-from startracker_ros.bag.layouts import camera_from_message, ns_from_stamp
-from startracker_ros.camera.files import load_camera
-from startracker_ros.camera.model import Camera, CameraError
-from startracker_ros.options import option, Options
+from startracker_ros.core.astro.epoch import stamp_from_datetime
+from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.options import option, Options
+from startracker_ros.io.bags.layouts import camera_from_message, ns_from_stamp
+from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.ros import qos
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.image_topic import ImageOutput

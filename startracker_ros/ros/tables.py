@@ -7,8 +7,8 @@ Writes config/<node>.yaml and docs/parameters.md of the source tree it is starte
 from pathlib import Path
 import textwrap
 
-from startracker_ros.executables import NODES
-from startracker_ros.options import Option, yaml_value
+from startracker_ros.core.options import Option, yaml_value
+from startracker_ros.ros.executables import NODES
 from startracker_ros.ros.node import node_class_of
 
 _COMMAND = 'python -m startracker_ros.ros.tables'

@@ -1,15 +1,15 @@
 """The target among the stars, beside a star tracker: target_centroid."""
 
 from sensor_msgs.msg import PointCloud2
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.camera.model import Camera
-from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.centroid.prediction import PredictedCentroids
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.prediction import PredictedCentroids
+from startracker_ros.core.track.target import TargetTracker
+from startracker_ros.core.track.tracker import StarTracker
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.clouds import centroids_to_message
 from startracker_ros.ros.node import PipelineNode
-from startracker_ros.track.target import TargetTracker
-from startracker_ros.track.tracker import StarTracker
 from std_msgs.msg import Header
 
 

@@ -2,13 +2,13 @@
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
-from startracker_ros.astro.exclusion import BlindingForecast, ExclusionOptions, HORIZON_S
-from startracker_ros.maths.compiled_rotation import turned
+from startracker_ros.core.astro.exclusion import BlindingForecast, ExclusionOptions, HORIZON_S
+from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.track.tracker import StarTracker, TrackerState
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.odometry_input import OdometryInput
-from startracker_ros.track.tracker import StarTracker, TrackerState
 
 _FORECAST_NS = 1_000_000_000
 

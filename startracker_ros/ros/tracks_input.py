@@ -4,12 +4,12 @@ from collections.abc import Callable
 from functools import partial
 
 from sensor_msgs.msg import Imu, PointCloud2
-from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
 from startracker_ros.ros.messages.clouds import tracks_from_message
-from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 _TRACKED = 'tracked_attitude'
 

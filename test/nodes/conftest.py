@@ -7,20 +7,20 @@ from pathlib import Path
 from fork_server import ForkedNodes
 from limits import HANGS_S
 import pytest
-from startracker_ros.harness.processes import NodeProcesses, set_environment
+from startracker_ros.ros.processes import NodeProcesses, set_environment
 
 # Tests also start processes of their own, with the environment of this one.
 set_environment(isolated=True)
 
-from startracker_ros.harness.probe import Probe  # noqa: E402, I100
-from startracker_ros.harness.rig import Rig  # noqa: E402
+from startracker_ros.ros.probe import Probe  # noqa: E402, I100
+from startracker_ros.ros.rig import Rig  # noqa: E402
 
 
 @pytest.fixture(scope='session', autouse=True)
 def forked() -> Iterator[None]:
     """Fork the nodes of all rigs from a process that has loaded them."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('startracker_ros.harness.rig.NodeProcesses', ForkedNodes)
+        patch.setattr('startracker_ros.ros.rig.NodeProcesses', ForkedNodes)
         yield
     if ForkedNodes.server is not None:
         ForkedNodes.server.close()

@@ -20,7 +20,7 @@ import threading
 import time
 import traceback
 
-from startracker_ros.harness.processes import NodeProcesses
+from startracker_ros.ros.processes import NodeProcesses
 
 _MAX_REQUEST_BYTES = 1 << 18
 _PR_SET_CHILD_SUBREAPER = 36
@@ -146,8 +146,8 @@ def _end_with_adopter(between: int) -> None:
 def _load() -> None:
     """Import all nodes and load the code that they use."""
     import cv2
-    from startracker_ros.executables import EXECUTABLES
-    from startracker_ros.machine_code_cache import load_imported
+    from startracker_ros.core.machine_code_cache import load_imported
+    from startracker_ros.ros.executables import EXECUTABLES
     for module in EXECUTABLES.values():
         import_module(module)
     # Threads are missing in what is forked: the two of the tracing that rclpy is linked with are

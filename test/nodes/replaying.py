@@ -11,7 +11,7 @@ import sys
 import time
 
 import rclpy
-from startracker_ros.bag.reader import read_messages, read_topics
+from startracker_ros.io.bags.reader import read_messages, read_topics
 from startracker_ros.ros.bag_qos import playback_qos
 from startracker_ros.ros.messages.message_types import message_class
 

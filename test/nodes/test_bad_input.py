@@ -8,10 +8,10 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from startracker_ros.bag.layouts import CENTROID_DTYPE, read_cloud, STAR_DTYPE
-from startracker_ros.camera.model import Camera
-from startracker_ros.executables import NODES
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud, STAR_DTYPE
 from startracker_ros.ros import qos
+from startracker_ros.ros.executables import NODES
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import cloud_to_message
 from startracker_ros.ros.messages.header import make_header

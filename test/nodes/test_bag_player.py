@@ -17,7 +17,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import get_typestore, Stores
 from rosgraph_msgs.msg import Clock
 from scipy.spatial.transform import Rotation
-from startracker_ros.bag.layouts import ns_from_stamp
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 

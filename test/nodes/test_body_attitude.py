@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from startracker_ros.catalog.onboard import onboard_catalog
-from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.centroid.synthetic_field import (
+from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.centroid.synthetic_field import (
     synthetic_field, WARM_UP_CAMERA as CAMERA, WARM_UP_EPOCH_YEAR)
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import quaternion_from_message

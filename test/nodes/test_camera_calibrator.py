@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2, Temperature
 from sensor_msgs.srv import SetCameraInfo
-from startracker_ros.bag.layouts import camera_from_message
-from startracker_ros.camera.files import load_camera
-from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import onboard_catalog
-from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.centroid.synthetic_field import star_list
-from startracker_ros.maths.rotation import (
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.centroid.synthetic_field import star_list
+from startracker_ros.core.maths.rotation import (
     multiply, quaternion_from_rotation_vector, random_attitude)
+from startracker_ros.core.track.tracks import Tracks
+from startracker_ros.io.bags.layouts import camera_from_message
+from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import (
     centroids_to_message, stars_to_message, tracks_to_message)
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.track.tracks import Tracks
 from std_srvs.srv import Trigger
 
 CAMERA = Camera.from_fov(1024, 768, 15.0)

@@ -6,9 +6,9 @@ import numpy as np
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
-from startracker_ros.bag.layouts import camera_from_message, image_from_message, ns_from_stamp
-from startracker_ros.camera.files import save_camera
-from startracker_ros.camera.model import Camera
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.io.bags.layouts import camera_from_message, image_from_message, ns_from_stamp
+from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.ros import qos
 
 

@@ -2,21 +2,21 @@
 
 import numpy as np
 import pytest
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.bag.reader import decode, read_messages
+from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.io.bags.reader import decode, read_messages
 
 FRAMES = 100
 
 
 @pytest.fixture(scope='module')
 def demo(basilisk, tmp_path_factory):
-    from startracker_ros.gnc.loop import ClosedLoop
-    from startracker_ros.gnc.navigation import Navigation
-    from startracker_ros.gnc.plan import Plan, PlanOptions
-    from startracker_ros.gnc.spacecraft import Spacecraft, SpacecraftOptions
-    from startracker_ros.harness.closed_loop_demo import ClosedLoopDemo
-    from startracker_ros.harness.processes import set_environment
-    from startracker_ros.maths.rotation import random_attitude
+    from startracker_ros.core.maths.rotation import random_attitude
+    from startracker_ros.evaluation.gnc.closed_loop_demo import ClosedLoopDemo
+    from startracker_ros.evaluation.gnc.loop import ClosedLoop
+    from startracker_ros.evaluation.gnc.navigation import Navigation
+    from startracker_ros.evaluation.gnc.plan import Plan, PlanOptions
+    from startracker_ros.evaluation.gnc.spacecraft import Spacecraft, SpacecraftOptions
+    from startracker_ros.ros.processes import set_environment
     set_environment(isolated=True)
     options, plan = SpacecraftOptions(), Plan(PlanOptions(acquire_s=5.0))
     spacecraft = Spacecraft(random_attitude(np.random.default_rng(1)),
@@ -31,7 +31,7 @@ def demo(basilisk, tmp_path_factory):
 
 
 def test_the_nodes_stop_the_tumbling_and_begin_the_slew(demo):
-    from startracker_ros.gnc.plan import Phase
+    from startracker_ros.evaluation.gnc.plan import Phase
     history = demo.history(demo.plan)
     assert history.steps[-1].phase is Phase.SLEW
     assert history.wrong == 0

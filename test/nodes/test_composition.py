@@ -6,13 +6,13 @@ from geometry_msgs.msg import QuaternionStamped
 from limits import HANGS_S
 import numpy as np
 import pytest
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.executables import STAGES
-from startracker_ros.harness.processes import node_command, node_environment
-from startracker_ros.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.composition import Composition
+from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import quaternion_from_message
+from startracker_ros.ros.processes import node_command, node_environment
 from std_srvs.srv import Trigger
 
 SKY = {'sky_simulator:width': 512, 'sky_simulator:height': 512,

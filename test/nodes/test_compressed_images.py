@@ -3,13 +3,13 @@
 import cv2
 import numpy as np
 from sensor_msgs.msg import CompressedImage, PointCloud2
-from startracker_ros.bag.layouts import CENTROID_DTYPE, read_cloud
-from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.centroid.extraction import CentroidExtractor
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.centroid.extraction import CentroidExtractor
+from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud
 from startracker_ros.ros import qos
-from startracker_ros.sky.motion import motion_from_options, MotionOptions
-from startracker_ros.sky.simulator import SkySimulator
+from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sim.sky.simulator import SkySimulator
 
 COMPRESSED = {'image_transport': 'compressed'}
 

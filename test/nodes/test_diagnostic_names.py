@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.executables import NODES, STAGES
+from startracker_ros.ros.executables import NODES, STAGES
 import yaml
 
 ROOT = Path(__file__).parents[2]

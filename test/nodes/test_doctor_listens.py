@@ -6,8 +6,8 @@ import subprocess
 import sys
 
 from limits import HANGS_S
-from startracker_ros.camera.files import save_camera
-from startracker_ros.camera.model import Camera
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.io.images.camera_files import save_camera
 
 
 def test_doctor_finds_a_live_camera_sound_and_another_file_different(nodes, probe, tmp_path):

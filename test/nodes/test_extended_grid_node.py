@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from queues import deep_queues
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-from startracker_ros.bag.layouts import MessageError, ns_from_stamp, read_cloud, STAR_DTYPE
-from startracker_ros.bag.telemetry import rate_from_imu
-from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import onboard_catalog
-from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.centroid.synthetic_field import star_list
-from startracker_ros.identify.identification import IdentificationOptions
-from startracker_ros.identify.methods import make_identifier
-from startracker_ros.maths.rotation import ARCSEC, attitude_error, random_attitude
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.centroid.synthetic_field import star_list
+from startracker_ros.core.identify.identification import IdentificationOptions
+from startracker_ros.core.identify.methods import make_identifier
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, random_attitude
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import quaternion_from_message
 from startracker_ros.ros.messages.camera_info import camera_to_message

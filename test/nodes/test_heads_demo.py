@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
-from startracker_ros.harness.processes import set_environment
-from startracker_ros.report.heads import load_heads
-from startracker_ros.report.loading import load_recording
+from startracker_ros.io.recordings.loading import load_recording
+from startracker_ros.ros.processes import set_environment
+from startracker_ros.tools.report.heads import load_heads
 
 BEGIN_S, SECONDS = 44.0, 24.0
 
 
 @pytest.fixture(scope='module')
 def demo(tmp_path_factory):
-    from startracker_ros.harness.heads_demo import FRAME_RATE_HZ, HeadsDemo
+    from startracker_ros.tools.demos.heads_demo import FRAME_RATE_HZ, HeadsDemo
     set_environment(isolated=True)
     with HeadsDemo(tmp_path_factory.mktemp('demo'), BEGIN_S) as demo:
         demo.start(1, width=256, height=256)
@@ -55,7 +55,7 @@ def test_the_fused_attitude_is_right_without_a_jump(demo):
 
 
 def test_report_and_picture_show_heads_and_mounts(demo, tmp_path):
-    from startracker_ros.report.page import write_report
+    from startracker_ros.tools.report.page import write_report
     write_report(demo.bag, tmp_path / 'report.html')
     text = (tmp_path / 'report.html').read_text()
     for part in ('id="section-heads"', 'id="heads-2"', 'id="mount-1-z"', 'mount of tracker_3'):

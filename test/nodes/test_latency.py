@@ -5,12 +5,12 @@ import time
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.harness import latency
-from startracker_ros.harness.processes import HarnessError
-from startracker_ros.sky.motion import motion_from_options, MotionOptions
-from startracker_ros.sky.simulator import SkySimulator
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.evaluation.harness import latency
+from startracker_ros.ros.processes import HarnessError
+from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sim.sky.simulator import SkySimulator
 
 
 @pytest.fixture

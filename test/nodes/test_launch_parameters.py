@@ -13,7 +13,7 @@ from lifecycle_msgs.srv import ChangeState
 import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
-from startracker_ros.harness.processes import node_command
+from startracker_ros.ros.processes import node_command
 
 DEPTH = 'qos_overrides./trk/image_raw.subscription.depth'
 KEYS = ['/trk/star_tracker', '/**/star_tracker', '/**']
@@ -32,7 +32,7 @@ def started(monkeypatch, tmp_path, nodes, probe):
                             GetParameters.Request(names=names)).values
         return {name: parameter_value_to_python(value) for name, value in zip(names, values)}
     yield start
-    sys.modules.pop('startracker_ros.harness.launching', None)
+    sys.modules.pop('startracker_ros.ros.launching', None)
 
 
 def launch_file(name, **given):

@@ -11,9 +11,9 @@ from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomic
 from rclpy.node import NodeNameNonExistentError
 from rclpy.parameter import Parameter, parameter_value_to_python
 from sensor_msgs.msg import Image
-from startracker_ros.bag.reader import read_messages
-from startracker_ros.executables import NODES
+from startracker_ros.io.bags.reader import read_messages
 from startracker_ros.ros import qos, tables
+from startracker_ros.ros.executables import NODES
 from std_srvs.srv import Trigger
 
 ROOT = Path(__file__).parents[2]

@@ -9,20 +9,20 @@ import cv2
 from limits import HANGS_S
 import numpy as np
 import pytest
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.camera.capture import CaptureOptions
-from startracker_ros.camera.files import load_camera
-from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.harness import live as live_module
-from startracker_ros.harness.live import run_live
-from startracker_ros.harness.live_demo import read_stamped
-from startracker_ros.harness.processes import HarnessError
-from startracker_ros.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.io.images.camera_files import load_camera
+from startracker_ros.io.images.capture import CaptureOptions
 from startracker_ros.ros.messages.attitude import quaternion_from_message
-from startracker_ros.sky.detector import DetectorOptions
-from startracker_ros.sky.motion import motion_from_options, MotionOptions
-from startracker_ros.sky.simulator import SkySimulator
+from startracker_ros.ros.processes import HarnessError
+from startracker_ros.sim.sky.detector import DetectorOptions
+from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sim.sky.simulator import SkySimulator
+from startracker_ros.tools.demos.live_demo import read_stamped
+from startracker_ros.tools.live import live as live_module
+from startracker_ros.tools.live.live import run_live
 
 CAMERA = Camera(512, 384, 1000.0, 1000.0, 255.5, 191.5, (-0.15, 0.0, 0.0, 0.0, 0.0))
 # Half a minute: on a busy machine the star tracker needs much of it to build its databases.

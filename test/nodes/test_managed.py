@@ -8,14 +8,14 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 from sensor_msgs.msg import Imu, PointCloud2
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.campaign.lifecycle import rows_of
-from startracker_ros.executables import STAGES
-from startracker_ros.harness.managed_nodes import (
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.evaluation.campaign.lifecycle import rows_of
+from startracker_ros.evaluation.harness.managed_nodes import (
     ACTIVATE, ACTIVE, CLEANUP, CONFIGURE, DEACTIVATE, INACTIVE, NodeManager, UNCONFIGURED)
-from startracker_ros.harness.random_transitions import RandomTransitions
-from startracker_ros.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.evaluation.harness.random_transitions import RandomTransitions
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
+from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import quaternion_from_message
 
 SKY = {'width': 256, 'height': 256, 'fov_deg': 20.0, 'frame_rate_hz': 5.0,

@@ -9,15 +9,16 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
-from startracker_ros.attitude.estimate import estimate_attitude
-from startracker_ros.bag.layouts import (
+from startracker_ros.core.attitude.estimate import estimate_attitude
+from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.prediction import PredictedCentroids
+from startracker_ros.core.maths.rotation import quaternion_from_pointing, rotate, unit_from_radec
+from startracker_ros.core.stages.bodies import BodyInImage
+from startracker_ros.core.track.tracks import Tracks
+from startracker_ros.io.bags.layouts import (
     camera_from_message, CENTROID_DTYPE, image_from_message, MessageError, ns_from_stamp,
     PREDICTION_DTYPE, read_cloud)
-from startracker_ros.camera.model import Camera, CameraError
-from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.centroid.prediction import PredictedCentroids
-from startracker_ros.maths.rotation import quaternion_from_pointing, rotate, unit_from_radec
-from startracker_ros.pipeline.bodies import BodyInImage
 from startracker_ros.ros.messages.attitude import attitude_to_imu, attitude_to_pose
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import (
@@ -25,7 +26,6 @@ from startracker_ros.ros.messages.clouds import (
     predictions_from_message, predictions_to_message, tracks_from_message, tracks_to_message)
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
-from startracker_ros.track.tracks import Tracks
 
 CAMERA = Camera(640, 480, 3000.0, 3010.0, 320.0, 239.0, (-0.1, 0.01, 1e-3, 2e-3, 0.0))
 HEADER = make_header(1_790_000_000_123_456_789, 'star_tracker_optical_frame')

@@ -7,9 +7,9 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.maths.rotation import (
+from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector, random_attitude)
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import quaternion_from_message
 from startracker_ros.ros.messages.header import make_header

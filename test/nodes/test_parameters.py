@@ -6,8 +6,8 @@ import pytest
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter as RclpyParameter
-from startracker_ros.executables import NODES
 from startracker_ros.ros import tables
+from startracker_ros.ros.executables import NODES
 import yaml
 
 ROOT = Path(__file__).parents[2]

@@ -5,7 +5,7 @@ from itertools import count
 from limits import HANGS_S
 import pytest
 from sensor_msgs.msg import CameraInfo
-from startracker_ros.harness.processes import HarnessError
+from startracker_ros.ros.processes import HarnessError
 from std_msgs.msg import String
 
 

@@ -1,11 +1,11 @@
 """A node is ready once it is active, set up for the camera, and connected."""
 
 from sensor_msgs.msg import CameraInfo
-from startracker_ros.camera.model import Camera
-from startracker_ros.harness.readiness import needs_of, Readiness
+from startracker_ros.core.camera.model import Camera
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.tools.demos.readiness import needs_of, Readiness
 
 
 def test_readiness(nodes, probe):

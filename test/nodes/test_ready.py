@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
-from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp
-from startracker_ros.bag.reader import read_messages
-from startracker_ros.camera.model import Camera
-from startracker_ros.executables import STAGES
-from startracker_ros.harness.managed_nodes import ACTIVE, NodeManager
-from startracker_ros.harness.probe import Progress
-from startracker_ros.harness.processes import NodeProcesses
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.evaluation.harness.managed_nodes import ACTIVE, NodeManager
+from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp
+from startracker_ros.io.bags.reader import read_messages
 from startracker_ros.ros import qos
+from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import cloud_to_message
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.probe import Progress
+from startracker_ros.ros.processes import NodeProcesses
 
 BAG = Path(__file__).parents[2] / 'bags' / 'slew'
 PLAYER = Path(__file__).with_name('replaying.py')

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from queues import deep_queues
 from sensor_msgs.msg import Image, Imu, PointCloud2
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.camera.files import save_camera
-from startracker_ros.camera.model import Camera
-from startracker_ros.maths.rotation import attitude_error, pointing_from_quaternion
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.maths.rotation import attitude_error, pointing_from_quaternion
+from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import quaternion_from_message
 from visualization_msgs.msg import ImageMarker

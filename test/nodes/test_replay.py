@@ -7,13 +7,13 @@ import pytest
 from queues import deep_queues
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.bag.reader import read_messages
-from startracker_ros.executables import STAGES
-from startracker_ros.figures.correctness import is_wrong
+from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.io.bags.reader import read_messages
+from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import (
     quaternion_from_message, tracked_attitude_from_imu)
 from startracker_ros.ros.messages.message_types import message_class
+from startracker_ros.tools.figures.correctness import is_wrong
 
 BAGS = Path(__file__).parents[2] / 'bags'
 # As replay.launch.py starts the player, the stages and their manager.

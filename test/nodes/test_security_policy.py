@@ -6,13 +6,13 @@ from xml.etree import ElementTree
 from limits import HANGS_S
 import pytest
 import rclpy
-from startracker_ros.camera.model import Camera
-from startracker_ros.executables import NODES, STAGES
-from startracker_ros.harness.processes import parameter_arguments
+from startracker_ros.core.camera.model import Camera
 from startracker_ros.ros.camera_node import CameraNode
+from startracker_ros.ros.executables import NODES, STAGES
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import node_class_of, PipelineNode
+from startracker_ros.ros.processes import parameter_arguments
 
 CONFIG = Path(__file__).parents[2] / 'config'
 FLIGHT, GROUND = 'security_policy.xml', 'security_policy_ground.xml'

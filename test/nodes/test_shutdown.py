@@ -7,7 +7,7 @@ import time
 
 from limits import HANGS_S
 import pytest
-from startracker_ros.harness.processes import node_command
+from startracker_ros.ros.processes import node_command
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
 # The executor adds the entities of a node just after the node logs that it is ready.

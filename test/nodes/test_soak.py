@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from startracker_ros.campaign.resources import growth
-from startracker_ros.campaign.soak import rows_of
-from startracker_ros.harness.soak import NODES, Soak
+from startracker_ros.evaluation.campaign.resources import growth
+from startracker_ros.evaluation.campaign.soak import rows_of
+from startracker_ros.evaluation.harness.soak import NODES, Soak
 FRAMES = 200
 
 
@@ -14,8 +14,8 @@ def result(tmp_path_factory):
     """Return what frames through the nodes showed, with several samples on the way."""
     folder = tmp_path_factory.mktemp('soak')
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('startracker_ros.harness.soak.LOOP_FRAMES', FRAMES)
-        patch.setattr('startracker_ros.harness.soak._SAMPLE_PERIOD_S', 0.1)
+        patch.setattr('startracker_ros.evaluation.harness.soak.LOOP_FRAMES', FRAMES)
+        patch.setattr('startracker_ros.evaluation.harness.soak._SAMPLE_PERIOD_S', 0.1)
         with Soak(folder, seed=3) as soak:
             return soak.run(FRAMES)
 

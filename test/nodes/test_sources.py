@@ -10,7 +10,7 @@ import numpy as np
 from queues import deep_queues
 from sensor_msgs.msg import CameraInfo, Image, Imu
 from sensor_msgs.srv import SetCameraInfo
-from startracker_ros.bag.layouts import camera_from_message, image_from_message, ns_from_stamp
+from startracker_ros.io.bags.layouts import camera_from_message, image_from_message, ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import stamp_from_ns

@@ -10,14 +10,14 @@ import pytest
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, Temperature
-from startracker_ros.attitude.result import AttitudeEstimate
-from startracker_ros.harness.rig import Rig
+from startracker_ros.core.attitude.result import AttitudeEstimate
+from startracker_ros.core.track.tracks import TrackedAttitude
+from startracker_ros.io.telemetry import nos3, space_packet
+from startracker_ros.io.telemetry.report import TrackerCode
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import attitude_to_imu, tracked_attitude_to_imu
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.telemetry import nos3, space_packet
-from startracker_ros.telemetry.report import TrackerCode
-from startracker_ros.track.tracks import TrackedAttitude
+from startracker_ros.ros.rig import Rig
 
 START_NS, STEP_NS = 1_790_000_000_000_000_001, 100_000_000
 FRAME = 'star_tracker_optical_frame'

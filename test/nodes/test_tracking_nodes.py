@@ -13,19 +13,20 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-from startracker_ros.astro.aberration import apparent_directions, vantage_near_earth
-from startracker_ros.astro.epoch import epoch_year_from_stamp
-from startracker_ros.astro.orbit import CircularOrbit, orbit_frame
-from startracker_ros.astro.state import State
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.onboard import onboard_catalog
-from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.centroid.synthetic_field import star_list
-from startracker_ros.maths.rotation import (
+from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.astro.orbit import CircularOrbit, orbit_frame
+from startracker_ros.core.astro.state import State
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.synthetic_field import star_list
+from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, multiply, quaternion_from_matrix,
     quaternion_from_pointing, quaternion_from_rotation_vector, random_attitude)
+from startracker_ros.core.track.tracks import Tracks
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.attitude import (
     quaternion_from_message, tracked_attitude_from_imu)
@@ -34,7 +35,6 @@ from startracker_ros.ros.messages.clouds import centroids_to_message, tracks_to_
 from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.odometry import state_to_odometry
-from startracker_ros.track.tracks import Tracks
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 ONBOARD = onboard_catalog(load_catalog(), CAMERA, 2026.7, 6.5)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
-from startracker_ros.bag.layouts import CENTROID_DTYPE, read_cloud
-from startracker_ros.harness.processes import take_domain
+from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud
+from startracker_ros.ros.processes import take_domain
 
 FRAMES = 24
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.catalog.onboard import onboard_catalog
-from startracker_ros.catalog.stars import load_catalog
-from startracker_ros.centroid.synthetic_field import (
+from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.centroid.synthetic_field import (
     synthetic_field, WARM_UP_CAMERA as CAMERA, WARM_UP_EPOCH_YEAR)
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos, tables
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import stars_to_message

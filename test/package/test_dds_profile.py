@@ -8,8 +8,8 @@ import sys
 
 from limits import HANGS_S
 import pytest
-from startracker_ros.harness.processes import take_domain
 from startracker_ros.ros.memory import choose_segment
+from startracker_ros.ros.processes import take_domain
 
 PROFILE = Path(__file__).parents[2] / 'config' / 'fastdds.xml'
 SEGMENT_BYTES = 64 << 20

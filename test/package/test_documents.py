@@ -17,9 +17,9 @@ from docutils.core import publish_doctree
 from docutils.utils import Reporter
 from limits import HANGS_S
 import pytest
-from startracker_ros.cli import main
-from startracker_ros.executables import EXECUTABLES, NODES
+from startracker_ros.ros.executables import EXECUTABLES, NODES
 from startracker_ros.ros.node import PipelineNode
+from startracker_ros.tools.cli import main
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = {path.relative_to(ROOT).as_posix(): path.read_text()
@@ -32,10 +32,10 @@ COMMANDS = sorted({(name, found.strip()) for name, text in DOCUMENTS.items()
 # Run to their end here. The others are not, because they need or take
 #   demo, record, play                 half a minute or no end; test/nodes runs them
 #   run                                no end; every node is run in test/nodes
-#   info, report, export               bags that the reader has; test/bag, test/report make some
+#   info, report, export               bags that the reader has; test/bag, test/tools/report make some
 #   solve and calibrate of files       that the reader has: run where they are those of the tests
-#   doctor                             a network; test/doctor runs it
-#   campaign, bench                    minutes; test/campaign and test/bench run them smaller
+#   doctor                             a network; test/tools/doctor runs it
+#   campaign, bench                    minutes; test/evaluation/campaign and test/evaluation/bench run them smaller
 # ros2, colcon, pip, make, systemctl   tools that a ROS 2 install or the tests of the install have
 CHEAP = ('--help', '--version')
 

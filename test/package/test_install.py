@@ -14,8 +14,8 @@ import venv
 
 import pytest
 from startracker_ros import __version__
-from startracker_ros.executables import EXECUTABLES
-from startracker_ros.harness.processes import take_domain
+from startracker_ros.ros.executables import EXECUTABLES
+from startracker_ros.ros.processes import take_domain
 
 SOURCE = Path(__file__).parents[2]
 PARTS = ('LICENSE', 'config', 'launch', 'package.xml', 'pyproject.toml', 'resource', 'setup.cfg',

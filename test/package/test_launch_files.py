@@ -9,7 +9,7 @@ import sys
 
 from launch_stand_in import install, Launched, SHARED, SOURCE
 import pytest
-from startracker_ros.executables import EXECUTABLES, STAGES
+from startracker_ros.ros.executables import EXECUTABLES, STAGES
 
 PIPELINE = ['bag_recorder', *STAGES, 'composed_pipeline', 'pipeline_manager']
 
@@ -20,7 +20,7 @@ def launched(monkeypatch, tmp_path):
     monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE', raising=False)
     yield lambda name, **given: Launched(SOURCE / 'launch' / name, given)
     # It holds classes of the modules above.
-    sys.modules.pop('startracker_ros.harness.launching', None)
+    sys.modules.pop('startracker_ros.ros.launching', None)
 
 
 def check_nodes(launch):

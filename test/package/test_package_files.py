@@ -12,7 +12,7 @@ import sys
 from catkin_pkg.package import parse_package
 from limits import HANGS_S
 import startracker_ros
-from startracker_ros.executables import EXECUTABLES
+from startracker_ros.ros.executables import EXECUTABLES
 import yaml
 
 SOURCE = Path(__file__).parents[2]

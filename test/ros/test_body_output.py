@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy
 from scipy.spatial.transform import Rotation
-from startracker_ros.bag.layouts import ns_from_stamp
-from startracker_ros.maths.rotation import quaternion_from_pointing
+from startracker_ros.core.maths.rotation import quaternion_from_pointing
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros.body_output import BodyOutput, MountOptions
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.messages.attitude import quaternion_from_message

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 from sensor_msgs.msg import CompressedImage
-from startracker_ros.bag.layouts import MessageError
+from startracker_ros.io.bags.layouts import MessageError
 from startracker_ros.ros.messages.compressed_image import (
     image_from_compressed, image_to_compressed)
 from startracker_ros.ros.messages.header import make_header

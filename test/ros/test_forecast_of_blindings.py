@@ -4,13 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from startracker_ros.astro.bodies import BODIES, bodies_from_earth
-from startracker_ros.astro.epoch import epoch_year_from_stamp
-from startracker_ros.astro.exclusion import ExclusionOptions, HORIZON_S
-from startracker_ros.maths.compiled_rotation import turned
-from startracker_ros.maths.rotation import quaternion_from_axes
+from startracker_ros.core.astro.bodies import BODIES, bodies_from_earth
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.astro.exclusion import ExclusionOptions, HORIZON_S
+from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.maths.rotation import quaternion_from_axes
+from startracker_ros.core.track.start import Hint
 from startracker_ros.ros.tracker_state_output import TrackerStateOutput
-from startracker_ros.track.start import Hint
 
 STAMP_NS = 1_790_000_000_000_000_000
 RATE = np.radians([0.0, 0.5, 0.0])

@@ -5,9 +5,9 @@ from pathlib import Path
 import sys
 
 import pytest
-from startracker_ros.camera.files import load_camera
-from startracker_ros.camera.images import ImageError, read_image
-from startracker_ros.camera.model import CameraError
+from startracker_ros.core.camera.model import CameraError
+from startracker_ros.io.images.camera_files import load_camera
+from startracker_ros.io.images.images import ImageError, read_image
 from startracker_ros.ros.messages.message_types import message_class
 
 ROOT = Path(__file__).parents[2]
@@ -27,7 +27,7 @@ MAY_IMPORT_BY_NAME = {
     # Names beside the machine code that is run.
     'machine_code_cache.py'}
 # What it unpickles lies beside machine code in the same file, which is run anyway.
-MACHINE_CODE = 'startracker_ros/machine_code_cache.py'
+MACHINE_CODE = 'startracker_ros/core/machine_code_cache.py'
 
 
 def unsafe(source: str) -> list[str]:
@@ -117,6 +117,6 @@ def test_a_hostile_camera_file_is_refused(text, tmp_path, monkeypatch):
 def test_files_without_an_end_are_refused(monkeypatch):
     with pytest.raises(CameraError, match='1000000 bytes'):
         load_camera('/dev/zero')
-    monkeypatch.setattr('startracker_ros.camera.images._LARGEST_FILE_BYTES', 2_000_000)
+    monkeypatch.setattr('startracker_ros.io.images.images._LARGEST_FILE_BYTES', 2_000_000)
     with pytest.raises(ImageError, match='2 MB'):
         read_image('/dev/zero')

@@ -1,7 +1,7 @@
 """sensor_msgs/CameraInfo."""
 
 from sensor_msgs.msg import CameraInfo
-from startracker_ros.camera.model import Camera
+from startracker_ros.core.camera.model import Camera
 from std_msgs.msg import Header
 
 

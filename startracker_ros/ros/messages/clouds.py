@@ -4,21 +4,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2, PointField
-from startracker_ros.astro.bodies import BODIES
-from startracker_ros.bag.layouts import (
+from startracker_ros.core.astro.bodies import BODIES
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.prediction import PredictedCentroids
+from startracker_ros.core.stages.bodies import BodyInImage
+from startracker_ros.core.track.tracks import Tracks
+from startracker_ros.io.bags.cloud_rows import (
+    centroid_rows, centroids_from_rows, star_rows, track_rows)
+from startracker_ros.io.bags.layouts import (
     CENTROID_DTYPE, MessageError, ns_from_stamp, POINT_FIELD_TYPES, PREDICTION_DTYPE, read_cloud,
     TARGET_BODY, TRACK_DTYPE)
-from startracker_ros.camera.model import Camera
-from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.centroid.prediction import PredictedCentroids
-from startracker_ros.pipeline.bodies import BodyInImage
-from startracker_ros.pipeline.cloud_rows import (
-    centroid_rows, centroids_from_rows, star_rows, track_rows)
-from startracker_ros.track.tracks import Tracks
 from std_msgs.msg import Header
 
 if TYPE_CHECKING:
-    from startracker_ros.identify.identification import Identification
+    from startracker_ros.core.identify.identification import Identification
 
 
 def cloud_to_message(rows: np.ndarray, header: Header) -> PointCloud2:

@@ -6,7 +6,7 @@ import zlib
 import cv2
 import numpy as np
 from sensor_msgs.msg import CompressedImage
-from startracker_ros.bag.layouts import MessageError
+from startracker_ros.io.bags.layouts import MessageError
 from startracker_ros.ros.messages.rclpy_internals import set_image_data
 from std_msgs.msg import Header
 

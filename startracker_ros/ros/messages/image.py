@@ -7,7 +7,7 @@ from builtin_interfaces.msg import Time
 import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
-from startracker_ros.bag.layouts import MessageError
+from startracker_ros.io.bags.layouts import MessageError
 from startracker_ros.ros.messages.rclpy_internals import set_image_data
 from std_msgs.msg import Header
 

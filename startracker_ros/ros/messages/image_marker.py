@@ -2,7 +2,7 @@
 
 from geometry_msgs.msg import Point
 import numpy as np
-from startracker_ros.pipeline.annotate import RETICLE_TICKS_PX
+from startracker_ros.core.stages.annotate import RETICLE_TICKS_PX
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import ImageMarker
 

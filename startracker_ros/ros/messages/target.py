@@ -2,9 +2,9 @@
 
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Vector3
 import numpy as np
-from startracker_ros.locate.location import Location
-from startracker_ros.locate.locator import Located
-from startracker_ros.maths.rotation import quaternion_from_matrix
+from startracker_ros.core.locate.location import Location
+from startracker_ros.core.locate.locator import Located
+from startracker_ros.core.maths.rotation import quaternion_from_matrix
 from startracker_ros.ros.messages.geometry import quaternion_to_geometry
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray

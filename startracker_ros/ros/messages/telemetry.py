@@ -3,9 +3,9 @@
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import Imu, Temperature
-from startracker_ros.bag.layouts import MessageError, ns_from_stamp
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
+from startracker_ros.io.telemetry.report import FrameReport, TrackerCode
 from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
-from startracker_ros.telemetry.report import FrameReport, TrackerCode
 
 
 def report_from_imu(message: Imu) -> FrameReport:

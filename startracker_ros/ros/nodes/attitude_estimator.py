@@ -6,14 +6,15 @@ from functools import partial
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2
-from startracker_ros.astro.observer_motion import AberrationOptions, ObserverMotion
-from startracker_ros.attitude.validation import ValidationOptions
-from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
-from startracker_ros.camera.model import Camera
-from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
-from startracker_ros.options import option, Options
-from startracker_ros.pipeline.attitude import AttitudeStage
-from startracker_ros.pipeline.cloud_rows import centroids_from_rows
+from startracker_ros.core.astro.observer_motion import AberrationOptions, ObserverMotion
+from startracker_ros.core.attitude.validation import ValidationOptions
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
+from startracker_ros.core.options import option, Options
+from startracker_ros.core.stages.attitude import AttitudeStage
+from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
+from startracker_ros.io.bags.cloud_rows import centroids_from_rows
+from startracker_ros.io.bags.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.ros import qos
 from startracker_ros.ros.attitude_output import AttitudeImuOptions, AttitudeOutput
 from startracker_ros.ros.body_output import MountOptions
@@ -22,7 +23,6 @@ from startracker_ros.ros.frames import ExtraFrameOptions, FrameOptions
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.odometry_input import OdometryInput
 from startracker_ros.ros.tracks_input import TracksInput
-from startracker_ros.track.tracks import TrackedAttitude, Tracks
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,15 @@ from functools import partial
 
 import numpy as np
 from sensor_msgs.msg import Imu, Temperature
-from startracker_ros.attitude.gyro import GyroErrorOptions
-from startracker_ros.bag.layouts import MessageError, ns_from_stamp
-from startracker_ros.bag.telemetry import rate_from_imu
-from startracker_ros.fusion.fusion import AttitudeFusion, warm_up
-from startracker_ros.fusion.head import HeadFrame
-from startracker_ros.fusion.mounts import load_mounts, Mount, MountError, MountOptions, save_mounts
-from startracker_ros.fusion.options import FusionOptions, HeadsOptions, NO_ROTATION
-from startracker_ros.maths.rotation import rotate
+from startracker_ros.core.attitude.gyro import GyroErrorOptions
+from startracker_ros.core.fusion.fusion import AttitudeFusion, warm_up
+from startracker_ros.core.fusion.head import HeadFrame
+from startracker_ros.core.fusion.mounts import (
+    load_mounts, Mount, MountError, MountOptions, save_mounts)
+from startracker_ros.core.fusion.options import FusionOptions, HeadsOptions, NO_ROTATION
+from startracker_ros.core.maths.rotation import rotate
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
+from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.ros import qos
 from startracker_ros.ros.frames import InertialFrameOptions
 from startracker_ros.ros.fusion_output import BodyFrameOptions, FusionOutput

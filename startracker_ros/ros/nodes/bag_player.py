@@ -4,8 +4,8 @@ from functools import partial
 import sys
 
 from rosgraph_msgs.msg import Clock as ClockMessage
-from startracker_ros.bag.playback import Playback, PlaybackOptions, PlayOptions
-from startracker_ros.bag.reader import BagMessage
+from startracker_ros.io.bags.playback import Playback, PlaybackOptions, PlayOptions
+from startracker_ros.io.bags.reader import BagMessage
 from startracker_ros.ros.awaited_subscribers import AwaitedSubscribers
 from startracker_ros.ros.bag_qos import playback_qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN

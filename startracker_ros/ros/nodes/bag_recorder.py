@@ -5,10 +5,10 @@ import sys
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from startracker_ros.bag.errors import BagError
-from startracker_ros.bag.patterns import selected
-from startracker_ros.bag.recording import Recording, RecordOptions
-from startracker_ros.bag.writer import BagOptions
+from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.bags.patterns import selected
+from startracker_ros.io.bags.recording import Recording, RecordOptions
+from startracker_ros.io.bags.writer import BagOptions
 from startracker_ros.ros.bag_qos import bag_qos, recording_qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages.message_types import message_class

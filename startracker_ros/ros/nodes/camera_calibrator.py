@@ -4,20 +4,20 @@ from collections.abc import Callable
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2
-from startracker_ros.astro.observer_motion import AberrationOptions
-from startracker_ros.attitude.estimate import AttitudeError, estimate_attitude
-from startracker_ros.bag.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
-from startracker_ros.calibration.adjustment import CalibrationError
-from startracker_ros.calibration.collection import CollectionOptions, ViewCollection
-from startracker_ros.calibration.estimate import calibrate, MIN_FRAME_STARS
-from startracker_ros.calibration.matching import View
-from startracker_ros.calibration.online import OnlineOptions
-from startracker_ros.calibration.summary import sentence
-from startracker_ros.camera.files import save_camera
-from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.deep import camera_catalog
-from startracker_ros.catalog.onboard import onboard_catalog, OnboardCatalog
-from startracker_ros.pipeline.cloud_rows import centroids_from_rows
+from startracker_ros.core.astro.observer_motion import AberrationOptions
+from startracker_ros.core.attitude.estimate import AttitudeError, estimate_attitude
+from startracker_ros.core.calibration.adjustment import CalibrationError
+from startracker_ros.core.calibration.collection import CollectionOptions, ViewCollection
+from startracker_ros.core.calibration.estimate import calibrate, MIN_FRAME_STARS
+from startracker_ros.core.calibration.matching import View
+from startracker_ros.core.calibration.online import OnlineOptions
+from startracker_ros.core.calibration.summary import sentence
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.deep import camera_catalog
+from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.io.bags.cloud_rows import centroids_from_rows
+from startracker_ros.io.bags.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
+from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN

@@ -1,10 +1,10 @@
 """camera_source: a camera of Video4Linux, or files in its place -> image_raw, camera_info."""
 
-from startracker_ros.camera.capture import Captured, CaptureOptions
-from startracker_ros.camera.capture_thread import (
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.io.images.camera_files import load_camera
+from startracker_ros.io.images.capture import Captured, CaptureOptions
+from startracker_ros.io.images.capture_thread import (
     CaptureThread, CAPTURING, ENDED, FAILED, LOST, OPENING)
-from startracker_ros.camera.files import load_camera
-from startracker_ros.camera.model import Camera
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.image_topic import TransportOptions

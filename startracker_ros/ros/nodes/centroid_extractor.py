@@ -5,13 +5,14 @@ from functools import partial
 import cv2
 import numpy as np
 from sensor_msgs.msg import Image, PointCloud2
-from startracker_ros.bag.layouts import MessageError, ns_from_stamp
-from startracker_ros.centroid.extraction import CentroidExtractor, Extraction, ExtractionOptions
-from startracker_ros.centroid.prediction import PredictedCentroids
-from startracker_ros.pipeline.annotate import annotate, Labels
-from startracker_ros.pipeline.bodies import BodyInImage
-from startracker_ros.pipeline.extraction import ExtractionStage, SearchOptions
-from startracker_ros.pipeline.sky_marks import mark_bodies
+from startracker_ros.core.centroid.extraction import (
+    CentroidExtractor, Extraction, ExtractionOptions)
+from startracker_ros.core.centroid.prediction import PredictedCentroids
+from startracker_ros.core.stages.annotate import annotate, Labels
+from startracker_ros.core.stages.bodies import BodyInImage
+from startracker_ros.core.stages.extraction import ExtractionStage, SearchOptions
+from startracker_ros.core.stages.sky_marks import mark_bodies
+from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN

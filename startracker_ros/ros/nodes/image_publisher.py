@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from startracker_ros.camera.images import ImageError, read_image
-from startracker_ros.options import option, Options
+from startracker_ros.core.options import option, Options
+from startracker_ros.io.images.images import ImageError, read_image
 from startracker_ros.ros.diagnostics import ERROR, OK
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.image_topic import TransportOptions

@@ -9,10 +9,10 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.client import Client
 from rclpy.task import Future
-from startracker_ros.executables import STAGES
-from startracker_ros.options import option, Options
+from startracker_ros.core.options import option, Options
 from startracker_ros.ros.bringup import ACTIVATE, ACTIVE, Bringup, CONFIGURE, CONFIGURING, INACTIVE
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
+from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.node import main_of, PipelineNode
 
 _TICK_S = 0.1

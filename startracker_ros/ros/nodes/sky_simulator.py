@@ -14,13 +14,13 @@ from startracker_ros.ros.simulated_sky import detector_options, make_simulator
 from startracker_ros.ros.simulator_output import (
     GyroOutput, NavigationOutput, TemperatureOutput, TruthOutput)
 from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
-from startracker_ros.sky.from_options import SceneOptions, SKY_OPTIONS
-from startracker_ros.sky.gyro import GyroOptions
-from startracker_ros.sky.motion import MotionOptions
-from startracker_ros.sky.motion_state import Motion
-from startracker_ros.sky.mounted import HeadOptions
-from startracker_ros.sky.navigation import NavigationOptions
-from startracker_ros.sky.sources import SkyOptions
+from startracker_ros.sim.sky.from_options import SceneOptions, SKY_OPTIONS
+from startracker_ros.sim.sky.gyro import GyroOptions
+from startracker_ros.sim.sky.motion import MotionOptions
+from startracker_ros.sim.sky.motion_state import Motion
+from startracker_ros.sim.sky.mounted import HeadOptions
+from startracker_ros.sim.sky.navigation import NavigationOptions
+from startracker_ros.sim.sky.sources import SkyOptions
 
 # No star of the catalogue moves by more than 0.2 arcsec in this time.
 _EPOCH_TOLERANCE_NS = 18 * 86400 * 10 ** 9

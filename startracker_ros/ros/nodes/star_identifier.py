@@ -7,21 +7,21 @@ from functools import partial
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from sensor_msgs.msg import PointCloud2
-from startracker_ros.attitude.gyro import GyroErrorOptions
-from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud
-from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.band import BandOptions
-from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
-from startracker_ros.identify.extended_grid import ExtendedGridOptions
-from startracker_ros.identify.identification import Identification, IdentificationOptions
-from startracker_ros.pipeline.cloud_rows import centroids_from_rows
-from startracker_ros.pipeline.identification import CheckOptions, IdentificationStage
+from startracker_ros.core.attitude.gyro import GyroErrorOptions
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.band import BandOptions
+from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
+from startracker_ros.core.identify.extended_grid import ExtendedGridOptions
+from startracker_ros.core.identify.identification import Identification, IdentificationOptions
+from startracker_ros.core.stages.identification import CheckOptions, IdentificationStage
+from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.io.bags.cloud_rows import centroids_from_rows
+from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages.clouds import identification_to_message
 from startracker_ros.ros.node import main_of
-from startracker_ros.track.tracker import TrackerState
 
 _RESTING = 'resting while the star tracker tracks'
 

@@ -5,16 +5,18 @@ from functools import partial
 
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2
-from startracker_ros.astro.exclusion import ExclusionOptions
-from startracker_ros.astro.observer_motion import AberrationOptions
-from startracker_ros.attitude.gyro import GyroErrorOptions
-from startracker_ros.bag.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud, STAR_DTYPE
-from startracker_ros.camera.model import Camera
-from startracker_ros.catalog.band import BandOptions
-from startracker_ros.centroid.centroids import Centroids
-from startracker_ros.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
-from startracker_ros.pipeline.cloud_rows import centroids_from_rows
-from startracker_ros.pipeline.tracking import make_star_tracker, make_trackers
+from startracker_ros.core.astro.exclusion import ExclusionOptions
+from startracker_ros.core.astro.observer_motion import AberrationOptions
+from startracker_ros.core.attitude.gyro import GyroErrorOptions
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.band import BandOptions
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
+from startracker_ros.core.stages.tracking import make_star_tracker, make_trackers
+from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.target import TargetTrackOptions
+from startracker_ros.io.bags.cloud_rows import centroids_from_rows
+from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.frames import InertialFrameOptions
@@ -26,8 +28,6 @@ from startracker_ros.ros.odometry_input import OdometryInput
 from startracker_ros.ros.predictions_output import PredictionsOutput
 from startracker_ros.ros.target_output import TargetOutput
 from startracker_ros.ros.tracker_state_output import TrackerStateOutput
-from startracker_ros.track.options import TrackerOptions
-from startracker_ros.track.target import TargetTrackOptions
 from std_msgs.msg import Header
 
 

@@ -6,13 +6,13 @@ from functools import partial
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from startracker_ros.bag.layouts import camera_from_message, MessageError, ns_from_stamp
-from startracker_ros.bag.telemetry import state_from_odometry
-from startracker_ros.camera.model import CameraError
-from startracker_ros.locate.location import LocationOptions
-from startracker_ros.locate.locator import TargetLocator
-from startracker_ros.locate.observer import Observer, ObserverOptions
-from startracker_ros.options import option, Options
+from startracker_ros.core.camera.model import CameraError
+from startracker_ros.core.locate.location import LocationOptions
+from startracker_ros.core.locate.locator import TargetLocator
+from startracker_ros.core.locate.observer import Observer, ObserverOptions
+from startracker_ros.core.options import option, Options
+from startracker_ros.io.bags.layouts import camera_from_message, MessageError, ns_from_stamp
+from startracker_ros.io.bags.telemetry import state_from_odometry
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.location_output import LocationOutput

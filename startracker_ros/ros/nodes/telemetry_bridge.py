@@ -6,16 +6,16 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import Imu, Temperature
-from startracker_ros.astro.epoch import RESTART_NS
-from startracker_ros.extras import MissingLibraryError
+from startracker_ros.core.astro.epoch import RESTART_NS
+from startracker_ros.core.extras import MissingLibraryError
+from startracker_ros.io.telemetry.encoder import Encoder, TelemetryOptions
+from startracker_ros.io.telemetry.link import Link, LinkError
+from startracker_ros.io.telemetry.report import FrameReport, TelemetryError
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages.telemetry import (
     background_from_diagnostics, report_from_imu, state_from_status, temperature_from_message)
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
-from startracker_ros.telemetry.encoder import Encoder, TelemetryOptions
-from startracker_ros.telemetry.link import Link, LinkError
-from startracker_ros.telemetry.report import FrameReport, TelemetryError
 
 _VALID_S = 3.0
 """A condition that was reported longer ago is not known any more."""

@@ -1,0 +1,149 @@
+"""Measured body rates with their error model, and the propagation of an attitude by them."""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.attitude.attitude_state import AttitudeState
+from startracker_ros.core.options import option, Options
+
+_DEG_H = np.radians(1 / 3600)
+_DEG_SQRT_H = np.radians(1 / 60)
+_HOUR_S = 3600.0
+
+MAX_RATE_RAD_S = np.radians(100.0)
+"""Faster than any spacecraft that sees stars turns: such a measurement is rejected."""
+
+_MAX_MEASUREMENTS = 100_000
+
+
+@dataclass(frozen=True)
+class GyroErrorOptions(Options):
+    """Errors of the measured rates; too small figures lose the stars after a pause."""
+
+    gyro_drift_deg_h: float = option(
+        3.0, 'constant drift of the gyro, 1 sigma of each axis; it is estimated, and may change '
+        'by as much in an hour', unit='deg/h', low=0.001, high=10000.0)
+    gyro_noise_deg_sqrt_h: float = option(
+        0.15, 'white noise of the gyro (angle random walk), each axis', unit='deg/sqrt(h)',
+        low=0.0, high=100.0)
+    gyro_rate_change_deg_s2: float = option(
+        0.1, 'how fast the body may change its rate between measurements, 1 sigma of each axis: '
+        'what a gap in imu costs', unit='deg/s^2', low=0.0, high=1000.0)
+
+
+class GyroStep(NamedTuple):
+    """
+    A measured rate (3,) rad/s that holds for dt_s until a time.
+
+    variance rad^2 is that of the turn about each axis, of a rate measured at another time.
+    """
+
+    until_ns: int
+    dt_s: float
+    rate_rad_s: np.ndarray
+    variance: float
+
+
+class Gyro:
+    """
+    The latest rates, which propagate an attitude.
+
+    The errors are those of Farrenkopf's model (J. Guid. Control 1, 1978). A measured rate
+    is the mean over the interval since the previous measurement and is used over that
+    interval. Where there is none the nearest one is used, and the uncertainty grows with the
+    distance in time.
+    """
+
+    def __init__(self, options: GyroErrorOptions = GyroErrorOptions()) -> None:
+        self.drift_sigma_rad_s = options.gyro_drift_deg_h * _DEG_H
+        self.drift_density = self.drift_sigma_rad_s ** 2 / _HOUR_S
+        self.noise_density = (options.gyro_noise_deg_sqrt_h * _DEG_SQRT_H) ** 2
+        self._rate_change_rad_s2 = np.radians(options.gyro_rate_change_deg_s2)
+        self._stamps_ns: list[int] = []
+        self._rates: list[np.ndarray] = []
+
+    def add(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
+        """
+        Add the rate (3,) about sensor axes measured up to a time; False if it is rejected.
+
+        Measurements come in the order of their stamps.
+        """
+        rate = np.array(rate_rad_s, float)
+        # Written so that NaN is rejected.
+        x, y, z = map(abs, rate.tolist())
+        if not (x <= MAX_RATE_RAD_S and y <= MAX_RATE_RAD_S and z <= MAX_RATE_RAD_S):
+            return False
+        if len(self._rates) >= _MAX_MEASUREMENTS:
+            half = _MAX_MEASUREMENTS // 2
+            del self._stamps_ns[:half], self._rates[:half]
+        self._stamps_ns.append(stamp_ns)
+        self._rates.append(rate)
+        return True
+
+    def __len__(self) -> int:
+        return len(self._rates)
+
+    def silent_s(self, stamp_ns: int) -> float:
+        """Return how long before a time the newest measurement was; infinity without any."""
+        return (stamp_ns - self._stamps_ns[-1]) * 1e-9 if self._stamps_ns else np.inf
+
+    def newest_ns(self, stamp_ns: int) -> int:
+        """Return the time of the newest measurement, but none later than a time."""
+        return min(self._stamps_ns[-1], stamp_ns)
+
+    def propagate(self, state: AttitudeState, to_ns: int) -> AttitudeState:
+        """Return the state at a later time, propagated by the measured rates alone."""
+        for step in self.steps(state.stamp_ns, to_ns):
+            state = state.propagated_at_gyro_rate(
+                step.until_ns, step.rate_rad_s, self.noise_density, step.variance,
+                self.drift_density)
+        return state
+
+    def steps(self, from_ns: int, to_ns: int) -> Iterator[GyroStep]:
+        """Yield the measured rates that propagate an attitude from one time to another."""
+        index = bisect_right(self._stamps_ns, from_ns)
+        while from_ns < to_ns:
+            last = index >= len(self._rates)
+            measured_ns = self._stamps_ns[-1 if last else index]
+            until_ns = to_ns if last else min(measured_ns, to_ns)
+            dt_s = (until_ns - from_ns) * 1e-9
+            away_s = max(abs(measured_ns - from_ns), abs(measured_ns - until_ns)) * 1e-9
+            yield GyroStep(until_ns, dt_s, self._rates[-1 if last else index],
+                           (self._rate_change_rad_s2 * away_s * dt_s) ** 2)
+            from_ns = until_ns
+            index += 1
+
+    def filtered(self, state: AttitudeState, to_ns: int, acceleration_density: np.ndarray
+                 ) -> AttitudeState:
+        """
+        Return the state at a later time, propagated at constant rate and updated by each rate.
+
+        acceleration_density (3,) in rad^2/s^3. A mean rate counts at the middle of its interval.
+        """
+        begin = bisect_right(self._stamps_ns, state.stamp_ns)
+        end = bisect_right(self._stamps_ns, to_ns)
+        times_ns, rates, variances = [state.stamp_ns], list[np.ndarray](), list[float]()
+        for index in range(max(begin, 1), end):
+            stamp_ns, before_ns = self._stamps_ns[index], self._stamps_ns[index - 1]
+            if stamp_ns <= before_ns:
+                continue
+            times_ns.append(max((stamp_ns + before_ns) // 2, times_ns[-1]))
+            rates.append(self._rates[index])
+            variances.append(self.noise_density / ((stamp_ns - before_ns) * 1e-9))
+        times_ns.append(to_ns)
+        dt_s = [(after_ns - at_ns) * 1e-9 for at_ns, after_ns in pairwise(times_ns)]
+        return state.filtered(to_ns, np.array(dt_s), np.array(rates).reshape(-1, 3),
+                              np.array(variances), acceleration_density, self.drift_density)
+
+    def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
+        """Return the mean rate (3,) rad/s between two times and its variance without drift."""
+        first = bisect_right(self._stamps_ns, from_ns)
+        # The interval of the first measurement at or after the end contains the end.
+        last = min(bisect_left(self._stamps_ns, to_ns) + 1, len(self._rates))
+        dt_s = (to_ns - from_ns) * 1e-9
+        variance = self.noise_density / dt_s + (self._rate_change_rad_s2 * dt_s) ** 2
+        return np.mean(self._rates[min(first, last - 1):last], axis=0), variance

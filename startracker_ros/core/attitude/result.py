@@ -1,0 +1,60 @@
+"""An attitude with its statistics. Free of compiled code, which is slow to import."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.maths.rotation import matrix_from_quaternion
+
+SOLVERS = ('quest', 'davenport', 'svd', 'triad')
+"""The solvers: three of the same best fit, and the two best stars alone."""
+
+
+@dataclass(frozen=True)
+class AttitudeEstimate:
+    """
+    An attitude and its statistics.
+
+    quaternion (4,) is q_icrf_from_sensor with w >= 0; covariance_sensor (3, 3) rad^2 is that
+    of rotation.attitude_error, a rotation vector about sensor axes; residual_rad (N,) is the
+    angle between each star and its catalogue direction; chi2 sums the squares of residual over
+    sigma: of the best fit with 2 N - 3 degrees of freedom, else with mean_chi2() as its mean.
+    """
+
+    quaternion: np.ndarray
+    covariance_sensor: np.ndarray
+    stars: int
+    residual_rad: np.ndarray
+    chi2: float
+
+
+def covariance_icrf(q_icrf_from_sensor: np.ndarray, covariance_sensor: np.ndarray) -> np.ndarray:
+    """Return the covariance (3, 3) of a rotation vector about sensor axes on ICRF axes."""
+    matrix = matrix_from_quaternion(q_icrf_from_sensor)
+    return matrix @ covariance_sensor @ matrix.T
+
+
+LEAST_FLOW_PX_S = 10.0
+
+
+def pointing_covariance(common_px2: np.ndarray, camera: Camera,
+                        rate: np.ndarray | None = None) -> np.ndarray:
+    """
+    Return the covariance (3, 3) rad^2 about sensor axes of a shift of all stars, (2, 2) px^2.
+
+    In the middle of the image a turn x, y of the sensor moves stars by (-f_u y, f_v x) px. Where
+    the body turns with a rate (3,) rad/s, a shift along the flow f of the stars is one of time,
+    by f / f^2, which turns the body about the boresight as well.
+    """
+    turn = np.array([[0.0, 1 / camera.fy], [-1 / camera.fx, 0.0], [0.0, 0.0]])
+    if rate is not None:
+        flow = np.array([-camera.fx * rate[1], camera.fy * rate[0]])
+        turn[2] = rate[2] * flow / (flow @ flow + LEAST_FLOW_PX_S ** 2)
+    return turn @ common_px2 @ turn.T
+
+
+def with_common_error(attitude: AttitudeEstimate, common_px2: np.ndarray, camera: Camera
+                      ) -> AttitudeEstimate:
+    """Return an attitude whose covariance contains an error (2, 2) px^2 that all stars share."""
+    return replace(attitude, covariance_sensor=attitude.covariance_sensor
+                   + pointing_covariance(common_px2, camera))

@@ -1,0 +1,106 @@
+"""
+The covariance that systematic errors of the stars add to an attitude fitted to them: compiled.
+
+The attitude is fitted to stars with directions p on sensor axes and weights w = 1 / sigma^2. Its
+Fisher information is F = sum w (I - p p^T).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from startracker_ros.core.astro.constants import SPEED_OF_LIGHT_M_S
+from startracker_ros.core.attitude.result import AttitudeEstimate
+from startracker_ros.core.camera.lens import Lens, ray, undistort
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.symmetric_matrix import inverse
+
+
+def with_velocity_error(attitude: AttitudeEstimate, velocity_sigma_m_s: float,
+                        sensor: np.ndarray, sigma: np.ndarray) -> AttitudeEstimate:
+    """Return an attitude whose covariance contains velocity_covariance()."""
+    if not velocity_sigma_m_s:
+        return attitude
+    return replace(attitude, covariance_sensor=attitude.covariance_sensor + velocity_covariance(
+        velocity_sigma_m_s, np.ascontiguousarray(sensor), np.ascontiguousarray(sigma)))
+
+
+@compiled
+def velocity_covariance(velocity_sigma_m_s: float, sensor: np.ndarray, sigma: np.ndarray
+                        ) -> np.ndarray:
+    """
+    Return the covariance (3, 3) rad^2 by an unknown velocity, of 1 sigma on each axis.
+
+    sensor (N, 3) are the directions p, sigma (N,) their errors in any unit. A velocity v shifts a
+    star by (v - (v.p) p) / c, which turns the best fit by F^-1 (s x v) / c with s = sum w p: about
+    the axes across the boresight by v / c, about the boresight by some v / c times the angle of
+    the field. The covariance of the turn is (sigma_v / c)^2 F^-1 (s^2 I - s s^T) F^-1.
+    """
+    weight = 1 / sigma ** 2
+    s = np.zeros(3)
+    for i in range(len(weight)):
+        s += weight[i] * sensor[i]
+    F_inverse = inverse(_information(weight, sensor))
+    across = -np.outer(s, s)
+    for k in range(3):
+        across[k, k] += s @ s
+    return (velocity_sigma_m_s / SPEED_OF_LIGHT_M_S) ** 2 * (F_inverse @ across @ F_inverse)
+
+
+@compiled
+def lens_covariance(lens_sigma: float, scale: float, sensor: np.ndarray, sigma: np.ndarray
+                    ) -> np.ndarray:
+    """
+    Return the covariance (3, 3) by errors of the lens, of 1 sigma per axis and star.
+
+    sensor and sigma are those of velocity_covariance(), in rad as is lens_sigma. The errors are
+    independent between stars and the same in each frame: sigma_l^2 F^-1 G F^-1, with G
+    = sum w^2 (I - p p^T). A scale, the relative error of the distances from the axis z, moves
+    stars by scale (p - z), which turns the best fit by scale F^-1 sum w p_z (-p_y, p_x, 0).
+    """
+    weight = 1 / sigma ** 2
+    F_inverse = inverse(_information(weight, sensor))
+    G = _information(weight ** 2, sensor)
+    moved = np.zeros(3)
+    for i in range(len(weight)):
+        x, y, z = sensor[i]
+        moved[0] -= weight[i] * z * y
+        moved[1] += weight[i] * z * x
+    turn = scale * (F_inverse @ moved)
+    return lens_sigma ** 2 * (F_inverse @ G @ F_inverse) + np.outer(turn, turn)
+
+
+@compiled
+def systematic_covariance(lens: Lens, pixel_rad: float, track: np.ndarray, variance: np.ndarray,
+                          seen: np.ndarray, velocity_sigma_m_s: float, lens_sigma_px: float,
+                          lens_scale: float, turn_rad: np.ndarray) -> np.ndarray:
+    """
+    Return the covariance (3, 3) rad^2 by velocity, lens and the turn (3,) in an error of time.
+
+    Of the stars seen (N,) among tracks (N, 4), u and v in columns 0 and 2, of errors variance
+    (N,) px^2.
+    """
+    stars = np.flatnonzero(seen)
+    sensor = np.empty((len(stars), 3))
+    for n in range(len(stars)):
+        u, v = track[stars[n], 0], track[stars[n], 2]
+        a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
+        sensor[n, 0], sensor[n, 1], sensor[n, 2] = ray(lens.equidistant, a, b)
+    sigma_rad, lens_sigma_rad = pixel_rad * np.sqrt(variance[stars]), pixel_rad * lens_sigma_px
+    covariance = np.outer(turn_rad, turn_rad)
+    if velocity_sigma_m_s > 0:
+        covariance += velocity_covariance(velocity_sigma_m_s, sensor, sigma_rad)
+    if lens_sigma_rad > 0 or lens_scale != 0:
+        covariance += lens_covariance(lens_sigma_rad, lens_scale, sensor, sigma_rad)
+    return covariance
+
+
+@compiled
+def _information(weight: np.ndarray, sensor: np.ndarray) -> np.ndarray:
+    """Return F = sum w (I - p p^T) of weights w (N,) and directions p (N, 3)."""
+    F = np.zeros((3, 3))
+    for i in range(len(weight)):
+        for j in range(3):
+            F[j, j] += weight[i]
+            for k in range(3):
+                F[j, k] -= weight[i] * sensor[i, j] * sensor[i, k]
+    return F

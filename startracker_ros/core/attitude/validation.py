@@ -1,0 +1,137 @@
+"""The attitude of one frame of known stars, reported only when it can be trusted."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from startracker_ros.core.attitude.result import AttitudeEstimate, SOLVERS
+from startracker_ros.core.attitude.star_distances import star_distances
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.maths.rotation import sign_continuous
+from startracker_ros.core.options import option, Options
+
+FALSE_ALARM = 1e-3
+"""False-alarm probability of the chi-square test of the residuals. Scaling the covariance of
+every frame by its residuals would make it too large on average, by a quarter for four stars."""
+
+
+@dataclass(frozen=True)
+class ValidationOptions(Options):
+    """The solver, and the limits that an attitude must keep to be published."""
+
+    solver: str = option(
+        'quest', 'quest, davenport and svd find the same best fit of all stars, triad takes the '
+        'two that determine the attitude best',
+        choices=SOLVERS, live=True)
+    min_stars: int = option(
+        4, 'fewest stars of a trusted attitude; three or fewer leave no room to notice a wrong '
+        'one',
+        low=2, high=100, live=True)
+    max_residual_px: float = option(
+        1.0, 'largest rms residual of the stars, measured minus catalogue; '
+        'raise it for a lens that is not calibrated', unit='px', low=0.01, high=100.0,
+        live=True)
+
+
+@dataclass(frozen=True)
+class TrustedAttitude:
+    """An attitude, or None and the reason why there is none."""
+
+    attitude: AttitudeEstimate | None
+    reason: str
+
+
+class AttitudeValidator:
+    """
+    Accepts or rejects attitudes, solved here or by a star tracker.
+
+    The sign of the quaternion is continuous from one accepted attitude to the next.
+    """
+
+    def __init__(self, camera: Camera, sky: ApparentCatalog, options: ValidationOptions
+                 ) -> None:
+        self._camera = camera
+        self._sky = sky
+        self._options = options
+        self.reset()
+
+    def set_limits(self, options: ValidationOptions) -> None:
+        """Use other options from the next frame on."""
+        self._options = options
+
+    def reset(self) -> None:
+        """Forget the sign of the last quaternion."""
+        self._previous: np.ndarray | None = None
+
+    def solve(self, uv: np.ndarray, hip: np.ndarray, error_px2: np.ndarray) -> TrustedAttitude:
+        """
+        Return the attitude of stars at pixels uv (N, 2) with covariances error_px2 (N, 2, 2).
+
+        Stars that the catalogue does not hold (hip 0) are left out. Where errors are not round,
+        the best fit to them starts at that of the solver, unless this takes two stars only. The
+        covariance is inflated when chi2 rejects the residuals at such errors, and contains the
+        unknown velocity of the observer.
+        """
+        # What only solve() needs takes long to import, SciPy most of all.
+        from scipy.special import chdtri
+        from startracker_ros.core.attitude.error_ellipses import fit_error_ellipses
+        from startracker_ros.core.attitude.estimate import (
+            AttitudeError, estimate_attitude, mean_chi2)
+        from startracker_ros.core.attitude.systematic_errors import with_velocity_error
+        known, icrf = self._known(hip)
+        if len(icrf) < self._options.min_stars:
+            return self._too_few(len(icrf), 'identified')
+        uv, error_px2 = uv[known], error_px2[known]
+        sigma_rad = self._camera.pixel_rad * np.sqrt(
+            np.trace(error_px2, axis1=1, axis2=2) / 2)
+        try:
+            sensor = self._camera.unproject(uv)
+            attitude = estimate_attitude(sensor, icrf, sigma_rad, self._options.solver)
+        except AttitudeError as error:
+            return TrustedAttitude(None, str(error))
+        mean = mean_chi2(attitude, icrf, sigma_rad)
+        if self._options.solver != 'triad':
+            attitude = fit_error_ellipses(attitude, self._camera, uv, icrf, error_px2)
+        residual_px = np.sqrt(np.mean(attitude.residual_rad ** 2)) / self._camera.pixel_rad
+        if residual_px > self._options.max_residual_px:
+            return TrustedAttitude(
+                None, f'residual of {residual_px:.2f} px is above max_residual_px = '
+                f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
+        excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, FALSE_ALARM) else 1.0
+        self._previous = sign_continuous(attitude.quaternion, self._previous)
+        return TrustedAttitude(with_velocity_error(replace(
+            attitude, quaternion=self._previous,
+            covariance_sensor=attitude.covariance_sensor * excess),
+            self._sky.observer.velocity_sigma_m_s, sensor, sigma_rad), 'trusted')
+
+    def check(self, tracked: AttitudeEstimate, uv: np.ndarray, hip: np.ndarray
+              ) -> TrustedAttitude:
+        """
+        Return the attitude of a star tracker, if the rms residual of its tracks (N,) is small.
+
+        uv (N, 2) px are the positions of the tracks.
+        """
+        known, icrf = self._known(hip)
+        if len(icrf) < self._options.min_stars:
+            return self._too_few(len(icrf), 'tracked')
+        uv = uv if len(icrf) == len(uv) else uv[known]
+        distance_px, residual_px = star_distances(
+            self._camera.lens, tracked.quaternion, icrf, np.ascontiguousarray(uv))
+        if not residual_px <= self._options.max_residual_px:
+            return TrustedAttitude(
+                None, f'the tracks are {residual_px:.2f} px from where tracked_attitude has them, '
+                f'max_residual_px is {self._options.max_residual_px:g}')
+        self._previous = sign_continuous(tracked.quaternion, self._previous)
+        return TrustedAttitude(AttitudeEstimate(
+            self._previous, tracked.covariance_sensor, len(icrf),
+            distance_px * self._camera.pixel_rad, tracked.chi2), 'trusted')
+
+    def _known(self, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return which stars (N,) the catalogue holds, and the directions (K, 3) of these."""
+        index = self._sky.onboard.index_of(hip)
+        known = index >= 0
+        return known, self._sky.direction(index if known.all() else index[known])
+
+    def _too_few(self, count: int, kind: str) -> TrustedAttitude:
+        return TrustedAttitude(
+            None, f'{count} {kind} stars, min_stars is {self._options.min_stars}')

@@ -1,0 +1,268 @@
+"""
+The lens of a single image, fitted to its identified stars from where they are known outwards.
+
+The pixel of a star of ICRS direction s is that of v = exp(-[d]x) R^T s in a camera with the focal
+length f e^a, the pixel ratio e^b, the principal point c + w (g, h) and the distortion k1 + k. The
+parameters d (3,), a, b, g, h, k are found by Gauss-Newton on the squared residuals plus the
+squared parameters over their prior variances. The priors hold what the stars do not determine: in
+a narrow field the principal point is the same as the attitude, and k1 has no effect. The attitude
+of the result is therefore that of the middle of the image, which the stars always determine.
+
+Matching and fit alternate: the better the lens, the more stars of the whole image are in the
+gate, which follows the scatter of the residuals.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.attitude.estimate import AttitudeEstimate
+from startracker_ros.core.calibration.lens_fit import (
+    changed, fit_lens, folds, LEAST_ERROR_PX, linearised, PARAMETERS, stars_in_image)
+from startracker_ros.core.calibration.matching import nearest_pairs
+from startracker_ros.core.camera.lens import Lens, rays, undistorted
+from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.identify.ladder import Attempt
+from startracker_ros.core.maths.rotation import (
+    attitude_error, conjugate, matrix_from_quaternion, multiply, quaternion_from_axes)
+
+# Prior standard deviations: relative pixel ratio, principal point (of the width), k1.
+_RATIO, _CENTRE, _K1 = 0.05, 0.04, 0.25
+_FREE_ATTITUDE_RAD = 10.0
+# So few matches leave lens and attitude open; in a narrow field the lens is then held ideal.
+_FEW_MATCHES, _NARROW_RAD = 10, np.radians(20.0)
+_HELD = 1e-4  # prior errors of a lens that is held
+_LEAST_MATCHES = 4
+_MOST_ERROR_PX = 3.0  # 1 sigma of the middle of the image
+_MAX_ITERATIONS = 15
+_GATE_SIGMAS = 4.0
+# The matching radius at least, and while the first matches lead to those farther out.
+_LEAST_GATE_PX, _FIRST_GATE_PX, _GROWING = 1.0, 6.0, 4
+# Largest probability that an image star is in the gate of a catalogue star by chance.
+_MOST_CHANCE = 0.02
+_STEP = 1e-6  # of the numerical derivatives of the middle of the image
+_MOST_RESIDUAL = 2.5e-3  # of the width of the image
+_LEAST_SHARE = 0.4  # of the stars that image or catalogue have, whichever are fewer
+# Below this share the fit may have ended far from the lens: others are tried, with the distortion
+# held near each of these values of k1 until their stars stay.
+_GOOD_SHARE, _OTHER_K1, _K1_HELD = 0.7, (-0.35, -0.2, -0.1, 0.0, 0.15), 0.02
+_KEPT_SHARE = 0.75  # of the matches that lead to the fit
+_LIMIT_SIGMAS = 3.0
+_SURE_MATCHES, _LIMIT_FACTOR = 12, 2.0
+
+
+@dataclass(frozen=True)
+class LearntLens:
+    """
+    A fitted camera, the attitude of its axis (4,), and that of the middle of the image.
+
+    +z of attitude is the direction of the middle of the image, -y that of image up; star (N,) is
+    the catalogue index of each centroid, -1 for none; residual_px (N,) NaN there. sigma_px is
+    the error per axis that the residuals show; rejected says why it is not to be used, empty
+    if it is.
+    """
+
+    camera: Camera
+    axis_quaternion: np.ndarray
+    attitude: AttitudeEstimate
+    focal_ratio: float
+    star: np.ndarray
+    residual_px: np.ndarray
+    sigma_px: float
+    rejected: str
+
+    @property
+    def matched(self) -> int:
+        """Return the number of matched stars."""
+        return int(np.count_nonzero(self.star >= 0))
+
+
+class _Lens(NamedTuple):
+    """A camera model and an attitude (4,)."""
+
+    model: Lens
+    quaternion: np.ndarray
+
+    def camera(self, start: Camera) -> Camera:
+        """Return the camera, the other terms as those of start; CameraError for none."""
+        model = self.model
+        return replace(start, fx=model.fx, fy=model.fy, cx=model.cx, cy=model.cy,
+                       distortion=(model.terms[0], *start.distortion[1:]))
+
+
+def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
+    """
+    Return the lens and the attitude that fit an identified image.
+
+    The focal length of the nominal camera is known to a share focal_error. The lens is
+    rejected when its focal length is beyond that, when it loses the stars that led to it, or when
+    no camera has it. ValueError for an attempt without an attitude.
+    """
+    identification, centroids, nominal = (
+        attempt.identification, attempt.centroids, attempt.nominal)
+    if identification.attitude is None:
+        raise ValueError('an attempt without an attitude')
+    onboard = attempt.identifier.onboard
+    start = attempt.identifier.camera
+    star = onboard.index_of(identification.hip)
+    star[identification.hip == 0] = -1
+    first = int(np.count_nonzero(star >= 0))
+    free = np.array([_FREE_ATTITUDE_RAD] * 3 + [focal_error, _RATIO, _CENTRE, _CENTRE, _K1])
+    held = np.array([1.0] * 4 + [_HELD] * 4)
+    quaternion = identification.attitude.quaternion
+    try:
+        # A lens at the limit of what a camera can have folds its image at another focal length.
+        start = start.with_focal_ratio(identification.focal_ratio)
+        lens = _Lens(start.lens, quaternion)
+        fit = _grow(lens, start.lens, free, centroids, star, onboard)
+        if np.count_nonzero(fit.star >= 0) < _FEW_MATCHES and start.fov_x_rad < _NARROW_RAD:
+            fit = _grow(lens, start.lens, free * held, centroids, star, onboard)
+        else:
+            fit = _best_of_others(fit, lens, start, free, centroids, star, onboard)
+        camera = fit.lens.camera(start)
+    except CameraError as error:
+        return LearntLens(start, quaternion, identification.attitude, 1.0, star,
+                          np.full(len(star), np.nan), 0.0, str(error))
+    residual = _residuals(fit.lens, centroids, onboard, fit.star)
+    attitude = _attitude(fit, residual, centroids)
+    return LearntLens(camera, fit.lens.quaternion, attitude, camera.fx / nominal.fx, fit.star,
+                      np.hypot(*residual.T), fit.error_px,
+                      _reason(fit, camera, attitude, nominal, focal_error, first,
+                              _possible(fit, onboard)))
+
+
+class _Fit(NamedTuple):
+    """A lens, the covariance (8, 8) of its parameters, error per axis, and stars (N,)."""
+
+    lens: _Lens
+    covariance: np.ndarray
+    error_px: float
+    star: np.ndarray
+
+
+def _grow(lens: _Lens, start: Lens, free: np.ndarray, centroids: Centroids, star: np.ndarray,
+          onboard: OnboardCatalog) -> _Fit:
+    """
+    Return the lens that is fitted and matched in turn until its stars (N,) stay.
+
+    CameraError when it folds the image.
+    """
+    for iteration in range(_MAX_ITERATIONS):
+        row = np.flatnonzero(star >= 0)
+        model, quaternion, covariance, error_px = fit_lens(
+            *lens, start, free, onboard.direction[star[row]], centroids.uv[row],
+            centroids.sigma_px[row])
+        if folds(model):
+            raise CameraError(f'distortion k1 {model.terms[0]:.2g} folds the image over itself')
+        lens = _Lens(model, quaternion)
+        before, growing = star, iteration < _GROWING
+        gate_px = _gate(error_px, model, onboard, _FIRST_GATE_PX if growing else _LEAST_GATE_PX)
+        star = _match(lens, centroids, onboard, gate_px)
+        if (np.count_nonzero(star >= 0) < _LEAST_MATCHES
+                or not growing and np.array_equal(star, before)):
+            break
+    return _Fit(lens, covariance, error_px, star)
+
+
+def _possible(fit: _Fit, onboard: OnboardCatalog) -> int:
+    """Return how many stars may match: those of the image or of the catalogue in it."""
+    return min(len(fit.star), len(stars_in_image(*fit.lens, onboard.direction)[0]))
+
+
+def _best_of_others(fit: _Fit, lens: _Lens, start: Camera, free: np.ndarray,
+                    centroids: Centroids, star: np.ndarray, onboard: OnboardCatalog) -> _Fit:
+    """Return the fit that matches most stars, of those from other values of the distortion."""
+    for k1 in _OTHER_K1:
+        if np.count_nonzero(fit.star >= 0) >= _GOOD_SHARE * _possible(fit, onboard):
+            break
+        try:
+            bent = replace(start, distortion=(k1, *start.distortion[1:]))
+            rough = _grow(_Lens(bent.lens, lens.quaternion), bent.lens,
+                          np.append(free[:-1], _K1_HELD), centroids, star, onboard)
+            other = _grow(rough.lens, start.lens, free, centroids, rough.star, onboard)
+        except CameraError:
+            continue
+        if np.count_nonzero(other.star >= 0) > np.count_nonzero(fit.star >= 0):
+            fit = other
+    return fit
+
+
+def _gate(error_px: float, model: Lens, onboard: OnboardCatalog, least_px: float) -> float:
+    """Return the matching radius in px."""
+    per_px = len(onboard) / (model.fx * model.fy) / (4 * np.pi)
+    chance_px = np.sqrt(_MOST_CHANCE / (np.pi * per_px))
+    return float(max(min(max(_GATE_SIGMAS * error_px, least_px), chance_px), _LEAST_GATE_PX))
+
+
+def _match(lens: _Lens, centroids: Centroids, onboard: OnboardCatalog, gate_px: float
+           ) -> np.ndarray:
+    """Return the catalogue star (N,) of each centroid within the gate, one to one, -1 for none."""
+    near, uv = stars_in_image(*lens, onboard.direction)
+    star = np.full(len(centroids), -1)
+    index, found = nearest_pairs(centroids.uv, uv, gate_px)
+    star[index] = near[found]
+    return star
+
+
+def _residuals(lens: _Lens, centroids: Centroids, onboard: OnboardCatalog, star: np.ndarray
+               ) -> np.ndarray:
+    """Return image minus catalogue (N, 2) in px, NaN where not matched."""
+    residual = np.full((len(star), 2), np.nan)
+    row = star >= 0
+    residual[row] = centroids.uv[row] - linearised(*lens, onboard.direction[star[row]])[0]
+    return residual
+
+
+def _reason(fit: _Fit, camera: Camera, attitude: AttitudeEstimate, nominal: Camera,
+            focal_error: float, first: int, possible: int) -> str:
+    """Return why a fitted lens is rejected, empty if it is not."""
+    matched = attitude.stars
+    if matched < max(_KEPT_SHARE * first, _LEAST_MATCHES):
+        return f'the fitted lens loses {first - matched} of the {first} stars that led to it'
+    if matched < _LEAST_SHARE * possible:
+        return f'the fitted lens explains {matched} of {possible} stars: not the whole image'
+    if fit.error_px > _MOST_RESIDUAL * camera.width:
+        return f'the fitted lens leaves residuals of {fit.error_px:.2g} px'
+    sigma_px = np.sqrt(attitude.covariance_sensor.diagonal()[:2].max()) / camera.pixel_rad
+    if sigma_px > _MOST_ERROR_PX:
+        return (f'{matched} stars leave the lens open: the middle of the image is uncertain by '
+                f'{sigma_px:.2g} px')
+    # The width of the image, from edge to edge, with the distortion or without it.
+    seen, told = camera.seen_x_rad, nominal.fov_x_rad
+    off = min(abs(camera.radius(fov / 2) / camera.radius(told / 2) - 1)
+              for fov in (seen, camera.fov_x_rad))
+    # So many stars determine the lens by themselves: the told field of view is the error.
+    limit = focal_error * (_LIMIT_FACTOR if matched >= _SURE_MATCHES else 1)
+    if off > limit + _LIMIT_SIGMAS * np.sqrt(fit.covariance[3, 3]):
+        return (f'the field of view that fits, {np.degrees(seen):.4g} deg, is '
+                f'{100 * off:.2g} % off')
+    return ''
+
+
+def _attitude(fit: _Fit, residual: np.ndarray, centroids: Centroids) -> AttitudeEstimate:
+    """Return the attitude of the middle of the image, its covariance with a free lens."""
+    lens, row = fit.lens, fit.star >= 0
+    middle = _middle(lens)
+    # Focal length and distortion hardly move the middle of the image.
+    partial = np.zeros((3, PARAMETERS))
+    partial[:, :3] = matrix_from_quaternion(multiply(conjugate(middle), lens.quaternion))
+    for axis in (5, 6):
+        step = np.zeros(PARAMETERS)
+        step[axis] = _STEP
+        partial[:, axis] = attitude_error(_middle(_Lens(*changed(*lens, step))), middle) / _STEP
+    square = np.sum(residual[row] ** 2, axis=1)
+    sigma = np.maximum(np.hypot(centroids.sigma_px[row], LEAST_ERROR_PX), fit.error_px)
+    return AttitudeEstimate(
+        middle, partial @ fit.covariance @ partial.T, int(np.count_nonzero(row)),
+        np.sqrt(square / (lens.model.fx * lens.model.fy)), float(np.sum(square / sigma ** 2)))
+
+
+def _middle(lens: _Lens) -> np.ndarray:
+    """Return the attitude (4,) with +z through the middle of the image and +y along it."""
+    model = lens.model
+    centre = np.array([(model.width - 1) / 2, (model.height - 1) / 2])
+    z, below = rays(model.equidistant, undistorted(model, np.array([centre, centre + [0, 1]])))
+    q = multiply(lens.quaternion, quaternion_from_axes(z, below))
+    return -q if q[3] < 0 else q

@@ -1,0 +1,172 @@
+"""
+The camera model for compiled functions: pixels to directions and back.
+
+A direction (x, y, z) has undistorted image coordinates (a, b), which the terms of distortion.py
+distort; focal lengths and principal point make pixels of them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.camera.distortion import Terms
+from startracker_ros.core.compiled import compiled
+
+
+class Lens(NamedTuple):
+    """
+    Image size, focal lengths and principal point in px, distortion terms.
+
+    distorted is whether any term is not zero; equidistant whether (a, b) is an angle.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    terms: Terms
+    distorted: bool
+    equidistant: bool
+
+
+@compiled
+def shows(lens: Lens, u: float, v: float) -> bool:
+    """Return whether a pixel is in the image; False for NaN."""
+    return -0.5 <= u <= lens.width - 0.5 and -0.5 <= v <= lens.height - 0.5
+
+
+@compiled
+def plane_point(equidistant: bool, x: float, y: float, z: float) -> tuple[float, float]:
+    """Return a, b of a direction; NaN where it has none: behind a camera, or straight back."""
+    if equidistant:
+        r = np.hypot(x, y)
+        if r > 0:
+            scale = np.arctan2(r, z) / r
+            return scale * x, scale * y
+        return (0.0, 0.0) if z > 0 else (np.nan, np.nan)
+    if z > 0:
+        return x / z, y / z
+    return np.nan, np.nan
+
+
+@compiled
+def ray(equidistant: bool, a: float, b: float) -> tuple[float, float, float]:
+    """Return the unit vector of undistorted coordinates a, b."""
+    if equidistant:
+        theta = np.hypot(a, b)
+        scale = np.sin(theta) / theta if theta > 0 else 1.0
+        return scale * a, scale * b, np.cos(theta)
+    scale = 1 / np.sqrt(a * a + b * b + 1)
+    return scale * a, scale * b, scale
+
+
+@compiled
+def distort(terms: Terms, a: float, b: float) -> tuple[float, float]:
+    """Return the distorted coordinates of a, b: the equations of distortion.py."""
+    k1, k2, p1, p2, k3, k4, d1, d2, d3 = terms
+    s = a * a + b * b
+    L = ((1 + s * (k1 + s * (k2 + s * (k3 + s * k4))))
+         / (1 + s * (d1 + s * (d2 + s * d3))))
+    return (a * L + 2 * p1 * a * b + p2 * (s + 2 * a * a),
+            b * L + p1 * (s + 2 * b * b) + 2 * p2 * a * b)
+
+
+@compiled
+def distortion_jacobian(terms: Terms, a: float, b: float) -> tuple[float, float, float]:
+    """Return dx/da, dx/db = dy/da and dy/db of x, y = distort()."""
+    k1, k2, p1, p2, k3, k4, d1, d2, d3 = terms
+    s = a * a + b * b
+    D = 1 + s * (d1 + s * (d2 + s * d3))
+    L = (1 + s * (k1 + s * (k2 + s * (k3 + s * k4)))) / D
+    dN_ds = k1 + s * (2 * k2 + s * (3 * k3 + s * 4 * k4))
+    dD_ds = d1 + s * (2 * d2 + s * 3 * d3)
+    slope = 2 * (dN_ds - L * dD_ds) / D
+    return (L + slope * a * a + 2 * p1 * b + 6 * p2 * a,
+            slope * a * b + 2 * (p1 * a + p2 * b),
+            L + slope * b * b + 6 * p1 * b + 2 * p2 * a)
+
+
+@compiled
+def undistort(lens: Lens, x: float, y: float) -> tuple[float, float]:
+    """Return the inverse of distort() at x, y, by Newton's method."""
+    if not lens.distorted:
+        return x, y
+    a, b = x, y
+    for _ in range(20):
+        distorted_x, distorted_y = distort(lens.terms, a, b)
+        ex, ey = distorted_x - x, distorted_y - y
+        if max(abs(ex), abs(ey)) < 1e-14:
+            break
+        xx, cross, yy = distortion_jacobian(lens.terms, a, b)
+        determinant = xx * yy - cross * cross
+        a -= (yy * ex - cross * ey) / determinant
+        b -= (xx * ey - cross * ex) / determinant
+    return a, b
+
+
+@compiled
+def project(lens: Lens, directions: np.ndarray) -> np.ndarray:
+    """Return pixels (N, 2) of directions (N, 3) on sensor axes; NaN where plane_point() is."""
+    uv = np.empty((len(directions), 2))
+    for i in range(len(directions)):
+        a, b = plane_point(lens.equidistant, directions[i, 0], directions[i, 1],
+                           directions[i, 2])
+        x, y = distort(lens.terms, a, b)
+        uv[i, 0], uv[i, 1] = lens.fx * x + lens.cx, lens.fy * y + lens.cy
+    return uv
+
+
+@compiled
+def undistorted(lens: Lens, uv: np.ndarray) -> np.ndarray:
+    """Return the undistorted coordinates a, b (N, 2) of pixels (N, 2)."""
+    plane = np.empty((len(uv), 2))
+    for i in range(len(uv)):
+        plane[i, 0], plane[i, 1] = undistort(lens, (uv[i, 0] - lens.cx) / lens.fx,
+                                             (uv[i, 1] - lens.cy) / lens.fy)
+    return plane
+
+
+@compiled
+def plane_points(equidistant: bool, directions: np.ndarray) -> np.ndarray:
+    """Return plane_point() of directions (N, 3)."""
+    plane = np.empty((len(directions), 2))
+    for i in range(len(directions)):
+        plane[i, 0], plane[i, 1] = plane_point(equidistant, directions[i, 0], directions[i, 1],
+                                               directions[i, 2])
+    return plane
+
+
+@compiled
+def rays(equidistant: bool, plane: np.ndarray) -> np.ndarray:
+    """Return the unit vectors (N, 3) of undistorted coordinates (N, 2)."""
+    directions = np.empty((len(plane), 3))
+    for i in range(len(plane)):
+        directions[i, 0], directions[i, 1], directions[i, 2] = ray(equidistant, plane[i, 0],
+                                                                   plane[i, 1])
+    return directions
+
+
+@compiled
+def distortion_errors(lens: Lens, uv: np.ndarray) -> tuple[float, float]:
+    """
+    Return how far pixels (N, 2) are from invertible.
+
+    The largest error of distort() after undistort(), in units of the focal length, and the
+    smallest determinant of its Jacobian, which is positive where the image is not folded.
+    """
+    largest, least = 0.0, np.inf
+    plane = undistorted(lens, uv)
+    for i in range(len(uv)):
+        a, b = plane[i, 0], plane[i, 1]
+        x, y = distort(lens.terms, a, b)
+        error = max(abs(lens.fx * x + lens.cx - uv[i, 0]) / lens.fx,
+                    abs(lens.fy * y + lens.cy - uv[i, 1]) / lens.fy)
+        xx, cross, yy = distortion_jacobian(lens.terms, a, b)
+        determinant = xx * yy - cross * cross
+        # NaN stays.
+        if error > largest or np.isnan(error):
+            largest = error
+        if determinant < least or np.isnan(determinant):
+            least = determinant
+    return largest, least

@@ -1,0 +1,196 @@
+"""Cameras with the distortion models of sensor_msgs/CameraInfo."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from startracker_ros.core.camera.distortion import DistortionModel, MODELS, PLUMB_BOB, terms_of
+
+if TYPE_CHECKING:
+    from startracker_ros.core.camera.lens import Lens
+
+# Of the farthest corner from the axis of an equidistant lens: straight back has no pixel.
+_LARGEST_ANGLE_RAD = np.radians(175)
+# Points of an image (81, 2), as shares of its width and height.
+_GRID = np.stack(np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)), -1).reshape(-1, 2)
+
+
+class CameraError(ValueError):
+    """Parameters that no real camera has; the text names them."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """
+    A camera; pixel (0, 0) is the centre of the top-left pixel.
+
+    fx, fy, cx, cy are in px; distortion are the coefficients of distortion_model in the order
+    of sensor_msgs/CameraInfo (distortion.py). CameraError for impossible parameters.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion_model: str = PLUMB_BOB
+
+    def __post_init__(self) -> None:
+        if not (0 < self.width <= 65536 and 0 < self.height <= 65536):
+            raise CameraError(f'image size {self.width} x {self.height} px is not possible')
+        if self.distortion_model not in MODELS:
+            raise CameraError(f'distortion_model {self.distortion_model!r} is none of '
+                              f'{", ".join(MODELS)}')
+        wanted = len(self.model.coefficients)
+        if len(self.distortion) != wanted:
+            raise CameraError(f'{self.distortion_model} has {wanted} distortion terms, '
+                              f'got {len(self.distortion)}')
+        if not np.all(np.isfinite((self.fx, self.fy, self.cx, self.cy, *self.distortion))):
+            raise CameraError('NaN or infinity among focal length, centre and distortion')
+        if not (self.fx > 0 and self.fy > 0):
+            raise CameraError(f'focal length ({self.fx}, {self.fy}) px must be positive')
+        if not (-self.width <= self.cx <= 2 * self.width
+                and -self.height <= self.cy <= 2 * self.height):
+            raise CameraError(f'principal point ({self.cx}, {self.cy}) px is far off the image')
+        limit_deg = self.model.limit_deg
+        if max(self.fov_x_rad, self.fov_y_rad) > np.radians(limit_deg):
+            raise CameraError(f'field of view above {limit_deg:g} deg: no lens of the model '
+                              f'{self.distortion_model} has it')
+        if not self._ideal:
+            self._check_distortion()
+
+    def _check_distortion(self) -> None:
+        """Raise CameraError for a model that has no inverse somewhere in the image."""
+        from startracker_ros.core.camera.lens import distortion_errors, undistorted
+        pixel = _GRID * [self.width - 1, self.height - 1]
+        error, determinant = distortion_errors(self.lens, pixel)
+        if not (error < 1e-9 and determinant > 0):
+            raise CameraError(f'distortion {self.distortion} folds the image over itself')
+        if self.model.equidistant:
+            farthest = float(np.linalg.norm(undistorted(self.lens, pixel), axis=1).max())
+            if farthest > _LARGEST_ANGLE_RAD:
+                raise CameraError(
+                    f'a corner of the image is {np.degrees(farthest):.0f} deg from the optical '
+                    f'axis, at most {np.degrees(_LARGEST_ANGLE_RAD):.0f} are possible: crop it')
+
+    @classmethod
+    def from_fov(cls, width: int, height: int, fov_deg: float,
+                 distortion_model: str = PLUMB_BOB) -> 'Camera':
+        """Return an ideal camera with a horizontal field of view of fov_deg, edge to edge."""
+        model = MODELS[distortion_model]
+        if not 0 < fov_deg < model.limit_deg:
+            raise CameraError(f'field of view {fov_deg} deg must be within 0 .. '
+                              f'{model.limit_deg:g} deg')
+        half = np.radians(fov_deg) / 2
+        focal = width / 2 / (half if model.equidistant else np.tan(half))
+        return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2,
+                   (0.0,) * len(model.coefficients), distortion_model)
+
+    @property
+    def model(self) -> DistortionModel:
+        """Return the distortion model."""
+        return MODELS[self.distortion_model]
+
+    @property
+    def fov_x_rad(self) -> float:
+        """Horizontal field of view, edge to edge through the centre, without distortion."""
+        return (self.angle_rad((self.cx + 0.5) / self.fx)
+                + self.angle_rad((self.width - 0.5 - self.cx) / self.fx))
+
+    @property
+    def fov_y_rad(self) -> float:
+        """Vertical field of view, edge to edge through the centre, without distortion."""
+        return (self.angle_rad((self.cy + 0.5) / self.fy)
+                + self.angle_rad((self.height - 0.5 - self.cy) / self.fy))
+
+    @property
+    def seen_x_rad(self) -> float:
+        """Horizontal field of view, edge to edge through the centre, with the distortion."""
+        x, _, z = self.unproject(np.array([[-0.5, self.cy], [self.width - 0.5, self.cy]])).T
+        left, right = np.arctan2(x, z)
+        return float(right - left)
+
+    def angle_rad(self, radius: float) -> float:
+        """Return the angle from the axis at a radius in undistorted coordinates, signed."""
+        return radius if self.model.equidistant else float(np.arctan(radius))
+
+    def radius(self, angle_rad: float) -> float:
+        """Return the radius in undistorted coordinates at an angle from the axis."""
+        return angle_rad if self.model.equidistant else float(np.tan(angle_rad))
+
+    @cached_property
+    def corner_angle_rad(self) -> float:
+        """Largest angle between the optical axis and a corner of the image."""
+        right, bottom = self.width - 0.5, self.height - 0.5
+        corners = self.unproject(np.array(
+            [[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]]))
+        return float(np.arccos(corners[:, 2].min()))
+
+    @cached_property
+    def pixel_rad(self) -> float:
+        """Angle of one pixel at the centre, the mean of both axes."""
+        return float(1 / np.sqrt(self.fx * self.fy))
+
+    @cached_property
+    def lens(self) -> 'Lens':
+        """Return the camera model for compiled functions."""
+        from startracker_ros.core.camera.lens import Lens
+        return Lens(self.width, self.height, float(self.fx), float(self.fy), float(self.cx),
+                    float(self.cy), terms_of(self.distortion_model, self.distortion),
+                    any(self.distortion), self.model.equidistant)
+
+    def with_focal_ratio(self, ratio: float) -> 'Camera':
+        """Return the camera with both focal lengths multiplied by ratio."""
+        return replace(self, fx=self.fx * ratio, fy=self.fy * ratio)
+
+    def ideal(self) -> 'Camera':
+        """Return the camera without distortion."""
+        return replace(self, distortion=(0.0,) * len(self.distortion))
+
+    def project(self, directions: np.ndarray) -> np.ndarray:
+        """Return pixels (..., 2) of sensor-frame vectors (..., 3); NaN behind the camera."""
+        directions = np.asarray(directions, float)
+        if self._ideal:
+            z = directions[..., 2:]
+            with np.errstate(invalid='ignore', divide='ignore'):
+                tangent = np.where(z > 0, directions[..., :2] / z, np.nan)
+            return tangent * self._focal_px + self._centre_px
+        # Imported only here: compiled code takes 0.3 s to import.
+        from startracker_ros.core.camera.lens import project
+        flat = np.ascontiguousarray(directions.reshape(-1, 3))
+        return project(self.lens, flat).reshape(*directions.shape[:-1], 2)
+
+    def unproject(self, pixels: np.ndarray) -> np.ndarray:
+        """Return unit vectors (..., 3) in the sensor frame of pixels (..., 2)."""
+        pixels = np.asarray(pixels, float)
+        if self._ideal:
+            vector = np.empty(pixels.shape[:-1] + (3,))
+            vector[..., :2] = (pixels - self._centre_px) / self._focal_px
+            vector[..., 2] = 1
+            return vector / np.sqrt(np.einsum('...i,...i', vector, vector))[..., None]
+        from startracker_ros.core.camera.lens import rays, undistorted
+        flat = np.ascontiguousarray(pixels.reshape(-1, 2))
+        found = rays(self.model.equidistant, undistorted(self.lens, flat))
+        return found.reshape(*pixels.shape[:-1], 3)
+
+    def contains(self, pixels: np.ndarray, margin_px: float = 0.0) -> np.ndarray:
+        """Return whether pixels (..., 2) are in the image, at least margin_px from its edges."""
+        u, v = np.moveaxis(np.asarray(pixels, float), -1, 0)
+        return ((u >= -0.5 + margin_px) & (u <= self.width - 0.5 - margin_px)
+                & (v >= -0.5 + margin_px) & (v <= self.height - 0.5 - margin_px))
+
+    @cached_property
+    def _centre_px(self) -> np.ndarray:
+        return np.array([self.cx, self.cy])
+
+    @cached_property
+    def _focal_px(self) -> np.ndarray:
+        return np.array([self.fx, self.fy])
+
+    @cached_property
+    def _ideal(self) -> bool:
+        """Whether it is a pinhole without distortion, which needs no compiled code."""
+        return not self.model.equidistant and not any(self.distortion)

@@ -1,0 +1,139 @@
+"""The on-board catalogue of a camera: close doubles merged, blended stars marked."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from startracker_ros.core.astro.earth import earth_position_au
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.sky_grid import pairs_within, sky_grid, SkyGrid
+from startracker_ros.core.catalog.stars import StarCatalog
+from startracker_ros.core.maths.graph import lowest_connected
+from startracker_ros.core.stored_arrays import digest, StoredArrays
+
+MERGE_PX = 2.0
+"""Stars with a smaller separation are one catalogue entry. Two equal Gaussians of 1 px sigma have
+two peaks only beyond a separation of 2 sigma; below it a centroid is that of their sum."""
+
+CROWD_PX = 6.0
+"""Neighbours within this separation may blend with a star: twice a window of radius 3 px,
+which holds 99 % of the light of a PSF of 1 px sigma."""
+
+CROWD_MAGNITUDES = 2.5
+"""Largest magnitude difference of a blended neighbour. With a tenth of the light it shifts the
+centroid by a tenth of the overlap: some 0.1 px, the noise of a star near the detection limit."""
+
+
+@dataclass(frozen=True)
+class OnboardCatalog:
+    """
+    On-board catalogue: the stars as one camera resolves them at one epoch, brightest first.
+
+    hip (N,) int32 is the number of the brightest component of an entry; direction (N, 3) are
+    unit vectors in ICRS from the Earth, with parallax and without aberration; magnitude (N,) is
+    that of all components together; crowded (N,) is True for entries blended with a neighbour.
+    blended (N,) is True for these and for entries of several components, none much brighter than
+    the others: the image may be off the direction. crowd_rad is the separation of neighbours.
+    variation_mag (N,) is the standard deviation of the brightness of a variable, 0 for others.
+    stored is where the arrays are mapped from.
+    """
+
+    hip: np.ndarray
+    direction: np.ndarray
+    magnitude: np.ndarray
+    crowded: np.ndarray
+    blended: np.ndarray
+    crowd_rad: float = 0.0
+    variation_mag: np.ndarray | None = None
+    stored: StoredArrays | None = None
+
+    def __len__(self) -> int:
+        return len(self.hip)
+
+    def within(self, center: np.ndarray, radius_rad: float) -> np.ndarray:
+        """Return the star indices (M,) up to radius_rad from center (3,), brightest first."""
+        return np.flatnonzero(self.direction @ center >= np.cos(min(radius_rad, np.pi)))
+
+    def index_of(self, hip: np.ndarray) -> np.ndarray:
+        """Return the star index (M,) of each Hipparcos number (M,), -1 if it has no entry."""
+        # Numbers beyond either end are clipped to entries of no star.
+        return self._index_of_hip.take(hip, mode='clip')
+
+    def variation(self, star_index: np.ndarray) -> np.ndarray:
+        """Return variation_mag of entries (M,), 0 for a catalogue that has none."""
+        if self.variation_mag is None:
+            return np.zeros(len(star_index))
+        return self.variation_mag[star_index]
+
+    @cached_property
+    def grid(self) -> SkyGrid:
+        """Return the directions by cell."""
+        return sky_grid(self.direction)
+
+    @cached_property
+    def digest(self) -> str:
+        """Return a digest of what identifies the content."""
+        return digest(self.hip, self.direction, self.magnitude, self.crowded, self.blended,
+                      self.crowd_rad, self.variation_mag)
+
+    @cached_property
+    def _index_of_hip(self) -> np.ndarray:
+        """Star indices by Hipparcos number, from 0 to one more than the greatest."""
+        index = np.full(int(self.hip.max(initial=0)) + 2, -1)
+        index[self.hip] = np.arange(len(self))
+        return index
+
+
+def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_limit: float,
+                          merge_rad: float, crowd_rad: float) -> OnboardCatalog:
+    """
+    Return the on-board catalogue up to magnitude_limit at a Julian year.
+
+    Stars linked by separations below merge_rad become one entry at their photocentre, included
+    if its total magnitude is within the limit. All stars of the catalogue are components and
+    neighbours, so the direction of an entry does not depend on the limit.
+    """
+    direction = catalog.directions(epoch_year, earth_position_au(epoch_year))
+    pairs, square = pairs_within(sky_grid(direction), _chord(max(merge_rad, crowd_rad)))
+    merged, entry = np.unique(lowest_connected(
+        pairs[square <= _chord(merge_rad) ** 2], len(catalog)), return_inverse=True)
+    count = len(merged)
+    flux = 10 ** (-0.4 * catalog.magnitude.astype(float))
+    magnitude = -2.5 * np.log10(np.bincount(entry, flux, count))
+    direction = np.stack([np.bincount(entry, flux * axis, count) for axis in direction.T], -1)
+    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    # Stars are in order of magnitude: the first one of an entry is its brightest component.
+    brightest = np.unique(entry, return_index=True)[1]
+    near = pairs[square <= _chord(crowd_rad) ** 2]
+    crowded = _crowded(entry[near], magnitude)
+    blended = crowded | _crowded(near, catalog.magnitude)[brightest]
+
+    order = np.argsort(magnitude, kind='stable')
+    # In float32 like the catalogue, so that a star exactly at the limit is included.
+    order = order[magnitude[order].astype(np.float32) <= np.float32(magnitude_limit)]
+    return OnboardCatalog(catalog.hip[brightest[order]], direction[order], magnitude[order],
+                          crowded[order], blended[order], crowd_rad,
+                          catalog.variation_mag[brightest[order]])
+
+
+def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,
+                    magnitude_limit: float = np.inf) -> OnboardCatalog:
+    """Return the on-board catalogue of a camera, with the resolution of its pixels."""
+    return build_onboard_catalog(catalog, epoch_year, magnitude_limit=magnitude_limit,
+                                 merge_rad=MERGE_PX * camera.pixel_rad,
+                                 crowd_rad=CROWD_PX * camera.pixel_rad)
+
+
+def _crowded(pairs: np.ndarray, magnitude: np.ndarray) -> np.ndarray:
+    """Return whether each image (N,) is blended with a neighbour among pairs (P, 2) of them."""
+    crowded = np.zeros(len(magnitude), bool)
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    for entry, neighbour in (pairs.T, pairs.T[::-1]):
+        fainter_by = magnitude[neighbour] - magnitude[entry]
+        crowded[entry[fainter_by <= CROWD_MAGNITUDES]] = True
+    return crowded
+
+
+def _chord(angle_rad: float) -> float:
+    """Return the distance between two unit vectors separated by an angle."""
+    return 2 * np.sin(angle_rad / 2)

@@ -1,0 +1,102 @@
+"""Hipparcos stars and their directions at a given epoch."""
+
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+from startracker_ros.core.astro.constants import AU_M, YEAR_S
+from startracker_ros.core.maths.rotation import ARCSEC
+from startracker_ros.core.stored_arrays import digest
+
+CATALOG_EPOCH_YEAR = 1991.25
+"""Julian year of the Hipparcos positions (ESA SP-1200, vol. 1)."""
+
+CATALOG_FILE = Path(__file__).with_name('hipparcos.npz')
+
+RADIAL_VELOCITY_KM_S = {
+    439: 25.4, 1475: 11.6, 5336: -97.1, 8102: -16.7, 15510: 87.9, 19849: -42.3, 24186: 245.2,
+    32349: -5.5, 36208: 18.2, 38541: -234.2, 54035: -84.7, 54211: 68.9, 57939: -98.2,
+    69673: -5.2, 70890: -22.2, 71681: -22.4, 71683: -22.4, 74234: 310.1, 74235: 310.7,
+    87937: -110.5, 99461: -129.4, 104214: -65.9, 104217: -64.4, 105090: 20.6, 108870: -40.5,
+    114046: 8.8, 117473: -71.1}
+"""Stars whose approach changes their proper motion by 0.02 arcsec or more in 60 years (SIMBAD)."""
+
+_MAS = ARCSEC / 1000
+_KM_S_PER_AU_YR = AU_M / YEAR_S / 1000
+
+
+@dataclass(frozen=True)
+class StarCatalog:
+    """
+    Stars by magnitude, brightest first; every array is (N,).
+
+    hip is int32; ra_rad and dec_rad are float64, ICRS at J1991.25; the rest is float32.
+    pm_ra_mas_yr holds the factor cos(dec); magnitude is Johnson V; bp_rp the colour of Gaia.
+    variation_mag is the standard deviation of the brightness of a variable, 0 for other stars.
+    """
+
+    hip: np.ndarray
+    ra_rad: np.ndarray
+    dec_rad: np.ndarray
+    pm_ra_mas_yr: np.ndarray
+    pm_dec_mas_yr: np.ndarray
+    parallax_mas: np.ndarray
+    magnitude: np.ndarray
+    bp_rp: np.ndarray
+    variation_mag: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.hip)
+
+    @cached_property
+    def digest(self) -> str:
+        """Return a digest of the columns."""
+        return digest(*(getattr(self, field.name) for field in fields(self)))
+
+    def brighter_than(self, limit: float) -> 'StarCatalog':
+        """Return the stars of magnitude up to and including limit."""
+        # In float32 like the magnitudes, so that a star exactly at the limit is included.
+        count = int(np.searchsorted(self.magnitude, np.float32(limit), side='right'))
+        return StarCatalog(*(getattr(self, field.name)[:count] for field in fields(self)))
+
+    def directions(self, epoch_year: float, observer_au: np.ndarray | None = None) -> np.ndarray:
+        """
+        Return unit vectors (N, 3) in ICRS at a Julian year, seen from a barycentric position (3,).
+
+        Uniform straight motion in space (ESA SP-1200, vol. 1, section 1.5.5), with a radial
+        velocity of zero except for RADIAL_VELOCITY_KM_S. Without a position there is no parallax.
+        """
+        sin_ra, cos_ra = np.sin(self.ra_rad), np.cos(self.ra_rad)
+        sin_dec, cos_dec = np.sin(self.dec_rad), np.cos(self.dec_rad)
+        years = epoch_year - CATALOG_EPOCH_YEAR
+        east = years * _MAS * self.pm_ra_mas_yr
+        north = years * _MAS * self.pm_dec_mas_yr
+        # The direction at the catalogue epoch, and the way to the east and to the north.
+        outward = cos_dec - north * sin_dec
+        moved = np.empty((len(self), 3))
+        moved[:, 0] = outward * cos_ra - east * sin_ra
+        moved[:, 1] = outward * sin_ra + east * cos_ra
+        moved[:, 2] = sin_dec + north * cos_dec
+        # In units of the distance at the catalogue epoch, which is 1 / parallax in au.
+        # Some measured parallaxes are negative.
+        parallax_rad = _MAS * np.maximum(self.parallax_mas, 0)
+        approaching = np.flatnonzero(np.isin(self.hip, [*RADIAL_VELOCITY_KM_S]))
+        for row in approaching:
+            au_yr = RADIAL_VELOCITY_KM_S[int(self.hip[row])] / _KM_S_PER_AU_YR
+            at_epoch = (cos_dec[row] * cos_ra[row], cos_dec[row] * sin_ra[row], sin_dec[row])
+            moved[row] += years * au_yr * parallax_rad[row] * np.array(at_epoch)
+        if observer_au is not None:
+            moved -= parallax_rad[:, None] * observer_au
+        moved /= np.sqrt(np.einsum('ij,ij->i', moved, moved))[:, None]
+        return moved
+
+
+@lru_cache(maxsize=1)
+def load_catalog() -> StarCatalog:
+    """Return the stars of the package, V <= 9; the arrays are shared and read-only."""
+    with np.load(CATALOG_FILE) as columns:
+        arrays = [columns[field.name] for field in fields(StarCatalog)]
+    for array in arrays:
+        array.flags.writeable = False
+    return StarCatalog(*arrays)

@@ -1,0 +1,74 @@
+"""One image with its background and its peaks."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from startracker_ros.core.centroid.background import measure_background, Mesh
+from startracker_ros.core.centroid.detection import (
+    find_peaks, full_scale, Peaks, Search, Threshold)
+from startracker_ros.core.centroid.psf import FLUX, SIGMA, U, V
+from startracker_ros.core.centroid.smoothing import gaussian_kernel, Kernel
+from startracker_ros.core.centroid.windows import cut_windows, Windows
+
+RADIUS_SIGMAS = 3.5
+MIN_RADIUS_PX = 3
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Image (H, W), the matched filter of its stars, its background and its peaks."""
+
+    image: np.ndarray
+    kernel: Kernel
+    mesh: Mesh
+    search: Search
+    full_scale_dn: float
+
+    @property
+    def background_dn(self) -> float:
+        """Median level."""
+        return self.mesh.median_level
+
+    @property
+    def noise_dn(self) -> float:
+        """Median noise of a pixel, 1 sigma."""
+        return self.mesh.median_noise / self.kernel.noise_gain
+
+    @property
+    def blank(self) -> bool:
+        """Whether all pixels are equal."""
+        row_max = self.search.row_max
+        return bool(row_max.min() == row_max.max() and (self.image == row_max[0]).all())
+
+    @property
+    def saturated(self) -> bool:
+        """Whether most pixels are at full scale."""
+        rows = self.image[self.search.row_max == self.full_scale_dn]
+        return bool(2 * np.count_nonzero(rows == self.full_scale_dn) > self.image.size)
+
+    def windows(self, peaks: Peaks, sigma_px: float) -> tuple[Windows, np.ndarray]:
+        """Return windows for stars of this width at K peaks, and initial parameters (K, 5)."""
+        radius = max(MIN_RADIUS_PX, int(np.ceil(RADIUS_SIGMAS * sigma_px)))
+        start = np.zeros((len(peaks.uv), 5))
+        start[:, [U, V]] = peaks.uv + peaks.top
+        start[:, FLUX] = peaks.height * 2 * np.pi * (self.kernel.sigma_px ** 2 + sigma_px ** 2)
+        start[:, SIGMA] = sigma_px
+        return cut_windows(self.image, self.mesh, peaks.uv, radius, peaks.level,
+                           (peaks.noise / self.kernel.noise_gain) ** 2,
+                           self.full_scale_dn), start
+
+
+def prepare(image: np.ndarray, filter_sigma_px: float, threshold: Threshold,
+            noise_dn: float = 0.0) -> Frame:
+    """
+    Return the frame of image (H, W) uint8 or uint16 with a filter of this width.
+
+    noise_dn is the median noise of a pixel where it is known.
+    """
+    kernel = gaussian_kernel(filter_sigma_px)
+    mesh = measure_background(image, kernel)
+    if noise_dn:
+        mesh = mesh.scaled(noise_dn * kernel.noise_gain / mesh.median_noise)
+    search = find_peaks(image, kernel, mesh, threshold)
+    return Frame(image, kernel, mesh, search,
+                 full_scale(image, search.row_max, mesh.median_level))

@@ -1,0 +1,156 @@
+"""
+Pixels hit by particles, and hot pixels: sharper than any star image.
+
+The light of a star of width sigma falls into the pixels around its brightest one. Of the four
+next to it, the third brightest has at least a share r(sigma) of it, wherever the star is within
+its pixel; a hit leaves three of the four dark, or all. A lens is sharper here than there: r is
+that of a star narrower than the median.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from startracker_ros.core.centroid.background import background_at, Mesh
+from startracker_ros.core.centroid.psf import profile, SHARE
+from startracker_ros.core.centroid.shape import LONE_PIXEL
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.sorting import insert_sorted
+
+NARROWEST = 0.7  # star, in widths of the median one
+MARGIN_SIGMAS = 2.0
+STORM_PEAKS = 30  # single pixels among the peaks, from which on hits are removed from the image
+BRIGHT_PEAKS = 100
+DARK_SHARE = 0.1  # of the brightest pixel: light in the eight around it, in a storm
+HIT_SIGMAS = 8.0
+TRACK_PX = 5  # removed pixel by pixel from both ends
+_AROUND = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1))
+_PHASES = np.linspace(-0.5, 0.5, 11)
+
+
+def is_hit(image: np.ndarray, uv: np.ndarray, level: np.ndarray, noise_dn: np.ndarray,
+           sigma_px: float) -> np.ndarray:
+    """
+    Return which peaks (K,) at pixels uv (K, 2) are sharper than a star of this width.
+
+    level and noise_dn (K,) are those of a background pixel.
+    """
+    return _is_hit(image, uv, level, noise_dn, _least_share(round(NARROWEST * sigma_px, 2)))
+
+
+@lru_cache(maxsize=16)
+def _least_share(sigma_px: float) -> float:
+    """Return r, the least share of the third brightest neighbour over all phases of a star."""
+    share, least = np.empty((3, 3), np.float32), np.inf
+    lines = []
+    for phase in _PHASES:
+        profile(float(phase), max(sigma_px, 0.2), -1, share)
+        lines.append(share[SHARE].astype(float))
+    for across in lines:
+        for down in lines:
+            around = sorted([across[0] / across[1], across[2] / across[1],
+                             down[0] / down[1], down[2] / down[1]])
+            least = min(least, around[1])
+    return float(least)
+
+
+@compiled
+def _is_hit(image: np.ndarray, uv: np.ndarray, level: np.ndarray, noise_dn: np.ndarray,
+            share: float) -> np.ndarray:
+    hit = np.zeros(len(uv), np.bool_)
+    around = np.empty(4)
+    for i in range(len(uv)):
+        u, v = _brightest_of_nine(image, uv[i, 0], uv[i, 1])
+        if not (0 < u < image.shape[1] - 1 and 0 < v < image.shape[0] - 1):
+            continue
+        insert_sorted(around, 0, float(image[v, u - 1]))
+        insert_sorted(around, 1, float(image[v, u + 1]))
+        insert_sorted(around, 2, float(image[v - 1, u]))
+        insert_sorted(around, 3, float(image[v + 1, u]))
+        least = share * (image[v, u] - level[i]) - MARGIN_SIGMAS * noise_dn[i]
+        hit[i] = around[1] - level[i] < least
+    return hit
+
+
+@compiled
+def _brightest_of_nine(image: np.ndarray, u: int, v: int) -> tuple[int, int]:
+    best_u, best_v = u, v
+    for y in range(max(v - 1, 0), min(v + 2, image.shape[0])):
+        for x in range(max(u - 1, 0), min(u + 2, image.shape[1])):
+            if image[y, x] > image[best_v, best_u]:
+                best_u, best_v = x, y
+    return best_u, best_v
+
+
+@compiled
+def _share_around(image: np.ndarray, u: int, v: int, level: float) -> float:
+    """Return the light in the pixels around the brightest one at u, v over that of this one."""
+    u, v = _brightest_of_nine(image, u, v)
+    around = count = 0.0
+    for y in range(max(v - 1, 0), min(v + 2, image.shape[0])):
+        for x in range(max(u - 1, 0), min(u + 2, image.shape[1])):
+            if x != u or y != v:
+                around, count = around + image[y, x], count + 1
+    return (around - count * level) / max(image[v, u] - level, 1.0)
+
+
+@compiled
+def is_single(image: np.ndarray, uv: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Return which peaks (K,) at uv (K, 2) are one pixel, with hardly any light around it."""
+    single = np.empty(len(uv), np.bool_)
+    for i in range(len(uv)):
+        single[i] = abs(_share_around(image, uv[i, 0], uv[i, 1], level[i])) <= LONE_PIXEL
+    return single
+
+
+@compiled
+def is_storm(image: np.ndarray, uv: np.ndarray, level: np.ndarray) -> bool:
+    """
+    Return whether the peaks uv (K, 2), brightest first, are hits for the most part.
+
+    Stars are told apart even if they are narrower than a pixel: some lie between two pixels.
+    """
+    shares = np.empty(min(len(uv), BRIGHT_PEAKS))
+    single = 0
+    for i in range(len(shares)):
+        shares[i] = _share_around(image, uv[i, 0], uv[i, 1], level[i])
+        single += abs(shares[i]) <= LONE_PIXEL
+    return bool(single >= STORM_PEAKS and np.median(shares) < DARK_SHARE)
+
+
+def without_hits(image: np.ndarray, mesh: Mesh, noise_dn: float, sigma_px: float
+                 ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return a copy of image (H, W) without hits, and the mask (H, W) of the pixels changed.
+
+    A pixel brighter than its eight neighbours and sharper than a star of this width gets their
+    median; then the next one of the same track is the brightest.
+    """
+    return _without_hits(image, mesh, noise_dn, _least_share(round(NARROWEST * sigma_px, 2)))
+
+
+@compiled
+def _without_hits(image: np.ndarray, mesh: Mesh, noise_dn: float, share: float
+                  ) -> tuple[np.ndarray, np.ndarray]:
+    clean, hit = image.copy(), np.zeros(image.shape, np.bool_)
+    around, lowest = np.empty(8), HIT_SIGMAS * noise_dn
+    for _ in range(TRACK_PX):
+        for v in range(1, image.shape[0] - 1):
+            for u in range(1, image.shape[1] - 1):
+                here = clean[v, u]
+                # Most pixels end here.
+                if here < clean[v, u - 1] or here < clean[v, u + 1] or here < clean[v - 1, u]:
+                    continue
+                level, _ = background_at(mesh, u, v)
+                if here - level < lowest:
+                    continue
+                for k in range(4):
+                    y, x = _AROUND[k]
+                    insert_sorted(around, k, float(clean[v + y, u + x]))
+                if around[1] - level >= share * (here - level) - MARGIN_SIGMAS * noise_dn:
+                    continue
+                for k in range(4, 8):
+                    y, x = _AROUND[k]
+                    insert_sorted(around, k, float(clean[v + y, u + x]))
+                if here >= around[7]:
+                    clean[v, u], hit[v, u] = max((around[3] + around[4]) / 2, 0.0), True
+    return clean, hit

@@ -1,0 +1,165 @@
+"""
+Centroids as weighted means of the pixels above a threshold, and their errors.
+
+Gao and Cui 2016: u = sum(x G) / sum(G) over the window of a star. The weight G of a pixel with
+light g is 1, g, g^2 or g - t where g >= t, the threshold, and 0 elsewhere.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.centroid.gaussian_fit import Fit
+from startracker_ros.core.centroid.noise import NoiseModel, pixel_variance
+from startracker_ros.core.centroid.psf import FLUX, LEVEL, profile, SHARE, SIGMA
+from startracker_ros.core.centroid.threshold import iterative_threshold
+from startracker_ros.core.centroid.windows import Windows
+from startracker_ros.core.compiled import compiled
+
+WEIGHTS = ('binary', 'grey', 'squared', 'thresholded')
+SEGMENT_SIGMAS = 3.0  # noise of a pixel, above which it belongs to a star
+BINARY, GREY, SQUARED, THRESHOLDED = range(4)
+PHASES = 32  # positions of a star within its pixel over which its error is averaged
+_STRIDE = 13  # of a lattice with one point in each of 32 columns and 32 rows
+_FAR_SIGMAS = 8.0  # noise never lifts a pixel that far to the threshold
+
+
+class Segmentation(NamedTuple):
+    """
+    Which pixels belong to a star: threshold_dn if positive, else a threshold of each window.
+
+    That is SEGMENT_SIGMAS of noise, and if iterative no less than the iterative threshold. All
+    are above the local background and multiplied by factor.
+    """
+
+    threshold_dn: float
+    iterative: bool
+    factor: float
+
+
+def weighted_means(method: str, windows: Windows, fit: Fit, noise: NoiseModel,
+                   segmentation: Segmentation) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return uv (K, 2) px and their 1-sigma errors (K,) px; NaN where no pixel is left.
+
+    The fitted light of neighbours is subtracted first. The error is computed for a star of the
+    fitted flux and width: the noise of the mean together with its bias by pixels and
+    threshold, rms over the positions of the star within a pixel.
+    """
+    return _means(WEIGHTS.index(method), windows, fit, noise, segmentation)
+
+
+@compiled
+def _means(kind: int, windows: Windows, fit: Fit, noise: NoiseModel, segmentation: Segmentation
+           ) -> tuple[np.ndarray, np.ndarray]:
+    stars, count = windows.data.shape[:2]
+    uv, sigma = np.empty((stars, 2)), np.empty(stars)
+    for i in range(stars):
+        # Saturated pixels count with their value: without them there would be a hole.
+        light = fit.own[i, :, :count] + fit.parameters[i, LEVEL]
+        threshold = _threshold(segmentation, light, windows.variance[i])
+        total = across = down = 0.0
+        for y in range(count):
+            for x in range(count):
+                if light[y, x] >= threshold:
+                    weight = _weight(kind, light[y, x], threshold)
+                    total, across, down = total + weight, across + weight * x, down + weight * y
+        uv[i, 0] = windows.corner[i, 0] + across / total
+        uv[i, 1] = windows.corner[i, 1] + down / total
+        sigma[i] = math.sqrt(_square_error(kind, windows, fit, i, noise, segmentation))
+    return uv, sigma
+
+
+@compiled
+def _threshold(segmentation: Segmentation, light: np.ndarray, variance: float) -> float:
+    """Return the threshold of a window of light (n, n) above a background of this variance."""
+    if segmentation.threshold_dn > 0:
+        return segmentation.factor * segmentation.threshold_dn
+    threshold = SEGMENT_SIGMAS * math.sqrt(variance)
+    if segmentation.iterative:
+        threshold = max(threshold, iterative_threshold(light))
+    return segmentation.factor * threshold
+
+
+@compiled
+def _weight(kind: int, light: float, threshold: float) -> float:
+    if kind == BINARY:
+        return 1.0
+    if kind == GREY:
+        return light
+    if kind == SQUARED:
+        return light * light
+    return light - threshold
+
+
+@compiled
+def _square_error(kind: int, windows: Windows, fit: Fit, i: int, noise: NoiseModel,
+                  segmentation: Segmentation) -> float:
+    """Return the mean square error per axis in px^2 of star i, averaged over PHASES."""
+    count = windows.data.shape[1]
+    share, light = np.empty((2, 3, count)), np.empty((count, count))
+    flux, width, middle = fit.parameters[i, FLUX], fit.parameters[i, SIGMA], count // 2
+    used, background, error = windows.used[i], windows.variance[i], 0.0
+    for phase in range(PHASES):
+        u = middle + (phase + 0.5) / PHASES - 0.5
+        v = middle + (phase * _STRIDE % PHASES + 0.5) / PHASES - 0.5
+        profile(u, width, 0, share[0])
+        profile(v, width, 0, share[1])
+        for y in range(count):
+            for x in range(count):
+                light[y, x] = used[y, x] * flux * share[1, SHARE, y] * share[0, SHARE, x]
+        threshold = _threshold(segmentation, light, background)
+        error = _add_error(error, kind, light, used, noise, background, threshold, u, v)
+    return error / (2 * PHASES)
+
+
+@compiled
+def _add_error(error: float, kind: int, light: np.ndarray, used: np.ndarray, noise: NoiseModel,
+               background: float, threshold: float, u: float, v: float) -> float:
+    """
+    Return error plus the expected square error, of both axes, of a star of light (n, n) at u, v.
+
+    Per axis it is the bias and the noise of the mean, E_k the mean and V_k the variance of the
+    weight of pixel k:
+
+        (x - u)^2 + sum((x_k - x)^2 V_k) / sum(E_k)^2,  x = sum(x_k E_k) / sum(E_k)
+    """
+    count = len(light)
+    weight_variance = np.empty((count, count))
+    total = across = down = 0.0
+    for y in range(count):
+        for x in range(count):
+            weight_variance[y, x] = 0
+            if used[y, x]:
+                variance = pixel_variance(noise, background, light[y, x])
+                mean, square = _expected(kind, light[y, x], math.sqrt(variance), threshold)
+                weight_variance[y, x] = square - mean * mean
+                total, across, down = total + mean, across + mean * x, down + mean * y
+    across, down = across / total, down / total
+    error += (across - u) ** 2 + (down - v) ** 2
+    for y in range(count):
+        for x in range(count):
+            error += (weight_variance[y, x] * ((x - across) ** 2 + (y - down) ** 2)
+                      / total ** 2)
+    return error
+
+
+@compiled
+def _expected(kind: int, light: float, sigma: float, threshold: float) -> tuple[float, float]:
+    """Return the means of the weight of a pixel and of its square, over normal noise."""
+    a = (threshold - light) / sigma
+    if a > _FAR_SIGMAS:
+        return 0.0, 0.0
+    above = 0.5 * math.erfc(a * math.sqrt(0.5))
+    density = math.exp(-0.5 * a * a) / math.sqrt(2 * math.pi)
+    if kind == BINARY:
+        return above, above
+    # Moments of a standard normal distribution over z > a; light is m + s z.
+    second, third = above + a * density, (a * a + 2) * density
+    fourth = 3 * above + (a * a + 3) * a * density
+    m, s = (light - threshold if kind == THRESHOLDED else light), sigma
+    square = m * m * above + 2 * m * s * density + s * s * second
+    if kind == SQUARED:
+        return square, (m ** 4 * above + 4 * m ** 3 * s * density + 6 * m * m * s * s * second
+                        + 4 * m * s ** 3 * third + s ** 4 * fourth)
+    return m * above + s * density, square

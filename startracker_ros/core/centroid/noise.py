@@ -1,0 +1,29 @@
+"""Noise of the pixels of a star: background, photons and the error of the star's model."""
+
+from typing import NamedTuple
+
+from startracker_ros.core.compiled import compiled
+
+
+class NoiseModel(NamedTuple):
+    """
+    Variance of a pixel: background + gain_dn * light + (model_error * light)^2.
+
+    gain_dn is the DN of one photo-electron (Poisson noise), model_error the relative error of a
+    Gaussian as the point spread function of a real lens.
+    """
+
+    gain_dn: float
+    model_error: float = 0.0
+
+
+@compiled
+def pixel_variance(noise: NoiseModel, background: float, light: float) -> float:
+    """Return the variance in DN^2 of a pixel with this light in DN and background variance."""
+    light = max(light, 0.0)
+    return background + light * (noise.gain_dn + noise.model_error ** 2 * light)
+
+
+def initial_noise_model(level_dn: float, variance: float) -> NoiseModel:
+    """Return the initial model: all of the background is light, as in a camera without offset."""
+    return NoiseModel(variance / max(level_dn, 3 * variance ** 0.5))

@@ -1,0 +1,38 @@
+"""Whether the position of a fit is that of its spot, and of no other."""
+
+import math
+
+import numpy as np
+from startracker_ros.core.centroid.gaussian_fit import Fit
+from startracker_ros.core.centroid.psf import FLUX, U, V
+from startracker_ros.core.centroid.windows import Windows
+from startracker_ros.core.compiled import compiled
+
+MAX_DRIFT_PX = 1.5  # a fit that ends further from its peak is of something else
+SEPARATION_PX = 1.0  # two closer fits are of one star
+
+
+def drifted(fit: Fit, windows: Windows) -> np.ndarray:
+    """Return True (K,) for fits that ended far from their peaks or are NaN."""
+    return _drifted(fit.parameters, windows.corner, windows.radius)
+
+
+@compiled
+def _drifted(parameters: np.ndarray, corner: np.ndarray, radius: int) -> np.ndarray:
+    far = np.empty(len(corner), np.bool_)
+    for i in range(len(corner)):
+        far[i] = not (math.hypot(parameters[i, U] - corner[i, 0] - radius,
+                                 parameters[i, V] - corner[i, 1] - radius) < MAX_DRIFT_PX)
+    return far
+
+
+@compiled
+def duplicates(fit: Fit, windows: Windows) -> np.ndarray:
+    """Return True (K,) for the fainter of two fits closer than SEPARATION_PX."""
+    duplicate = np.zeros(len(fit.parameters), np.bool_)
+    for i in range(len(duplicate)):
+        for k in range(windows.first[i], windows.first[i + 1]):
+            star, other = fit.parameters[i], fit.parameters[windows.sources[k]]
+            if math.hypot(star[U] - other[U], star[V] - other[V]) < SEPARATION_PX:
+                duplicate[i] |= star[FLUX] < other[FLUX]
+    return duplicate

@@ -1,0 +1,40 @@
+"""Where stars and targets will be: what a star tracker expects of the next image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from startracker_ros.core.centroid.streak import fit_streak, Streak
+
+
+@dataclass(frozen=True)
+class PredictedCentroids:
+    """
+    Centroids expected in an image at the time stamp_ns: stars, brightest first, then targets.
+
+    uv (N, 2) px with the error sigma_px (N,) per axis, of a target that in the next image;
+    velocity (N, 2) px/s; hip (N,), 0 for a target; stars is the number of stars.
+    """
+
+    stamp_ns: int
+    uv: np.ndarray
+    velocity: np.ndarray
+    sigma_px: np.ndarray
+    hip: np.ndarray
+    stars: int
+
+    def joined(self, targets: 'PredictedCentroids') -> 'PredictedCentroids':
+        """Return these centroids followed by targets at the same time."""
+        return PredictedCentroids(
+            self.stamp_ns, np.concatenate([self.uv, targets.uv]),
+            np.concatenate([self.velocity, targets.velocity]),
+            np.concatenate([self.sigma_px, targets.sigma_px]),
+            np.concatenate([self.hip, targets.hip]), self.stars)
+
+    def at(self, stamp_ns: int) -> np.ndarray:
+        """Return the positions (N, 2) in px at another time."""
+        return self.uv + self.velocity * ((stamp_ns - self.stamp_ns) * 1e-9)
+
+    def motion(self, shape: tuple[int, int]) -> Streak:
+        """Return the motion of the stars in a second over an image of this shape (H, W)."""
+        stars = slice(self.stars)
+        return fit_streak(self.uv[stars], self.velocity[stars], np.ones(self.stars), shape)

@@ -1,0 +1,55 @@
+"""Fields without an image: the centroids of catalogue stars, exact or with simulated errors."""
+
+import numpy as np
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.maths.rotation import conjugate, quaternion_from_pointing, rotate
+
+# Orion: bright stars for narrow fields and wide ones.
+_RA_RAD, _DEC_RAD, _ROLL_RAD = np.radians([84.0, 0.0, 30.0])
+_SIGMA_PX = 0.1
+
+WARM_UP_CAMERA = Camera.from_fov(512, 512, 20.0)
+"""A camera to compile and load code with, before the one in use is known."""
+
+WARM_UP_EPOCH_YEAR = 2026.0
+
+
+def synthetic_field(onboard: OnboardCatalog, camera: Camera) -> tuple[Centroids, np.ndarray]:
+    """Return the centroids of the stars that a camera sees in Orion, and their hip (N,)."""
+    q = quaternion_from_pointing(_RA_RAD, _DEC_RAD, _ROLL_RAD)
+    star = onboard.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
+    uv = camera.project(rotate(conjugate(q), onboard.direction[star]))
+    seen = camera.contains(uv)
+    star, uv = star[seen], uv[seen]
+    flux = 1e6 * 10 ** (-0.4 * onboard.magnitude[star])
+    return (Centroids(uv, flux, np.full(len(star), 1 / _SIGMA_PX),
+                      np.full(len(star), _SIGMA_PX)), onboard.hip[star])
+
+
+def star_list(onboard: OnboardCatalog, camera: Camera, q: np.ndarray, sigma_px: float,
+              rng: np.random.Generator, *, magnitude_sigma: float = 0.1, missing: float = 0.0,
+              false: int = 0, brightest_false: float = 1.0) -> tuple[Centroids, np.ndarray]:
+    """
+    Return simulated centroids of a camera at attitude q (4,), and their hip (N,).
+
+    Each axis has Gaussian noise of sigma_px; each star is missing with the given
+    probability. False stars, hip 0, are uniform over the image and in magnitude from
+    brightest_false to the faintest star of the on-board catalogue.
+    """
+    near = onboard.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
+    uv = camera.project(rotate(conjugate(q), onboard.direction[near]))
+    visible = camera.contains(uv) & (rng.random(len(near)) >= missing)
+    near, uv = near[visible], uv[visible] + rng.normal(0, sigma_px, (np.count_nonzero(visible), 2))
+    magnitude = onboard.magnitude[near] + rng.normal(0, magnitude_sigma, len(near))
+    uv = np.concatenate([uv, rng.uniform(-0.5, [camera.width - 0.5, camera.height - 0.5],
+                                         (false, 2))])
+    magnitude = np.concatenate([magnitude, rng.uniform(
+        brightest_false, onboard.magnitude.max(initial=brightest_false), false)])
+    hip = np.concatenate([onboard.hip[near], np.zeros(false, np.int32)])
+    order = np.argsort(magnitude)
+    count = len(order)
+    error = max(sigma_px, 1e-3)
+    return Centroids(uv=uv[order], flux=1e6 * 10 ** (-0.4 * magnitude[order]),
+                     snr=np.full(count, 1 / error), sigma_px=np.full(count, error)), hip[order]

@@ -1,0 +1,138 @@
+"""All registered functions compiled at once, by processes of their own."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+import fcntl
+import os
+from pathlib import Path
+from queue import Empty, Queue
+import subprocess
+import sys
+from threading import Thread
+import time
+
+from startracker_ros.core.machine_code import (
+    calls_of, code_name, machine_code_folder, missing_modules, registered_modules)
+
+_WORKER = 'STARTRACKER_COMPILES'
+_LOCK_PERIOD_S = 0.5
+_POLL_S = 0.1
+
+Report = Callable[[str, int, int], None]
+"""Called with the function that is compiled now, how many of how many are done; '' at the end."""
+
+
+class CompileError(RuntimeError):
+    """Compiled code that cannot be made or kept; the text says why and what to do."""
+
+
+def compile_missing(report: Report, folder: Path | None = None) -> None:
+    """
+    Compile the registered functions that have no machine code, on all cores.
+
+    It is kept in a folder, whatever others have, by default in that of the user; without one
+    nothing is done. Two processes do not compile at once. CompileError names what could not be
+    kept: each process compiles that at its first call.
+    """
+    target = folder or Path(machine_code_folder())
+    if os.environ.get(_WORKER) or not target.name:
+        return
+    try:
+        with _lock(target, report):
+            modules = missing_modules() if folder is None else [
+                module for module in sorted(registered_modules())
+                if not (folder / code_name(module)).exists()]
+            if modules:
+                _compile(modules, target, report)
+    finally:
+        report('', 0, 0)
+
+
+def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
+    names = {module: list(calls_of(module)) for module in modules}
+    count, done, errors = sum(map(len, names.values())), 0, []
+    command = [sys.executable, '-m', f'{__package__}.warm_up', '--worker', str(folder)]
+    workers = [
+        subprocess.Popen([*command, *share],
+                         env={**os.environ, _WORKER: '1'}, stdin=subprocess.DEVNULL,
+                         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        for share in _shares(names)]
+    try:
+        for line in _lines(workers):
+            if line.startswith(__package__):
+                report(line, done, count)
+                done += 1
+            else:
+                errors.append(line)
+        errors += [f'a compiling process ended with status {worker.returncode}'
+                   for worker in workers if worker.wait() != 0]
+    finally:
+        for worker in workers:
+            worker.terminate()
+            worker.wait()
+    if errors:
+        raise CompileError(f'compiled code is not complete: {errors[-1]}')
+
+
+def _lines(workers: Iterable[subprocess.Popen]) -> Iterator[str]:
+    """Yield what processes print, in the order in which it comes."""
+    lines: Queue[str] = Queue()
+    threads = [Thread(target=_forward, args=(worker, lines), daemon=True) for worker in workers]
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads) or not lines.empty():
+        with suppress(Empty):
+            yield lines.get(timeout=_POLL_S)
+
+
+def _forward(worker: subprocess.Popen, lines: Queue) -> None:
+    for line in worker.stdout or ():
+        lines.put(line.strip())
+
+
+def _shares(names: dict[str, list[str]]) -> list[list[str]]:
+    """Return the modules of each worker, those of a package together: they share functions."""
+    def functions(modules: list[str]) -> int:
+        return sum(len(names[module]) for module in modules)
+
+    packages = defaultdict(list)
+    for module in names:
+        packages[module.split('.')[1]].append(module)
+    shares: list[list[str]] = [[] for _ in range(min(os.cpu_count() or 1, len(packages)))]
+    for package in sorted(packages.values(), key=functions, reverse=True):
+        min(shares, key=functions).extend(package)
+    return shares
+
+
+@contextmanager
+def _lock(folder: Path, report: Report) -> Iterator[None]:
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / 'lock', 'wb') as file:
+        while True:
+            with suppress(OSError):
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            report('in another process', 0, 0)
+            time.sleep(_LOCK_PERIOD_S)
+        yield
+
+
+def show_progress() -> Report:
+    """Return a report that draws a bar on a terminal, and prints a line elsewhere."""
+    from rich.console import Console
+    from rich.progress import Progress
+    progress = Progress(console=Console(stderr=True), transient=True)
+    task = progress.add_task('')
+
+    def report(name: str, done: int, count: int) -> None:
+        if not name:
+            progress.stop()
+            return
+        if not progress.live.is_started:
+            progress.console.print(f'compiling {count or "some"} functions for this machine: '
+                                   'a minute, once')
+            progress.start()
+        progress.update(task, completed=done, total=count or None,
+                        description=f'compiling {name.removeprefix(f"{__package__}.")}')
+    return report

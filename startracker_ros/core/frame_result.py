@@ -1,0 +1,79 @@
+"""What the star tracker knows after a frame."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from startracker_ros.core.attitude.result import covariance_icrf
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.identify.identification import Identification
+from startracker_ros.core.maths.rotation import (
+    matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
+from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.tracks import Tracks
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """
+    The attitude of the sensor in ICRF at a time.
+
+    quaternion (4,) is q_icrf_from_sensor, x, y, z, w: v_icrf = R(q) v_sensor; covariance_sensor
+    (3, 3) rad^2 that of a rotation vector about sensor axes. rate_rad_s (3,) is the angular
+    velocity with respect to ICRF on sensor axes, with its covariance (3, 3) rad^2/s^2.
+    acceleration_rad_s2 (3,) is the 1 sigma of the angular acceleration that at() assumes.
+    """
+
+    stamp_ns: int
+    quaternion: np.ndarray
+    covariance_sensor: np.ndarray
+    rate_rad_s: np.ndarray
+    rate_covariance: np.ndarray
+    acceleration_rad_s2: np.ndarray
+
+    @property
+    def covariance_icrf(self) -> np.ndarray:
+        """Covariance (3, 3) rad^2 of the same rotation vector on ICRF axes."""
+        return covariance_icrf(self.quaternion, self.covariance_sensor)
+
+    def at(self, stamp_ns: int) -> 'Attitude':
+        """
+        Return the attitude at a time near stamp_ns of this one, by its rate.
+
+        The correlation of attitude and rate is not known here, so the covariance is the bound
+        (1 + k) P + (1 + 1 / k) dt^2 P_rate, which holds for any, with the k of least trace; a
+        constant acceleration adds (a dt^2 / 2)^2.
+        """
+        dt_s = (stamp_ns - self.stamp_ns) * 1e-9
+        turn = quaternion_from_rotation_vector(self.rate_rad_s * dt_s)
+        by_rate = dt_s ** 2 * self.rate_covariance
+        own, other = np.sqrt([np.trace(self.covariance_sensor), np.trace(by_rate)])
+        covariance = self.covariance_sensor
+        if other > 0:
+            covariance = (1 + other / own) * covariance + (1 + own / other) * by_rate
+        # The error is about axes that turn with the sensor.
+        turned = matrix_from_quaternion(turn).T
+        moved = self.acceleration_rad_s2 * dt_s
+        return replace(
+            self, stamp_ns=stamp_ns, quaternion=multiply(self.quaternion, turn),
+            covariance_sensor=(turned @ covariance @ turned.T
+                               + np.diag((moved * dt_s / 2) ** 2)),
+            rate_covariance=self.rate_covariance + np.diag(moved ** 2))
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """
+    The result of one frame.
+
+    centroids are those found or given; identification is None where the frame needed none; tracks
+    are empty unless state is TRACKING. attitude is None where there is none that can be trusted:
+    reason says why, and is empty otherwise.
+    """
+
+    stamp_ns: int
+    centroids: Centroids
+    identification: Identification | None
+    tracks: Tracks
+    attitude: Attitude | None
+    state: TrackerState
+    reason: str

@@ -1,0 +1,120 @@
+"""How the body moves from one frame to the next: by the gyro, or at a constant rate."""
+
+import math
+
+import numpy as np
+from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
+from startracker_ros.core.fusion.options import FusionOptions
+from startracker_ros.core.fusion.state import FusedState, GATE
+from startracker_ros.core.maths.rotation import ARCSEC
+
+GYRO_FRAMES = 3  # with whose rate a gyro has to agree before it is used
+GYRO_SILENCE_S = 1.0
+_ACCELERATION_S = 0.1
+_SHARP_TURN_RAD = 5 * ARCSEC  # 1 sigma, beyond the newest rate
+
+
+class BodyMotion:
+    """
+    Propagates states; uses the gyro once it has agreed with the rate of the heads.
+
+    walk (M,) rad^2/s are the spectral densities of the coefficients of the mounts. gyro_trouble
+    is why the rates of a gyro are not used, empty where they are or without one.
+    """
+
+    def __init__(self, options: FusionOptions, gyro_options: GyroErrorOptions,
+                 walk: np.ndarray) -> None:
+        self._options = options
+        self._gyro_options = gyro_options
+        self._walk = walk
+        self._density = math.radians(options.acceleration_deg_s2) ** 2 * _ACCELERATION_S
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the rates."""
+        self._gyro = Gyro(self._gyro_options)
+        self.gyro_trouble = ''
+        self.forget_gyro()
+
+    def forget_gyro(self) -> None:
+        """Use the gyro only after it has agreed with the heads anew."""
+        self.uses_gyro, self._agreed = False, 0
+
+    @property
+    def drift_sigma_rad_s(self) -> float:
+        """Return the 1-sigma error of a drift of which nothing is known."""
+        return self._gyro.drift_sigma_rad_s
+
+    def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
+        """
+        Add a rate (3,) about body axes; False if it is rejected or not newer than the last.
+
+        A jump of time back by more than a second is another gyro.
+        """
+        silent_s = self._gyro.silent_s(stamp_ns)
+        if silent_s <= 0:
+            if silent_s > -GYRO_SILENCE_S:
+                return False
+            self._gyro = Gyro(self._gyro_options)
+            self.forget_gyro()
+        return self._gyro.add(stamp_ns, rate_rad_s)
+
+    def gyro_runs(self, stamp_ns: int) -> bool:
+        """Return whether the rates propagate a state to a time."""
+        ahead_s = self._options.horizon_s + GYRO_SILENCE_S
+        return self.uses_gyro and -ahead_s <= self._gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S
+
+    def extrapolates(self, stamp_ns: int) -> bool:
+        """
+        Return whether the rates end so long before a time that they predict nothing sharp.
+
+        A state predicted so would take any frame of that time for right.
+        """
+        return self.gyro_runs(stamp_ns) and self._is_behind(stamp_ns)
+
+    def _is_behind(self, stamp_ns: int) -> bool:
+        silent_s = max(0.0, self._gyro.silent_s(stamp_ns))
+        turned_rad = math.radians(self._gyro_options.gyro_rate_change_deg_s2) * silent_s ** 2
+        return turned_rad > _SHARP_TURN_RAD
+
+    def bridged_s(self, stamp_ns: int) -> float:
+        """Return the longest time without frames before a time."""
+        return (self._options.max_gyro_gap_s if self.gyro_runs(stamp_ns)
+                else self._options.max_gap_s)
+
+    def propagated(self, state: FusedState, to_ns: int, factor: float) -> FusedState:
+        """Return a state at a later time; factor is that of the acceleration without a gyro."""
+        if not self.gyro_runs(to_ns):
+            return self.at_constant_rate(state, to_ns, factor)
+        gyro = self._gyro
+        return state.at_gyro_rate(gyro.steps(state.stamp_ns, to_ns), gyro.noise_density,
+                                  gyro.drift_density, self._walk)
+
+    def at_constant_rate(self, state: FusedState, to_ns: int, factor: float) -> FusedState:
+        """Return the same without the gyro."""
+        return state.at_constant_rate(to_ns, factor ** 2 * self._density,
+                                      self._gyro.drift_density, self._walk)
+
+    def compare_gyro(self, before: FusedState, after: FusedState) -> None:
+        """Compare the gyro with the rate of the heads after two frames."""
+        gyro = self._gyro
+        if (self.uses_gyro or after.stamp_ns <= before.stamp_ns
+                or abs(gyro.silent_s(after.stamp_ns)) > GYRO_SILENCE_S):
+            return
+        if self._is_behind(after.stamp_ns):
+            self._agreed = 0
+            self.gyro_trouble = f'imu is {gyro.silent_s(after.stamp_ns):.2g} s behind the heads'
+            return
+        measured, variance = gyro.mean_rate(before.stamp_ns, after.stamp_ns)
+        innovation = measured - after.rate
+        S = after.covariance[3:6, 3:6] + np.eye(3) * (variance + gyro.drift_sigma_rad_s ** 2)
+        if innovation @ np.linalg.solve(S, innovation) > GATE:
+            self._agreed = 0
+            rates = [' '.join(f'{value:.4f}' for value in np.degrees(rate))
+                     for rate in (measured, after.rate)]
+            self.gyro_trouble = (f'imu reports {rates[0]} deg/s about x, y, z of the body, the '
+                                 f'heads {rates[1]}')
+            return
+        self._agreed += 1
+        if self._agreed >= GYRO_FRAMES:
+            self.uses_gyro, self.gyro_trouble = True, ''

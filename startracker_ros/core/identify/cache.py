@@ -1,0 +1,53 @@
+"""Catalogues and pairs of cameras in the user's cache, keyed by what they are built from."""
+
+from dataclasses import fields
+
+import numpy as np
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.core.catalog.sky_grid import SkyGrid
+from startracker_ros.core.catalog.stars import StarCatalog
+from startracker_ros.core.identify.pairs import build_pairs, MOST_PAIRS, PairDatabase
+from startracker_ros.core.stored_arrays import digest, stored_arrays
+
+_COLUMNS = 'hip', 'direction', 'magnitude', 'crowded', 'blended', 'variation_mag'
+_PAIRS = tuple(field.name for field in fields(PairDatabase) if field.name != 'stored')
+
+
+def cached_onboard(catalog: StarCatalog, camera: Camera, epoch_year: float,
+                   magnitude_limit: float) -> OnboardCatalog:
+    """Return onboard_catalog() and its grid from the cache, or build and store them."""
+    def build() -> dict[str, np.ndarray]:
+        onboard = onboard_catalog(catalog, camera, epoch_year, magnitude_limit)
+        return {**{name: getattr(onboard, name) for name in _COLUMNS},
+                'cells': np.array(onboard.grid.cells), 'crowd_rad': np.array(onboard.crowd_rad),
+                'start': onboard.grid.start, 'member': onboard.grid.member}
+    key = digest(catalog.digest, camera.pixel_rad, epoch_year, magnitude_limit)
+    stored = stored_arrays('catalogue', key, build)
+    arrays = stored.arrays
+    onboard = OnboardCatalog(**{name: arrays[name] for name in _COLUMNS},
+                             crowd_rad=float(arrays['crowd_rad']), stored=stored)
+    # What is otherwise computed when first used.
+    vars(onboard).update(digest=key, grid=SkyGrid(
+        onboard.direction, int(arrays['cells']), arrays['start'], arrays['member']))
+    return onboard
+
+
+def cached_pairs(onboard: OnboardCatalog, min_separation_rad: float,
+                 max_separation_rad: float, most_pairs: float = MOST_PAIRS,
+                 brightest: int | None = None) -> PairDatabase:
+    """
+    Return build_pairs() from the cache, or build and store them.
+
+    With brightest, only those among this number of catalogue entries.
+    """
+    def build() -> dict[str, np.ndarray]:
+        if brightest is None:
+            pairs = build_pairs(onboard, min_separation_rad, max_separation_rad, most_pairs)
+        else:
+            pairs = cached_pairs(onboard, min_separation_rad, max_separation_rad, most_pairs)
+            pairs = pairs.among(int(np.searchsorted(pairs.star, brightest)))
+        return {name: getattr(pairs, name) for name in _PAIRS}
+    stored = stored_arrays('pairs', digest(
+        onboard.digest, min_separation_rad, max_separation_rad, most_pairs, brightest), build)
+    return PairDatabase(**stored.arrays, stored=stored)

@@ -1,0 +1,138 @@
+"""
+The false-alarm probability: how likely a wrong candidate agrees as well as this one.
+
+Four tests, each a probability under the hypothesis that the candidate is wrong:
+
+Number of matches. Each of the n image stars beyond the B of the pattern falls within the
+radius r of one of the S catalogue stars of the field with p = S pi r^2 / A, A the area of the
+image. m matches or more of n have the binomial tail
+
+    P_1 = sum_{k=m}^n C(n, k) p^k (1 - p)^(n - k).
+
+Stars of a cluster are not independent: the Pleiades, shifted or turned, put several stars on
+others at once. So the stars of one small cell of the image count as one.
+
+Density of the field. A wrong candidate points anywhere on the sky; P_2 is the share of random
+fields that hold S catalogue stars or fewer.
+
+Order of brightness. Were the candidate wrong, any order of the catalogue stars would be as
+likely as that of their image stars. P_3 is the share of permutations with no more inversions
+(Kendall 1938). No photometry is needed but the order.
+
+Residuals. By chance the squared residuals d_i^2 / r^2 are uniform in 0 .. 1. The probability that
+m such numbers have a sum below x is at most P_4 = x^m / m!.
+
+The product P of these is combined as Fisher (1925) does it, and T candidates were tested:
+
+    P_FA = min(1, T P (1 + L + L^2 / 2 + L^3 / 6)),    L = -ln P.
+"""
+
+import numpy as np
+from startracker_ros.core.compiled import compiled
+
+# Matched stars, the brightest, whose order is tested.
+_ORDERED = 12
+# Cells along one side of a square image: 3/4 of a degree in a field of 12.
+_CELLS = 16
+
+
+@compiled
+def occupied_cells(seen: np.ndarray, matched: np.ndarray, area: float
+                   ) -> tuple[int, np.ndarray]:
+    """
+    Return how many cells of an image hold stars, and a mask (N,) of one match in each.
+
+    seen (N, 2) are the stars in undistorted coordinates, brightest first; the mask is True for the
+    brightest matched star of each cell. area is that of the image in rad^2.
+    """
+    edge = np.sqrt(area) / _CELLS
+    count = len(seen)
+    cell = np.empty((count, 2), np.int64)
+    brightest = np.zeros(count, np.bool_)
+    cells = 0
+    for i in range(count):
+        cell[i, 0], cell[i, 1] = np.floor(seen[i, 0] / edge), np.floor(seen[i, 1] / edge)
+        new, brightest[i] = True, matched[i] >= 0
+        for j in range(i):
+            if cell[j, 0] == cell[i, 0] and cell[j, 1] == cell[i, 1]:
+                new = False
+                brightest[i] = brightest[i] and not brightest[j]
+        cells += new
+    return cells, brightest
+
+
+@compiled
+def binomial_tail(m: int, n: int, p: float) -> float:
+    """Return P_1, the probability of m or more successes of n."""
+    if m <= 0 or p >= 1:
+        return 1.0
+    term = 1.0
+    for k in range(m):
+        term *= (n - k) / (k + 1) * p
+    term *= (1 - p) ** (n - m)
+    total = 0.0
+    for k in range(m, n + 1):
+        total += term
+        term *= (n - k) / (k + 1) * p / (1 - p)
+    return min(total, 1.0)
+
+
+def _permutation_shares() -> np.ndarray:
+    """Return the share (n, k) of the permutations of n things with at most k inversions."""
+    shares = np.ones((_ORDERED + 1, _ORDERED * (_ORDERED - 1) // 2 + 1))
+    counts = np.ones(1)
+    for n in range(2, _ORDERED + 1):
+        # The n-th thing comes before 0 .. n - 1 of the others.
+        counts = np.convolve(counts, np.ones(n)) / n
+        shares[n, :len(counts)] = np.minimum(np.cumsum(counts), 1)
+    return shares
+
+
+_PERMUTATION_SHARES = _permutation_shares()
+
+
+@compiled
+def order_probability(star: np.ndarray, chosen: np.ndarray) -> float:
+    """
+    Return P_3 of the catalogue indices star (N,) of the image stars chosen (N,) bool.
+
+    Both image stars and catalogue indices go from bright to faint.
+    """
+    ordered = np.empty(_ORDERED, np.int64)
+    count = inversions = 0
+    for i in range(len(star)):
+        if not chosen[i]:
+            continue
+        for j in range(count):
+            inversions += ordered[j] > star[i]
+        ordered[count] = star[i]
+        count += 1
+        if count == _ORDERED:
+            break
+    return _PERMUTATION_SHARES[count, inversions]
+
+
+@compiled
+def residual_probability(residual: np.ndarray, radius: float, base: int) -> float:
+    """
+    Return P_4 of the residuals (N,), NaN where there is no match.
+
+    The base stars of the pattern took part in the fit: they add to the sum x but not to m.
+    """
+    matched = 0
+    x = 0.0
+    for d in residual:
+        if d >= 0:
+            matched += 1
+            x += (d / radius) ** 2
+    bound = 1.0
+    for k in range(matched - base):
+        bound *= x / (k + 1)
+    return min(bound, 1.0)
+
+
+@compiled
+def fisher_combined(product: float) -> float:
+    """Return the probability that four uniform numbers have a product of P or less."""
+    log = -np.log(product) if product > 0 else 0.0
+    return product * (1 + log + log * log / 2 + log * log * log / 6)

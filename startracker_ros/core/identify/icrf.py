@@ -1,0 +1,47 @@
+"""The attitude of an identified frame in ICRF, out of that of the aberrated sky."""
+
+from dataclasses import replace
+
+import numpy as np
+from startracker_ros.core.attitude.estimate import estimate_attitude
+from startracker_ros.core.attitude.systematic_errors import with_velocity_error
+from startracker_ros.core.camera.lens import plane_points, rays
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.identify.association import focal_ratio
+from startracker_ros.core.identify.identification import Identification, IdentificationOptions
+from startracker_ros.core.maths.rotation import matrix_from_quaternion
+
+_ITERATIONS = 3
+"""The focal ratio changes by 1e-4 at most, its effect on the attitude by 1e-8 of that."""
+
+
+def icrf_identification(found: Identification, centroids: Centroids, camera: Camera,
+                        sky: ApparentCatalog, options: IdentificationOptions) -> Identification:
+    """
+    Return an identification with its attitude and focal ratio fitted to apparent directions.
+
+    Identification itself uses directions without aberration: over a field it changes angles by
+    1e-4 of their size at most, which the focal ratio absorbs. Its attitude is that of the
+    aberrated sky, off by up to 25.7 arcsec.
+    """
+    star_index = sky.onboard.index_of(found.hip)
+    known = (found.hip > 0) & (star_index >= 0)
+    if found.attitude is None or sky.observer.vantage is None or np.count_nonzero(known) < 2:
+        return found
+    icrf = sky.direction(star_index[known])
+    sensor, equidistant = camera.unproject(centroids.uv[known]), camera.model.equidistant
+    plane = plane_points(equidistant, sensor)
+    sigma_rad = camera.pixel_rad * np.hypot(centroids.sigma_px[known], options.sigma_floor_px)
+    tolerance, ratio = options.fov_error_percent / 100, found.focal_ratio
+    for _ in range(_ITERATIONS):
+        seen = rays(equidistant, plane / ratio)
+        attitude = estimate_attitude(seen, icrf, sigma_rad)
+        fitted = focal_ratio(
+            equidistant, matrix_from_quaternion(attitude.quaternion), seen, icrf)
+        ratio = min(max(ratio * fitted, 1 - tolerance), 1 + tolerance)
+    residual_px = found.residual_px.copy()
+    residual_px[known] = attitude.residual_rad / camera.pixel_rad
+    return replace(found, focal_ratio=ratio, residual_px=residual_px, attitude=with_velocity_error(
+        attitude, sky.observer.velocity_sigma_m_s, sensor, sigma_rad))

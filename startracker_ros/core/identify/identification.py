@@ -1,0 +1,302 @@
+"""What the identification methods share: options, usable stars, verification, result."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+import time
+
+import numpy as np
+from startracker_ros.core.attitude.estimate import AttitudeEstimate
+from startracker_ros.core.camera.lens import Lens, ray, shows, undistort
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.deep import camera_catalog, DEEP_LIMIT
+from startracker_ros.core.catalog.stars import StarCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.synthetic_field import synthetic_field
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.identify.cache import cached_onboard
+from startracker_ros.core.identify.verification import Match, same_attitude, Verifier
+from startracker_ros.core.options import option, Options
+
+METHODS = ('pyramid', 'quad', 'hausdorff_pivot', 'hausdorff_segment', 'extended_grid')
+"""The published methods; each is a module of this name."""
+
+# Two centroids closer than this are one star that was found twice.
+_DUPLICATE_PX = 1.5
+# The 170 brightest stars, which a field of more than 70 deg needs all: they are uneven in the sky.
+_LEAST_LIMIT = 3.0
+
+
+@dataclass(frozen=True)
+class IdentificationOptions(Options):
+    """How stars are identified, and when a result is accepted."""
+
+    method: str = option('pyramid', 'how candidates are found', choices=METHODS)
+    magnitude_limit: float = option(
+        0.0, 'faintest stars of the pattern database, V; 0 chooses it so that a field holds '
+        'twenty on average; beyond 9 only fields below 4 deg have stars', unit='mag', low=0.0,
+        high=DEEP_LIMIT)
+    max_image_stars: int = option(
+        400, 'brightest centroids that are used', low=4, high=500)
+    tolerance_sigmas: float = option(
+        3.5, 'gate of the residuals, in standard deviations of the centroids', low=1.0,
+        high=10.0)
+    sigma_floor_px: float = option(
+        0.2, 'standard deviation added to that of the centroids, for errors of the camera model',
+        unit='px', low=0.0, high=10.0)
+    fov_error_percent: float = option(
+        0.5, 'tolerance of the focal length, which is fitted within', unit='%',
+        low=0.0, high=5.0)
+    false_alarm_max: float = option(
+        1e-5, 'largest probability that an accepted result is chance', low=1e-30, high=0.1)
+    time_limit_s: float = option(
+        1.0, 'longest processor time of a search, so that other load changes no result',
+        unit='s', low=0.001, high=600.0)
+
+
+@dataclass(frozen=True)
+class Identification:
+    """
+    Which catalogue star each centroid is.
+
+    status is identified, too_few_stars, no_candidate, ambiguous or time_limit; reason
+    explains it. hip (N,) int32 is 0 where not identified, magnitude and residual_px (N,) NaN
+    there. attitude is None unless identified. focal_ratio is the fitted focal length over
+    that of the camera; false_alarm_probability that of the best candidate.
+    """
+
+    status: str
+    reason: str
+    hip: np.ndarray
+    magnitude: np.ndarray
+    residual_px: np.ndarray
+    attitude: AttitudeEstimate | None
+    focal_ratio: float
+    false_alarm_probability: float
+
+    @property
+    def matched(self) -> int:
+        """Return the number of identified stars."""
+        return int(np.count_nonzero(self.hip))
+
+
+@dataclass(frozen=True)
+class FieldStars:
+    """
+    The image stars that are used, brightest first.
+
+    index (N,) are their rows among the centroids; direction (N, 3) unit vectors in the
+    sensor frame; sigma_rad (N,) their errors per axis; flux (N,) in DN.
+    """
+
+    index: np.ndarray
+    direction: np.ndarray
+    sigma_rad: np.ndarray
+    flux: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Catalogue indices stars (M, B) that image stars base (B,) may be."""
+
+    base: np.ndarray
+    stars: np.ndarray
+
+
+class Identifier(ABC):
+    """
+    Identifies frames of one camera at one epoch.
+
+    A candidate is accepted only when all stars of the field verify it, whatever the method.
+    """
+
+    stars_per_field = 20.0
+    min_stars = 4
+    bases_by_brightness = False
+    lens_known = True
+
+    def __init__(self, camera: Camera, epoch_year: float,
+                 options: IdentificationOptions = IdentificationOptions(),
+                 catalog: StarCatalog | None = None) -> None:
+        """Build the pattern database, or load it from the cache."""
+        catalog = camera_catalog(camera) if catalog is None else catalog
+        self.camera = camera
+        self.options = options
+        self.magnitude_limit = options.magnitude_limit or _limit_for(
+            camera, catalog, self.stars_per_field)
+        self.scale_error = options.fov_error_percent / 100
+        # Proper motion of a year is far below the tolerances: one database for the whole year.
+        self.onboard = cached_onboard(catalog, camera, round(epoch_year), self.magnitude_limit)
+        self._catalog_stars = len(self.onboard) * _share_of_sky(camera)
+        self.verifier = self._verifier(camera)
+
+    def _verifier(self, camera: Camera) -> Verifier:
+        return Verifier(camera, self.onboard, self.options.tolerance_sigmas, self.scale_error,
+                        bases_by_brightness=self.bases_by_brightness, lens_known=self.lens_known)
+
+    @abstractmethod
+    def identify(self, centroids: Centroids) -> Identification:
+        """Return which stars the centroids are; no content of an image raises an error."""
+
+    def warm_up(self) -> None:
+        """Compile and load all that a frame needs, by identifying a synthetic field."""
+        self.identify(synthetic_field(self.onboard, self.camera)[0])
+
+    def field_stars(self, centroids: Centroids) -> FieldStars:
+        """Return the brightest usable centroids, each star once."""
+        index, direction, sigma_rad = usable_stars(
+            self.camera.lens, centroids.uv, np.argsort(-centroids.flux), centroids.sigma_px,
+            self.options.max_image_stars, self.options.sigma_floor_px)
+        return FieldStars(index, direction, sigma_rad, centroids.flux[index])
+
+    def identified(self, centroids: Centroids, field: FieldStars, match: Match) -> Identification:
+        """Return an accepted match as the result."""
+        hip, magnitude, residual_px = per_centroid(
+            len(centroids), field.index, match.star, match.residual_px, self.onboard.hip,
+            self.onboard.magnitude)
+        return Identification('identified', f'{match.matched} stars', hip, magnitude, residual_px,
+                              match.attitude, match.focal_ratio, match.false_alarm)
+
+    def too_few(self, centroids: Centroids, count: int) -> Identification:
+        """Return the result for a field of count usable stars, too few for a pattern."""
+        return self.unidentified(centroids, 'too_few_stars',
+                                 f'{count} usable stars, {self.options.method} needs '
+                                 f'{self.min_stars}: expose longer or lower the threshold')
+
+    def unidentified(self, centroids: Centroids, status: str, reason: str,
+                     false_alarm: float = 1.0) -> Identification:
+        """Return the result without an attitude; false_alarm is that of the best candidate."""
+        count = len(centroids)
+        return Identification(status, reason, np.zeros(count, np.int32), np.full(count, np.nan),
+                              np.full(count, np.nan), None, 1.0, false_alarm)
+
+    def time_limit(self, centroids: Centroids, tested: int,
+                   false_alarm: float) -> Identification:
+        """Return the result of a search that reached time_limit_s."""
+        return self.unidentified(
+            centroids, 'time_limit', f'not identified within time_limit_s = '
+            f'{self.options.time_limit_s:g}, {tested} candidates tested', false_alarm)
+
+    def no_candidate(self, centroids: Centroids, count: int, tested: int,
+                     false_alarm: float) -> Identification:
+        """Return the result of a search of count stars in which no candidate was accepted."""
+        return self.unidentified(
+            centroids, 'no_candidate', f'{count} stars, {tested} candidates tested, none is '
+            'verified: many false stars, a wrong focal length, or a magnitude limit that '
+            f'does not fit (a field holds {self._catalog_stars:.1f} catalogue stars on average)',
+            false_alarm)
+
+
+class CandidateIdentifier(Identifier):
+    """An identifier whose method yields candidates, the most probable first."""
+
+    @abstractmethod
+    def candidates(self, field: FieldStars) -> Iterator[Candidates]:
+        """Yield the catalogue stars that some of the image stars may be."""
+
+    def identify(self, centroids: Centroids) -> Identification:
+        """Return the first candidate that is verified."""
+        field = self.field_stars(centroids)
+        if len(field) < self.min_stars:
+            return self.too_few(centroids, len(field))
+        deadline_s = time.thread_time() + self.options.time_limit_s
+        false_alarm = 1.0
+        tested = 0
+        for found in self.candidates(field):
+            tested += len(found.stars)
+            supported = self.verifier.supported(field.direction, field.sigma_rad, found.base,
+                                                found.stars)
+            matches = [self.verifier.verify(field.direction, field.sigma_rad, found.base,
+                                            found.stars[candidate], tested)
+                       for candidate in supported]
+            matches.sort(key=lambda match: match.false_alarm)
+            if matches:
+                false_alarm = min(false_alarm, matches[0].false_alarm)
+                if false_alarm <= self.options.false_alarm_max:
+                    return self._decide(centroids, field, matches)
+            if time.thread_time() > deadline_s:
+                return self.time_limit(centroids, tested, false_alarm)
+        return self.no_candidate(centroids, len(field), tested, false_alarm)
+
+    def _decide(self, centroids: Centroids, field: FieldStars,
+                matches: list[Match]) -> Identification:
+        """Return the best of the verified candidates, unless another one contradicts it."""
+        best = matches[0]
+        for other in matches[1:]:
+            if (other.false_alarm <= self.options.false_alarm_max
+                    and not same_attitude(other.star, best.star)):
+                return self.unidentified(
+                    centroids, 'ambiguous', 'two attitudes fit the field '
+                    f'({best.matched} and {other.matched} stars)', best.false_alarm)
+        return self.identified(centroids, field, best)
+
+
+@compiled
+def usable_stars(lens: Lens, uv: np.ndarray, order: np.ndarray, sigma_px: np.ndarray,
+                 max_stars: int, sigma_floor_px: float
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return the first usable centroids in an order, each star once.
+
+    Their indices (N,), directions (N, 3) and errors (N,) in rad, as in FieldStars.
+    """
+    chosen = np.empty(min(max_stars, len(order)), np.int64)
+    count = 0
+    for i in order:
+        u, v = uv[i, 0], uv[i, 1]
+        # NaN is in no range.
+        usable = shows(lens, u, v) and 0 < sigma_px[i] < np.inf
+        for j in range(count if usable else 0):
+            du, dv = uv[chosen[j], 0] - u, uv[chosen[j], 1] - v
+            if du * du + dv * dv < _DUPLICATE_PX * _DUPLICATE_PX:
+                usable = False
+                break
+        if not usable:
+            continue
+        chosen[count] = i
+        count += 1
+        if count == max_stars:
+            break
+    chosen = chosen[:count]
+    direction, sigma_rad = np.empty((count, 3)), np.empty(count)
+    for i in range(count):
+        u, v = uv[chosen[i], 0], uv[chosen[i], 1]
+        a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
+        direction[i, 0], direction[i, 1], direction[i, 2] = ray(lens.equidistant, a, b)
+        sigma_rad[i] = np.sqrt((sigma_px[chosen[i]] ** 2 + sigma_floor_px ** 2)
+                               / (lens.fx * lens.fy))
+    return chosen, direction, sigma_rad
+
+
+@compiled
+def per_centroid(count: int, index: np.ndarray, star: np.ndarray, residual_px: np.ndarray,
+                 hip: np.ndarray, magnitude: np.ndarray
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return hip, magnitude and residual of all count centroids: 0 or NaN where unmatched.
+
+    index (N,) are the rows of the image stars, star (N,) their catalogue indices, -1 for none.
+    """
+    hips = np.zeros(count, np.int32)
+    magnitudes = np.full(count, np.nan)
+    residuals_px = np.full(count, np.nan)
+    for i in range(len(index)):
+        if star[i] >= 0:
+            hips[index[i]] = hip[star[i]]
+            magnitudes[index[i]] = magnitude[star[i]]
+            residuals_px[index[i]] = residual_px[i]
+    return hips, magnitudes, residuals_px
+
+
+def _share_of_sky(camera: Camera) -> float:
+    return camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
+
+
+def _limit_for(camera: Camera, catalog: StarCatalog, stars_per_field: float) -> float:
+    """Return the magnitude limit at which a field holds stars_per_field stars on average."""
+    wanted = min(int(stars_per_field / _share_of_sky(camera)), len(catalog) - 1)
+    # Rounded up, so that cameras that are nearly alike share a database.
+    return float(max(np.ceil(catalog.magnitude[wanted] * 10) / 10, _LEAST_LIMIT))

@@ -1,0 +1,45 @@
+"""The stars of one frame of centroids, with its attitude in ICRF."""
+
+from functools import lru_cache
+from typing import Any
+
+from startracker_ros.core.astro.observer_motion import AT_REST, observer_at
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.catalog.deep import camera_catalog
+from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.identify.icrf import icrf_identification
+from startracker_ros.core.identify.identification import (
+    Identification, IdentificationOptions, Identifier)
+from startracker_ros.core.identify.methods import make_identifier
+from startracker_ros.core.options import options_by_class
+
+
+def identify(centroids: Centroids, camera: Camera, *, epoch_year: float, method: str = 'pyramid',
+             aberration: str = 'earth_only', **options: Any) -> Identification:
+    """
+    Return which catalogue star each centroid is, and the attitude of the sensor in ICRF.
+
+    camera is known to fov_error_percent. aberration is that of the Earth's velocity at the Julian
+    year, or 'none' for a sky without. options are those of star_identifier, as they are in
+    IdentificationOptions. The database of a camera is built by the first call and kept. ValueError
+    for a wrong option, CameraError for a field that the method cannot handle.
+    """
+    if aberration not in ('earth_only', 'none'):
+        raise ValueError(f'aberration = {aberration!r} must be one of earth_only, none')
+    values = options_by_class((IdentificationOptions,), {'method': method, **options})
+    chosen = values[IdentificationOptions]
+    assert isinstance(chosen, IdentificationOptions)
+    identifier, onboard = _identifier(camera, epoch_year, chosen)
+    sky = ApparentCatalog(onboard)
+    sky.look_from(AT_REST if aberration == 'none' else observer_at(epoch_year, None))
+    return icrf_identification(
+        identifier.identify(centroids), centroids, camera, sky, chosen)
+
+
+@lru_cache(maxsize=4)
+def _identifier(camera: Camera, epoch_year: float, options: IdentificationOptions
+                ) -> tuple[Identifier, OnboardCatalog]:
+    return (make_identifier(camera, epoch_year, options),
+            onboard_catalog(camera_catalog(camera), camera, epoch_year))

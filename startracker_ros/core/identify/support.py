@@ -1,0 +1,96 @@
+"""
+Votes of further image stars for a candidate triangle, counted before it is verified.
+
+Image stars a, b, c taken for catalogue stars A, B, C predict where star i must be. With
+
+    i = w_a a + w_b b + w_c c,    w_a = i . (b x c) / a . (b x c) and so on,
+
+the catalogue direction is that of w_a A + w_b B + w_c C. This needs no attitude, and a wrong
+focal length cancels. The error of the prediction and of the star itself is
+
+    sigma^2 = sigma_i^2 + w_a^2 sigma_a^2 + w_b^2 sigma_b^2 + w_c^2 sigma_c^2.
+"""
+
+import numpy as np
+from startracker_ros.core.catalog.sky_grid import nearest, SkyGrid
+from startracker_ros.core.compiled import compiled
+
+SUPPORTERS = 8
+"""Image stars that are looked up for each candidate."""
+
+
+@compiled
+def support_weights(image: np.ndarray, sigma: np.ndarray, base: np.ndarray, tolerance_sigmas: float
+                    ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return weights (K, 3) and search radii (K,) in rad of the stars that base (3,) predicts best.
+
+    image (N, 3) are unit vectors, sigma (N,) their errors in rad; K is SUPPORTERS at most.
+    """
+    a, b, c = base[0], base[1], base[2]
+    whole = triple_product(image, a, b, c)
+    # Rows b x c, c x a, a x b over a . (b x c): their products with star i are its weights.
+    dual = np.empty((3, 3))
+    for k in range(3):
+        p, q = base[(k + 1) % 3], base[(k + 2) % 3]
+        dual[k, 0] = (image[p, 1] * image[q, 2] - image[p, 2] * image[q, 1]) / whole
+        dual[k, 1] = (image[p, 2] * image[q, 0] - image[p, 0] * image[q, 2]) / whole
+        dual[k, 2] = (image[p, 0] * image[q, 1] - image[p, 1] * image[q, 0]) / whole
+    variance_a, variance_b, variance_c = sigma[a] ** 2, sigma[b] ** 2, sigma[c] ** 2
+    weights, reach = np.empty((SUPPORTERS, 3)), np.empty(SUPPORTERS)
+    chosen = 0
+    for i in range(len(image)):
+        if i in (a, b, c):
+            continue
+        x, y, z = image[i, 0], image[i, 1], image[i, 2]
+        w_a = x * dual[0, 0] + y * dual[0, 1] + z * dual[0, 2]
+        w_b = x * dual[1, 0] + y * dual[1, 1] + z * dual[1, 2]
+        w_c = x * dual[2, 0] + y * dual[2, 1] + z * dual[2, 2]
+        radius = tolerance_sigmas * np.sqrt(sigma[i] ** 2 + w_a * w_a * variance_a
+                                            + w_b * w_b * variance_b + w_c * w_c * variance_c)
+        if not radius < (np.inf if chosen < SUPPORTERS else reach[-1]):
+            continue
+        row = min(chosen, SUPPORTERS - 1)
+        while row > 0 and reach[row - 1] > radius:
+            reach[row] = reach[row - 1]
+            for k in range(3):
+                weights[row, k] = weights[row - 1, k]
+            row -= 1
+        reach[row], weights[row, 0], weights[row, 1], weights[row, 2] = radius, w_a, w_b, w_c
+        chosen = min(chosen + 1, SUPPORTERS)
+    return weights[:chosen], reach[:chosen]
+
+
+@compiled
+def triple_product(vectors: np.ndarray, a: int, b: int, c: int) -> float:
+    """Return a . (b x c) of three of the vectors (N, 3)."""
+    # Scalars alone: a view of a row costs more than the arithmetic with it.
+    x, y, z = vectors[a, 0], vectors[a, 1], vectors[a, 2]
+    return (x * (vectors[b, 1] * vectors[c, 2] - vectors[b, 2] * vectors[c, 1])
+            + y * (vectors[b, 2] * vectors[c, 0] - vectors[b, 0] * vectors[c, 2])
+            + z * (vectors[b, 0] * vectors[c, 1] - vectors[b, 1] * vectors[c, 0]))
+
+
+@compiled
+def support(sky: SkyGrid, weights: np.ndarray, reach: np.ndarray, first: int, second: int,
+            third: int, enough: int) -> int:
+    """
+    Return how many predicted image stars have a catalogue star, if base is these three stars.
+
+    weights (K, 3) and reach (K,) are those of support_weights(). A count that can no longer
+    exceed enough is not completed.
+    """
+    direction = sky.direction
+    ax, ay, az = direction[first, 0], direction[first, 1], direction[first, 2]
+    bx, by, bz = direction[second, 0], direction[second, 1], direction[second, 2]
+    cx, cy, cz = direction[third, 0], direction[third, 1], direction[third, 2]
+    count = 0
+    for i in range(len(reach)):
+        if count + len(reach) - i <= enough:
+            break
+        x = weights[i, 0] * ax + weights[i, 1] * bx + weights[i, 2] * cx
+        y = weights[i, 0] * ay + weights[i, 1] * by + weights[i, 2] * cy
+        z = weights[i, 0] * az + weights[i, 1] * bz + weights[i, 2] * cz
+        unit = 1 / np.sqrt(x * x + y * y + z * z)
+        count += nearest(sky, unit * x, unit * y, unit * z, reach[i])[0] >= 0
+    return count

@@ -1,0 +1,22 @@
+"""Symmetric matrices (3, 3), for compiled functions: a fraction of the time of LAPACK."""
+
+import numpy as np
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.small_algebra import adjugate
+
+
+@compiled
+def inverse(A: np.ndarray) -> np.ndarray:
+    """Return adj(A) / det(A) (3, 3) of the upper left block of A; not finite if singular."""
+    xx, xy, xz, yy, yz, zz = adjugate(A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2])
+    scale = 1 / (A[0, 0] * xx + A[0, 1] * xy + A[0, 2] * xz)
+    return np.array(((xx * scale, xy * scale, xz * scale), (xy * scale, yy * scale, yz * scale),
+                     (xz * scale, yz * scale, zz * scale)))
+
+
+@compiled
+def is_positive_definite(A: np.ndarray) -> bool:
+    """Return whether the leading minors of the upper left block of A are positive (Sylvester)."""
+    xx, xy, xz = adjugate(A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2])[:3]
+    return (A[0, 0] > 0 and A[0, 0] * A[1, 1] - A[0, 1] * A[0, 1] > 0
+            and A[0, 0] * xx + A[0, 1] * xy + A[0, 2] * xz > 0)

@@ -1,0 +1,256 @@
+"""Which images are searched as a whole, and in which only predicted centroids are measured."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.extraction import (
+    CentroidExtractor, Extraction, ExtractionOptions)
+from startracker_ros.core.centroid.prediction import PredictedCentroids
+from startracker_ros.core.centroid.streak import SHORTEST_PX, Streak
+from startracker_ros.core.options import option, Options
+from startracker_ros.core.stages.stale_rows import StaleRows
+
+LEAST_PREDICTED = 4
+LEAST_SHARE = 0.75  # of the predicted stars that were seen in the image searched last
+MAX_AGE_S = 1.0  # of a prediction
+GATE_SIGMAS = 4.0
+GATE_PX = 2.0  # for accelerations that a prediction does not know
+MAX_GATE_PX = 8.0  # of a star
+MAX_TARGET_PX = 32.0  # of a target; the whole image is searched for one that may be further away
+SAME_PX = 3.0  # two centroids closer than this are of one star
+REPEATED_PX = 0.5  # motion from which on an equal image is that of the frame before
+MAX_ASTRAY, MAX_ASTRAY_PX = 0.5, 2.0  # of a streak, across the motion of the stars
+MAX_EXPOSURE = 1.2  # of the interval between images, with the error of its estimate
+IMAGES_TO_ACQUIRE = 2  # a star tracker needs the identifications of two
+FASTER = 2.0  # times the speed at which stars were points: they may be streaks
+
+
+@dataclass(frozen=True)
+class SearchOptions(Options):
+    """How often an image is searched as a whole."""
+
+    search_period_s: float = option(
+        1.0, 'time between two images that are searched as a whole while the star tracker '
+        'predicts where its stars are; in the others only these are measured; 0: every image '
+        'is searched', unit='s', low=0.0, high=3600.0)
+    max_stars_lost: int = option(
+        160, 'maximum number of stars while the star tracker is lost: max_stars in the first '
+        'two images, then twice as many in every further two, for stars among brighter spots',
+        low=1, high=5000)
+
+
+class _Expected(NamedTuple):
+    """
+    The predicted centroids at the time of an image.
+
+    uv (K, 2) px and radius_px (K,) of where they are: the first ones are stars, the others
+    targets; anywhere is whether a target may be further away than a window reaches. motion is that
+    of the stars in a second, over the image; interval_s is the time since the image before.
+    """
+
+    uv: np.ndarray
+    radius_px: np.ndarray
+    stars: int
+    anywhere: bool
+    motion: Streak
+    speed_px_s: float
+    interval_s: float
+
+    @classmethod
+    def at(cls, stamp_ns: int, predicted: PredictedCentroids, shape: tuple[int, int],
+           interval_s: float) -> '_Expected':
+        """Return the predicted centroids at a time."""
+        stars, radius_px = predicted.stars, GATE_SIGMAS * predicted.sigma_px + GATE_PX
+        radius_px[:stars] = np.minimum(radius_px[:stars], MAX_GATE_PX)
+        near = radius_px <= MAX_TARGET_PX
+        return cls(predicted.at(stamp_ns)[near], radius_px[near], stars, not near.all(),
+                   predicted.motion(shape), float(np.hypot(*predicted.velocity[:stars].T).max()),
+                   interval_s)
+
+    def stars_seen(self, centroids: Centroids) -> int:
+        """Return near how many of the predicted stars there is a centroid."""
+        away = self.uv[:self.stars, None] - centroids.uv
+        near = away[..., 0] ** 2 + away[..., 1] ** 2 < MAX_GATE_PX ** 2
+        return int(np.count_nonzero(near.any(axis=1)))
+
+    def exposure_s(self, streak: Streak | None) -> float:
+        """Return the time in which the stars move by a streak; 0 where it is not their motion."""
+        if streak is None or not self.agrees(streak):
+            return 0.0
+        exposure_s = abs(self._seconds(streak))
+        return exposure_s if exposure_s < MAX_EXPOSURE * self.interval_s else 0.0
+
+    def agrees(self, streak: Streak) -> bool:
+        """Return whether a streak of the image, whose sign is unknown, lies along the motion."""
+        seen = _motion_px(streak)
+        limit_px = max(MAX_ASTRAY * float(np.linalg.norm(seen)), MAX_ASTRAY_PX)
+        along = self._seconds(streak) * _motion_px(self.motion)
+        return bool(np.linalg.norm(seen - along) < limit_px)
+
+    def _seconds(self, streak: Streak) -> float:
+        """Return the time in which the motion comes nearest to a streak, or its opposite."""
+        moved = _motion_px(self.motion)
+        return float(_motion_px(streak) @ moved) / max(float(moved @ moved), 1e-9)
+
+
+class ExtractionStage:
+    """
+    Extracts the centroids of images, near the predictions of a star tracker where it has any.
+
+    The exposure time is learnt from the length of the streaks in the images that are searched.
+    directed is whether the last image was not searched as a whole.
+    """
+
+    def __init__(self, options: ExtractionOptions = ExtractionOptions(),
+                 search: SearchOptions = SearchOptions()) -> None:
+        self.extractor = CentroidExtractor(options)
+        self._line_time_s = options.line_time_us * 1e-6
+        self._search_period_ns = round(search.search_period_s * 1e9)
+        self._max_stars = options.max_stars
+        self._max_stars_lost = max(search.max_stars_lost, options.max_stars)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the images before: the next one is searched as a whole."""
+        self.extractor.reset()
+        self.directed = False
+        self._stamp_ns = 0
+        self._searched_ns: int | None = None
+        self._seen_share = 1.0
+        self._exposure_s = 0.0
+        self._point_speed_px_s = 0.0
+        self._exposure_stars = 0
+        self._start: Extraction | None = None
+        self._unpredicted = 0
+        self._stale_rows = StaleRows()
+
+    def extract(self, stamp_ns: int, image: np.ndarray,
+                predicted: PredictedCentroids | None = None, lost: bool = True) -> Extraction:
+        """
+        Return the stars of image (H, W) uint8 or uint16 of a time.
+
+        Without lost, that there is no prediction does not mean that no star tracker tracks.
+        """
+        first, last = self._stale_rows.find(image)
+        repeated = last - first == len(image) - 1
+        interval_s, self._stamp_ns = (stamp_ns - self._stamp_ns) * 1e-9, stamp_ns
+        self.directed = False
+        if last and not repeated:
+            return _refused('torn', f'the rows {first} to {last} are those of the frame before: '
+                            'a torn frame')
+        if 0 < interval_s < self._line_time_s * len(image):
+            return _refused('readout', f'read-out of {self._line_time_s * len(image):.3g} s, but '
+                            f'{interval_s:.3g} s since the frame before: is line_time_us right?')
+        if (predicted is None or predicted.stars < LEAST_PREDICTED
+                or not 0 < stamp_ns - predicted.stamp_ns <= MAX_AGE_S * 1e9):
+            self._searched_ns = None
+            self._start = self._extract_unpredicted(image, lost)
+            return self._start
+        self._unpredicted = 0
+        self.extractor.most_stars = self._max_stars
+        expected = _Expected.at(stamp_ns, predicted, image.shape, interval_s)
+        if self._start is not None:
+            self._learn_exposure(self._start, expected)
+            self._start = None
+        moved_px = expected.speed_px_s * (stamp_ns - predicted.stamp_ns) * 1e-9
+        if repeated and moved_px > REPEATED_PX:
+            return _refused('repeated', 'the image is that of the frame before, though the stars '
+                            f'have moved {moved_px:.1f} px')
+        streak = expected.motion.scaled(self._exposure_s)
+        unknown = (self._exposure_s == 0 and moved_px > SHORTEST_PX
+                   and expected.speed_px_s > FASTER * self._point_speed_px_s)
+        near = None if unknown else self._near(image, expected, streak)
+        if near is not None and _contradicts(near):
+            near = None
+        if (near is not None and not expected.anywhere and not self._is_due(stamp_ns)
+                and self._has_stars(near, expected)):
+            self.directed = True
+            return near
+        self._searched_ns = stamp_ns
+        spoilt, known = self.extractor.spoilt, None if unknown else streak
+        searched = self.extractor.extract(image, known)
+        if _contradicts(searched):
+            # The motion has changed since the prediction: the image shows which it is.
+            searched, known, near, unknown = self.extractor.extract(image), None, None, True
+        if unknown and searched.streak is not None and not expected.agrees(searched.streak):
+            return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
+                            'direction than the stars move')
+        if near is not None and self.extractor.spoilt != spoilt:
+            near = self._near(image, expected, streak)
+        return self._joined(image, searched, near, expected, known)
+
+    def _extract_unpredicted(self, image: np.ndarray, lost: bool) -> Extraction:
+        """Return the stars of an image: more of them, the longer the star tracker is lost."""
+        self._unpredicted *= lost
+        doublings = min(self._unpredicted // IMAGES_TO_ACQUIRE, 10)
+        self.extractor.most_stars = min(self._max_stars << doublings, self._max_stars_lost)
+        self._unpredicted += 1
+        return self.extractor.extract(image)
+
+    def _near(self, image: np.ndarray, expected: _Expected, streak: Streak) -> Extraction | None:
+        """Measure stars and targets near where they are expected."""
+        return self.extractor.extract_near(image, expected.uv, expected.radius_px, streak)
+
+    def _has_stars(self, near: Extraction, expected: _Expected) -> bool:
+        """Return whether as many of the predicted stars are seen as in the image searched last."""
+        return expected.stars_seen(near.centroids) >= max(
+            LEAST_PREDICTED, LEAST_SHARE * self._seen_share * expected.stars)
+
+    def _joined(self, image: np.ndarray, extraction: Extraction, near: Extraction | None,
+                expected: _Expected, streak: Streak | None) -> Extraction:
+        """Return the stars of a searched image; what was measured near the predictions stays."""
+        if near is None or expected.stars_seen(near.centroids) < LEAST_PREDICTED:
+            if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
+                extraction, streak = self.extractor.extract(image), None
+            self._learn(extraction, expected, streak)
+            return extraction
+        self._learn(near, expected, near.streak)
+        stars, others = near.centroids, extraction.centroids
+        if len(others):
+            distance = np.linalg.norm(others.uv[:, None] - stars.uv, axis=-1).min(axis=1)
+            stars = stars.joined(others.select(distance > SAME_PX))
+        return replace(extraction, centroids=stars, status='ok', reason='', streak=near.streak)
+
+    def _is_due(self, stamp_ns: int) -> bool:
+        """Return whether it is time to search a whole image."""
+        return (not self._search_period_ns or self._searched_ns is None
+                or not 0 <= stamp_ns - self._searched_ns < self._search_period_ns)
+
+    def _learn(self, extraction: Extraction, expected: _Expected, streak: Streak | None) -> None:
+        """Learn from stars that were measured with this streak, None where it was not known."""
+        if len(extraction.centroids) < LEAST_PREDICTED:
+            return
+        self._seen_share = expected.stars_seen(extraction.centroids) / expected.stars
+        if extraction.streak is None:
+            self._point_speed_px_s = max(self._point_speed_px_s, expected.speed_px_s)
+        elif streak is None or not self._exposure_s:
+            self._learn_exposure(extraction, expected)
+
+    def _learn_exposure(self, extraction: Extraction, expected: _Expected) -> None:
+        """
+        Learn the exposure time from a streak that the image shows; few stars may err.
+
+        An image of motion that is not uniform shows no time.
+        """
+        if extraction.centroids.common_error.any():
+            return
+        exposure_s, stars = expected.exposure_s(extraction.streak), len(extraction.centroids)
+        if exposure_s and stars >= self._exposure_stars / 2:
+            self._exposure_s, self._exposure_stars = exposure_s, stars
+
+
+def _contradicts(extraction: Extraction) -> bool:
+    """Return whether most spots are no streaks of the motion that was assumed."""
+    return extraction.rejected.get('not_streaked', 0) > len(extraction.centroids)
+
+
+def _refused(status: str, reason: str) -> Extraction:
+    """Return the extraction of an image whose stars are not used."""
+    return Extraction(Centroids.empty(), status, reason)
+
+
+def _motion_px(streak: Streak) -> np.ndarray:
+    """Return the motion (3,) of the middle of an image in px, and of its corner by the roll."""
+    return np.array([streak.u_px, streak.v_px, np.hypot(streak.u0, streak.v0) * streak.roll])

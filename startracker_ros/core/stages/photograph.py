@@ -1,0 +1,182 @@
+"""Attitude and lens of a photograph of a camera that nobody has calibrated."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.astro.aberration import apparent_directions
+from startracker_ros.core.astro.observer_motion import AT_REST, Observer
+from startracker_ros.core.attitude.result import AttitudeEstimate
+from startracker_ros.core.attitude.systematic_errors import with_velocity_error
+from startracker_ros.core.calibration.learnt_lens import learn_lens, LearntLens
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.centroid.centroids import Centroids, ROUND
+from startracker_ros.core.centroid.photograph import Detections
+from startracker_ros.core.identify import blind
+from startracker_ros.core.identify.blind import BlindIdentifier, COARSEST_PIXEL_DEG, LIKELY_DEG
+from startracker_ros.core.identify.identification import Identification, IdentificationOptions
+from startracker_ros.core.identify.ladder import Attempt, ATTEMPTS, LadderIdentifier
+from startracker_ros.core.maths.rotation import (
+    matrix_from_quaternion, pointing_from_quaternion, quaternion_from_axes)
+from startracker_ros.core.stages.bodies import Bodies, BodyInImage
+from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.core.stages.solution import MIN_STARS, Solution
+
+_SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
+
+
+class _Search(NamedTuple):
+    """How one image is searched; coarse says why its pixels resolve no stars, empty if they do."""
+
+    camera: Camera
+    identify: Callable[[Iterable[Centroids]], Iterator[Attempt]]
+    identify_mirrored: Callable[[Iterable[Centroids]], Iterator[Attempt]]
+    fov_error: float
+    attempts: int
+    fields: str
+    coarse: str = ''
+
+
+class PhotographSolver:
+    """Solves photographs at one epoch; the lens is fitted to each."""
+
+    def __init__(self, camera: Camera | None, epoch_year: float,
+                 options: IdentificationOptions = IdentificationOptions()) -> None:
+        """Solve images of a nominal camera, or of any field of view without one."""
+        self._search: Callable[[tuple[int, int], float], _Search]
+        if camera is None:
+            self._search = partial(_any_field, BlindIdentifier(epoch_year, options))
+        else:
+            known = _known_field(camera, epoch_year, options)
+            self._search = lambda shape, likely_deg: known
+
+    def solve(self, image: np.ndarray, observer: Observer = AT_REST,
+              likely_deg: float = LIKELY_DEG, bodies: Bodies = Bodies()) -> Solution:
+        """
+        Return the attitude and the lens of image (H, W) uint8 or uint16, or why not.
+
+        observer is how the camera moved; likely_deg is the field of view of the long side that is
+        searched first where the camera is unknown; bodies are no stars.
+        """
+        height, width = image.shape
+        detections, search = Detections(image), self._search((height, width), likely_deg)
+        extraction = detections.extraction
+        if len(extraction.centroids) < MIN_STARS:
+            most = max(detections, key=len, default=Centroids.empty())
+            if len(most) < MIN_STARS:
+                return Solution.none(search.camera, most, extraction.status, extraction.reason)
+        if search.coarse:
+            return Solution.none(search.camera, extraction.centroids, 'too_small', search.coarse)
+        solved, rejected = _first_lens(search.identify(detections), search.fov_error)
+        if solved is not None:
+            attempt, lens, seen = _without_bodies(*solved, bodies, search.fov_error)
+            if not lens.rejected:
+                found = _identification(attempt, lens, search.attempts, observer)
+                return Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
+                                SkyMapping(lens.camera, lens.axis_quaternion), seen)
+            rejected = lens.rejected
+        status, reason = 'no_candidate', _mirrored(detections, search, width)
+        if reason:
+            status = 'mirrored'
+        most = max(detections, key=len)
+        unexplained = (f'{len(most)} spots, no lens of {search.fields} explains them as stars: '
+                       'another --fov-deg, or no night sky')
+        return Solution.none(search.camera, most, status,
+                             reason or rejected or extraction.reason or unexplained)
+
+
+def _mirrored(detections: Detections, search: _Search, width: int) -> str:
+    """Return what a mirrored image shows, empty if it is none."""
+    flipped = [replace(centroids, uv=[width - 1, 0] + centroids.uv * [-1, 1],
+                       covariance=ROUND) for centroids in detections]
+    solved, _ = _first_lens(search.identify_mirrored(flipped), search.fov_error)
+    if solved is None:
+        return ''
+    _, lens = solved
+    ra_deg, dec_deg, _ = np.degrees(pointing_from_quaternion(lens.attitude.quaternion))
+    return (f'mirrored: flipped from left to right it shows {lens.matched} stars about right '
+            f'ascension {ra_deg:.2f}, declination {dec_deg:.2f} deg; flip it with --mirror')
+
+
+def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], likely_deg: float) -> _Search:
+    """Return the search of an image of shape (H, W) of any field of view."""
+    height, width = shape
+    return _Search(
+        Camera.from_fov(width, height, likely_deg),
+        lambda lists: identifier.identify(lists, shape, likely_deg),
+        lambda lists: identifier.identify_mirrored(lists, shape, likely_deg),
+        blind.FOV_ERROR, blind.ATTEMPTS, '1 to 120 deg')
+
+
+def _known_field(camera: Camera, epoch_year: float, options: IdentificationOptions) -> _Search:
+    """Return the search of all images of a nominal camera."""
+    pixel_deg = float(np.degrees(camera.pixel_rad))
+    coarse = (f'a pixel is {pixel_deg:.2g} deg wide: more than {COARSEST_PIXEL_DEG} resolves no '
+              'stars' if pixel_deg > COARSEST_PIXEL_DEG else '')
+    ladder = LadderIdentifier(camera, epoch_year, options)
+    return _Search(camera, ladder.identify, ladder.identify_mirrored,
+                   options.fov_error_percent / 100, ATTEMPTS,
+                   f'about {np.degrees(camera.fov_x_rad):.3g} deg', coarse)
+
+
+def _first_lens(attempts: Iterable[Attempt], fov_error: float
+                ) -> tuple[tuple[Attempt, LearntLens] | None, str]:
+    """Return the first attempt whose lens is accepted, and why the last other one is not."""
+    rejected = ''
+    for attempt in attempts:
+        if attempt.identification.attitude is None:
+            continue
+        lens = learn_lens(attempt, fov_error)
+        if not lens.rejected:
+            return (attempt, lens), rejected
+        rejected = lens.rejected
+    return None, rejected
+
+
+def _without_bodies(attempt: Attempt, lens: LearntLens, bodies: Bodies, fov_error: float
+                    ) -> tuple[Attempt, LearntLens, tuple[BodyInImage, ...]]:
+    """Return the lens fitted without the spots of bodies, which may be near a catalogue star."""
+    matched = lens.star >= 0
+    magnitude = np.where(matched, attempt.identifier.onboard.magnitude[lens.star], np.nan)
+    mapping = SkyMapping(lens.camera, lens.axis_quaternion)
+    seen, spots = bodies.in_image(mapping), bodies.spots(mapping, attempt.centroids, magnitude)
+    if (spots & matched).any():
+        found = attempt.identification
+        attempt = attempt._replace(
+            centroids=attempt.centroids.select(~spots),
+            identification=replace(found, hip=found.hip[~spots], magnitude=found.magnitude[~spots],
+                                   residual_px=found.residual_px[~spots]))
+        lens = learn_lens(attempt, fov_error)
+    return attempt, lens, seen
+
+
+def _identification(attempt: Attempt, lens: LearntLens, attempts: int,
+                    observer: Observer) -> Identification:
+    """Return the stars of the fitted lens."""
+    onboard, known = attempt.identifier.onboard, lens.star >= 0
+    hip = np.where(known, onboard.hip[lens.star], 0).astype(np.int32)
+    magnitude = np.where(known, onboard.magnitude[lens.star], np.nan)
+    false_alarm = attempt.identification.false_alarm_probability * attempts
+    centroids = attempt.centroids.select(known)
+    attitude = _apparent(lens.attitude, observer, lens.camera.unproject(centroids.uv),
+                         np.hypot(centroids.sigma_px, lens.sigma_px))
+    return Identification('identified', f'{lens.matched} stars', hip, magnitude,
+                          lens.residual_px, attitude, lens.focal_ratio, min(false_alarm, 1.0))
+
+
+def _apparent(attitude: AttitudeEstimate, observer: Observer, sensor: np.ndarray,
+              sigma: np.ndarray) -> AttitudeEstimate:
+    """
+    Return an attitude that was fitted to directions without aberration, with it.
+
+    sensor (N, 3) and sigma (N,) are those of velocity_covariance().
+    """
+    if observer.vantage is None:
+        return attitude
+    axes = matrix_from_quaternion(attitude.quaternion)
+    z, y = apparent_directions(
+        np.stack([axes[:, 2], axes[:, 2] + _SMALL_RAD * axes[:, 1]]), observer.vantage)
+    return with_velocity_error(replace(attitude, quaternion=quaternion_from_axes(z, y)),
+                               observer.velocity_sigma_m_s, sensor, sigma)

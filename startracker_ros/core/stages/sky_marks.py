@@ -1,0 +1,109 @@
+"""What an annotated picture has beside its stars: names, figures, bodies, scale, north, east."""
+
+import cv2
+import numpy as np
+from startracker_ros.core.astro.earth import earth_position_au
+from startracker_ros.core.catalog.constellations import FIGURES
+from startracker_ros.core.catalog.names import BRIGHT_STARS
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.stages.annotate import Labels
+from startracker_ros.core.stages.bodies import BodyInImage
+from startracker_ros.core.stages.sky_mapping import SkyMapping
+
+_BODY, _NAMED, _SCALE = (255, 235, 90), (150, 190, 255), (235, 235, 235)
+_LINE = (70, 95, 140)
+# Lines end so far from their stars, at most by a share of their length. They have so many points,
+# for distorted images.
+_LINE_GAP_PX, _LARGEST_GAP, _LINE_STEPS = 14.0, 0.2, 48
+_SHIFT = 4  # bits of the fraction of a pixel
+_STEPS_DEG = (30, 20, 10, 5, 2, 1, 1 / 2, 1 / 3, 1 / 6, 1 / 12, 1 / 30, 1 / 60)
+_LONGEST, _ARROW, _MARGIN = 0.25, 0.06, 0.03  # of the width, of the shorter side
+_SMALL_RAD = 1e-5
+
+
+def mark_bodies(picture: np.ndarray, bodies: tuple[BodyInImage, ...], labels: Labels) -> None:
+    """Draw a circle around each body, as large as its disc, and its name."""
+    for body in bodies:
+        radius = round(max(body.radius_px, 12 * labels.size))
+        centre = (round(body.u), round(body.v))
+        cv2.circle(picture, centre, radius, _BODY, max(1, round(labels.size)), cv2.LINE_AA)
+        labels.write(picture, body.name, centre, _BODY, radius)
+
+
+def mark_named_stars(picture: np.ndarray, sky: SkyMapping, year: float, hip: np.ndarray,
+                     labels: Labels) -> None:
+    """Write the names of bright stars that are not among the identified ones hip (N,)."""
+    catalog = load_catalog().brighter_than(4.0)
+    named = np.isin(catalog.hip, [*BRIGHT_STARS]) & ~np.isin(catalog.hip, hip)
+    uv = sky.pixels(catalog.directions(year, earth_position_au(year))[named])
+    for number, pixel in zip(catalog.hip[named], uv):
+        if sky.camera.contains(pixel):
+            labels.write(picture, BRIGHT_STARS[int(number)], tuple(map(round, pixel.tolist())),
+                         _NAMED)
+
+
+def mark_figures(picture: np.ndarray, sky: SkyMapping, year: float, size: float) -> None:
+    """Draw the lines of the constellations, clear of the stars that they connect."""
+    catalog = load_catalog().brighter_than(6.0)
+    pairs = np.array([pair for lines in FIGURES.values() for line in lines
+                      for pair in zip(line, line[1:])])
+    order = np.argsort(catalog.hip)
+    ends = order[np.searchsorted(catalog.hip, pairs, sorter=order)]
+    first, last = catalog.directions(year, earth_position_au(year))[ends.T]
+    share = np.linspace(0, 1, _LINE_STEPS)[:, None]
+    for begin, end in zip(first, last):
+        along = begin + share * (end - begin)
+        uv = sky.pixels(along / np.linalg.norm(along, axis=1, keepdims=True))
+        seen = np.isfinite(uv).all(axis=1)
+        if not seen.any():
+            continue
+        length = np.linalg.norm(np.diff(uv[seen], axis=0), axis=1).sum()
+        gap = min(_LINE_GAP_PX * size, _LARGEST_GAP * length)
+        # To an end outside the image the distance is NaN, which is not near.
+        near = np.linalg.norm(uv[:, None] - uv[[0, -1]], axis=2) < gap
+        shown = uv[seen & ~near.any(axis=1)]
+        cv2.polylines(picture, [np.rint(shown * 2 ** _SHIFT).astype(np.int32)], False, _LINE,
+                      max(1, round(size)), cv2.LINE_AA, _SHIFT)
+
+
+def mark_scale(picture: np.ndarray, sky: SkyMapping, size: float) -> None:
+    """Draw a bar of a round number of degrees, and arrows to north and east, in the corners."""
+    height, width = picture.shape[:2]
+    margin = round(_MARGIN * min(width, height))
+    middle = np.array([(width - 1) / 2, (height - 1) / 2])
+    left, right = sky.directions(np.stack([middle - [0.5, 0], middle + [0.5, 0]]))
+    deg_per_px = float(np.degrees(np.linalg.norm(right - left)))
+    length_deg = next((step for step in _STEPS_DEG if step < _LONGEST * width * deg_per_px),
+                      _STEPS_DEG[-1])
+    length, row = round(length_deg / deg_per_px), height - margin
+    thick = max(1, round(size))
+    cv2.line(picture, (margin, row), (margin + length, row), _SCALE, thick, cv2.LINE_AA)
+    for end in (margin, margin + length):
+        cv2.line(picture, (end, row - round(4 * size)), (end, row + round(4 * size)), _SCALE,
+                 thick, cv2.LINE_AA)
+    text = f'{length_deg:g} deg' if length_deg >= 1 else f'{60 * length_deg:.0f} arcmin'
+    cv2.putText(picture, text, (margin, row - round(8 * size)), cv2.FONT_HERSHEY_SIMPLEX,
+                0.4 * size, _SCALE, thick, cv2.LINE_AA)
+    arrow = _ARROW * min(width, height)
+    foot = np.array([width, height]) - 2 * margin - arrow
+    for name, way in compass(sky, middle).items():
+        head, letter = foot + arrow * way, foot + 1.35 * arrow * way
+        cv2.arrowedLine(picture, _point(foot), _point(head), _SCALE, thick, cv2.LINE_AA,
+                        tipLength=0.25)
+        cv2.putText(picture, name, _point(letter + [-4 * size, 4 * size]),
+                    cv2.FONT_HERSHEY_SIMPLEX, 0.4 * size, _SCALE, thick, cv2.LINE_AA)
+
+
+def compass(sky: SkyMapping, pixel: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the unit vectors (2,) in px towards north and east at a pixel (2,)."""
+    z, = sky.directions(pixel[None])
+    east = np.cross([0.0, 0.0, 1.0], z)
+    east /= max(float(np.linalg.norm(east)), 1e-12)
+    ways = sky.pixels(z + _SMALL_RAD * np.stack([np.cross(z, east), east])) - pixel
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    return dict(zip('NE', ways))
+
+
+def _point(pixel: np.ndarray) -> tuple[int, int]:
+    u, v = pixel.round().astype(int).tolist()
+    return u, v

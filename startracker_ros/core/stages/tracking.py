@@ -1,0 +1,30 @@
+"""The trackers of a camera, with the catalogue as that camera sees it."""
+
+from startracker_ros.core.astro.observer_motion import ObserverMotion
+from startracker_ros.core.attitude.gyro import GyroErrorOptions
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.band import BandOptions
+from startracker_ros.core.catalog.deep import camera_catalog
+from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.target import TargetTracker, TargetTrackOptions
+from startracker_ros.core.track.tracker import StarTracker
+
+
+def make_star_tracker(camera: Camera, epoch_year: float,
+                      options: TrackerOptions = TrackerOptions(),
+                      gyro: GyroErrorOptions = GyroErrorOptions(),
+                      motion: ObserverMotion | None = None,
+                      band: BandOptions = BandOptions()) -> StarTracker:
+    """Return a star tracker with the shipped catalogue at a Julian year."""
+    onboard = onboard_catalog(camera_catalog(camera, band=band), camera, epoch_year,
+                              options.magnitude_limit)
+    return StarTracker(camera, onboard, options, gyro, motion)
+
+
+def make_trackers(camera: Camera, epoch_year: float, options: TrackerOptions,
+                  gyro: GyroErrorOptions, target: TargetTrackOptions, motion: ObserverMotion,
+                  band: BandOptions) -> tuple[StarTracker, TargetTracker]:
+    """Return a star tracker, and a tracker of the target among its stars."""
+    tracker = make_star_tracker(camera, epoch_year, options, gyro, motion, band)
+    return tracker, TargetTracker(camera, tracker.sky, target)

@@ -1,0 +1,233 @@
+"""
+Arrays that are built once, and then mapped from files in the user's cache.
+
+Processes that map the same file share its memory, and hold the part that they have read. A search
+of many databases gives back what it has not used for longest, beyond MOST_RESIDENT_BYTES.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+import hashlib
+import json
+import logging
+import mmap
+import os
+from pathlib import Path
+import struct
+from threading import Lock
+import time
+from typing import BinaryIO
+from weakref import WeakKeyDictionary
+import zlib
+
+import numpy as np
+from startracker_ros.core.folders import (
+    cache_folder, MAX_DATABASE_BYTES, replaced, stored_databases)
+
+MOST_RESIDENT_BYTES = 100_000_000
+"""Size of the mapped files that a search of many databases keeps in memory."""
+
+# To be raised whenever the same input would give other arrays or another layout.
+_VERSION = 3
+# CRC of all that follows, size of the file, length of the table of the arrays.
+_PREFIX = struct.Struct('<IQI')
+_ALIGNMENT = 64
+_CHUNK = 1 << 20
+# MADV_POPULATE_READ of Linux 5.14.
+_POPULATE = 22
+
+# Files that this process has written, or read and found sound: what identifies them by path.
+_sound: dict[Path, tuple[int, ...]] = {}
+_lock = Lock()
+
+
+class StoredArrays:
+    """
+    Arrays by name, mapped from a file, or in memory where no file can be written.
+
+    They can be written to, as those of a compiled function have to be, but must not.
+    """
+
+    def __init__(self, arrays: dict[str, np.ndarray], mapped: mmap.mmap | None = None) -> None:
+        self.arrays = arrays
+        self._mapped = mapped
+
+    @property
+    def mapped_bytes(self) -> int:
+        """Return the size of the mapped file, 0 without one."""
+        return 0 if self._mapped is None else len(self._mapped)
+
+    def populate(self) -> None:
+        """Map the whole file at once: in a short search, faults of pages would take long."""
+        # Of the largest files a short search reads a small part.
+        if self._mapped is not None and len(self._mapped) <= MOST_RESIDENT_BYTES // 2:
+            # Older systems map the pages when they are used.
+            with suppress(OSError):
+                self._mapped.madvise(_POPULATE)
+
+    def give_back(self) -> None:
+        """Give the pages of the file back; they are read again when they are used."""
+        if self._mapped is not None:
+            self._mapped.madvise(mmap.MADV_DONTNEED)
+
+
+# With pages in memory, the one last used at the end.
+_resident: WeakKeyDictionary[StoredArrays, None] = WeakKeyDictionary()
+
+
+def prepare(*used: StoredArrays) -> None:
+    """
+    Have the pages of arrays in memory that are about to be used.
+
+    Give back those that were prepared the longest ago, beyond MOST_RESIDENT_BYTES.
+    """
+    with _lock:
+        new = [stored for stored in used if stored not in _resident]
+        for stored in used:
+            _resident.pop(stored, None)
+            _resident[stored] = None
+        excess = resident_bytes() - MOST_RESIDENT_BYTES
+        for stored in list(_resident) if excess > 0 else ():
+            if excess <= 0 or stored in used:
+                break
+            excess -= stored.mapped_bytes
+            del _resident[stored]
+            stored.give_back()
+        for stored in new:
+            stored.populate()
+
+
+def resident_bytes() -> int:
+    """Return the size of the mapped files of which this process has pages at most."""
+    return sum(stored.mapped_bytes for stored in list(_resident))
+
+
+def digest(*parts: object) -> str:
+    """Return a digest of arrays, and of other values by their representation."""
+    made_of = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            made_of.update(np.ascontiguousarray(part).data)
+        else:
+            made_of.update(repr(part).encode())
+    return made_of.hexdigest()
+
+
+def stored_arrays(kind: str, key: str, build: Callable[[], dict[str, np.ndarray]]
+                  ) -> StoredArrays:
+    """
+    Return the arrays of a kind and a key from the cache, or build and store them.
+
+    A file that does not match its checksum is rebuilt. Where the folder cannot be written, the
+    arrays are built each time. The last used files remain, up to MAX_DATABASE_BYTES.
+    """
+    path = cache_folder() / f'{kind}-{digest(_VERSION, key)[:32]}.bin'
+    stored = _load(path)
+    if stored is None:
+        arrays = build()
+        stored = _store(path, arrays) or StoredArrays(arrays)
+    return stored
+
+
+def _load(path: Path) -> StoredArrays | None:
+    try:
+        with path.open('rb') as file:
+            identity = _identity(file)
+            if _sound.get(path) != identity:
+                if not _matches_checksum(file):
+                    logging.getLogger(__name__).warning('%s is damaged and is rebuilt', path)
+                    return None
+                _sound[path] = identity
+            # The file of another user can be read but not touched.
+            with suppress(OSError):
+                os.utime(file.fileno(), ns=(time.time_ns(), identity[-1]))
+            return _map(file)
+    except OSError:
+        return None
+
+
+def _identity(file: BinaryIO) -> tuple[int, ...]:
+    """Return what no other file has: its use changes only the time of access."""
+    status = os.fstat(file.fileno())
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
+
+
+def _matches_checksum(file: BinaryIO) -> bool:
+    prefix = file.read(_PREFIX.size)
+    if len(prefix) < _PREFIX.size:
+        return False
+    checksum, size, _ = _PREFIX.unpack(prefix)
+    if size != os.fstat(file.fileno()).st_size:
+        return False
+    # By reading, not through the map, whose pages would stay in memory.
+    found = 0
+    while chunk := file.read(_CHUNK):
+        found = zlib.crc32(chunk, found)
+    return found == checksum
+
+
+def _map(file: BinaryIO) -> StoredArrays:
+    """Return the arrays of a sound file."""
+    buffer: mmap.mmap | bytearray
+    try:
+        # Private, hence writable like any other array: compiled functions are made for these.
+        buffer = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
+    except OSError:
+        # A file system that maps no files.
+        file.seek(0)
+        buffer = bytearray(file.read())
+    _, _, length = _PREFIX.unpack(buffer[:_PREFIX.size])
+    table = json.loads(buffer[_PREFIX.size:_PREFIX.size + length])
+    return StoredArrays({name: np.ndarray(tuple(shape), dtype, buffer, offset)
+                         for name, (dtype, shape, offset) in table.items()},
+                        buffer if isinstance(buffer, mmap.mmap) else None)
+
+
+def _store(path: Path, arrays: dict[str, np.ndarray]) -> StoredArrays | None:
+    """Store arrays and return them as mapped from the file, None where none can be written."""
+    try:
+        with replaced(path) as file:
+            _write(file, arrays)
+            stored, identity = _map(file), _identity(file)
+        _sound[path] = identity
+        _delete_oldest(path.parent)
+    except OSError as error:
+        logging.getLogger(__name__).warning(
+            'pattern database is not cached in %s: %s', path.parent, error.strerror)
+        return None
+    return stored
+
+
+def _write(file: BinaryIO, arrays: dict[str, np.ndarray]) -> None:
+    table = {name: (array.dtype.str, array.shape, 0) for name, array in arrays.items()}
+    # With room for the offsets, each of at most 15 digits.
+    length = _aligned(_PREFIX.size + len(json.dumps(table)) + 15 * len(table)) - _PREFIX.size
+    end = _PREFIX.size + length
+    for name, array in arrays.items():
+        table[name] = *table[name][:2], end
+        end = _aligned(end + array.nbytes)
+    pieces: list[memoryview | bytes] = [json.dumps(table).encode().ljust(length)]
+    for array in arrays.values():
+        content = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
+        pieces += [content.data, bytes(_aligned(array.nbytes) - array.nbytes)]
+    checksum = 0
+    file.write(bytes(_PREFIX.size))
+    for piece in pieces:
+        checksum = zlib.crc32(piece, checksum)
+        file.write(piece)
+    file.seek(0)
+    file.write(_PREFIX.pack(checksum, end, length))
+    file.flush()
+
+
+def _aligned(size: int) -> int:
+    return -(-size // _ALIGNMENT) * _ALIGNMENT
+
+
+def _delete_oldest(folder: Path) -> None:
+    """Delete the least recently used files beyond MAX_DATABASE_BYTES, whoever has made them."""
+    total = 0
+    for file, size in stored_databases(folder):
+        total += size
+        if total > MAX_DATABASE_BYTES:
+            file.unlink(missing_ok=True)

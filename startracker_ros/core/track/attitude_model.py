@@ -1,0 +1,321 @@
+"""One rotation moves all stars: one filter of attitude and rate, updated by all of them."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.attitude.attitude_state import AttitudeState
+from startracker_ros.core.attitude.estimate import AttitudeEstimate
+from startracker_ros.core.attitude.gyro import Gyro
+from startracker_ros.core.attitude.result import pointing_covariance
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.maths.rotation import attitude_error
+from startracker_ros.core.track.consistency import Residuals
+from startracker_ros.core.track.correction import correct, Correction
+from startracker_ros.core.track.followed_stars import followed, Measured
+from startracker_ros.core.track.lens_error import LensError
+from startracker_ros.core.track.model import FrameUpdate, StarModel
+from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.rotation_fit import RAYLEIGH_MEDIAN, RotationFit
+from startracker_ros.core.track.stamp_differences import measured_turn
+from startracker_ros.core.track.stamp_jitter import StampJitter
+from startracker_ros.core.track.start import NIS_GATE, Start
+
+MANOEUVRES = (10.0, 100.0, 1000.0)
+"""Accelerations tried one after the other, in units of acceleration_deg_s2, when the innovation
+of a frame is too large: so one option filters a steady turn and follows a manoeuvre. The
+covariance is inflated by the same factor, as a manoeuvre is detected frames after its begin."""
+
+MANOEUVRE_FRAMES = 10
+"""Frames for which the acceleration of a manoeuvre is assumed to last."""
+
+# More than NIS_GATE is a manoeuvre, or a wrong gyro. A false alarm inflates a covariance that took
+# a long steady turn to shrink.
+MEMORY = 0.2
+MEAN_NIS_GATE = NIS_GATE * MEMORY / (2 - MEMORY)
+"""The same gate for the exponential mean of the innovations, in which the newest has the weight
+MEMORY: it detects a manoeuvre too slow for the gate of one frame."""
+
+GYRO_SILENCE_S = 1.0
+"""Age of the newest gyro rate from which on the rate is that of the stars alone."""
+
+
+_NO_ERROR = np.zeros((3, 3))
+_NOTHING = Measured(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.empty(0),
+                    np.empty((0, 2, 2)))
+"""The centroids of a frame that is not used."""
+
+
+class _Hypothesis(NamedTuple):
+    """A predicted state, by a gyro or not, at a level of MANOEUVRES, 1 without manoeuvre."""
+
+    uses_gyro: bool
+    level: float
+    state: AttitudeState
+
+
+class AttitudeModel(StarModel):
+    """
+    Predicts every star by attitude and body rate, or with a gyro by attitude and gyro drift.
+
+    gyro_trouble is the reason why the rates of a gyro are not used, empty without one.
+    """
+
+    def __init__(self, camera: Camera, sky: ApparentCatalog, options: TrackerOptions,
+                 gyro: Gyro) -> None:
+        super().__init__(camera, sky, options)
+        self._gyro = gyro
+        across, roll = options.acceleration_deg_s2, options.roll_acceleration_deg_s2
+        self._acceleration_rad_s2 = np.radians([across, across, roll])
+        self.gyro_trouble = ''
+        # Its figures are read before the first start.
+        self._stamp_jitter = StampJitter()
+
+    def start(self, start: Start) -> None:
+        frame = start.frame
+        covariance = np.zeros((9, 9))
+        covariance[:3, :3] = frame.attitude.covariance_sensor * frame.scale ** 2
+        covariance[:3, 3:6], covariance[3:6, :3] = start.cross, start.cross.T
+        covariance[3:6, 3:6] = start.rate_covariance
+        self._state = AttitudeState(
+            frame.stamp_ns, frame.attitude.quaternion, start.rate, np.zeros(3), covariance
+        ).with_new_drift(self._gyro.drift_sigma_rad_s)
+        self.uses_gyro = False
+        self._gyro_agreed = 0
+        self._scale = _ErrorScale(frame.scale)
+        self._lens_error = LensError(self._camera)
+        self._stamp_jitter = StampJitter()
+        self._mean_innovation = np.zeros(3)
+        self._level, self._manoeuvre_frames = 1.0, 0
+        self._measured: tuple[AttitudeState, AttitudeState, np.ndarray] | None = None
+
+    def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
+        """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
+        nominal: tuple[_Hypothesis, Correction] | None = None
+        dark = self.is_dark(frame)
+        icrf = self._sky.direction(self.bank.star_index)
+        uv = np.ascontiguousarray(frame.uv)
+        variance = (self._scale.value * self.sigma_px(frame)) ** 2
+        error_px2 = self.error_px2(frame)
+        error = self._scale.value ** 2 * error_px2
+        common = (pointing_covariance(frame.common_error, self._camera, self._state.rate)
+                  if frame.common.any() else _NO_ERROR)
+        for hypothesis in self._hypotheses(stamp_ns, dark):
+            predicted = _with_error(hypothesis.state, common)
+            correction = correct(
+                self._camera.lens, icrf, self.bank.confirmed, self._options.min_stars,
+                predicted, uv, error, self._detection)
+            measured = correction.state
+            # The stars show the pointing up to the error that they share.
+            correction = correction._replace(state=_with_error(correction.state, common))
+            fit = self._consistent_fit(correction)
+            mean = self._mean_innovation + MEMORY * (
+                correction.innovation - self._mean_innovation)
+            if (fit is None or nominal is None and mean @ mean > MEAN_NIS_GATE
+                    or hypothesis.level > 1 and self._is_old(hypothesis.state, correction.state)):
+                nominal = nominal or (hypothesis, correction)
+                if dark:
+                    break
+                continue
+            if nominal is not None:
+                self._mean_innovation = np.zeros(3)
+                self._level, self._manoeuvre_frames = hypothesis.level, MANOEUVRE_FRAMES
+            else:
+                self._mean_innovation = mean
+                self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
+            before_ns = self._state.stamp_ns
+            self._measured = predicted, measured, common
+            self._stamp_jitter.add(self._state, predicted, correction.state, measured)
+            self._set_state(correction.state, hypothesis.uses_gyro)
+            seen, residuals = self._follow(correction, icrf, Measured(
+                uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
+            self._lens_error.add(seen, residuals)
+            self._scale.add(correction.typical)
+            if not self.uses_gyro:
+                self._compare_gyro(before_ns, hypothesis.level)
+            return FrameUpdate(True, fit, correction.unassociated, residuals)
+        assert nominal is not None, 'there is always a hypothesis'
+        # Propagate without an update: every star counts as missed.
+        hypothesis, correction = nominal
+        self._stamp_jitter.interrupt()
+        self._set_state(hypothesis.state, hypothesis.uses_gyro)
+        count = len(correction.predicted)
+        self._follow(correction._replace(probability=np.ones((count, 1)),
+                                         distance=np.full(count, np.inf)), icrf, _NOTHING)
+        return FrameUpdate(False, None, correction.unassociated)
+
+    def _hypotheses(self, stamp_ns: int, dark: bool) -> Iterator[_Hypothesis]:
+        """Yield the nominal prediction, then those of manoeuvres."""
+        state, gyro = self._state, self._gyro
+        density = self._acceleration_rad_s2 ** 2 * (stamp_ns - state.stamp_ns) * 1e-9
+        level = self._level if self._manoeuvre_frames else 1.0
+        with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S
+        if with_gyro:
+            # In a dark frame or a manoeuvre no assumption about the acceleration holds.
+            if dark or level > 1:
+                yield _Hypothesis(True, level, gyro.propagate(state, stamp_ns))
+            else:
+                yield _Hypothesis(True, level, gyro.filtered(state, stamp_ns, density))
+            yield _Hypothesis(True, MANOEUVRES[0],
+                              gyro.propagate(state.inflated(MANOEUVRES[0]), stamp_ns))
+        else:
+            yield _Hypothesis(False, level, state.propagated_at_constant_rate(
+                stamp_ns, level ** 2 * density, gyro.drift_density))
+        for factor in MANOEUVRES:
+            if with_gyro or factor >= level:
+                yield _Hypothesis(False, factor, state.inflated(
+                    factor).propagated_at_constant_rate(
+                    stamp_ns, factor ** 2 * density, gyro.drift_density))
+
+    def _is_old(self, predicted: AttitudeState, corrected: AttitudeState) -> bool:
+        """
+        Return whether the stars stand where they stood in the frame before, though they moved.
+
+        No acceleration stops a body so exactly between two frames: the image is an old one.
+        """
+        before = self._state
+        information = np.linalg.inv(before.covariance[:3, :3] + corrected.covariance[:3, :3])
+        moved = attitude_error(predicted.quaternion, before.quaternion)
+        left = attitude_error(corrected.quaternion, before.quaternion)
+        return bool(left @ information @ left < NIS_GATE
+                    and moved @ information @ moved > 4 * NIS_GATE)
+
+    def _consistent_fit(self, correction: Correction) -> RotationFit | None:
+        """Return the fit of the inliers, None unless it is good and its innovation in the gate."""
+        innovation, inlier, state = correction.innovation, correction.inlier, correction.state
+        if not correction.agreed or innovation @ innovation > NIS_GATE:
+            return None
+        attitude = AttitudeEstimate(
+            state.quaternion, state.covariance[:3, :3], int(np.count_nonzero(inlier)),
+            correction.distance[inlier] * self._camera.pixel_rad, correction.chi2)
+        fit = RotationFit(attitude, correction.normalised, self._scale.value, inlier,
+                          correction.residual_px)
+        good = fit.is_good(correction.stars, self._options.min_stars,
+                           self._options.max_residual_px)
+        return fit if good else None
+
+    def _follow(self, correction: Correction, icrf: np.ndarray, measured: Measured
+                ) -> tuple[np.ndarray, Residuals]:
+        """
+        Associate the tracks in the image, of directions (N, 3), where the state has them.
+
+        Return the catalogue entries (D,) of the detected stars and their residuals.
+        """
+        bank = self.bank.select(correction.inside)
+        if bank is not self.bank:
+            icrf = icrf[correction.inside]
+        after = followed(
+            self._camera.lens, self._state, icrf, bank.variance, bank.missed, bank.confirmed,
+            correction.predicted, correction.probability, correction.distance, correction.best,
+            measured)
+        self.bank = bank.with_association(after.track, after.covariance, after.association)
+        return bank.star_index[after.detected], after.residuals
+
+    def _set_state(self, state: AttitudeState, uses_gyro: bool) -> None:
+        """Set the state; where the use of the gyro ends its drift becomes unknown."""
+        if self.uses_gyro and not uses_gyro:
+            self._gyro_agreed = 0
+            state = state.with_new_drift(self._gyro.drift_sigma_rad_s)
+        self._state, self.uses_gyro = state, uses_gyro
+
+    @property
+    def lens_error_px(self) -> float:
+        return self._lens_error.value_px
+
+    @property
+    def lens_scale(self) -> float:
+        return self._lens_error.scale
+
+    @property
+    def stamp_sigma_s(self) -> float:
+        return self._stamp_jitter.sigma_s
+
+    @property
+    def stamp_turn_rad(self) -> np.ndarray:
+        return self._stamp_jitter.turn_rad
+
+    @property
+    def predicted_attitude(self) -> AttitudeEstimate:
+        return AttitudeEstimate(self._state.quaternion, self._state.covariance[:3, :3], 0,
+                                np.empty(0), 0.0)
+
+    @property
+    def measured_attitude(self) -> AttitudeEstimate | None:
+        if self._measured is None:
+            return None
+        predicted, corrected, common = self._measured
+        adds, turn, covariance = measured_turn(predicted, corrected)
+        if not adds:
+            return None
+        return AttitudeEstimate(turned(predicted.quaternion, turn), covariance + common, 0,
+                                np.empty(0), 0.0)
+
+    @property
+    def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state
+        return self._state.rate
+
+    @property
+    def rate_covariance(self) -> np.ndarray:  # type: ignore[override]  # the same
+        return self._state.covariance[3:6, 3:6]
+
+    def _compare_gyro(self, before_ns: int, level: float) -> None:
+        """
+        Use the gyro once it has agreed with the stars for confirm_frames; report if it does not.
+
+        A wrong unit, axis or sign gives rates that would lose the stars.
+        """
+        state, gyro = self._state, self._gyro
+        if gyro.silent_s(state.stamp_ns) > GYRO_SILENCE_S:
+            self._gyro_agreed, self.gyro_trouble = 0, ''
+            return
+        measured, variance = gyro.mean_rate(before_ns, state.stamp_ns)
+        manoeuvre = level * self._acceleration_rad_s2 * (state.stamp_ns - before_ns) * 1e-9
+        innovation = measured - self.rate_rad_s
+        covariance = self.rate_covariance + np.eye(3) * (
+            variance + manoeuvre ** 2 + gyro.drift_sigma_rad_s ** 2)
+        if innovation @ np.linalg.solve(covariance, innovation) > NIS_GATE:
+            self._gyro_agreed = 0
+            self.gyro_trouble = (
+                f'imu reports {_deg_s(measured)} deg/s about x, y, z, the stars '
+                f'{_deg_s(self.rate_rad_s)}: is it in rad/s, on the axes of the sensor, and '
+                'gyro_drift_deg_h right?')
+            return
+        self._gyro_agreed += 1
+        if self._gyro_agreed < self._options.confirm_frames:
+            return
+        self.uses_gyro, self.gyro_trouble = True, ''
+
+
+class _ErrorScale:
+    """
+    Ratio of the residuals to the sigma of the centroids: above 1 for a lens not calibrated.
+
+    value is never below 1, and above it only when the ratio is significant.
+    """
+
+    def __init__(self, scale: float) -> None:
+        self._ratio = self.value = scale
+        self._frames = 1
+
+    def add(self, typical: float) -> None:
+        """Add the median of the residuals of a good frame, over sigma times value."""
+        ratio = self.value * typical / RAYLEIGH_MEDIAN
+        self._frames = min(self._frames + 1, 20)
+        self._ratio += (ratio - self._ratio) / self._frames
+        self.value = float(self._ratio) if self._ratio > 1.15 else 1.0
+
+
+def _with_error(state: AttitudeState, error: np.ndarray) -> AttitudeState:
+    """Return a state whose attitude has another error, of covariance (3, 3) rad^2."""
+    if error is _NO_ERROR:
+        return state
+    covariance = state.covariance.copy()
+    covariance[:3, :3] += error
+    return state._replace(covariance=covariance)
+
+
+def _deg_s(rate_rad_s: np.ndarray) -> str:
+    return ' '.join(f'{value:.4f}' for value in np.degrees(rate_rad_s))

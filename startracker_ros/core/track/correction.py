@@ -1,0 +1,175 @@
+"""A predicted attitude, corrected by all centroids of a frame at once: compiled."""
+
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.attitude.attitude_state import AttitudeState, with_attitude
+from startracker_ros.core.camera.lens import Lens, project, shows
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.compiled_rotation import matrix_from_quaternion, sensor_directions
+from startracker_ros.core.track.association import associate, DetectionModel, most_probable
+from startracker_ros.core.track.innovation import combined_innovation, normal_equations
+from startracker_ros.core.track.motion_models import image_flows
+from startracker_ros.core.track.rotation_fit import OUTLIER_SIGMA
+
+
+class Correction(NamedTuple):
+    """
+    A predicted attitude, corrected by a frame of M centroids.
+
+    inside (N,) masks the stars that are predicted in the image, K of them. Of each of these:
+    predicted (K, 2) px; probability (K, M + 1) as of associate(); inlier (K,), whether it was
+    detected and corrects the attitude; normalised (K,) is the distance of its most probable
+    centroid from its position by the corrected state in sigma, distance (K,) the same in px,
+    along a streak as many sigma of the narrow direction, both infinity where it was missed; best
+    (K,) is that centroid. unassociated (M,) masks the centroids in no gate. agreed is False when
+    there are too few inliers. innovation (3,) is the measured turn, whitened by its covariance:
+    its square is the normalised innovation squared, of 3 degrees of freedom. stars counts the
+    usable stars in the image; of the inliers residual_px is the rms of distance, chi2 the sum of
+    normalised squared, and typical the median of normalised, NaN where there are too few.
+    """
+
+    agreed: bool
+    inside: np.ndarray
+    predicted: np.ndarray
+    probability: np.ndarray
+    unassociated: np.ndarray
+    state: AttitudeState
+    inlier: np.ndarray
+    distance: np.ndarray
+    normalised: np.ndarray
+    best: np.ndarray
+    innovation: np.ndarray
+    stars: int
+    residual_px: float
+    chi2: float
+    typical: float
+
+
+@compiled
+def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
+            predicted: AttitudeState, uv: np.ndarray, error: np.ndarray,
+            detection: DetectionModel) -> Correction:
+    """
+    Associate centroids with predicted stars and correct the attitude by the inliers.
+
+    icrf (N, 3) are the directions of the stars, usable (N,) those that may correct it;
+    centroids uv (M, 2) px of covariance error (M, 2, 2). One outlier is removed at a time, the
+    worst: it biases the attitude and with it the residuals of all others.
+    """
+    sensor = sensor_directions(matrix_from_quaternion(predicted.quaternion), icrf)
+    inside = _in_image(lens, project(lens, sensor))
+    icrf, sensor = icrf[inside], sensor[inside]
+    predicted_uv, H = project(lens, sensor), image_flows(lens, sensor)
+    P = np.ascontiguousarray(predicted.covariance[:3, :3])
+    beta, unassociated = associate(predicted_uv, _pixel_covariance(H, P), uv, error, detection)
+    z, R = combined_innovation(predicted_uv, uv, error, beta)
+    usable = usable[inside]
+    weight = (1 - beta[:, 0]) * usable
+    detected, best = beta[:, 0] <= 0.5, most_probable(beta)
+    distance, normalised = np.full(len(icrf), np.inf), np.full(len(icrf), np.inf)
+    while True:
+        information, vector = normal_equations(H, z, R, weight)
+        quaternion, rate, drift, covariance = with_attitude(
+            predicted.quaternion, predicted.rate, predicted.drift, predicted.covariance,
+            information, vector)
+        state = AttitudeState(predicted.stamp_ns, quaternion, rate, drift, covariance)
+        inlier = (weight > 0) & detected
+        if np.sum(inlier) < min_stars:
+            return Correction(False, inside, predicted_uv, beta, unassociated, state, inlier,
+                              distance, normalised, best, np.zeros(3), np.sum(usable), np.nan,
+                              np.nan, np.nan)
+        corrected = project(lens, sensor_directions(matrix_from_quaternion(quaternion), icrf))
+        _fill_residuals(corrected, uv, error, detected, best, distance, normalised)
+        worst = np.argmax(np.where(inlier, normalised, 0.0))
+        if normalised[worst] <= OUTLIER_SIGMA:
+            break
+        weight[worst] = 0.0
+    return Correction(True, inside, predicted_uv, beta, unassociated, state, inlier, distance,
+                      normalised, best, _whitened(P, information, vector), np.sum(usable),
+                      np.sqrt(np.mean(distance[inlier] ** 2)), np.sum(normalised[inlier] ** 2),
+                      np.median(normalised[inlier]))
+
+
+@compiled
+def _fill_residuals(corrected: np.ndarray, uv: np.ndarray, error: np.ndarray,
+                    detected: np.ndarray, best: np.ndarray, distance: np.ndarray,
+                    normalised: np.ndarray) -> None:
+    """Fill distance (K,) px and normalised (K,), in sigma, of the detected stars' centroids."""
+    for star in range(len(corrected)):
+        if not detected[star]:
+            continue
+        du = uv[best[star], 0] - corrected[star, 0]
+        dv = uv[best[star], 1] - corrected[star, 1]
+        if np.isnan(du + dv):
+            # The corrected direction is behind the camera.
+            distance[star] = normalised[star] = np.inf
+            continue
+        R = error[best[star]]
+        normalised[star] = np.sqrt((R[1, 1] * du * du - 2 * R[0, 1] * du * dv + R[0, 0] * dv * dv)
+                                   / (R[0, 0] * R[1, 1] - R[0, 1] * R[0, 1]))
+        half = (R[0, 0] - R[1, 1]) / 2
+        across = (R[0, 0] + R[1, 1]) / 2 - np.sqrt(half * half + R[0, 1] * R[0, 1])
+        distance[star] = normalised[star] * np.sqrt(across)
+
+
+@compiled
+def _whitened(P: np.ndarray, information: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Return S^(-1/2) z (3,) of z = Y^-1 y, the measured turn, with S = P + Y^-1."""
+    R = np.linalg.inv(information)
+    return np.linalg.solve(np.linalg.cholesky(P + R), R @ vector)
+
+
+@compiled
+def on_image(lens: Lens, icrf: np.ndarray, state: AttitudeState
+             ) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return state (N, 4) and covariance (N, 4, 4), as in motion_models, of directions (N, 3).
+
+    Position and velocity are the image jacobian (2, 3) times attitude and rate; so are their
+    errors.
+    """
+    sensor = sensor_directions(matrix_from_quaternion(state.quaternion), icrf)
+    uv, jacobian = project(lens, sensor), image_flows(lens, sensor)
+    track, covariance = np.zeros((len(icrf), 4)), np.zeros((len(icrf), 4, 4))
+    half = np.empty((4, 6))
+    for star in range(len(icrf)):
+        flow = jacobian[star]
+        for axis in range(2):
+            track[star, 2 * axis] = uv[star, axis]
+            for k in range(3):
+                track[star, 2 * axis + 1] += flow[axis, k] * state.rate[k]
+            for k in range(6):
+                half[2 * axis, k] = half[2 * axis + 1, k] = 0.0
+                for j in range(3):
+                    half[2 * axis, k] += flow[axis, j] * state.covariance[j, k]
+                    half[2 * axis + 1, k] += flow[axis, j] * state.covariance[3 + j, k]
+        for row in range(4):
+            for axis in range(2):
+                for k in range(3):
+                    covariance[star, row, 2 * axis] += half[row, k] * flow[axis, k]
+                    covariance[star, row, 2 * axis + 1] += half[row, 3 + k] * flow[axis, k]
+    return track, covariance
+
+
+@compiled
+def _in_image(lens: Lens, uv: np.ndarray) -> np.ndarray:
+    """Return where pixels (N, 2) lie in the image; NaN does not."""
+    inside = np.empty(len(uv), np.bool_)
+    for i in range(len(uv)):
+        inside[i] = shows(lens, uv[i, 0], uv[i, 1])
+    return inside
+
+
+@compiled
+def _pixel_covariance(H: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return H P H^T (N, 2, 2) px^2 of an attitude covariance P (3, 3) rad^2."""
+    covariance = np.zeros((len(H), 2, 2))
+    for star in range(len(H)):
+        for row in range(2):
+            for column in range(2):
+                for i in range(3):
+                    for j in range(3):
+                        covariance[star, row, column] += (
+                            H[star, row, i] * P[i, j] * H[star, column, j])
+    return covariance

@@ -1,0 +1,143 @@
+"""Independent tracks: the JPDA filter of Sadeghi, Sabahi and Saberali, and their baseline."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+from startracker_ros.core.attitude.estimate import AttitudeError, AttitudeEstimate
+from startracker_ros.core.attitude.result import with_common_error
+from startracker_ros.core.centroid.centroids import Centroids, round_errors
+from startracker_ros.core.track.association import associate
+from startracker_ros.core.track.jpdaf import predict, update
+from startracker_ros.core.track.model import FrameUpdate, rate_between, StarModel
+from startracker_ros.core.track.motion_models import (
+    body_rate, constant_velocity, coordinated_turn, image_jacobian, POSITION, turn_curvature,
+    VELOCITY)
+from startracker_ros.core.track.neighbourhood import propagated, star_neighbourhood
+from startracker_ros.core.track.rotation_fit import fit_rotation, OUTLIER_SIGMA, RotationFit
+from startracker_ros.core.track.start import Start
+
+
+class IndependentStarsModel(StarModel):
+    """A filter of position and velocity on the image for each star (JPDAF)."""
+
+    def start(self, start: Start) -> None:
+        self._stamp_ns = start.frame.stamp_ns
+        self.rate_rad_s, self.rate_covariance = start.rate, start.rate_covariance
+        acceleration_rad_s2 = np.radians(self._options.acceleration_deg_s2)
+        self._acceleration_px_s2 = (acceleration_rad_s2 * self._camera.fx,
+                                    acceleration_rad_s2 * self._camera.fy)
+
+    def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
+        self._predict((stamp_ns - self._stamp_ns) * 1e-9)
+        self._stamp_ns = stamp_ns
+        unassociated = self._update(frame)
+        fit = self._fit()
+        if fit is None or not fit.is_good(
+                int(np.count_nonzero(self.bank.confirmed)), self._options.min_stars,
+                self._options.max_residual_px):
+            return FrameUpdate(False, fit, unassociated)
+        self._estimate_rate(fit)
+        fit = replace(fit, attitude=with_common_error(
+            fit.attitude, frame.common_error, self._camera))
+        return FrameUpdate(True, fit, unassociated)
+
+    def _predict(self, dt_s: float) -> None:
+        bank, is_turn = self.bank, self._options.model == 'coordinated_turn'
+        if is_turn:
+            # The image turns against the body. Density for the same change of velocity per step.
+            u, v = self._acceleration_px_s2
+            transition, noise = coordinated_turn(
+                dt_s, -self.rate_rad_s[2], (u * math.sqrt(dt_s), v * math.sqrt(dt_s)))
+        else:
+            transition, noise = constant_velocity(dt_s, self._acceleration_px_s2)
+        state, covariance = predict(bank.state, bank.covariance, transition,
+                                    self._noise_factors()[:, None, None] * noise)
+        if not is_turn:
+            state += turn_curvature(self._camera, bank.uv, self.rate_rad_s, dt_s)
+        bank = replace(bank, state=state, covariance=covariance)
+        self.bank = bank.select(self._camera.contains(bank.uv))
+
+    def _update(self, frame: Centroids) -> np.ndarray:
+        """Update the tracks by a frame; return the mask (M,) of its centroids in no gate."""
+        bank, variance = self.bank, self.sigma_px(frame) ** 2
+        probability, unassociated = associate(
+            np.ascontiguousarray(bank.uv), np.ascontiguousarray(bank.uv_covariance),
+            np.ascontiguousarray(frame.uv), round_errors(variance), self._detection)
+        state, covariance = update(bank.state, bank.covariance, frame.uv, variance, probability)
+        self.bank = bank.associated(
+            bank.uv, probability, frame, variance, state, covariance)
+        return unassociated
+
+    def _noise_factors(self) -> np.ndarray:
+        """
+        Return the factors (N,) by which the process noise of each track is multiplied.
+
+        An acceleration of the camera moves all stars alike and does not average out over
+        them as centroid errors do: with a factor of 1 the covariance of the attitude of all
+        tracks would be too small. The factor is the variance of a star over that of the
+        mean of all stars, N if they are equally good. Then each track has the gain of one filter
+        of the common motion, and the attitude of all tracks the covariance of that filter.
+        """
+        bank = self.bank
+        information = np.sum(1 / bank.variance[bank.confirmed])
+        return np.maximum(1.0, bank.variance * information)
+
+    def _fit(self) -> RotationFit | None:
+        try:
+            return fit_rotation(self._camera, self._sky.direction(self.bank.star_index),
+                                self.bank.uv, self.bank.sigma_uv, self.bank.detected)
+        except AttitudeError:
+            return None
+
+    def _estimate_rate(self, fit: RotationFit) -> None:
+        bank = self.bank.select(self.bank.detected & (fit.normalised <= OUTLIER_SIGMA))
+        self.rate_rad_s, self.rate_covariance = body_rate(
+            image_jacobian(self._camera, self._camera.unproject(bank.uv)),
+            bank.state[:, 1::2], bank.covariance[:, 1::2, 1::2])
+
+
+class NeighbourhoodModel(IndependentStarsModel):
+    """No filter (SNA): measured positions, propagated by the body rate of two frames."""
+
+    def start(self, start: Start) -> None:
+        super().start(start)
+        self._fitted = start.frame.stamp_ns, start.frame.attitude
+
+    def _predict(self, dt_s: float) -> None:
+        bank = self.bank
+        state, covariance = bank.state.copy(), bank.covariance.copy()
+        state[:, POSITION] = propagated(self._camera, bank.uv, self.rate_rad_s, dt_s)
+        covariance[:, ::2, ::2] += dt_s ** 2 * covariance[:, 1::2, 1::2]
+        bank = replace(bank, state=state, covariance=covariance)
+        self.bank = bank.select(self._camera.contains(bank.uv))
+
+    def _update(self, frame: Centroids) -> np.ndarray:
+        bank, sigma_px = self.bank, self.sigma_px(frame)
+        centroid = star_neighbourhood(
+            self._camera, bank.uv, self._sky.direction(bank.star_index), frame.uv, sigma_px)
+        detected = np.flatnonzero(centroid >= 0)
+        state, covariance = bank.state.copy(), bank.covariance.copy()
+        state[detected[:, None], POSITION] = frame.uv[centroid[detected]]
+        covariance[detected, ::2, ::2] = (
+            sigma_px[centroid[detected]] ** 2)[:, None, None] * np.eye(2)
+        probability = np.zeros((len(bank), len(frame) + 1))
+        probability[np.arange(len(bank)), centroid + 1] = 1
+        self.bank = bank.associated(
+            bank.uv, probability, frame, sigma_px ** 2, state, covariance)
+        return ~np.isin(np.arange(len(frame)), centroid)
+
+    def _set_rate(self, before_ns: int, before: AttitudeEstimate, after_ns: int,
+                  after: AttitudeEstimate) -> None:
+        dt_s = (after_ns - before_ns) * 1e-9
+        self.rate_rad_s = rate_between(before_ns, before, after_ns, after)
+        self.rate_covariance = (before.covariance_sensor + after.covariance_sensor) / dt_s ** 2
+
+    def _estimate_rate(self, fit: RotationFit) -> None:
+        before_ns, before = self._fitted
+        self._fitted = self._stamp_ns, fit.attitude
+        self._set_rate(before_ns, before, self._stamp_ns, fit.attitude)
+        jacobian = image_jacobian(self._camera, self._camera.unproject(self.bank.uv))
+        self.bank.state[:, VELOCITY] = jacobian @ self.rate_rad_s
+        self.bank.covariance[:, 1::2, 1::2] = (
+            jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2))

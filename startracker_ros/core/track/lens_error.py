@@ -1,0 +1,49 @@
+"""
+Errors of star positions that stay from frame to frame, measured by the residuals.
+
+A lens that is not quite the camera model, coma, or an image that is no Gaussian moves a star by
+nearly the same in the next frame. A filter averages noise over frames, but not these. Where all
+noise is white the residuals of the filter are white as well: the mean product of a star's
+residuals in two frames in a row is the variance of what stays. A rotation of all stars is taken
+out before, being no matter of the lens; it takes a share of the stars' own errors with it.
+
+Part of what stays may be a scale: a wrong focal length, or the tails of coma, which all point away
+from the axis. Such errors do not average out over stars whose mean position is not the axis. The
+scale k, r = k d for residuals r at d from the axis, is fitted to all frames; the errors that stay
+are those beside it.
+"""
+
+import math
+
+import numpy as np
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.track.consistency import Residuals
+from startracker_ros.core.track.detected_stars import (
+    add_residuals, LensMemory, relative_scale, SIGNIFICANT)
+
+LEAST_STARS = 6
+
+
+class LensError:
+    """
+    Learns the error that stays, from good frames in turn.
+
+    value_px is its sigma per axis, beside that of scale, the relative error of the distance of
+    stars from the axis; both are zero where they are not significant.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._axis_px = np.array([camera.cx, camera.cy])
+        self.value_px = self.scale = 0.0
+        self._memory = LensMemory(0.0, 0.0, 0.0, 0.0, 0.0, np.empty(0, np.int64),
+                                  np.empty((0, 2)), np.empty(0))
+
+    def add(self, star_index: np.ndarray, stars: Residuals) -> None:
+        """Add the residuals of a frame, of catalogue entries (K,)."""
+        if len(star_index) < LEAST_STARS:
+            return
+        memory = self._memory = LensMemory(*add_residuals(
+            self._memory, star_index, stars, self._axis_px))
+        self.scale = relative_scale(memory.outwards, memory.square)
+        significant = memory.product > SIGNIFICANT * math.sqrt(memory.chance)
+        self.value_px = math.sqrt(memory.product / memory.weight) if significant else 0.0

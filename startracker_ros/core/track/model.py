@@ -1,0 +1,149 @@
+"""What the state machine needs of a model of the motion of stars."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from startracker_ros.core.attitude.estimate import AttitudeEstimate
+from startracker_ros.core.attitude.systematic_errors import systematic_covariance
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.maths.rotation import attitude_error
+from startracker_ros.core.track.association import DetectionModel, gate_size
+from startracker_ros.core.track.bank import TrackBank
+from startracker_ros.core.track.consistency import Residuals
+from startracker_ros.core.track.motion_models import image_jacobian
+from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.rotation_fit import RotationFit
+from startracker_ros.core.track.start import Start
+
+_NO_TRACKS = TrackBank.empty()
+
+
+def rate_between(before_ns: int, before: AttitudeEstimate, after_ns: int,
+                 after: AttitudeEstimate) -> np.ndarray:
+    """Return the mean body rate (3,) rad/s about sensor axes between two attitudes."""
+    turn = attitude_error(after.quaternion, before.quaternion)
+    return turn / ((after_ns - before_ns) * 1e-9)
+
+
+@dataclass(frozen=True)
+class FrameUpdate:
+    """
+    The result of a frame: good when enough stars agree on an attitude within the limits.
+
+    fit has a row for each track of the bank, None where no stars agree on an attitude;
+    unassociated (M,) masks the centroids in no gate; residuals are those of the detected stars of
+    a model that has them.
+    """
+
+    good: bool
+    fit: RotationFit | None
+    unassociated: np.ndarray
+    residuals: Residuals | None = None
+
+
+class StarModel(ABC):
+    """
+    Predicts the tracked stars, and updates them by frames of centroids.
+
+    bank holds the tracks; from the start on rate_rad_s (3,) and rate_covariance (3, 3) are the
+    body rate. uses_gyro is whether gyro rates are used, gyro_trouble why they are not.
+    """
+
+    gyro_trouble = ''
+    uses_gyro = False
+    rate_rad_s: np.ndarray
+    rate_covariance: np.ndarray
+
+    def __init__(self, camera: Camera, sky: ApparentCatalog, options: TrackerOptions) -> None:
+        self._camera = camera
+        self._sky = sky
+        self._options = options
+        self._detection = DetectionModel(
+            gate_size(options.gate_probability), options.gate_probability,
+            options.detection_probability, float(camera.width * camera.height))
+        self.bank = _NO_TRACKS
+
+    def set_limits(self, options: TrackerOptions) -> None:
+        """Use live options; the others must be those of before."""
+        self._options = options
+
+    @abstractmethod
+    def start(self, start: Start) -> None:
+        """Begin at the identified frame of a start with its rate, without tracks."""
+
+    @property
+    def predicted_attitude(self) -> AttitudeEstimate | None:
+        """Return the attitude at the last frame, good or not, of a model that has one."""
+        return None
+
+    @property
+    def measured_attitude(self) -> AttitudeEstimate | None:
+        """Return the attitude by the stars of the last good frame alone, of a model with one."""
+        return None
+
+    @property
+    def lens_error_px(self) -> float:
+        """Return the error of star positions that stays from frame to frame, where it is known."""
+        return 0.0
+
+    @property
+    def lens_scale(self) -> float:
+        """Return the relative error of the distances from the axis, where it is known."""
+        return 0.0
+
+    @property
+    def stamp_sigma_s(self) -> float:
+        """Return the standard deviation of the stamps, where it is known."""
+        return 0.0
+
+    @property
+    def stamp_turn_rad(self) -> np.ndarray:
+        """Return the turn (3,) about sensor axes in that time."""
+        return np.zeros(3)
+
+    @abstractmethod
+    def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
+        """Predict the tracks to the time of a newer frame and update them by it."""
+
+    def add(self, track_id: np.ndarray, star_index: np.ndarray, centroids: Centroids, *,
+            confirmed: bool) -> None:
+        """Add tracks (N,) of stars at these centroids, which move with the body rate."""
+        jacobian = image_jacobian(self._camera, self._camera.unproject(centroids.uv))
+        added = TrackBank.started(
+            track_id, star_index, centroids, self.sigma_px(centroids) ** 2,
+            jacobian @ self.rate_rad_s,
+            jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2), confirmed)
+        self.bank = self.bank.joined(added) if len(self.bank) else added
+
+    def with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
+        """Return an attitude of the last frame with the errors of aberration, lens and stamp."""
+        bank = self.bank
+        systematic = systematic_covariance(
+            self._camera.lens, self._camera.pixel_rad, bank.state, bank.variance, bank.detected,
+            float(self._sky.observer.velocity_sigma_m_s), self.lens_error_px, self.lens_scale,
+            self.stamp_turn_rad)
+        return AttitudeEstimate(
+            estimate.quaternion, estimate.covariance_sensor + systematic, estimate.stars,
+            estimate.residual_rad, estimate.chi2)
+
+    def sigma_px(self, centroids: Centroids) -> np.ndarray:
+        """Return the 1-sigma errors (M,) of centroids per axis, at least sigma_floor_px."""
+        return np.maximum(centroids.sigma_px, self._options.sigma_floor_px)
+
+    def error_px2(self, centroids: Centroids) -> np.ndarray:
+        """Return the covariances (M, 2, 2) of centroids, no axis below sigma_floor_px."""
+        error, floor = centroids.covariance, self._options.sigma_floor_px ** 2
+        if not len(error) or min(error[:, 0, 0].min(), error[:, 1, 1].min()) >= floor:
+            return error
+        error = error.copy()
+        for axis in range(2):
+            variance = error[:, axis, axis]
+            variance += np.maximum(floor - variance, 0.0)
+        return error
+
+    def is_dark(self, frame: Centroids) -> bool:
+        """Return whether a frame holds too few centroids for an attitude."""
+        return len(frame) < self._options.min_stars

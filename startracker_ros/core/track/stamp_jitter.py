@@ -1,0 +1,70 @@
+"""
+Errors of stamps, learnt from the frames of a body that turns.
+
+A stamp that is late by d shows the body where it is not yet: a turn w d along its rate w, the
+same for all stars. Frames stamped on arrival err by milliseconds, each by another time. Neither
+residuals nor a smooth rate show that, but the attitudes a measured by the stars do. With the
+second differences
+
+    e_k = (a_k - a_k-1) - (a_k-1 - a_k-2) dt_k / dt_k-1
+
+and R the covariance of a, t_k = w^T R^-1 e_k / (w^T R^-1 w) is the best estimate of their part
+along the rate as a time, and the mean of t_k t_k-1 is -4 (r + s^2), r = 1 / (w^T R^-1 w), s the
+standard deviation of the stamps. Changes of the rate make it zero or positive, so no manoeuvre is
+mistaken for an error of the stamps.
+"""
+
+import math
+
+import numpy as np
+from startracker_ros.core.attitude.attitude_state import AttitudeState
+from startracker_ros.core.track.stamp_differences import add_frame, Differences
+
+MEMORY = 0.95  # of the frames before
+
+
+class StampJitter:
+    """
+    Learns the standard deviation of the stamps, sigma_s, from good frames in turn.
+
+    turn_rad (3,) is what it turns the body by, about sensor axes; both are zero where they are
+    not significant.
+    """
+
+    def __init__(self) -> None:
+        self.sigma_s = 0.0
+        self.turn_rad = np.zeros(3)
+        self._rate, self._frames = np.zeros(3), 0
+        self._differences = Differences.empty()
+        self.interrupt()
+
+    def interrupt(self) -> None:
+        """Begin new differences: the frames before are no neighbours of the next one."""
+        self._interval_s = math.nan
+        self._differences.left.fill(math.nan)
+        self._differences.step.fill(math.nan)
+
+    def add(self, before: AttitudeState, predicted: AttitudeState, corrected: AttitudeState,
+            measured: AttitudeState) -> None:
+        """
+        Add a frame: the state of the frame before, the prediction, and the corrected one.
+
+        measured is the latter without errors that all stars share.
+        """
+        # The rate of one frame follows the error of its stamp.
+        self._frames += 1
+        self._rate = MEMORY * self._rate + (1 - MEMORY) * corrected.rate
+        rate = self._rate / (1 - MEMORY ** self._frames)
+        interval_s = (corrected.stamp_ns - before.stamp_ns) * 1e-9
+        adds, learnt_s2, variance_s2 = add_frame(
+            self._differences, before, predicted, corrected, measured, rate,
+            interval_s / self._interval_s)
+        if not adds:
+            self.interrupt()
+            return
+        self._interval_s = interval_s
+        # A few times that happen to agree do not end what many have shown.
+        learnt_s2 = max(learnt_s2, MEMORY * self.sigma_s ** 2)
+        self.sigma_s = math.sqrt(learnt_s2) if learnt_s2 > variance_s2 else 0.0
+        self.turn_rad = (self.sigma_s * max(rate, corrected.rate, key=np.linalg.norm)
+                         if self.sigma_s else np.zeros(3))

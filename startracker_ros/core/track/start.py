@@ -1,0 +1,110 @@
+"""What a model of the motion of stars starts with: two identified frames, or one and a hint."""
+
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.maths.compiled_quaternion import rotation_between
+from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.track.identified import IdentifiedFrame
+
+NIS_GATE = 25.9
+"""Normalised innovation squared that chance exceeds once in a hundred thousand frames
+(chi-square, 3 degrees of freedom)."""
+
+MAX_SIGMA_RAD, MAX_RATE_SIGMA_RAD_S = np.radians([2.0, 0.5])
+"""Errors of a hint above which it says too little to replace an identification."""
+
+_RATE_FLOOR_RAD_S = np.radians(0.05)
+PROVEN_FRAMES = 5  # good frames after which a start was none of a false hint
+
+
+class Hint(NamedTuple):
+    """
+    An attitude from elsewhere: from other heads, or a gyro.
+
+    quaternion (4,) is q_icrf_from_sensor with its covariance (3, 3) rad^2; rate (3,) rad/s with
+    its covariance (3, 3); all about sensor axes.
+    """
+
+    stamp_ns: int
+    quaternion: np.ndarray
+    covariance: np.ndarray
+    rate: np.ndarray
+    rate_covariance: np.ndarray
+
+
+class Start(NamedTuple):
+    """
+    An identified frame with the body rate (3,) rad/s and its covariance (3, 3).
+
+    cross (3, 3) is the covariance of attitude and rate error; reason is for tracker_state.
+    """
+
+    frame: IdentifiedFrame
+    rate: np.ndarray
+    rate_covariance: np.ndarray
+    cross: np.ndarray
+    reason: str
+
+
+def start_of_two(first: IdentifiedFrame, second: IdentifiedFrame) -> Start:
+    """Return the start at the second of two frames."""
+    dt_s = (second.stamp_ns - first.stamp_ns) * 1e-9
+    attitude = second.attitude.covariance_sensor * second.scale ** 2
+    before = first.attitude.covariance_sensor * first.scale ** 2
+    rate = rotation_between(first.attitude.quaternion, second.attitude.quaternion) / dt_s
+    return Start(second, rate, (attitude + before) / dt_s ** 2, attitude / dt_s,
+                 f'{len(second.star_index)} stars identified twice')
+
+
+class HintedStart:
+    """
+    Starts by the newest hint, None without one, where an identified frame confirms it.
+
+    The stars alone give the attitude. A false hint changes nothing but the rate, and where the
+    stars are lost by that, hints are ignored until a start without one.
+    """
+
+    def __init__(self) -> None:
+        self.newest: Hint | None = None
+        self._ignored = self._used = False
+
+    def add(self, hint: Hint) -> None:
+        """Use a hint from now on."""
+        self.newest = hint
+
+    def start(self, frame: IdentifiedFrame, max_gap_s: float) -> Start | None:
+        """Return the start at a frame that agrees with the hint; None without one."""
+        hint = self.newest
+        if hint is None or self._ignored:
+            return None
+        dt_s = (frame.stamp_ns - hint.stamp_ns) * 1e-9
+        rate_covariance = hint.rate_covariance + _RATE_FLOOR_RAD_S ** 2 * np.eye(3)
+        if (abs(dt_s) > max_gap_s or not _is_within(hint.covariance, MAX_SIGMA_RAD)
+                or not _is_within(hint.rate_covariance, MAX_RATE_SIGMA_RAD_S)):
+            return None
+        innovation = rotation_between(
+            turned(hint.quaternion, hint.rate * dt_s), frame.attitude.quaternion)
+        S = (hint.covariance + frame.attitude.covariance_sensor * frame.scale ** 2
+             + rate_covariance * dt_s ** 2)
+        if innovation @ np.linalg.solve(S, innovation) > NIS_GATE:
+            return None
+        return Start(frame, hint.rate, rate_covariance, np.zeros((3, 3)),
+                     f'{len(frame.star_index)} stars identified where a hint has them')
+
+    def begun(self, start: Start) -> None:
+        """Note what the tracker has started with."""
+        self._used = not start.cross.any()
+        self._ignored = self._ignored and self._used
+
+    def lost(self, good_frames: int) -> None:
+        """Note that the tracker has lost the stars after so many good frames."""
+        self._ignored = self._ignored or (self._used and good_frames < PROVEN_FRAMES)
+        self._used = False
+
+
+def _is_within(covariance: np.ndarray, sigma: float) -> bool:
+    """Return whether no axis of a covariance (3, 3) has a larger standard deviation."""
+    # The trace is at least the largest eigenvalue, and known in a tenth of the time.
+    return bool(np.trace(covariance) <= sigma ** 2
+                or np.linalg.eigvalsh(covariance)[-1] <= sigma ** 2)

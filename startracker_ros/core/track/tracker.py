@@ -1,0 +1,400 @@
+"""The star tracker: from identified frames to tracks."""
+
+from collections import deque
+from dataclasses import replace
+from enum import StrEnum
+import math
+
+import numpy as np
+from startracker_ros.core.astro.observer_motion import AT_REST, ObserverMotion
+from startracker_ros.core.attitude.estimate import AttitudeEstimate
+from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.catalog.onboard import OnboardCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.prediction import PredictedCentroids
+from startracker_ros.core.centroid.synthetic_field import synthetic_field
+from startracker_ros.core.maths.rotation import attitude_error
+from startracker_ros.core.track.consistency import (
+    expected_stars, PRESENT_PX, PRESENT_SIGMAS, RowPattern)
+from startracker_ros.core.track.frame_masks import kept_after_fit, kept_tracks, usable_centroids
+from startracker_ros.core.track.identified import fit_identified, IdentifiedFrame
+from startracker_ros.core.track.in_view import StarsInView
+from startracker_ros.core.track.model import FrameUpdate
+from startracker_ros.core.track.models import make_model
+from startracker_ros.core.track.new_stars import match_new_stars
+from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.prediction import predict_stars, visible_stars
+from startracker_ros.core.track.rolling_shutter import at_frame_time
+from startracker_ros.core.track.rotation_fit import median, OUTLIER_SIGMA, RotationFit
+from startracker_ros.core.track.start import Hint, HintedStart, Start, start_of_two
+from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
+
+RECENT_FRAMES = 64
+"""Frames stored for an identification that comes late, and attitudes to check it by:
+6 s at 10 Hz, several times the duration of a lost-in-space identification."""
+
+TIME_JUMP_S = 1.0
+"""A step back of time by more is a restart (a simulation, a recording played again); by less, a
+late frame."""
+
+
+class TrackerState(StrEnum):
+    """States of the tracker."""
+
+    LOST = 'LOST'
+    ACQUIRING = 'ACQUIRING'
+    TRACKING = 'TRACKING'
+
+
+class StarTracker:
+    """
+    Tracks identified stars through frames of centroids.
+
+    LOST       -> ACQUIRING  an identified frame
+    ACQUIRING  -> TRACKING   a second one within max_gap_s, at max_rate_deg_s at most
+    any        -> TRACKING   an identified frame that agrees with a hint, unless TRACKING
+               -> ACQUIRING  a second one at a higher rate, which becomes the first
+               -> LOST       no second one within max_gap_s
+    TRACKING   -> ACQUIRING  an identified frame that contradicts the tracks
+               -> LOST       max_bad_frames bad frames in a row, or max_gap_s without stars
+    any        -> LOST       reset(), or time jumps back
+
+    Feed update() with every frame and identified() with the identifications, in any
+    interleaving: an identification may come some frames late or before its own update().
+    add_rate() adds the rates of a gyro. acquire_new_stars() may follow update(). The attitude is
+    that of the sensor in ICRF where motion is that of the observer; without one the observer is
+    at rest. sky holds the stars as that observer sees them.
+
+    state and reason describe the last transition; contradiction is why the stars of the newest
+    frame are no attitude although some agree, empty if they are; frames_since_fix counts the
+    frames since the last good one, stars_matched its inliers, residual_px is their rms residual
+    (NaN without any); late_frames counts frames rejected as older than the last one,
+    rejected_centroids those without a finite position or a positive sigma, checks_passed the
+    identifications that agreed with the tracks; hints has the newest hint.
+    """
+
+    def __init__(self, camera: Camera, onboard: OnboardCatalog,
+                 options: TrackerOptions = TrackerOptions(),
+                 gyro: GyroErrorOptions = GyroErrorOptions(),
+                 motion: ObserverMotion | None = None) -> None:
+        self._camera = camera
+        self._onboard = onboard
+        self._motion = motion
+        self.sky = ApparentCatalog(onboard)
+        # The attitude that was published last, by its estimate.
+        self._icrf: tuple[AttitudeEstimate | None, AttitudeEstimate | None] = None, None
+        self._options = options
+        self._gyro_options = gyro
+        self._stars = StarsInView(camera, self.sky)
+        self._unassociated: tuple[RotationFit, Centroids, np.ndarray] | None = None
+        self._next_id = 1
+        self.late_frames = 0
+        self.rejected_centroids = 0
+        self.checks_passed = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Drop everything but the counts and the track numbers."""
+        self._stamp_ns: int | None = None
+        self._recent: deque[tuple[int, Centroids]] = deque(maxlen=RECENT_FRAMES)
+        self._gyro = Gyro(self._gyro_options)
+        self.hints = HintedStart()
+        self._history: deque[tuple[int, AttitudeEstimate]] = deque(maxlen=RECENT_FRAMES)
+        self.frames_since_fix = 0
+        self._enter(TrackerState.LOST, 'waiting for an identified frame')
+
+    def set_limits(self, options: TrackerOptions) -> None:
+        """Use live options, without loss of lock; the others must be those of before."""
+        self._options = options
+        self._model.set_limits(options)
+
+    @property
+    def attitude(self) -> TrackedAttitude | None:
+        """Return the attitude of the newest frame, None unless its stars agree on one."""
+        if not self._history or self._history[-1][0] != self._stamp_ns:
+            return None
+        estimate = self._history[-1][1]
+        if self._icrf[0] is not estimate:
+            self._icrf = estimate, self._model.with_systematic_errors(estimate)
+        attitude = self._icrf[1]
+        assert attitude is not None
+        return TrackedAttitude(attitude, self._model.rate_rad_s, self._model.rate_covariance)
+
+    @property
+    def frame_attitude(self) -> AttitudeEstimate | None:
+        """Return the attitude of the newest frame by its stars alone, of a model that has one."""
+        measured = self._model.measured_attitude if self.attitude is not None else None
+        return None if measured is None else self._model.with_systematic_errors(measured)
+
+    @property
+    def predicted(self) -> PredictedCentroids | None:
+        """
+        Return where the brightest stars in view, tracked or not, are at the newest frame.
+
+        None unless TRACKING, or without an attitude.
+        """
+        if self.state is not TrackerState.TRACKING or self._bank_stamp_ns != self._stamp_ns:
+            return None
+        attitude = self._model.predicted_attitude or (
+            None if self.attitude is None else self.attitude.attitude)
+        if attitude is None:
+            return None
+        return predict_stars(self._stars, self._stamp_ns, attitude, self._model.rate_rad_s,
+                             self._options)
+
+    @property
+    def gyro_trouble(self) -> str:
+        """Return why the rates of a gyro are not used, empty where they are or without a gyro."""
+        return self._model.gyro_trouble
+
+    @property
+    def stamp_sigma_s(self) -> float:
+        """Return the standard deviation of the stamps, zero where unknown."""
+        return self._model.stamp_sigma_s
+
+    @property
+    def gyro_condition(self) -> str:
+        """Whether the rates of a gyro are used: none, used or unused."""
+        return 'none' if not len(self._gyro) else 'used' if self._model.uses_gyro else 'unused'
+
+    def warm_up(self) -> None:
+        """Compile and load what a frame needs, with a second tracker of a synthetic field."""
+        tracker = StarTracker(self._camera, self._onboard, self._options)
+        centroids, hip = synthetic_field(self._onboard, self._camera)
+        # A gyro is used only after some frames.
+        for stamp_ns in range(0, 10 ** 9, 10 ** 8):
+            tracker.add_rate(stamp_ns, np.zeros(3))
+            tracker.update(stamp_ns, centroids)
+            tracker.identified(stamp_ns, centroids, hip)
+        # As in a torn frame: stars seen elsewhere. The time grows as their number to the fourth.
+        uv = centroids.uv[:8]
+        expected_stars(uv, np.ones_like(uv), uv + 5.0, PRESENT_PX)
+
+    def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
+        """Add a rate (3,) about sensor axes measured up to a time; False if it is rejected."""
+        return self._gyro.add(stamp_ns, rate_rad_s)
+
+    def add_hint(self, hint: Hint) -> None:
+        """Use an attitude from elsewhere: one identified frame that agrees with it starts."""
+        self.hints.add(hint)
+
+    def update(self, stamp_ns: int, centroids: Centroids) -> Tracks | None:
+        """
+        Process a frame of centroids and return the tracks, empty unless TRACKING.
+
+        Return None, and count a late frame, when its stamp is not newer than the last one.
+        """
+        if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
+            back_s = (self._stamp_ns - stamp_ns) * 1e-9
+            if back_s <= TIME_JUMP_S:
+                self.late_frames += 1
+                return None
+            self.reset()
+            self.reason = f'time jumped back by {back_s:.1f} s'
+        frame = self._usable(centroids)[0]
+        self._stamp_ns = stamp_ns
+        self._look(stamp_ns)
+        self._recent.append((stamp_ns, frame))
+        self.frames_since_fix += 1
+        if self._first is not None and self._gap_exceeded(self._first.stamp_ns, stamp_ns):
+            self._enter(TrackerState.LOST,
+                        f'no second identification within {self._options.max_gap_s:g} s')
+        if self.state is TrackerState.TRACKING and stamp_ns != self._bank_stamp_ns:
+            self._track(stamp_ns, frame)
+        if self.state is not TrackerState.TRACKING or stamp_ns != self._bank_stamp_ns:
+            return Tracks.empty()
+        return self._model.bank.to_tracks(
+            self._onboard,
+            self._good_stamp_ns == self._bank_stamp_ns and not self.contradiction)
+
+    def identified(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray) -> None:
+        """
+        Process an identified frame: hip (N,) of each centroid, 0 where it is unknown.
+
+        Frames with too few stars or a poor fit are ignored.
+        """
+        centroids, good = self._usable(centroids)
+        self._look(stamp_ns)
+        frame, misfit = fit_identified(self._camera, self.sky, self._options, stamp_ns, centroids,
+                                       self._model.error_px2(centroids), np.asarray(hip)[good])
+        if frame is None:
+            if misfit and self.state is TrackerState.LOST:
+                self.reason = misfit
+            return
+        if self.state is TrackerState.TRACKING:
+            self._cross_check(frame)
+        elif (hinted := self.hints.start(frame, self._options.max_gap_s)) is not None:
+            self._start(hinted)
+        elif self._first is None or self._gap_exceeded(self._first.stamp_ns, stamp_ns):
+            self._acquire(frame, f'first identification, {len(frame.star_index)} stars')
+        elif stamp_ns > self._first.stamp_ns:
+            self._start(start_of_two(self._first, frame))
+
+    def acquire_new_stars(self) -> None:
+        """
+        Start tracks of stars that came into view in the last frame.
+
+        The next update() calls it first. A call between two frames saves that time.
+        """
+        if self._unassociated is None:
+            return
+        (fit, frame, unassociated), self._unassociated = self._unassociated, None
+        bank = self._model.bank
+        vacant = self._options.max_stars - len(bank)
+        if vacant <= 0 or not unassociated.any():
+            return
+        frame, detected = frame.select(unassociated), bank.detected
+        with np.errstate(invalid='ignore', divide='ignore'):
+            zero_point = median(self._onboard.magnitude[bank.star_index[detected]]
+                                + 2.5 * np.log10(bank.flux[detected]))
+        star_index, centroid = match_new_stars(
+            self._stars, fit.attitude, frame, fit.scale * self._model.sigma_px(frame), zero_point,
+            self._options.magnitude_tolerance)
+        new = np.flatnonzero(~(star_index[:, None] == bank.star_index).any(axis=1))[:vacant]
+        star_index, centroid = star_index[new], centroid[new]
+        if len(star_index):
+            self._add_tracks(star_index, frame.select(centroid), confirmed=False)
+
+    # --- transitions ---
+
+    def _enter(self, state: TrackerState, reason: str) -> None:
+        """Enter a state without tracks."""
+        if state is TrackerState.LOST:
+            self.hints.lost(len(self._history))
+        self.state = state
+        self.reason = reason
+        self.stars_matched = 0
+        self.residual_px = math.nan
+        self._first: IdentifiedFrame | None = None
+        self._model = make_model(self._camera, self.sky, self._options, self._gyro)
+        self._unassociated = None
+        self._pattern = RowPattern(self._camera)
+        self.contradiction = ''
+        self._bank_stamp_ns = 0
+        self._good_stamp_ns = 0
+        self._bad_frames = 0
+        self._history.clear()
+
+    def _acquire(self, frame: IdentifiedFrame, reason: str) -> None:
+        """Enter ACQUIRING with the first identified frame."""
+        self._enter(TrackerState.ACQUIRING, reason)
+        self._first = frame
+
+    def _start(self, start: Start) -> None:
+        """Enter TRACKING at an identified frame and process the frames since."""
+        frame = start.frame
+        rate_deg_s = np.degrees(np.linalg.norm(start.rate))
+        if rate_deg_s > self._options.max_rate_deg_s:
+            self._acquire(frame, f'two identifications {rate_deg_s:.3g} deg/s apart')
+            return
+        self._enter(TrackerState.TRACKING, start.reason)
+        self.hints.begun(start)
+        self._model.start(start)
+        most = slice(self._options.max_stars)
+        self._add_tracks(frame.star_index[most], frame.centroids.select(most), confirmed=True)
+        self._bank_stamp_ns = self._good_stamp_ns = frame.stamp_ns
+        self.stars_matched = len(frame.star_index)
+        self.frames_since_fix = 0
+        self._history.append((frame.stamp_ns, frame.attitude))
+        for stamp_ns, recent in list(self._recent):
+            if stamp_ns > frame.stamp_ns and self.state is TrackerState.TRACKING:
+                self._track(stamp_ns, recent)
+
+    def _cross_check(self, frame: IdentifiedFrame) -> None:
+        """Compare an identified frame with the tracked attitude of its time, if there is one."""
+        tracked = next((attitude for stamp_ns, attitude in self._history
+                        if stamp_ns == frame.stamp_ns), None)
+        if tracked is None:
+            return
+        if frame.contradicts(tracked, self._camera, self.sky, self._options.max_residual_px):
+            error = attitude_error(frame.attitude.quaternion, tracked.quaternion)
+            self._acquire(frame, f'an identification contradicts the tracks by '
+                                 f'{np.degrees(np.linalg.norm(error)):.3g} deg')
+        else:
+            self.checks_passed += 1
+
+    # --- from frame to frame ---
+
+    def _track(self, stamp_ns: int, frame: Centroids) -> None:
+        """Update the tracks by a newer frame."""
+        if self._gap_exceeded(stamp_ns, self._good_stamp_ns):
+            gap_s = (stamp_ns - self._good_stamp_ns) * 1e-9
+            self._enter(TrackerState.LOST, f'no stars for {gap_s:.1f} s')
+        if stamp_ns <= self._bank_stamp_ns or self.state is not TrackerState.TRACKING:
+            return
+        self.acquire_new_stars()
+        self._bank_stamp_ns = stamp_ns
+        frame = at_frame_time(self._camera, frame, self._model.rate_rad_s)
+        result = self._model.update(stamp_ns, frame)
+        self.contradiction = self._contradiction(result, frame) if result.good else ''
+        if result.fit is None:
+            self.stars_matched, self.residual_px = 0, math.nan
+        else:
+            self.stars_matched = int(np.count_nonzero(result.fit.inlier))
+            self.residual_px = result.fit.residual_px
+        if result.fit is not None and result.good:
+            self._end_good_frame(stamp_ns, frame, result.fit)
+            self._unassociated = result.fit, frame, result.unassociated
+        else:
+            self._end_bad_frame(frame)
+
+    def _end_good_frame(self, stamp_ns: int, frame: Centroids, fit: RotationFit) -> None:
+        """Record the attitude, drop missed, blended and outlying stars, confirm new ones."""
+        self._bad_frames, self._good_stamp_ns = 0, stamp_ns
+        if not self.contradiction:
+            self.frames_since_fix = 0
+            self._history.append((stamp_ns, fit.attitude))
+        bank = self._model.bank
+        kept, confirmed, new = kept_after_fit(
+            self._kept(frame), fit.normalised, OUTLIER_SIGMA, bank.missed, bank.age,
+            bank.confirmed, self._options.confirm_frames)
+        self._model.bank = (replace(bank, confirmed=confirmed) if new else bank).select(kept)
+
+    def _contradiction(self, result: FrameUpdate, frame: Centroids) -> str:
+        """Return why not all of a frame shows the attitude that was found, empty if it does."""
+        bank, fit = self._model.bank, result.fit
+        assert fit is not None, 'a good frame has a fit'
+        present_px = max(PRESENT_PX, PRESENT_SIGMAS * fit.scale * median(
+            self._model.sigma_px(frame)))
+        faintest = self._onboard.magnitude[bank.star_index[bank.detected]].max()
+        expected, velocity = visible_stars(
+            self._stars, fit.attitude, self._model.rate_rad_s, faintest)
+        return expected_stars(expected, velocity, frame.uv, present_px) or (
+            self._pattern.find(result.residuals) if result.residuals else '')
+
+    def _end_bad_frame(self, frame: Centroids) -> None:
+        """Drop missed stars, and enter LOST after max_bad_frames."""
+        # A dark frame is no evidence against the tracks.
+        self._bad_frames += not self._model.is_dark(frame)
+        self._model.bank = self._model.bank.select(self._kept(frame))
+        if self._bad_frames >= self._options.max_bad_frames:
+            self._enter(TrackerState.LOST, f'{self._bad_frames} bad frames: {self.stars_matched} '
+                        f'stars agreed in the last one, residual {self.residual_px:.2f} px')
+
+    def _kept(self, frame: Centroids) -> np.ndarray:
+        """Return the tracks (N,) that are not missed too often."""
+        bank, dark = self._model.bank, self._model.is_dark(frame)
+        return kept_tracks(self.sky.crowded(bank.star_index), bank.missed, bank.age,
+                           bank.confirmed, math.inf if dark else float(self._options.max_missed))
+
+    def _add_tracks(self, star_index: np.ndarray, centroids: Centroids, *, confirmed: bool
+                    ) -> None:
+        track_id = np.arange(self._next_id, self._next_id + len(star_index))
+        self._next_id += len(star_index)
+        self._model.add(track_id, star_index, centroids, confirmed=confirmed)
+
+    def _look(self, stamp_ns: int) -> None:
+        """Set the directions of the stars to those of a stamp."""
+        self.sky.look_from(AT_REST if self._motion is None else self._motion.at(stamp_ns))
+
+    def _gap_exceeded(self, stamp_ns: int, other_ns: int) -> bool:
+        return abs(stamp_ns - other_ns) * 1e-9 > self._options.max_gap_s
+
+    def _usable(self, centroids: Centroids) -> tuple[Centroids, np.ndarray]:
+        """Return the centroids with finite position and positive sigma, and their mask (N,)."""
+        good, rejected = usable_centroids(
+            *map(np.ascontiguousarray, (centroids.uv, centroids.sigma_px)))
+        self.rejected_centroids += rejected
+        return centroids.select(good) if rejected else centroids, good

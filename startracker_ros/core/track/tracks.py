@@ -1,0 +1,72 @@
+"""The tracked stars of one frame, and their common attitude."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from startracker_ros.core.attitude.result import AttitudeEstimate
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """
+    Filtered star images of one frame, in the order in which they were started.
+
+    hip (N,) int32, 0 while the star is not confirmed; magnitude (N,) of the
+    catalogue, NaN where hip is 0; uv (N, 2) px, filtered; flux (N,) DN, snr (N,) and sigma_px
+    (N,) of the centroid, NaN when missed; residual_px (N,) the distance of the centroid from
+    its prediction, NaN when missed or just started; track_id (N,) uint32, unique;
+    age (N,) uint16 frames since start; missed (N,) uint8 frames since the last detection;
+    association_probability (N,) of the most probable centroid; velocity (N, 2) px/s;
+    covariance (N, 2, 2) px^2 of uv.
+    """
+
+    hip: np.ndarray
+    magnitude: np.ndarray
+    uv: np.ndarray
+    flux: np.ndarray
+    snr: np.ndarray
+    sigma_px: np.ndarray
+    residual_px: np.ndarray
+    track_id: np.ndarray
+    age: np.ndarray
+    missed: np.ndarray
+    association_probability: np.ndarray
+    velocity: np.ndarray
+    covariance: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.hip)
+
+    @classmethod
+    def empty(cls) -> 'Tracks':
+        """Return a list without tracks."""
+        none = np.empty(0)
+        return cls(
+            hip=np.empty(0, np.int32), magnitude=none, uv=np.empty((0, 2)), flux=none, snr=none,
+            sigma_px=none, residual_px=none, track_id=np.empty(0, np.uint32),
+            age=np.empty(0, np.uint16), missed=np.empty(0, np.uint8),
+            association_probability=none, velocity=np.empty((0, 2)),
+            covariance=np.empty((0, 2, 2)))
+
+    @property
+    def usable(self) -> np.ndarray:
+        """Return True (N,) for confirmed stars detected in this frame, fit for an attitude."""
+        return (self.hip > 0) & (self.missed == 0)
+
+    @property
+    def position_sigma_px(self) -> np.ndarray:
+        """Return the 1-sigma error (N,) of uv per axis, the mean of both axes."""
+        return np.sqrt((self.covariance[:, 0, 0] + self.covariance[:, 1, 1]) / 2)
+
+
+@dataclass(frozen=True)
+class TrackedAttitude:
+    """
+    The filtered attitude and body rate of a frame whose stars agree.
+
+    rate_rad_s (3,) about sensor axes and its covariance (3, 3).
+    """
+
+    attitude: AttitudeEstimate
+    rate_rad_s: np.ndarray
+    rate_covariance: np.ndarray

@@ -1,0 +1,200 @@
+"""
+Photographs with known answers: ours beside tetra3rs and cedar-solve, detection times solver.
+
+Each solver is told the field of view with an error of up to 5 %, drawn for each image. Every
+solver gets the stars of every detection. `ours` with `ours` is what `startracker solve` does.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+import sys
+import tempfile
+
+import numpy as np
+from startracker_ros.core.calibration.learnt_lens import learn_lens
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.photograph import Detections
+from startracker_ros.core.identify.identification import IdentificationOptions
+from startracker_ros.core.identify.ladder import LadderIdentifier
+from startracker_ros.core.maths.rotation import rotate
+from startracker_ros.core.stages.photograph import PhotographSolver
+from startracker_ros.evaluation.bench.corpus import View
+from startracker_ros.evaluation.bench.peers import CEDAR, Cedar, Tetra3rs
+from startracker_ros.evaluation.bench.photographs import (
+    CORRECT_OF_FIELD, Photograph, photographs, REPOSITORY_IMAGES)
+from startracker_ros.io.table import Result
+from startracker_ros.tools.figures.machine import installed_version, machine, peer_versions
+from startracker_ros.tools.figures.timing import cpu_timed
+
+FOV_ERROR = 0.05
+_MAX_STARS = 60
+_OPTIONS = IdentificationOptions(fov_error_percent=100 * FOV_ERROR)
+OURS, TETRA3RS, WHOLE = 'ours', 'tetra3rs', 'startracker solve'
+
+Lists = list[Centroids]
+Found = tuple[np.ndarray | None, float]
+"""Direction (3,) of the image centre, None without a solution, and time in s."""
+
+
+@dataclass(frozen=True)
+class RealSkyRow:
+    """One detection with one solver on the images of one camera, or of all; CPU times."""
+
+    images: str
+    detection: str
+    solver: str
+    correct: int
+    wrong: int
+    silent: int
+    median_ms: float
+    p99_ms: float
+
+
+def told_camera(image: Photograph, rng: np.random.Generator) -> Camera:
+    """Return the nominal camera of an image, its field of view up to 5 % off."""
+    height, width = image.image.shape
+    return Camera.from_fov(width, height, image.fov_deg * (1 + rng.uniform(-1, 1) * FOV_ERROR))
+
+
+def detect_ours(image: np.ndarray) -> Centroids:
+    """Return the longest of our lists of stars."""
+    return max(Detections(image), key=len, default=Centroids.empty())
+
+
+def detect_tetra3rs(image: np.ndarray) -> Centroids:
+    """Return the stars of tetra3rs with its defaults, of any sharpness."""
+    from tetra3rs import extract_centroids
+    height, width = image.shape
+    found = extract_centroids(image, max_centroids=_MAX_STARS, max_sharpness=None, threads=1)
+    rows = np.array([(star.x, star.y, star.brightness) for star in found.centroids])
+    return centroids_of(rows.reshape(-1, 3) + [(width - 1) / 2, (height - 1) / 2, 0])
+
+
+def centroids_of(rows: np.ndarray) -> Centroids:
+    """Return u, v, flux (N, 3) as centroids with errors of a fraction of a pixel."""
+    rows = rows[np.argsort(-rows[:, 2], kind='stable')]
+    count = len(rows)
+    return Centroids(rows[:, :2], rows[:, 2], np.full(count, 10.0), np.full(count, 0.2))
+
+
+def solve_ours(ladder: LadderIdentifier, told: Camera, centroids: Centroids
+               ) -> np.ndarray | None:
+    """Return the direction of the image centre by our solver on one list of stars."""
+    for attempt in ladder.identify([centroids]):
+        if attempt.identification.attitude is not None:
+            lens = learn_lens(attempt, FOV_ERROR)
+            if not lens.rejected:
+                return rotate(lens.attitude.quaternion, [0.0, 0.0, 1.0])
+    return None
+
+
+def _whole(images: Sequence[Photograph], cameras: Sequence[Camera]) -> list[Found]:
+    """Return what `startracker solve` does with images, databases built beforehand."""
+    found = []
+    for image, told in zip(images, cameras):
+        solver = PhotographSolver(told, image.epoch_year, _OPTIONS)
+        solver.solve(image.image)
+        time_s, solution = cpu_timed(solver.solve, image.image)
+        found.append((None if solution.quaternion is None else
+                      rotate(solution.quaternion, [0.0, 0.0, 1.0]), time_s))
+    return found
+
+
+def _ours(images: Sequence[Photograph], cameras: Sequence[Camera], lists: Lists) -> list[Found]:
+    found = []
+    for image, told, centroids in zip(images, cameras, lists):
+        ladder = LadderIdentifier(told, image.epoch_year, _OPTIONS)
+        solve_ours(ladder, told, centroids)
+        time_s, direction = cpu_timed(solve_ours, ladder, told, centroids)
+        found.append((direction, time_s))
+    return found
+
+
+def _view(images: Sequence[Photograph], cameras: Sequence[Camera]) -> View:
+    fov_deg = max(np.degrees(camera.fov_x_rad) for camera in cameras)
+    ladder = LadderIdentifier(cameras[0], images[0].epoch_year, _OPTIONS)
+    return View(images[0].group, cameras[0].width, float(fov_deg), ladder.magnitude_limit)
+
+
+def _tetra3rs(images: Sequence[Photograph], cameras: Sequence[Camera], lists: Lists
+              ) -> list[Found]:
+    """Return what tetra3rs finds, tuned to the camera of these images."""
+    solver, found = Tetra3rs(0.005), []
+    solver.build(_view(images, cameras), cameras[0])
+    for told, centroids in zip(cameras, lists):
+        solver.set_camera(told)
+        time_s, result = cpu_timed(solver.solve, solver.prepare(centroids))
+        attitude = solver.attitude(result)
+        found.append((None if attitude is None else rotate(attitude, [0.0, 0.0, 1.0]), time_s))
+    return found
+
+
+def run_real_sky_bench(folders: Sequence[Path], *, seed: int = 1, cedar_python: str = ''
+                       ) -> Result:
+    """
+    Solve all images below the folders, or those of the repository where none is given.
+
+    FolderError for a folder without known images; PeerError for a Python without cedar-solve.
+    """
+    images = photographs(folders or [REPOSITORY_IMAGES])
+    rng = np.random.default_rng(seed)
+    cameras = [told_camera(image, rng) for image in images]
+    rows: list[RealSkyRow] = []
+    ours: dict[int, Found] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        cedar = Cedar(cedar_python, folder) if cedar_python else None
+        for group in dict.fromkeys((image.group, image.image.shape) for image in images):
+            chosen = [k for k, image in enumerate(images)
+                      if (image.group, image.image.shape) == group]
+            group_images, group_cameras = [images[k] for k in chosen], [cameras[k] for k in chosen]
+            whole = _whole(group_images, group_cameras)
+            ours.update(zip(chosen, whole))
+            for row in chain([_row(group_images, WHOLE, OURS, whole)],
+                             _group_rows(group_images, group_cameras, cedar)):
+                print(row, file=sys.stderr, flush=True)
+                rows.append(row)
+        rows.append(_row(images, WHOLE, OURS, [ours[k] for k in range(len(images))], 'all'))
+        version = cedar.version() if cedar else 'absent: --cedar-python names its venv'
+    return Result('bench real-sky', rows, {
+        'machine': machine(),
+        'told': f'the field of view, off by up to {FOV_ERROR:.0%}',
+        'correct': f'image centre within {CORRECT_OF_FIELD:.0%} of the field of view',
+        'times': 'process CPU time of detection and solution, databases in memory',
+        **peer_versions(TETRA3RS), CEDAR: version, 'seed': seed})
+
+
+def _group_rows(images: Sequence[Photograph], cameras: Sequence[Camera], cedar: Cedar | None
+                ) -> Iterator[RealSkyRow]:
+    """Yield the rows of the images of one camera, each when it is measured."""
+    detections: dict[str, list[tuple[float, Centroids]]] = {
+        OURS: [cpu_timed(detect_ours, image.image) for image in images]}
+    solvers: dict[str, Callable[[Lists], list[Found]]] = {
+        OURS: lambda lists: _ours(images, cameras, lists)}
+    if installed_version(TETRA3RS):
+        detections[TETRA3RS] = [cpu_timed(detect_tetra3rs, image.image) for image in images]
+        solvers[TETRA3RS] = lambda lists: _tetra3rs(images, cameras, lists)
+    if cedar is not None:
+        view = _view(images, cameras)
+        cedar.build(view)
+        detections[CEDAR] = [(time_s, centroids_of(stars)) for stars, time_s in
+                             cedar.detect([image.image for image in images])]
+        solvers[CEDAR] = lambda lists: cedar.directions(view, cameras, lists)
+    for detection, seen in detections.items():
+        detect_s, lists = [list(column) for column in zip(*seen)]
+        for name, solve in solvers.items():
+            found = [(direction, time_s + more_s)
+                     for (direction, time_s), more_s in zip(solve(lists), detect_s)]
+            yield _row(images, detection, name, found)
+
+
+def _row(images: Sequence[Photograph], detection: str, solver: str, found: Sequence[Found],
+         name: str = '') -> RealSkyRow:
+    right = [image.is_correct(direction) for image, (direction, _) in zip(images, found)
+             if direction is not None]
+    times_ms = [1e3 * time_s for _, time_s in found]
+    return RealSkyRow(name or images[0].group, detection, solver, sum(right),
+                      len(right) - sum(right), len(images) - len(right),
+                      float(np.median(times_ms)), float(np.percentile(times_ms, 99)))

@@ -1,0 +1,221 @@
+"""Is a published attitude ever wrong? Images with the artefacts of real sensors."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from startracker_ros.core.astro.constants import EARTH_RADIUS_M
+from startracker_ros.core.astro.orbit import CircularOrbit
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.centroid.extraction import ExtractionOptions
+from startracker_ros.core.maths.rotation import ARCSEC, random_attitude
+from startracker_ros.core.stages.pipeline import Pipeline, PipelineOptions
+from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.evaluation.campaign.integrity_tally import (
+    CAMERA, EPOCH_YEAR, START_NS, STEP_NS, Tally, tally_of_frame)
+from startracker_ros.sim.sky.artefacts import ArtefactOptions
+from startracker_ros.sim.sky.detector import DetectorOptions
+from startracker_ros.sim.sky.motion import SteadyMotion
+from startracker_ros.sim.sky.motion_state import Motion
+from startracker_ros.sim.sky.presets import with_preset
+from startracker_ros.sim.sky.shake import ShakenMotion
+from startracker_ros.sim.sky.simulator import SkySimulator
+
+FRAMES = 60
+START_FRAMES = 10
+"""Frames within which a start has to succeed."""
+
+START_IDENTIFICATIONS = 2
+CLEAN_FRAMES = 10
+_GYRO_STEP_NS = 10_000_000
+_ORBIT = CircularOrbit(EARTH_RADIUS_M + 700e3, 0.5, 0.0, 0.0)
+_LINE_TIME_US = 20.0
+_VIBRATION_HZ = 7.3
+_KICK_PERIOD_S = 0.15
+# The fastest condition turns at 10 deg/s, the largest rate that the tracker accepts by default.
+_TRACKER = TrackerOptions(max_rate_deg_s=15.0)
+_CM2 = (CAMERA.width * 5.5e-4) ** 2
+
+
+@dataclass(frozen=True)
+class ImageCondition:
+    """
+    What the images of a run contain.
+
+    The camera turns at rate_deg_s about a random axis, with a vibration of vibration_arcsec and
+    kicks of kick_arcsec, one in 0.15 s on average. The first clean_frames are of clean_detector
+    and without artefacts: the tracker tracks when these begin. line_time_us is the parameter of
+    the extraction. Frames are due after clean_frames, or after the two identifications of a start;
+    with start, each run is due once: within its frames. needed_percent of what is due must have
+    an attitude. Without detectable, no image shows the error: only its size is measured.
+    """
+
+    rate_deg_s: float = 0.1
+    vibration_arcsec: float = 0.0
+    kick_arcsec: float = 0.0
+    detector: DetectorOptions = DetectorOptions()
+    artefacts: ArtefactOptions = ArtefactOptions()
+    line_time_us: float = 0.0
+    gyro: bool = False
+    clean_frames: int = 0
+    start: bool = False
+    frames: int = FRAMES
+    needed_percent: float = 99.0
+    detectable: bool = True
+    clean_detector: DetectorOptions = DetectorOptions()
+
+
+def _smear(rate_deg_s: float, exposure_s: float = 0.1, needed_percent: float = 99.0,
+           gyro: bool = False) -> ImageCondition:
+    return ImageCondition(
+        rate_deg_s, detector=DetectorOptions(motion_smear=True, exposure_s=exposure_s),
+        gyro=gyro, needed_percent=needed_percent)
+
+
+def _rolling(rate_deg_s: float, line_time_us: float, needed_percent: float) -> ImageCondition:
+    return ImageCondition(rate_deg_s, detector=DetectorOptions(line_time_us=_LINE_TIME_US),
+                          line_time_us=line_time_us, needed_percent=needed_percent)
+
+
+def _shaken(needed_percent: float, vibration_arcsec: float = 0.0, kick_arcsec: float = 0.0
+            ) -> ImageCondition:
+    return ImageCondition(
+        vibration_arcsec=vibration_arcsec, kick_arcsec=kick_arcsec,
+        detector=DetectorOptions(motion_smear=True), needed_percent=needed_percent)
+
+
+def _torn(rate_deg_s: float) -> ImageCondition:
+    return ImageCondition(rate_deg_s, artefacts=ArtefactOptions(torn_frame_probability=0.5),
+                          needed_percent=0.0)
+
+
+def _hits(number: float) -> ImageCondition:
+    """Return the condition of this mean number of cosmic-ray hits in each image of 0.1 s."""
+    return ImageCondition(detector=DetectorOptions(cosmic_ray_hits_cm2_s=number / _CM2 / 0.1),
+                          clean_frames=CLEAN_FRAMES)
+
+
+def _spots(number: int) -> ImageCondition:
+    return ImageCondition(artefacts=ArtefactOptions(star_like_spots=number),
+                          clean_frames=CLEAN_FRAMES)
+
+
+def _trails(number: int) -> ImageCondition:
+    return ImageCondition(artefacts=ArtefactOptions(trails=number))
+
+
+IMAGE_CONDITIONS = {
+    'clean images': ImageCondition(),
+    'smear 0.3 deg/s': _smear(0.3),
+    'smear 1 deg/s': _smear(1.0),
+    'smear 2 deg/s': _smear(2.0),
+    'smear 3 deg/s': _smear(3.0),
+    'smear 5 deg/s, 20 ms': _smear(5.0, 0.02, 95.0),
+    'smear 10 deg/s, 20 ms': _smear(10.0, 0.02, 95.0),
+    'smear 5 deg/s, gyro': _smear(5.0, needed_percent=95.0, gyro=True),
+    'rolling shutter 0.1 deg/s': _rolling(0.1, _LINE_TIME_US, 99.0),
+    'rolling shutter 1 deg/s': _rolling(1.0, _LINE_TIME_US, 99.0),
+    'rolling shutter 0.1 deg/s, line time 0': _rolling(0.1, 0.0, 0.0),
+    'rolling shutter 1 deg/s, line time 0': _rolling(1.0, 0.0, 0.0),
+    'torn frames 0.14 deg/s': _torn(0.14),
+    'torn frames 1 deg/s': _torn(1.0),
+    '1 trail': _trails(1),
+    '3 trails': _trails(3),
+    '20 trails': _trails(20),
+    '5 saturated columns and rows': ImageCondition(
+        artefacts=ArtefactOptions(saturated_columns=5, saturated_rows=5)),
+    '300 hits': _hits(300),
+    '1000 hits': _hits(1000),
+    '10000 hits': _hits(10_000),
+    '50 spots': _spots(50),
+    '100 spots': _spots(100),
+    '300 spots': _spots(300),
+    'start with 100 spots': ImageCondition(
+        artefacts=ArtefactOptions(star_like_spots=100), start=True, frames=START_FRAMES,
+        needed_percent=95.0),
+    'Moon in the field': ImageCondition(
+        detector=DetectorOptions(blooming=True),
+        artefacts=ArtefactOptions(moon_e=40_000.0, moon_distance_deg=2.0)),
+    'Earth limb': ImageCondition(artefacts=ArtefactOptions(earth_e=20_000.0),
+                                 needed_percent=95.0),
+    'ghosts': ImageCondition(artefacts=ArtefactOptions(ghost_ratio=0.02)),
+    'double exposure': ImageCondition(artefacts=ArtefactOptions(double_exposure_share=0.3),
+                                      needed_percent=95.0),
+    'stamp at the end': ImageCondition(0.5, artefacts=ArtefactOptions(stamp='end'),
+                                       needed_percent=0.0, detectable=False),
+    'defocus': ImageCondition(detector=DetectorOptions(psf_sigma_px=2.5), needed_percent=95.0),
+    'defocus, ring of 3 px': ImageCondition(
+        detector=DetectorOptions(defocus_ring_px=3.0), needed_percent=95.0),
+    'stamps that err by 5 ms': ImageCondition(
+        0.3, artefacts=ArtefactOptions(stamp_jitter_ms=5.0), needed_percent=95.0),
+    'stray light': ImageCondition(
+        detector=DetectorOptions(stray_light_e=8_000.0), needed_percent=95.0),
+    'coma': ImageCondition(detector=DetectorOptions(coma_corner_px=3.0), needed_percent=95.0),
+    'repeated frames': ImageCondition(
+        0.5, artefacts=ArtefactOptions(repeated_frame_probability=0.1), needed_percent=80.0),
+    'preset harsh': ImageCondition(
+        detector=with_preset(DetectorOptions(), 'harsh'),
+        artefacts=with_preset(ArtefactOptions(), 'harsh'),
+        line_time_us=10.0, needed_percent=90.0),
+    'vibration 10 arcsec': _shaken(99.0, vibration_arcsec=10.0),
+    'vibration 40 arcsec': _shaken(95.0, vibration_arcsec=40.0),
+    'vibration 100 arcsec': _shaken(0.0, vibration_arcsec=100.0),
+    'kicks of 40 arcsec': _shaken(95.0, kick_arcsec=40.0),
+    'kicks of 120 arcsec': _shaken(50.0, kick_arcsec=120.0),
+    'kicks of 250 arcsec': _shaken(50.0, kick_arcsec=250.0),
+}
+
+
+@cache
+def _pipeline(camera: Camera, line_time_us: float) -> Pipeline:
+    return Pipeline(camera, EPOCH_YEAR, PipelineOptions(
+        extraction=ExtractionOptions(line_time_us=line_time_us), tracker=_TRACKER))
+
+
+def image_runs(name: str, runs: int, seed: int) -> Tally:
+    """Return the tally of so many runs of a condition, with the seeds from seed on."""
+    return sum((image_run(IMAGE_CONDITIONS[name], seed + run) for run in range(runs)), Tally())
+
+
+def image_run(condition: ImageCondition, seed: int, camera: Camera = CAMERA) -> Tally:
+    """Run the pipeline through the images of one run and tally what it publishes."""
+    pipeline = _pipeline(camera, condition.line_time_us)
+    pipeline.reset()
+    clean, spoilt = _simulators(condition, seed, camera)
+    due_from = condition.clean_frames or START_IDENTIFICATIONS
+    tally, before = Tally(), TrackerState.LOST
+    for index in range(condition.frames):
+        if condition.gyro and index:
+            for step_ns in range((index - 1) * STEP_NS, index * STEP_NS, _GYRO_STEP_NS):
+                time_ns = step_ns + _GYRO_STEP_NS
+                pipeline.add_rate(START_NS + time_ns, spoilt.gyro(time_ns * 1e-9))
+        simulator = clean if index < condition.clean_frames else spoilt
+        taken = simulator.frame(round(index * STEP_NS * 1e-9, 9))
+        pipeline.add_state(START_NS + index * STEP_NS, taken.state.geocentric)
+        frame = pipeline.update_image(START_NS + index * STEP_NS, taken.image)
+        tally += tally_of_frame(frame, before, taken.q_mean,
+                                index >= due_from and not condition.start)
+        before = frame.state
+    if condition.start:
+        tally = replace(tally, due=1, available=int(tally.published > 0))
+    return tally
+
+
+def _simulators(condition: ImageCondition, seed: int, camera: Camera
+                ) -> tuple[SkySimulator, SkySimulator]:
+    """Return the simulators of the images without artefacts and with them, in one motion."""
+    rng = np.random.default_rng(seed)
+    axis = rng.standard_normal(3)
+    rate_rad_s = np.radians(condition.rate_deg_s) * axis / np.linalg.norm(axis)
+    motion: Motion = SteadyMotion(random_attitude(rng), rate_rad_s, _ORBIT)
+    if condition.vibration_arcsec or condition.kick_arcsec:
+        motion = ShakenMotion(motion, condition.vibration_arcsec * ARCSEC, _VIBRATION_HZ,
+                              condition.kick_arcsec * ARCSEC, _KICK_PERIOD_S, seed)
+    clean, spoilt = (
+        SkySimulator(camera, motion, load_catalog(), EPOCH_YEAR, detector_options=detector,
+                     artefact_options=artefacts, frame_rate_hz=1e9 / STEP_NS, seed=seed)
+        for detector, artefacts in ((condition.clean_detector, ArtefactOptions()),
+                                    (condition.detector, condition.artefacts)))
+    return clean, spoilt

@@ -1,0 +1,215 @@
+"""The data sheet of a camera: the Monte Carlo, its rows and its page."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.deep import camera_catalog
+from startracker_ros.core.centroid.extraction import ExtractionOptions
+from startracker_ros.core.maths.rotation import random_attitude
+from startracker_ros.core.stages.pipeline import Pipeline
+from startracker_ros.evaluation.campaign.integrity_tally import Tally
+from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_map, split_trials
+from startracker_ros.evaluation.datasheet import rows
+from startracker_ros.evaluation.datasheet.availability import DISTURBANCES, disturbed_runs
+from startracker_ros.evaluation.datasheet.bounds import limiting_magnitude, star_image
+from startracker_ros.evaluation.datasheet.calibrated import (
+    calibrated_instrument, calibration_errors, field_errors, IMAGES)
+from startracker_ros.evaluation.datasheet.instrument import (
+    EPOCH_YEAR, FRAME_RATE_HZ, Instrument, START_NS)
+from startracker_ros.evaluation.datasheet.motions import Pointings
+from startracker_ros.evaluation.datasheet.page import SheetPage, write_page
+from startracker_ros.evaluation.datasheet.published import PUBLISHED
+from startracker_ros.evaluation.datasheet.single_images import image_errors, SHIFTS
+from startracker_ros.evaluation.datasheet.sky_coverage import (
+    field_magnitudes, identified_fields, SkyFields)
+from startracker_ros.evaluation.datasheet.tracked_runs import RunCase, Runs, tracked_runs
+from startracker_ros.io.table import Result
+from startracker_ros.sim.sky.detector import DetectorOptions
+from startracker_ros.sim.sky.simulator import SkySimulator
+from startracker_ros.tools.figures.machine import machine, StealTime
+
+RATES_DEG_S = (0.0, 0.3, 1.0, 2.0, 3.0)
+LIMIT_RATES_DEG_S = (4.0, 5.0, 7.5, 10.0)
+ACCELERATIONS_DEG_S2 = (0.5, 1.0, 2.0, 5.0)
+
+LIMIT_CASES = (*(RunCase(rate, frames=20) for rate in LIMIT_RATES_DEG_S),
+               *(RunCase(0.0, each, 20) for each in ACCELERATIONS_DEG_S2))
+
+
+@dataclass(frozen=True)
+class Effort:
+    """
+    How much is simulated: fields and runs for each rate, frames of a run.
+
+    Each of the calibrations is followed through calibration_fields.
+    """
+
+    calibrations: int
+    calibration_fields: int
+    fields: int
+    runs: int
+    frames: int
+    limit_runs: int
+    disturbed_runs: int
+    disturbed_frames: int
+    sky_fields: int
+    timed_frames: int
+
+
+FULL = Effort(40, 100, 200, 60, 25, 6, 4, 20, 5000, 100)
+QUICK = Effort(4, 50, 12, 3, 15, 1, 1, 10, 500, 20)
+
+_Parts = list[Any]
+
+
+class _Plan:
+    """Trials of several kinds, to run side by side: the pool of processes starts only once."""
+
+    def __init__(self, seed: int) -> None:
+        self._seed = seed
+        self._pieces: list[tuple] = []
+        self._counts: list[int] = []
+
+    def add(self, function: Callable[..., Any], case: tuple, trials: int, size: int) -> None:
+        """Add trials of function(*case, trials, seed) in parts of at most size trials."""
+        parts = split_trials(trials, size, self._seed)
+        self._pieces += [(function, (*case, *part)) for part in parts]
+        self._counts.append(len(parts))
+
+    def run(self, scheduler: str) -> Iterator[_Parts]:
+        """Yield the results of the parts of each kind, in order."""
+        results = iter(parallel_map(_call, self._pieces, title='data sheet', scheduler=scheduler))
+        for count in self._counts:
+            yield [next(results) for _ in range(count)]
+
+
+def _call(function: Callable[..., Any], arguments: tuple) -> Any:
+    return function(*arguments)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """All that was simulated: for each rate, limit and disturbance, and of the whole sky."""
+
+    errors: list[rows.SplitErrors]
+    runs: list[Runs]
+    limit_runs: list[Runs]
+    tallies: list[Tally]
+    fields: SkyFields
+
+
+def simulate(instrument: Instrument, effort: Effort, seed: int, scheduler: str = '') -> Simulated:
+    """Run the Monte Carlo on all cores, or on a dask cluster."""
+    plan, lens, detector = _Plan(seed), instrument.lens, instrument.detector
+    # The longest first, so that the cores end together.
+    for rate in reversed(RATES_DEG_S):
+        plan.add(image_errors, (Instrument(lens, lens, detector), rate), effort.fields, 10)
+    for case in reversed(cases(effort)):
+        plan.add(tracked_runs, (instrument, case), effort.runs, 6)
+    for case in LIMIT_CASES:
+        plan.add(tracked_runs, (instrument, case), effort.limit_runs, 3)
+    for disturbance in DISTURBANCES:
+        plan.add(disturbed_runs, (instrument, disturbance, effort.disturbed_frames),
+                 effort.disturbed_runs, 2)
+    plan.add(calibration_errors, (lens, detector, RATES_DEG_S, effort.calibration_fields),
+             effort.calibrations, 2)
+    limit, sigma_px = faintest(detector)
+    plan.add(identified_fields, (lens, limit, sigma_px), effort.sky_fields, 500)
+    parts = [*plan.run(scheduler)]
+    count = len(RATES_DEG_S)
+    images = [concatenated(each) for each in parts[:count]][::-1]
+    calibrations = np.concatenate(parts[-2])
+    ends = np.cumsum([count, count, len(LIMIT_CASES), len(DISTURBANCES)]).tolist()
+    return Simulated(
+        [rows.SplitErrors(rate, each, calibrations[:, number])
+         for number, (rate, each) in enumerate(zip(RATES_DEG_S, images))],
+        [concatenated(each) for each in parts[ends[0]:ends[1]]][::-1],
+        [concatenated(each) for each in parts[ends[1]:ends[2]]],
+        [sum(each, Tally()) for each in parts[ends[2]:ends[3]]], concatenated(parts[-1]))
+
+
+def cases(effort: Effort) -> list[RunCase]:
+    """Return a run at each rate."""
+    return [RunCase(rate, frames=effort.frames) for rate in RATES_DEG_S]
+
+
+def faintest(detector: DetectorOptions) -> tuple[float, float]:
+    """Return V of the faintest star found at rest, and the error in px of one a magnitude up."""
+    limit = limiting_magnitude(detector, 0.0, ExtractionOptions().threshold_sigma)
+    flux_e = detector.zero_flux_e_s * detector.exposure_s * 10 ** (-0.4 * (limit - 1))
+    information = star_image(detector, 0.0).at(np.array([flux_e]))
+    return limit, float(1 / np.sqrt(information.mean()))
+
+
+def run_datasheet(lens: Camera, detector: DetectorOptions, output: Path, *, seed: int,
+                  effort: Effort = FULL, scheduler: str = '') -> Result:
+    """
+    Simulate, write the page, and return the rows.
+
+    CalibrationError where simulated images do not determine the camera, OSError where the page
+    cannot be written, MissingLibraryError without Jinja2 or matplotlib.
+    """
+    begin_s, steal_time = time.perf_counter(), StealTime()
+    instrument = calibrated_instrument(lens, detector, seed)
+    times_ms = frame_times_ms(instrument, effort.timed_frames, seed)
+    done = simulate(instrument, effort, seed, scheduler)
+    limit, _ = faintest(detector)
+    magnitudes = field_magnitudes(lens, limit, effort.sky_fields, seed)
+    bias_rad = np.nanmean(
+        field_errors(instrument, (0.0,), effort.calibration_fields, seed), axis=(0, 1))
+    table = [
+        *rows.split_rows(done.errors), *rows.mechanical_rows(),
+        *rows.tracked_rows(cases(effort), done.runs, bias_rad),
+        *rows.limit_rows([*cases(effort), *LIMIT_CASES], [*done.runs, *done.limit_runs],
+                         bias_rad),
+        *rows.acquisition_rows(done.errors, done.runs, done.fields),
+        *rows.coverage_rows(magnitudes, limit), *rows.availability_rows(done.tallies),
+        *rows.speed_rows(times_ms)]
+    conditions = {
+        **instrument.conditions, 'machine': machine(str(steal_time)),
+        'calibration': f'{effort.calibrations} calibrations by {IMAGES} simulated images each; '
+                       'in that of the runs, focal length '
+                       f'{instrument.camera.fx - lens.fx:+.3f} px, principal point '
+                       f'{instrument.camera.cx - lens.cx:+.2f}, '
+                       f'{instrument.camera.cy - lens.cy:+.2f} px off the true ones',
+        'rates': 'about random axes across the boresight',
+        'images': f'{effort.fields} fields of {SHIFTS} images for each rate, 2 renderings each; '
+                  f'{effort.runs} runs of {effort.frames} frames at {FRAME_RATE_HZ:g} Hz for '
+                  f'each rate; {effort.sky_fields} star lists of random fields',
+        'interval': '95 %, bootstrap over calibrations, fields or runs',
+        'bound': 'Cramer-Rao bound of the noise, from all stars of the catalogue in the field',
+        'published': 'Sodern Auriga, 3 sigma',
+        'not as good as published': rows.worse_than_published(table),
+        'simulated in': f'{time.perf_counter() - begin_s:.0f} s', 'seed': seed}
+    write_page(output, SheetPage(
+        instrument, table, conditions, done.errors, magnitudes, done.fields, limit))
+    return Result('datasheet', table, {**conditions, 'page': str(output)})
+
+
+def frame_times_ms(instrument: Instrument, frames: int, seed: int) -> np.ndarray:
+    """Return the wall time (N,) from image to attitude in one process, while tracking."""
+    rng = np.random.default_rng(seed)
+    motion = Pointings(np.array([random_attitude(rng)]), np.zeros((1, 3)))
+    simulator = SkySimulator(instrument.lens, motion, camera_catalog(instrument.lens), EPOCH_YEAR,
+                             detector_options=instrument.detector, seed=seed)
+    pipeline, times_ms = Pipeline(instrument.camera, EPOCH_YEAR), []
+    step_ns = round(1e9 / FRAME_RATE_HZ)
+    for index in range(frames + 5):
+        # Of one pointing, with noise of its own in each image.
+        taken = simulator.frame(index * 1e-6)
+        pipeline.add_state(START_NS + index * step_ns, taken.state.geocentric)
+        start_s = time.perf_counter()
+        pipeline.update_image(START_NS + index * step_ns, taken.image)
+        times_ms.append(1e3 * (time.perf_counter() - start_s))
+    return np.array(times_ms[5:])
+
+
+def published_result() -> Result:
+    """Return the table of published figures."""
+    return Result('published figures', PUBLISHED, {
+        'errors': 'arcsec, as the manufacturers state them; none was measured here'})

@@ -1,0 +1,98 @@
+"""Runs of images through the whole star tracker: acquisition, error, limits of the motion."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from startracker_ros.core.catalog.deep import camera_catalog
+from startracker_ros.core.maths.rotation import attitude_error, random_attitude
+from startracker_ros.core.stages.pipeline import Pipeline, PipelineOptions
+from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.evaluation.datasheet.instrument import (
+    EPOCH_YEAR, FRAME_RATE_HZ, Instrument, START_NS)
+from startracker_ros.evaluation.datasheet.motions import across_boresight, RUN_S, Spins
+from startracker_ros.sim.sky.simulator import SkySimulator
+from startracker_ros.tools.figures.correctness import over_bound
+
+SETTLED_FRAMES = 10
+"""Frames after which the filter of the tracker no longer depends on its start."""
+
+
+@dataclass(frozen=True)
+class RunCase:
+    """
+    A motion across the boresight, lost in space at its start.
+
+    The rate grows by acceleration_deg_s2 from frame SETTLED_FRAMES on.
+    """
+
+    rate_deg_s: float
+    acceleration_deg_s2: float = 0.0
+    frames: int = 30
+
+
+@dataclass(frozen=True)
+class Runs:
+    """
+    What runs (R,) of F frames published.
+
+    error and sigma (R, F, 3) rad are about sensor axes, NaN without an attitude, sigma that of
+    the covariance; acquired_s (R,) is the time of the first attitude after the first image,
+    infinite without one.
+    """
+
+    error: np.ndarray
+    sigma: np.ndarray
+    acquired_s: np.ndarray
+
+    @property
+    def settled(self) -> np.ndarray:
+        """Return the errors after SETTLED_FRAMES."""
+        return self.error[:, SETTLED_FRAMES:]
+
+    def wrong(self, bias_rad: np.ndarray) -> int:
+        """Return how many attitudes are wrong beside the bias (3,), which alignment removes."""
+        return int(np.count_nonzero(over_bound(self.error - bias_rad, self.sigma) > 1))
+
+    @property
+    def available_percent(self) -> float:
+        """Return the percentage of the frames after SETTLED_FRAMES with an attitude."""
+        return 100 * float(np.mean(np.isfinite(self.settled[..., 0])))
+
+
+@cache
+def _pipeline(instrument: Instrument) -> Pipeline:
+    # Limits of the motion are to be those of images and filter, not of this parameter.
+    return Pipeline(instrument.camera, EPOCH_YEAR,
+                    PipelineOptions(tracker=TrackerOptions(max_rate_deg_s=100.0)))
+
+
+def tracked_runs(instrument: Instrument, case: RunCase, runs: int, seed: int) -> Runs:
+    """Return what the tracker publishes in runs at random attitudes."""
+    rng = np.random.default_rng(seed)
+    motion = Spins(np.array([random_attitude(rng) for _ in range(runs)]),
+                   across_boresight(rng, runs), float(np.radians(case.rate_deg_s)),
+                   float(np.radians(case.acceleration_deg_s2)), SETTLED_FRAMES / FRAME_RATE_HZ)
+    simulator = SkySimulator(instrument.lens, motion, camera_catalog(instrument.lens), EPOCH_YEAR,
+                             detector_options=instrument.detector, seed=seed)
+    rows = [_run(simulator, _pipeline(instrument), run * RUN_S, case.frames)
+            for run in range(runs)]
+    return Runs(*map(np.array, zip(*rows)))
+
+
+def _run(simulator: SkySimulator, pipeline: Pipeline, begin_s: float, frames: int
+         ) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the errors and their sigmas (F, 3), and the time of acquisition."""
+    pipeline.reset()
+    error, sigma = np.full((2, frames, 3), np.nan)
+    for index in range(frames):
+        time_s = begin_s + index / FRAME_RATE_HZ
+        taken = simulator.frame(time_s)
+        stamp_ns = START_NS + round(time_s * 1e9)
+        pipeline.add_state(stamp_ns, taken.state.geocentric)
+        attitude = pipeline.update_image(stamp_ns, taken.image).trusted.attitude
+        if attitude is not None:
+            error[index] = attitude_error(attitude.quaternion, taken.state.q_icrf_from_sensor)
+            sigma[index] = np.sqrt(np.diag(attitude.covariance_sensor))
+    published = np.flatnonzero(np.isfinite(error[:, 0]))
+    return error, sigma, published[0] / FRAME_RATE_HZ if len(published) else np.inf

@@ -1,0 +1,104 @@
+"""Rows of the clouds `centroids`, `stars` and `tracks` out of results of the stages."""
+
+from functools import lru_cache
+
+import numpy as np
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.centroid.centroids import Centroids, ROUND
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.track.tracks import Tracks
+from startracker_ros.io.bags.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DTYPE
+
+
+def centroid_rows(centroids: Centroids, camera: Camera, directed: bool = False) -> np.ndarray:
+    """Return rows (N,) of `centroids`; directed if only predicted stars were measured."""
+    rows = _measured_rows(CENTROID_DTYPE, centroids, camera)
+    rows['directed'] = directed
+    return rows
+
+
+def star_rows(centroids: Centroids, hip: np.ndarray, magnitude: np.ndarray,
+              residual_px: np.ndarray, camera: Camera) -> np.ndarray:
+    """Return rows (N,) of `stars`: centroids with a catalogue number each, 0 for none."""
+    rows = _measured_rows(STAR_DTYPE, centroids, camera)
+    rows['hip'], rows['magnitude'], rows['residual_px'] = hip, magnitude, residual_px
+    return rows
+
+
+def track_rows(tracks: Tracks, camera: Camera) -> np.ndarray:
+    """Return rows (N,) of `tracks`."""
+    rows = _rows(TRACK_DTYPE, tracks.uv, tracks.flux, tracks.snr, tracks.sigma_px, camera)
+    for name in ('hip', 'magnitude', 'residual_px', 'track_id', 'age', 'missed',
+                 'association_probability'):
+        rows[name] = getattr(tracks, name)
+    rows['u_rate'], rows['v_rate'] = tracks.velocity.T
+    rows['cov_uu'], rows['cov_vv'] = tracks.covariance[:, 0, 0], tracks.covariance[:, 1, 1]
+    rows['cov_uv'] = tracks.covariance[:, 0, 1]
+    return rows
+
+
+def centroids_from_rows(rows: np.ndarray) -> Centroids:
+    """Return the centroids of `centroids` or `stars` rows."""
+    fields = np.ascontiguousarray(rows).view('f4').reshape(len(rows), rows.dtype.itemsize // 4)
+    known, *columns = _split(fields, _columns(rows.dtype))
+    uv, flux, snr, sigma_px, covariance, delay_s, common = columns
+    return Centroids(uv, flux, snr, sigma_px, covariance if known else ROUND, delay_s, common)
+
+
+@compiled
+def _split(fields: np.ndarray, columns: np.ndarray) -> tuple[
+        bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return the arrays of Centroids out of rows of float32, with the numbers of _columns().
+
+    The first is whether all covariances are known, and not zero.
+    """
+    count, known = len(fields), True
+    uv, covariance, common = np.empty((count, 2)), np.empty((count, 2, 2)), np.empty((count, 2, 2))
+    flux, snr, sigma_px, delay_s = (np.empty(count), np.empty(count), np.empty(count),
+                                    np.empty(count))
+    for n in range(count):
+        row = fields[n]
+        uv[n, 0], uv[n, 1] = row[columns[0]], row[columns[1]]
+        flux[n], snr[n], sigma_px[n] = row[columns[2]], row[columns[3]], row[columns[4]]
+        delay_s[n] = row[columns[5]]
+        covariance[n, 0, 0], covariance[n, 1, 1] = row[columns[6]], row[columns[8]]
+        covariance[n, 0, 1] = covariance[n, 1, 0] = row[columns[7]]
+        common[n, 0, 0], common[n, 1, 1] = row[columns[9]], row[columns[11]]
+        common[n, 0, 1] = common[n, 1, 0] = row[columns[10]]
+        known &= covariance[n, 0, 0] > 0
+    return known, uv, flux, snr, sigma_px, covariance, delay_s, common
+
+
+@lru_cache
+def _columns(dtype: np.dtype) -> np.ndarray:
+    """Return where in rows viewed as floats the columns of Centroids are."""
+    pairs = ('uu', 'uv', 'vv')
+    fields = dict(dtype.fields or {})
+    return np.array([fields[name][1] // 4 for name in (
+        'u', 'v', 'flux', 'snr', 'sigma_px', 'stamp_offset', *(f'cov_{pair}' for pair in pairs),
+        *(f'common_{pair}' for pair in pairs))])
+
+
+def _rows(dtype: np.dtype, uv: np.ndarray, flux: np.ndarray, snr: np.ndarray,
+          sigma_px: np.ndarray, camera: Camera) -> np.ndarray:
+    rows = np.zeros(len(uv), dtype)
+    directions = camera.unproject(uv)
+    for column, name in enumerate('xyz'):
+        rows[name] = directions[:, column]
+    rows['u'], rows['v'] = uv[:, 0], uv[:, 1]
+    rows['flux'], rows['snr'], rows['sigma_px'] = flux, snr, sigma_px
+    return rows
+
+
+def _measured_rows(dtype: np.dtype, centroids: Centroids, camera: Camera) -> np.ndarray:
+    """Return rows of centroids with their covariance and the time of their row."""
+    rows = _rows(dtype, centroids.uv, centroids.flux, centroids.snr, centroids.sigma_px, camera)
+    # Zero is unknown: a sigma that is NaN is to be named by who needs it.
+    covariance = np.nan_to_num(centroids.covariance, posinf=0.0)
+    rows['cov_uu'], rows['cov_vv'] = covariance[:, 0, 0], covariance[:, 1, 1]
+    rows['cov_uv'], rows['stamp_offset'] = covariance[:, 0, 1], centroids.delay_s
+    common = centroids.common
+    rows['common_uu'], rows['common_vv'] = common[:, 0, 0], common[:, 1, 1]
+    rows['common_uv'] = common[:, 0, 1]
+    return rows

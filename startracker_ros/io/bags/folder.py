@@ -1,0 +1,104 @@
+"""The files of a bag folder, as its metadata.yaml names them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from startracker_ros.core.yaml_text import load_yaml
+from startracker_ros.io.bags.errors import BagError
+
+_MAX_METADATA_BYTES = 2 ** 24
+_PACKED = '.zstd'
+_SUFFIXES = {'mcap': '.mcap', 'sqlite3': '.db3'}
+
+
+@dataclass(frozen=True)
+class BagFiles:
+    """The files in the order of recording, and what each message is compressed with, if any."""
+
+    paths: tuple[Path, ...]
+    message_compression: str = ''
+
+
+def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
+    """
+    Return the files of a bag folder, or the file itself; BagError if they cannot be read.
+
+    Without a metadata.yaml, which a killed recorder does not write, these are all .mcap files, or
+    .db3 files where there are none.
+    With report, a damaged metadata.yaml is reported and ignored.
+    """
+    if not bag.is_dir():
+        return BagFiles((bag,))
+    found = next((tuple(sorted(paths, key=_order)) for suffix in _SUFFIXES.values()
+                  for packed in ('', _PACKED) if (paths := list(bag.glob(f'*{suffix}{packed}')))),
+                 ())
+    metadata = bag / 'metadata.yaml'
+    if metadata.is_file():
+        try:
+            return _named_files(bag, _information(metadata))
+        except _MetadataError as error:
+            if report is None or not found:
+                raise BagError(f'{metadata}: {error}') from error
+            report(f'{metadata}: {error}')
+    if not found:
+        raise BagError(f'{bag} holds no .mcap and no .db3 file')
+    return BagFiles(found)
+
+
+def _order(path: Path) -> tuple[int, str]:
+    """Return the key of the order of recording: run_2 before run_10."""
+    return len(path.name), path.name
+
+
+class _MetadataError(ValueError):
+    """A metadata.yaml without usable content."""
+
+
+def _information(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > _MAX_METADATA_BYTES:
+            raise _MetadataError(f'{path.stat().st_size} bytes are no metadata')
+        document = load_yaml(path.read_bytes())
+    except OSError as error:
+        raise _MetadataError(str(error.strerror)) from error
+    except ValueError as error:
+        raise _MetadataError(str(error)) from error
+    information = document.get('rosbag2_bagfile_information') if isinstance(
+        document, dict) else None
+    if not isinstance(information, dict):
+        raise _MetadataError('no rosbag2_bagfile_information')
+    return information
+
+
+def _named_files(bag: Path, information: dict[str, Any]) -> BagFiles:
+    storage = information.get('storage_identifier')
+    if storage not in _SUFFIXES:
+        raise BagError(f'{bag} is stored as {storage}, only {" and ".join(_SUFFIXES)} can be '
+                       'read; on a ROS install `ros2 bag convert` makes an mcap bag of it, see '
+                       'docs/bags.md')
+    names = information.get('relative_file_paths')
+    if not isinstance(names, list) or not names or not all(
+            isinstance(name, str) and name for name in names):
+        raise _MetadataError(f'relative_file_paths = {names!r} names no files')
+    mode, compression = (str(information.get(key) or '').lower()
+                         for key in ('compression_mode', 'compression_format'))
+    paths = []
+    for name in names:
+        # Before version 4 the name of the folder stood before that of the file.
+        path = bag / name if (bag / name).exists() else bag / Path(name).name
+        if not path.exists():
+            # Unpacked by hand, or compressed by hand.
+            path = next((other for other in (
+                path.with_name(path.name.removesuffix(_PACKED)),
+                path.with_name(path.name + _PACKED)) if other.exists()), path)
+        if not path.resolve().is_relative_to(bag.resolve()):
+            raise BagError(f'{bag}: metadata.yaml names {name!r}, outside of the folder')
+        if not path.is_file():
+            raise _MetadataError(f'{name!r} is not there')
+        paths.append(path)
+    if mode == 'file' and compression != 'zstd':
+        raise BagError(f'{bag} was compressed by rosbag2 as whole files with {compression}, only '
+                       'zstd can be read: unpack them first')
+    return BagFiles(tuple(paths), compression if mode == 'message' else '')

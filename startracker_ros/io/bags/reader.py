@@ -1,0 +1,182 @@
+"""Reads bags, finished or not, and decodes messages, without rclpy."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mcap.records import Channel, Schema
+from mcap_ros2.decoder import DecoderFactory
+from startracker_ros.io.bags.compression import DECODING_ERRORS, unpack
+from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.bags.folder import find_files
+from startracker_ros.io.bags.qos import qos_from_yaml, QosProfile
+from startracker_ros.io.bags.raw_message import RawMessage
+from startracker_ros.io.bags.schemas import message_schema, MessageSchema
+from startracker_ros.io.bags.storage import BagFile, open_file
+
+
+class BagMessage(NamedTuple):
+    """A message as recorded: serialized data, time of receipt (log) and of sending (publish)."""
+
+    topic: str
+    type_name: str
+    data: bytes
+    log_time_ns: int
+    publish_time_ns: int
+
+
+@dataclass(frozen=True)
+class BagTopic:
+    """
+    A topic of a bag and the number of its messages.
+
+    encoding is that of the messages, cdr for ROS 2; schema is the definition in the bag, and
+    qos what its publishers offered.
+    """
+
+    name: str
+    type_name: str
+    message_count: int
+    encoding: str = field(default='cdr', compare=False)
+    schema: MessageSchema = field(default=MessageSchema('', '', ''), compare=False)
+    qos: tuple[QosProfile, ...] = field(default=(), compare=False)
+
+
+def _ignore(problem: str) -> None:
+    pass
+
+
+def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
+                  end_ns: int = 2 ** 64, tolerant: bool = False,
+                  report: Callable[[str], None] = _ignore) -> Iterator[BagMessage]:
+    """
+    Yield the messages of a bag folder or one of its files in the order of their log times.
+
+    topics: only these, all if empty; start_ns: skip earlier log times; end_ns: and those from
+    this one on.
+    tolerant: read the intact messages of an unfinished or damaged file, in the order of writing
+    if the index is lost, and report() each damage with its byte; otherwise UnfinishedBagError
+    before the first message, or BagError at the damage.
+    """
+    files = find_files(Path(bag), report if tolerant else None)
+    for path in files.paths:
+        with open_file(path) as file:
+            in_order = file.is_sound
+            for record in _records(file, topics, start_ns, tolerant, report):
+                if record.log_time_ns >= end_ns and in_order:
+                    break
+                if not start_ns <= record.log_time_ns < end_ns or (
+                        topics and record.channel.topic not in topics):
+                    continue
+                data = record.data
+                if files.message_compression:
+                    try:
+                        data = unpack(data, files.message_compression)
+                    except DECODING_ERRORS as error:
+                        problem = f'{path}: a message of {record.channel.topic}: {error}'
+                        if not tolerant:
+                            raise BagError(problem) from error
+                        report(problem)
+                        continue
+                yield BagMessage(record.channel.topic, _name(record.schema), data,
+                                 record.log_time_ns, record.publish_time_ns)
+
+
+def read_topics(bag: Path, *, tolerant: bool = False, report: Callable[[str], None] = _ignore
+                ) -> dict[str, BagTopic]:
+    """Return the topics of a bag by name; tolerant, report and errors as in read_messages()."""
+    topics: dict[str, BagTopic] = {}
+    for path in find_files(Path(bag), report if tolerant else None).paths:
+        with open_file(path) as file:
+            for topic in _topics_of(file, tolerant, report):
+                before = topics.get(topic.name)
+                count = topic.message_count + (before.message_count if before else 0)
+                topics[topic.name] = replace(topic, message_count=count)
+    return topics
+
+
+def decode(type_name: str, cdr: bytes) -> Any:
+    """
+    Return a message with the fields of its type as attributes; BagError if that fails.
+
+    The type is the installed one. Byte arrays are bytes, other arrays lists.
+    """
+    decoder = _decoder(type_name)
+    try:
+        return decoder(cdr)
+    except DECODING_ERRORS as error:
+        raise BagError(f'{len(cdr)} bytes are no {type_name}: {error}') from error
+
+
+@cache
+def _decoder(type_name: str) -> Callable[[bytes], Any]:
+    schema = message_schema(type_name)
+    decoder = DecoderFactory().decoder_for(
+        'cdr', Schema(id=1, name=type_name, encoding=schema.encoding, data=schema.text.encode()))
+    if decoder is None:
+        raise BagError(f'{type_name} is not installed')
+    return decoder
+
+
+def read_span_ns(bag: Path) -> tuple[int, int] | None:
+    """Return the first and last log time of a bag, as far as it goes; None without messages."""
+    spans = []
+    for path in find_files(Path(bag), _ignore).paths:
+        with open_file(path) as file:
+            if file.span_ns is not None:
+                spans.append(file.span_ns)
+    return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
+
+
+def read_blocks_ns(bag: Path) -> list[tuple[int, int]]:
+    """Return the first and last log time of each chunk of a bag, as far as it goes."""
+    spans: list[tuple[int, int]] = []
+    for path in find_files(Path(bag), _ignore).paths:
+        with open_file(path) as file:
+            spans += file.blocks_ns
+    return spans
+
+
+def _records(file: BagFile, topics: Sequence[str], start_ns: int, tolerant: bool,
+             report: Callable[[str], None]) -> Iterator[RawMessage]:
+    if not tolerant:
+        return file.messages(topics, start_ns)
+    if not file.is_sound:
+        return file.intact_messages(report)
+    return file.messages(topics, start_ns, report=report)
+
+
+def _name(schema: Schema | None) -> str:
+    return schema.name if schema else ''
+
+
+def _topics_of(file: BagFile, tolerant: bool, report: Callable[[str], None]
+               ) -> Iterator[BagTopic]:
+    counts: dict[int, int] = {}
+    if tolerant:
+        for message in _records(file, (), 0, tolerant, report):
+            counts[message.channel.id] = counts.get(message.channel.id, 0) + 1
+    else:
+        file.check()
+        stated = file.message_counts
+        if stated is None:
+            for message in file.messages():
+                counts[message.channel.id] = counts.get(message.channel.id, 0) + 1
+        else:
+            counts = stated
+    for channel in file.channels.values():
+        yield _topic(channel, file.schemas.get(channel.schema_id), counts.get(channel.id, 0))
+
+
+def _topic(channel: Channel, schema: Schema | None, count: int) -> BagTopic:
+    try:
+        qos = qos_from_yaml(channel.metadata.get('offered_qos_profiles', ''))
+    except ValueError:
+        # Recorded by other software, perhaps; the messages are usable all the same.
+        qos = ()
+    definition = MessageSchema('', '', '') if schema is None else MessageSchema(
+        schema.encoding, schema.data.decode(errors='replace'),
+        channel.metadata.get('topic_type_hash', ''))
+    return BagTopic(channel.topic, _name(schema), count, channel.message_encoding, definition, qos)

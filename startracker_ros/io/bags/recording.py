@@ -1,0 +1,115 @@
+"""A recording that continues in a new bag after the disk has failed, without ROS."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+import shutil
+import time
+
+from startracker_ros.core.options import option, Options
+from startracker_ros.io.bags.background import BackgroundWriter
+from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.bags.qos import QosProfile
+from startracker_ros.io.bags.writer import BagOptions, BagWriter
+
+_RETRY_S = 5.0
+"""Time between two attempts to continue after a failure."""
+
+
+@dataclass(frozen=True)
+class RecordOptions(Options):
+    """What is recorded, and where."""
+
+    folder: str = option('', 'folder of the bag, made anew; empty for startracker_<date>_<time>',
+                         read_only=True)
+    topics: tuple[str, ...] = option(('*',), 'patterns of full topic names, * for any characters',
+                                     read_only=True)
+    exclude: tuple[str, ...] = option(
+        ('*/image_annotated', '*/transition_event'), 'patterns of topics left out; '
+        'image_annotated is drawn only for subscribers and can be drawn again, the states of the '
+        'nodes are in /diagnostics', read_only=True)
+    queue_depth: int = option(100, 'messages of a topic that wait for the recorder', low=1,
+                              high=10000, read_only=True)
+    queue_size_mb: float = option(
+        256.0, 'messages of all topics that wait for compression and disk; what does not fit is '
+        'dropped and counted', unit='MB', low=1.0, high=65536.0, read_only=True)
+    discovery_period_s: float = option(0.1, 'time between two searches for new topics', unit='s',
+                                       low=0.01, high=60.0, read_only=True)
+
+
+class Recording:
+    """
+    Writes messages to a bag; after a failure to <folder>_2, _3 and so on.
+
+    folder is the current bag, error why it failed (None while all is well). BagError if the
+    first bag cannot be created.
+    """
+
+    def __init__(self, options: RecordOptions, bag_options: BagOptions) -> None:
+        self._bag_options = bag_options
+        self._queue_bytes = round(options.queue_size_mb * 1e6)
+        self._first_folder = self.folder = Path(
+            options.folder or time.strftime('startracker_%Y_%m_%d-%H_%M_%S'))
+        self._topics: dict[str, tuple[str, Sequence[QosProfile]]] = {}
+        self._dropped_before = 0
+        self._failed_s: float | None = None
+        self._writer = self._open(self.folder)
+
+    @property
+    def error(self) -> BagError | None:
+        """Why the current bag failed."""
+        return self._writer.error
+
+    @property
+    def dropped(self) -> int:
+        """Return the number of messages that found the queue full or the disk failed."""
+        return self._dropped_before + self._writer.dropped
+
+    def add_topic(self, topic: str, type_name: str, qos: Sequence[QosProfile]) -> None:
+        """Add a topic to this bag and those that follow; BagError if its type is unknown."""
+        if self._writer.error is None:
+            self._writer.add_topic(topic, type_name, qos)
+        self._topics[topic] = type_name, qos
+
+    def write(self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> bool:
+        """Queue a serialized message; return False, and count it, if it is lost."""
+        return self._writer.write(topic, cdr, log_time_ns, publish_time_ns)
+
+    def retry(self) -> bool:
+        """After a failure, try now and then to continue; return whether a new bag was begun."""
+        if self._writer.error is None:
+            return False
+        if self._failed_s is None:
+            self._failed_s = time.monotonic()
+        if time.monotonic() <= self._failed_s + _RETRY_S:
+            return False
+        self._failed_s = None
+        return self._continue()
+
+    def close(self) -> None:
+        """Write what is queued, index and metadata; BagError if that fails."""
+        self._writer.close()
+
+    def _open(self, folder: Path) -> BackgroundWriter:
+        return BackgroundWriter(BagWriter(folder, options=self._bag_options),
+                                queue_bytes=self._queue_bytes)
+
+    def _continue(self) -> bool:
+        """Begin a new bag if the disk has room for the queue."""
+        number = 2
+        while (folder := self._first_folder.with_name(
+                f'{self._first_folder.name}_{number}')).exists():
+            number += 1
+        try:
+            if shutil.disk_usage(folder.absolute().parent).free < self._queue_bytes:
+                return False
+            writer = self._open(folder)
+            for topic, (type_name, qos) in self._topics.items():
+                writer.add_topic(topic, type_name, qos)
+        except (BagError, OSError):
+            # Created just now, and empty.
+            shutil.rmtree(folder, ignore_errors=True)
+            return False
+        self._dropped_before += self._writer.dropped
+        self._writer, self.folder = writer, folder
+        return True

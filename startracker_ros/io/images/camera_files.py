@@ -1,0 +1,58 @@
+"""Camera files: YAML in the format of ROS camera_calibration, or a FITS header."""
+
+from pathlib import Path
+
+from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.yaml_text import read_yaml
+from startracker_ros.io.images.wcs_file import read_wcs_camera, SUFFIXES
+import yaml
+
+
+def load_camera(path: str | Path) -> Camera:
+    """
+    Return the camera of a YAML file of ROS camera_calibration, or of a FITS header with TAN-SIP.
+
+    CameraError if invalid.
+    """
+    if is_wcs(path):
+        return read_wcs_camera(path).camera
+    try:
+        document = read_yaml(path)
+        matrix = [float(value) for value in document['camera_matrix']['data']]
+        distortion = tuple(float(v) for v in document['distortion_coefficients']['data'])
+        width, height = document['image_width'], document['image_height']
+        return Camera(int(width), int(height), matrix[0], matrix[4], matrix[2], matrix[5],
+                      distortion, str(document['distortion_model']))
+    except OSError as error:
+        raise CameraError(f'camera file {path}: {error.strerror}') from error
+    except CameraError as error:
+        raise CameraError(f'camera file {path}: {error}') from error
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
+        raise CameraError(
+            f'camera file {path}: not a ROS camera calibration ({error!r})') from error
+
+
+def is_wcs(path: str | Path) -> bool:
+    """Return whether a camera file is a FITS header, by its name."""
+    return Path(path).suffix.lower() in SUFFIXES
+
+
+def save_camera(camera: Camera, path: str | Path, name: str = 'star_tracker') -> None:
+    """Write a camera as YAML in the format of ROS camera_calibration."""
+    matrix = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
+    document = {
+        'image_width': camera.width,
+        'image_height': camera.height,
+        'camera_name': name,
+        'camera_matrix': {'rows': 3, 'cols': 3, 'data': [float(v) for v in matrix]},
+        'distortion_model': camera.distortion_model,
+        'distortion_coefficients': {
+            'rows': 1, 'cols': len(camera.distortion),
+            'data': [float(v) for v in camera.distortion]},
+        'rectification_matrix': {
+            'rows': 3, 'cols': 3, 'data': [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]},
+        'projection_matrix': {
+            'rows': 3, 'cols': 4,
+            'data': [float(v) for v in (*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0)]},
+    }
+    Path(path).write_text(yaml.safe_dump(document, sort_keys=False, default_flow_style=None))

@@ -1,0 +1,92 @@
+"""Images of FITS files, read by astropy."""
+
+from datetime import datetime, UTC
+import io
+from typing import Any, NamedTuple
+import warnings
+
+import numpy as np
+from startracker_ros.core.camera.levels import sixteen_bit
+from startracker_ros.core.extras import extra
+from startracker_ros.io.images.exif import stated_fov_deg, Taken
+
+BEGIN = b'SIMPLE  ='
+
+
+class FitsImage(NamedTuple):
+    """
+    Pixels (H, W) upright, field of view of the long side in deg and time, None if unknown.
+
+    bottom_up is whether the first row of the file is the lowest one of the image.
+    """
+
+    image: np.ndarray
+    fov_deg: float | None
+    taken: Taken | None
+    bottom_up: bool
+
+
+def read_fits(content: bytes, most_pixels: int) -> FitsImage:
+    """
+    Return the first two-dimensional image of a FITS file.
+
+    ValueError for a file without one or with more pixels; MissingLibraryError without astropy.
+    """
+    with extra('fits', 'astropy', 'FITS'):
+        from astropy.io import fits
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        try:
+            with fits.open(io.BytesIO(content), memmap=False) as units:
+                unit = _image_unit(units, most_pixels)
+                pixels, header = np.squeeze(unit.data), unit.header.copy()
+        except ValueError:
+            raise
+        # astropy raises errors of many types for damaged files.
+        except Exception as error:  # noqa: B902
+            raise ValueError(f'astropy cannot read this FITS file: {error}') from error
+    # The FITS standard has the first row at the bottom, ROWORDER is what cameras write.
+    bottom_up = str(header.get('ROWORDER', '')).strip().upper() != 'TOP-DOWN'
+    image = sixteen_bit(np.ascontiguousarray(pixels[::-1] if bottom_up else pixels))
+    # The byte order of the file is that of no array operation of OpenCV.
+    image = image.astype(image.dtype.newbyteorder('='))
+    return FitsImage(image, _fov_deg(header, max(image.shape)), _taken(header), bottom_up)
+
+
+def _image_unit(units: Any, most_pixels: int) -> Any:
+    """Return the first unit with a two-dimensional image; ValueError names what there is."""
+    found = []
+    for unit in units:
+        if not unit.is_image:
+            found.append('a table')
+            continue
+        sides = [side for side in unit.shape if side > 1]
+        if len(sides) == 2:
+            if sides[0] * sides[1] > most_pixels:
+                raise ValueError(f'{sides[1]} x {sides[0]} px, at most '
+                                 f'{most_pixels // 1_000_000} million px are solved')
+            return unit
+        if unit.shape:
+            found.append('an array of ' + ' x '.join(map(str, unit.shape)))
+    raise ValueError(f'FITS without a two-dimensional image: {", ".join(found) or "empty"}; '
+                     'save one plane')
+
+
+def _taken(header: Any) -> Taken | None:
+    """Return DATE-OBS, which is UTC; its hour is unknown where it is only a date."""
+    text = str(header.get('DATE-OBS', '')).strip()
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    utc = time if time.tzinfo else time.replace(tzinfo=UTC)
+    return Taken(round(utc.timestamp() * 1e6) * 1000, 'T' in text, 'DATE-OBS')
+
+
+def _fov_deg(header: Any, side_px: int) -> float | None:
+    """Return the field of view by FOCALLEN in mm and XPIXSZ in um, which includes binning."""
+    try:
+        half = side_px * 1e-3 * float(header['XPIXSZ']) / 2 / float(header['FOCALLEN'])
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        return None
+    return stated_fov_deg(half)

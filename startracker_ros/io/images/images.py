@@ -1,0 +1,221 @@
+"""Star images from files."""
+
+from collections.abc import Sequence
+import glob
+from pathlib import Path
+import struct
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from startracker_ros.core.camera.distortion import PLUMB_BOB
+from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.extras import MissingLibraryError
+from startracker_ros.io.images import fits_image, raw_image
+from startracker_ros.io.images.camera_files import load_camera
+from startracker_ros.io.images.exif import read_exif, Taken, upright
+
+# More than any image of a star camera in any format.
+_LARGEST_FILE_BYTES = 500_000_000
+# The header of an image is in its first bytes, the end of a JPEG in its last ones.
+_CHECKED_BYTES, _END_BYTES = 1 << 20, 1 << 16
+# An image of so many needs some 2 GB while it is solved.
+MOST_PIXELS = 120_000_000
+_SUFFIXES = ('.bmp', '.fit', '.fits', '.fts', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff',
+             '.webp', *raw_image.SUFFIXES)
+
+
+class ImageError(ValueError):
+    """A file that is not a star image; the text names it."""
+
+
+class Photograph(NamedTuple):
+    """
+    An image (H, W) uint8 or uint16, and what its file says.
+
+    fov_deg is the field of view of the long side, taken the time; None where unknown. bottom_up
+    is whether the file has the lowest row of the image first, mirrored whether its first column
+    is the last one of the image.
+    """
+
+    image: np.ndarray
+    fov_deg: float | None = None
+    taken: Taken | None = None
+    bottom_up: bool = False
+    mirrored: bool = False
+
+    def mirror(self) -> 'Photograph':
+        """Return the photograph flipped from left to right."""
+        return self._replace(image=np.ascontiguousarray(self.image[:, ::-1]),
+                             mirrored=not self.mirrored)
+
+
+def read_image(path: str | Path) -> np.ndarray:
+    """
+    Return an image file as (H, W) uint8 or uint16, upright by its EXIF orientation.
+
+    Colours are averaged to grey. FITS and camera RAW need the extras fits and raw.
+    """
+    return read_photograph(path).image
+
+
+def read_photograph(path: str | Path) -> Photograph:
+    """Return the image as read_image, and what EXIF or a FITS header has of it."""
+    path = Path(path)
+    try:
+        with path.open('rb') as file:
+            content = np.frombuffer(file.read(_LARGEST_FILE_BYTES + 1), np.uint8)
+    except OSError as error:
+        raise ImageError(f'{path}: {error.strerror}') from error
+    if len(content) > _LARGEST_FILE_BYTES:
+        raise ImageError(f'{path}: more than {_LARGEST_FILE_BYTES // 1_000_000} MB')
+    begin = content[:_CHECKED_BYTES].tobytes()
+    try:
+        if begin.startswith(fits_image.BEGIN):
+            return Photograph(*fits_image.read_fits(content.tobytes(), MOST_PIXELS))
+        if path.suffix.lower() in raw_image.SUFFIXES:
+            return _read_raw(content.tobytes())
+    except (ValueError, MissingLibraryError) as error:
+        raise ImageError(f'{path}: {error}') from error
+    _check_content(path, begin, content[-_END_BYTES:].tobytes())
+    return _decode(path, content)
+
+
+def _read_raw(content: bytes) -> Photograph:
+    image = raw_image.read_raw(content, MOST_PIXELS)
+    # LibRaw has turned it upright.
+    exif = read_exif(content, (2 * image.shape[1], 2 * image.shape[0]))
+    return Photograph(image, exif.fov_deg, exif.taken)
+
+
+def _decode(path: Path, content: np.ndarray) -> Photograph:
+    """Return an image in a format of OpenCV; ImageError."""
+    try:
+        image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if len(content) else None
+    except cv2.error as error:
+        raise ImageError(f'{path}: OpenCV cannot read it: {error.err}') from error
+    if image is None:
+        raise ImageError(f'{path}: not an image that OpenCV can read')
+    if image.dtype not in (np.uint8, np.uint16):
+        raise ImageError(f'{path}: pixels of type {image.dtype}, must be 8 or 16 bit integers')
+    image = grey(image)
+    exif = read_exif(content.tobytes())
+    return Photograph(upright(image, exif.orientation), exif.fov_deg, exif.taken)
+
+
+def grey(image: np.ndarray) -> np.ndarray:
+    """Return (H, W) of (H, W) or (H, W, C), uint8 or uint16: the mean of three channels."""
+    if image.ndim == 2:
+        return image
+    if image.shape[2] == 1:
+        return image[..., 0]
+    # Less noisy than the weights of human vision.
+    return cv2.transform(image[..., :3], np.full((1, 3), 1 / 3))
+
+
+def image_paths(paths: Sequence[Path]) -> list[Path]:
+    """
+    Return the paths, a folder replaced by the images in it, a pattern by what it matches.
+
+    A pattern without a match remains, as a file that cannot be read.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            found += sorted(file for file in path.iterdir()
+                            if file.suffix.lower() in _SUFFIXES)
+        elif not path.exists() and glob.has_magic(str(path)):
+            found += [Path(match) for match in sorted(glob.glob(str(path), recursive=True))] or [
+                path]
+        else:
+            found.append(path)
+    return found
+
+
+def _check_content(path: Path, begin: bytes, end: bytes) -> None:
+    """Raise ImageError for images too large to decode and truncated JPEG."""
+    if begin.startswith(b'\xff\xd8') and b'\xff\xd9' not in end:
+        raise ImageError(f'{path}: a truncated JPEG')
+    width, height = _size(begin)
+    if width * height > MOST_PIXELS:
+        raise ImageError(f'{path}: {width} x {height} px, at most '
+                         f'{MOST_PIXELS // 1_000_000} million px are solved')
+
+
+def _size(begin: bytes) -> tuple[int, int]:
+    """Return width and height of a PNG, JPEG or TIFF by its first bytes; zeros if unknown."""
+    if begin.startswith(b'\x89PNG') and len(begin) >= 24:
+        width, height = struct.unpack('>II', begin[16:24])
+        return width, height
+    if begin.startswith(b'\xff\xd8'):
+        return _jpeg_size(begin)
+    if begin[:4] in (b'II*\0', b'MM\0*') and len(begin) >= 8:
+        return _tiff_size(begin)
+    return 0, 0
+
+
+def _jpeg_size(begin: bytes) -> tuple[int, int]:
+    at = 2
+    while at + 9 <= len(begin) and begin[at] == 0xff:
+        marker, length = begin[at + 1], int.from_bytes(begin[at + 2:at + 4], 'big')
+        # Start of frame, of any coding; the others in this range are tables.
+        if 0xc0 <= marker <= 0xcf and marker not in (0xc4, 0xc8, 0xcc):
+            height, width = struct.unpack('>HH', begin[at + 5:at + 9])
+            return width, height
+        at += 2 + length
+    return 0, 0
+
+
+def _tiff_size(begin: bytes) -> tuple[int, int]:
+    order = '<' if begin.startswith(b'II') else '>'
+    at, size = struct.unpack(f'{order}I', begin[4:8])[0], {256: 0, 257: 0}
+    if at + 2 <= len(begin):
+        count, = struct.unpack(f'{order}H', begin[at:at + 2])
+        for entry in range(at + 2, min(at + 2 + 12 * count, len(begin) - 12), 12):
+            tag, kind = struct.unpack(f'{order}HH', begin[entry:entry + 4])
+            if tag in size:
+                form, length = ('H', 2) if kind == 3 else ('I', 4)
+                size[tag], = struct.unpack(f'{order}{form}', begin[entry + 8:entry + 8 + length])
+    return size[256], size[257]
+
+
+def calibrated_camera(camera_file: Path | None, fov_deg: float | None,
+                      distortion_model: str = PLUMB_BOB) -> Camera | None:
+    """
+    Return the camera of a file; None if there is only fov_deg, which needs the image size.
+
+    CameraError for an invalid file or field of view.
+    """
+    if camera_file is not None:
+        return load_camera(camera_file)
+    _ideal_camera(1, 1, fov_deg, distortion_model)
+    return None
+
+
+def _ideal_camera(width: int, height: int, fov_deg: float | None,
+                  distortion_model: str = PLUMB_BOB) -> Camera:
+    if fov_deg is None:
+        raise CameraError('neither a camera file nor a field of view')
+    return Camera.from_fov(width, height, fov_deg, distortion_model)
+
+
+def read_image_with_camera(path: Path, camera: Camera | None, fov_deg: float | None,
+                           distortion_model: str) -> tuple[np.ndarray, Camera]:
+    """Return an image and its camera, as camera_of(); ImageError."""
+    image = read_image(path)
+    return image, camera_of(path, image, camera, fov_deg, distortion_model)
+
+
+def camera_of(path: Path | str, image: np.ndarray, camera: Camera | None, fov_deg: float | None,
+              distortion_model: str = PLUMB_BOB) -> Camera:
+    """
+    Return the camera of an image (H, W): the given one, or an ideal one of fov_deg.
+
+    ImageError when the given camera has another image size.
+    """
+    height, width = image.shape
+    camera = camera or _ideal_camera(width, height, fov_deg, distortion_model)
+    if (camera.width, camera.height) != (width, height):
+        raise ImageError(f'{path}: {width} x {height} px, the camera has '
+                         f'{camera.width} x {camera.height}')
+    return camera

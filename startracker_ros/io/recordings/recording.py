@@ -1,0 +1,186 @@
+"""What a recorded run says about attitude, truth, stars, states and time, as arrays."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.io.bags.reader import BagTopic
+
+GAP_INTERVALS = 2.5
+"""Of the usual interval: frames that are farther apart are not joined in pictures."""
+
+
+@dataclass(frozen=True)
+class TopicTimes:
+    """When the messages of a topic are valid, were sent and came to the recorder, ns, (N,)."""
+
+    stamp_ns: np.ndarray
+    sent_ns: np.ndarray
+    received_ns: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+
+@dataclass(frozen=True)
+class Clouds:
+    """Point clouds of many frames: stamp_ns (F,), all rows (N,), the frame (N,) of each row."""
+
+    stamp_ns: np.ndarray
+    rows: np.ndarray
+    frame: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def count(self, which: np.ndarray | None = None) -> np.ndarray:
+        """Return how many rows each frame has, (F,), of those where which (N,) is true."""
+        frame = self.frame if which is None else self.frame[which]
+        return np.bincount(frame, minlength=len(self))
+
+    def of_frame(self, frame: int) -> np.ndarray:
+        """Return the rows of one frame."""
+        return self.rows[self.frame == frame]
+
+
+@dataclass(frozen=True)
+class DiagnosticRecord:
+    """One status of /diagnostics; level 0 is good, 1 a warning, 2 an error, 3 stale."""
+
+    stamp_ns: int
+    received_ns: int
+    name: str
+    hardware_id: str
+    level: int
+    message: str
+    values: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """
+    One star tracker's run; stamps are int64 ns since the UNIX epoch, sorted.
+
+    times: TopicTimes by relative topic, of all that carry a stamp;
+    quaternion (N, 4) at attitude_ns (N,), covariance_sensor (N, 3, 3) in rad^2 about sensor
+    axes and rate_rad_s (N, 3), both NaN where they were not published;
+    without_attitude_ns: frames of which the estimator said that they have none;
+    truth_ns (T,), truth_quaternion (T, 4); state_ns and state: the tracker's states, by the
+    time they were received; state_sent_ns: when they were sent; problems: what of the bag could
+    not be used; complete: whether it could be read to its end.
+    """
+
+    namespace: str
+    topics: Mapping[str, BagTopic]
+    times: Mapping[str, TopicTimes]
+    camera: Camera | None
+    centroids: Clouds
+    stars: Clouds
+    tracks: Clouds
+    attitude_ns: np.ndarray
+    attitude_received_ns: np.ndarray
+    quaternion: np.ndarray
+    covariance_sensor: np.ndarray
+    rate_rad_s: np.ndarray
+    without_attitude_ns: np.ndarray
+    truth_ns: np.ndarray
+    truth_quaternion: np.ndarray
+    state_ns: np.ndarray
+    state_sent_ns: np.ndarray
+    state: tuple[str, ...]
+    diagnostics: tuple[DiagnosticRecord, ...]
+    problems: tuple[str, ...]
+    complete: bool
+
+    @property
+    def image_ns(self) -> np.ndarray:
+        """Stamps of the images."""
+        return self.times['image_raw'].stamp_ns
+
+    @property
+    def centroids_ns(self) -> np.ndarray:
+        """Stamps of the frames whose centroids were extracted."""
+        return self.times['centroids'].stamp_ns
+
+    def full_name(self, topic: str) -> str:
+        """Return the name in the bag of a relative topic."""
+        return full_name(self.namespace, topic)
+
+    def errors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """
+        Return stamps (M,), the errors and their sigmas (M, 3) in arcsec about sensor axes.
+
+        Only frames that have both an attitude and a truth with the same stamp.
+        """
+        stamps, ours, truth = np.intersect1d(self.attitude_ns, self.truth_ns,
+                                             return_indices=True)
+        error = attitude_error(self.quaternion[ours], self.truth_quaternion[truth])
+        return stamps, error / ARCSEC, self.sigma_arcsec()[ours]
+
+    def sigma_arcsec(self) -> np.ndarray:
+        """Return 1 sigma (N, 3) of each attitude about sensor axes; NaN where not published."""
+        variance = np.diagonal(self.covariance_sensor, axis1=1, axis2=2)
+        return np.sqrt(np.where(variance >= 0, variance, np.nan)) / ARCSEC
+
+    def latency_ms(self) -> np.ndarray:
+        """Return the time from sending an image to receiving its attitude, each frame (M,)."""
+        images = self.times['image_raw']
+        _, image, ours = np.intersect1d(images.stamp_ns, self.attitude_ns, return_indices=True)
+        return (self.attitude_received_ns[ours] - images.sent_ns[image]) / 1e6
+
+    def stage_ms(self, first: str, last: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return stamps (M,) and ms (M,) from sending first to sending last, of one frame."""
+        start, end = self.times[first], self.times[last]
+        stamps, i, j = np.intersect1d(start.stamp_ns, end.stamp_ns, return_indices=True)
+        return stamps, (end.sent_ns[j] - start.sent_ns[i]) / 1e6
+
+    def frame_ns(self) -> np.ndarray:
+        """Return the stamps of all frames that any stage knows of."""
+        return np.unique(np.concatenate([
+            *(self.times[topic].stamp_ns for topic in ('image_raw', 'centroids', 'tracks')),
+            self.attitude_ns, self.without_attitude_ns]))
+
+    @property
+    def knows_attitudes(self) -> bool:
+        """Whether the bag has a topic of attitudes, with messages or not."""
+        return bool(len(self.attitude_ns) or len(self.without_attitude_ns)) or any(
+            self.full_name(topic) in self.topics
+            for topic in ('attitude', 'attitude_cov', 'attitude_imu'))
+
+    def state_frame_ns(self) -> np.ndarray:
+        """
+        Return the stamps (S,) of the frames of the states, which carry none themselves.
+
+        The tracker sends a state after the tracks of its frame, or after an identification
+        between two frames: it is that of the last frame sent before it. A state before all
+        frames has the time of its receipt, at most that of the first frame.
+        """
+        for topic in ('tracks', 'centroids', 'attitude_imu', 'attitude', 'image_raw'):
+            times = self.times[topic]
+            if len(times):
+                order = np.argsort(times.sent_ns, kind='stable')
+                before = np.searchsorted(times.sent_ns[order], self.state_sent_ns, 'right') - 1
+                return np.where(before >= 0, times.stamp_ns[order][before],
+                                np.minimum(self.state_ns, times.stamp_ns.min()))
+        return self.state_ns
+
+    def reason_at(self, stamp_ns: int) -> str:
+        """Return why a frame has no attitude: by the next status of the estimator, or ''."""
+        times = self.times['attitude_imu']
+        received_ns = times.received_ns[times.stamp_ns == stamp_ns].min(initial=2 ** 63 - 1)
+        status = next((record for record in self.diagnostics if record.received_ns >= received_ns
+                       and record.name == 'attitude_estimator: attitude'), None)
+        return status.message.partition('no attitude: ')[2] if status else ''
+
+
+def gaps_after(stamps: np.ndarray) -> np.ndarray:
+    """Return the indices of sorted stamps (N,), of any unit, that a gap of frames follows."""
+    intervals = np.diff(stamps)
+    return np.flatnonzero(intervals > GAP_INTERVALS * np.median(intervals)) if len(
+        intervals) else np.empty(0, int)
+
+
+def full_name(namespace: str, topic: str) -> str:
+    return f'/{namespace}/{topic}' if namespace else f'/{topic}'

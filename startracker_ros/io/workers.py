@@ -1,0 +1,55 @@
+"""Tasks on processes of this machine or on a dask cluster, which replaces lost workers."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+import logging
+import os
+from typing import Any
+
+from startracker_ros.core.extras import extra
+
+MEMORY_LIMIT = '2GiB'
+"""Of a local worker: one that needs more is ended, and its task fails."""
+
+
+def default_workers() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+@contextmanager
+def cluster(workers: int, scheduler: str = '') -> Iterator[Any]:
+    """
+    Yield a dask client: of a scheduler at an address, or of local processes of one thread each.
+
+    MissingLibraryError without dask; OSError where no scheduler is found.
+    """
+    with extra('scale', 'dask', 'A run on several workers'):
+        import dask
+        from dask.distributed import Client, LocalCluster
+    if scheduler:
+        with Client(scheduler) as client:
+            yield client
+        return
+    # The profiler of dask interrupts a worker every 10 ms, which takes 6 % of its time.
+    with (dask.config.set({'distributed.worker.profile.enabled': False}),
+          LocalCluster(n_workers=workers, threads_per_worker=1, processes=True,
+                       memory_limit=MEMORY_LIMIT, dashboard_address=':0',
+                       silence_logs=logging.CRITICAL) as local, Client(local) as client):
+        yield client
+
+
+def completed(client: Any, function: Callable[..., Any], tasks: Sequence[tuple]
+              ) -> Iterator[tuple[int, Any]]:
+    """
+    Yield the index and the result of function(*task) of each task, as they end.
+
+    The result of a task that failed is its exception. dask repeats the task of a lost worker on
+    another one, up to three times.
+    """
+    from dask.distributed import as_completed
+    index = {client.submit(function, *task, pure=False): number
+             for number, task in enumerate(tasks)}
+    for future, result in as_completed(list(index), with_results=True, raise_errors=False):
+        failed = future.status == 'error'
+        yield index.pop(future), result[1] if failed else result

@@ -1,0 +1,86 @@
+"""What the launch files share: their arguments, nodes with the environment of DDS, inclusion."""
+
+from collections.abc import Mapping, Sequence
+import os
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+from launch.actions import (
+    DeclareLaunchArgument, GroupAction, IncludeLaunchDescription, OpaqueFunction)
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from startracker_ros.ros.processes import node_environment
+
+PACKAGE = 'startracker_ros'
+
+RESPAWN = {'respawn': True, 'respawn_delay': 1.0}
+"""Options of a node that is started again when its process ends."""
+
+
+def shared_arguments() -> list[DeclareLaunchArgument]:
+    """Return the arguments of every launch file, which it passes to those that it includes."""
+    share = get_package_share_directory(PACKAGE)
+    defaults = {
+        'namespace': ('', 'namespace of all topics and nodes'),
+        'config': (os.path.join(share, 'config'),
+                   'folder with one parameter file <node>.yaml for each node'),
+        'params_file': ('', 'one more parameter file for all nodes; its values replace those of '
+                        'the folder'),
+        'log_level': ('info', 'debug, info, warn, error or fatal'),
+        'use_sim_time': ('', 'true: use /clock, for example that of a bag; empty: as the files or '
+                         'SetParameter of a parent launch file say, else false'),
+        'composed': ('false', 'run the four stages in one process: faster, but a crash ends all'),
+        'manager': ('true', 'start pipeline_manager, which configures and activates the stages; '
+                    'false: another lifecycle manager does'),
+    }
+    return [DeclareLaunchArgument(name, default_value=default, description=description)
+            for name, (default, description) in defaults.items()]
+
+
+def node(executable: str, *, name: str | None = None, files: Sequence[str] = (),
+         arguments: Mapping[Any, tuple[str, type]] | None = None,
+         parameters: Mapping[str, Any] | None = None, **options: Any) -> OpaqueFunction:
+    """
+    Return a node with the shared arguments.
+
+    files names the nodes whose parameter files it reads, by default its own. arguments maps
+    parameters to the launch argument that sets each and its type: where it is not empty it
+    replaces the value of the files, as parameters do in any case. FileNotFoundError names a
+    folder or file of the arguments that is not there: launch itself would leave it out.
+    """
+    from_arguments = {'use_sim_time': ('use_sim_time', bool), **(arguments or {})}
+
+    def make(context: Any) -> list[Node]:
+        given = context.launch_configurations
+        config, params_file = given['config'], given['params_file']
+        if not os.path.isdir(config):
+            raise FileNotFoundError(f'config:={config}: no such folder')
+        if params_file and not os.path.isfile(params_file):
+            raise FileNotFoundError(f'params_file:={params_file}: no such file')
+        defaults = [path for file in files or (executable,)
+                    if os.path.isfile(path := os.path.join(config, f'{file}.yaml'))]
+        last = {**{parameter: ParameterValue(LaunchConfiguration(argument), value_type=kind)
+                   for parameter, (argument, kind) in from_arguments.items() if given[argument]},
+                **(parameters or {})}
+        return [Node(
+            package=PACKAGE, executable=executable, name=name, output='screen',
+            namespace=LaunchConfiguration('namespace'),
+            # Of two keys that match a node, rclpy lets the one win that comes later for the first
+            # time. Among these arguments our wildcards come before the key of SetParameter in a
+            # parent launch file, and both before those of the user.
+            ros_arguments=['--log-level', given['log_level'],
+                           *(word for path in defaults for word in ('--params-file', path))],
+            parameters=[*([params_file] if params_file else []), *([last] if last else [])],
+            additional_env=node_environment(), **options)]
+    return OpaqueFunction(function=make)
+
+
+def pipeline(arguments: Sequence[DeclareLaunchArgument], **replaced: Any) -> GroupAction:
+    """Return pipeline.launch.py with the values of the arguments, some of them replaced."""
+    values = {argument.name: LaunchConfiguration(argument.name) for argument in arguments}
+    path = os.path.join(get_package_share_directory(PACKAGE), 'launch', 'pipeline.launch.py')
+    # Without the group the replaced values would apply to all that comes after.
+    return GroupAction([IncludeLaunchDescription(
+        PythonLaunchDescriptionSource(path), launch_arguments=[*{**values, **replaced}.items()])])

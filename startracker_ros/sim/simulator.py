@@ -1,0 +1,42 @@
+"""The simulated star tracker camera, with options by keyword."""
+
+from typing import Any, TypeVar
+
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.options import Options, options_by_class
+from startracker_ros.sim.sky import simulator
+from startracker_ros.sim.sky.from_options import SceneOptions, simulator_parts, SKY_OPTIONS
+from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sim.sky.mounted import HeadOptions
+
+_Kind = TypeVar('_Kind', bound=Options)
+
+
+class SkySimulator(simulator.SkySimulator):
+    """
+    Images, gyro rates and truth of a camera under the sky of the catalogue.
+
+    frame(time_s) has image, state (truth) and stars; gyro(time_s) the measured rate on sensor
+    axes in rad/s. Time 0 is at epoch_year.
+    """
+
+    def __init__(self, camera: Camera, epoch_year: float, *, frame_rate_hz: float = 10.0,
+                 **options: Any) -> None:
+        """
+        Take the camera, the Julian year of time 0, and parameters of sky_simulator by name.
+
+        width and height are those of the camera. ValueError names what is wrong, and which names
+        there are.
+        """
+        chosen = options_by_class(SKY_OPTIONS, options)
+
+        def of(cls: type[_Kind]) -> _Kind:
+            found = chosen[cls]
+            assert isinstance(found, cls)
+            return found
+        motion, seed = of(MotionOptions), of(SceneOptions).seed
+        if motion.motion == 'topic':
+            raise ValueError("motion = 'topic' needs the node: take another one")
+        super().__init__(camera, motion_from_options(motion, seed=seed, head=of(HeadOptions)),
+                         epoch_year=epoch_year, frame_rate_hz=frame_rate_hz, seed=seed,
+                         **simulator_parts(of, camera))

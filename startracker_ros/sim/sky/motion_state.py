@@ -1,0 +1,34 @@
+"""The true state of a simulated sensor at an instant, and what gives it at any time."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from startracker_ros.core.astro.state import State
+
+
+@dataclass(frozen=True)
+class MotionState:
+    """
+    Truth at one instant.
+
+    q_icrf_from_sensor (4,); rate_rad_s (3,), the angular velocity with respect to ICRF
+    on sensor axes; position_m and velocity_m_s (3,), geocentric on ICRF axes.
+    """
+
+    q_icrf_from_sensor: np.ndarray
+    rate_rad_s: np.ndarray
+    position_m: np.ndarray
+    velocity_m_s: np.ndarray
+
+    @property
+    def geocentric(self) -> State:
+        """Return position and velocity as a navigation without errors reports them."""
+        return State(self.position_m, self.velocity_m_s, np.zeros((3, 3)))
+
+
+class Motion(Protocol):
+    """The true state at any time, in s since the start of the simulation."""
+
+    def at(self, time_s: float) -> MotionState:
+        """Return the state; times may come in any order."""

@@ -1,0 +1,101 @@
+"""Light sources around the field of view: stars, planets, satellites."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
+from startracker_ros.core.astro.bodies import bodies_from_earth, PLANETS
+from startracker_ros.core.astro.constants import YEAR_S
+from startracker_ros.core.astro.earth import earth_position_au, in_range
+from startracker_ros.core.catalog.stars import StarCatalog
+from startracker_ros.core.maths.rotation import rotate
+from startracker_ros.core.options import option, Options
+from startracker_ros.sim.sky.motion_state import Motion, MotionState
+from startracker_ros.sim.sky.satellites import SatelliteTraffic
+from startracker_ros.sim.sky.target import Target
+
+
+@dataclass(frozen=True)
+class SkyOptions(Options):
+    """Aberration, and light sources besides the catalogue stars."""
+
+    aberration: bool = option(
+        True, 'stellar aberration by the velocity of the orbit and of the Earth, and light '
+        'deflection by the Sun')
+    planets: bool = option(False, 'Mercury to Neptune at their positions of date')
+    satellites: int = option(0, 'number of satellites near the field', low=0, high=100)
+    satellite_rate_deg_s: float = option(0.5, 'angular rate of the satellites among the stars',
+                                         unit='deg/s', low=1e-4, high=20.0)
+    satellite_magnitude: float = option(3.0, 'V of the satellites', unit='mag',
+                                        low=-10.0, high=15.0)
+
+
+@dataclass(frozen=True)
+class LightSources:
+    """
+    Point sources as an observer sees them at one instant.
+
+    hip (N,) int32, 0 for planets and satellites; direction (N, 3) on ICRF axes; drift_rad_s
+    (N, 3), its rate among the stars; magnitude (N,) V.
+    """
+
+    hip: np.ndarray
+    direction: np.ndarray
+    drift_rad_s: np.ndarray
+    magnitude: np.ndarray
+
+
+class Sky:
+    """Finds the light sources around the boresight of a moving observer."""
+
+    def __init__(self, catalog: StarCatalog, epoch_year: float, motion: Motion,
+                 field_rad: float, options: SkyOptions = SkyOptions(), *,
+                 target: Target | None = None, seed: int = 0) -> None:
+        """Time counts from epoch_year; field_rad is the angle from boresight to corner."""
+        self._target = target
+        self._catalog = catalog
+        self._directions = catalog.directions(epoch_year, earth_position_au(epoch_year))
+        self._epoch_year = epoch_year
+        self._options = options
+        self._satellites = SatelliteTraffic(
+            options.satellites, np.radians(options.satellite_rate_deg_s), field_rad, motion, seed)
+
+    def around(self, state: MotionState, time_s: float,
+               radius_rad: float) -> tuple[LightSources, ...]:
+        """
+        Return the sources within radius_rad of the boresight, and all false stars.
+
+        The first group is fixed among the stars, the second moves.
+        """
+        options = self._options
+        year = self._epoch_year + time_s / YEAR_S
+        boresight = rotate(state.q_icrf_from_sensor, np.array([0.0, 0.0, 1.0]))
+        near = np.flatnonzero(self._directions @ boresight >= np.cos(radius_rad))
+        hip, direction = self._catalog.hip[near], self._directions[near]
+        magnitude = self._catalog.magnitude[near]
+        if options.planets and in_range(year):
+            planets, planet_magnitude = (
+                column[:len(PLANETS)] for column in bodies_from_earth(year)[:2])
+            hip = np.concatenate([hip, np.zeros(len(planets), hip.dtype)])
+            direction = np.concatenate([direction, planets])
+            magnitude = np.concatenate([magnitude, planet_magnitude])
+        if options.aberration and in_range(year):
+            direction = apparent_directions(
+                direction, vantage_near_earth(year, state.velocity_m_s))
+        still = LightSources(hip, direction, np.zeros_like(direction), magnitude)
+        moving = self._moving(state, time_s)
+        return (still, moving) if len(moving.hip) else (still,)
+
+    def _moving(self, state: MotionState, time_s: float) -> LightSources:
+        """Return the satellites and, if visible, the target."""
+        options = self._options
+        direction, drift_rad_s = self._satellites.at(time_s)
+        magnitude = np.full(options.satellites, options.satellite_magnitude)
+        view = None if self._target is None else self._target.seen_from(
+            state, time_s, aberration=options.aberration)
+        if view is not None:
+            direction = np.vstack([direction, view.direction])
+            drift_rad_s = np.vstack([drift_rad_s, view.drift_rad_s])
+            magnitude = np.append(magnitude, view.magnitude)
+        return LightSources(np.zeros(len(magnitude), self._catalog.hip.dtype), direction,
+                            drift_rad_s, magnitude)

@@ -1,0 +1,139 @@
+"""Commands that run nodes, and the one that looks whether they can: run, demo, live, doctor."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+from startracker_ros.tools.cli.shared import (
+    become_node, exit_1_on, finish, json_option, print_result, seed_option, usage_error_on)
+
+
+@click.command(context_settings={'ignore_unknown_options': True, 'help_option_names': []})
+@click.argument('node')
+@click.argument('arguments', nargs=-1, type=click.UNPROCESSED)
+def run(node: str, arguments: tuple[str, ...]) -> None:
+    """Run one NODE, as `ros2 run startracker_ros NODE` does; takes --ros-args."""
+    from startracker_ros.ros.executables import EXECUTABLES
+    if node not in EXECUTABLES:
+        raise click.UsageError(f'no node {node!r}; there are {", ".join(EXECUTABLES)}')
+    become_node(node, arguments)
+
+
+@click.group(invoke_without_command=True)
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False), default='demo',
+              show_default=True, help='Folder for bag, picture and logs.')
+@click.option('--seconds', type=click.FloatRange(5, 3600), default=60.0, show_default=True,
+              help='Sky time.')
+@seed_option
+@json_option
+@click.pass_context
+def demo(context: click.Context, output: Path, seconds: float, seed: int, as_json: bool) -> None:
+    """Run all nodes on the simulated sky, record a bag, print and draw the result."""
+    if context.invoked_subcommand is not None:
+        return
+    from startracker_ros.ros.processes import HarnessError
+    from startracker_ros.tools.demos.demo import run_demo
+    with exit_1_on(HarnessError):
+        result = run_demo(output, seconds=seconds, seed=seed)
+    finish(result, as_json)
+
+
+@demo.command('two-satellite')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              default='demo_two_satellite', show_default=True,
+              help='Folder for bag, picture and logs.')
+@click.option('--seconds', type=click.FloatRange(10, 90), default=60.0, show_default=True,
+              help='Sky time, until the target leaves the field.')
+@seed_option
+@json_option
+def demo_two_satellite(output: Path, seconds: float, seed: int, as_json: bool) -> None:
+    """Two satellites, each with a star tracker of its own, locate a third."""
+    from startracker_ros.ros.processes import HarnessError
+    from startracker_ros.tools.demos.two_satellite_demo import run_two_satellite_demo
+    with exit_1_on(HarnessError):
+        result = run_two_satellite_demo(output, seconds=seconds, seed=seed)
+    finish(result, as_json)
+
+
+@demo.command('heads')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              default='demo_heads', show_default=True,
+              help='Folder for bag, picture, report page, mounts and logs.')
+@click.option('--seconds', type=click.FloatRange(10, 600), default=600.0, show_default=True,
+              help='Sky time; each head is blinded three times in 600 s.')
+@seed_option
+@json_option
+def demo_heads(output: Path, seconds: float, seed: int, as_json: bool) -> None:
+    """Three heads, one attitude; each is blinded in turn by Moon, Sun and Earth."""
+    from startracker_ros.ros.processes import HarnessError
+    from startracker_ros.tools.demos.heads_demo import run_heads_demo
+    with exit_1_on(HarnessError):
+        result = run_heads_demo(output, seconds=seconds, seed=seed)
+    finish(result, as_json)
+
+
+@demo.command('closed-loop')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              default='demo_closed_loop', show_default=True,
+              help='Folder for bag, pictures, report page and logs.')
+@seed_option
+@json_option
+def demo_closed_loop(output: Path, seed: int, as_json: bool) -> None:
+    """Control a spacecraft of Basilisk by what the star tracker sees."""
+    from startracker_ros.evaluation.gnc.basilisk_messages import import_basilisk
+    import_basilisk()
+    from startracker_ros.evaluation.gnc.closed_loop_demo import run_closed_loop_demo
+    from startracker_ros.ros.processes import HarnessError
+    with exit_1_on(HarnessError):
+        result = run_closed_loop_demo(output, seed=seed)
+    finish(result, as_json)
+
+
+@click.command()
+@click.option('--device', default='/dev/video0', show_default=True,
+              help='Camera of Video4Linux, or a video, or a folder or pattern of images.')
+@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+              help='Camera YAML.  [default: learnt from the first image that is solved]')
+@click.option('--fov-deg', type=float, help='Horizontal field of view to 5 %, to learn the lens '
+              'sooner.')
+@click.option('--exposure-ms', type=float, default=0.0, help='[default: as the camera has it]')
+@click.option('--gain', type=float, default=-1.0, help='[default: as the camera has it]')
+@click.option('--frame-rate-hz', type=float, default=0.0, help='[default: as the camera has it]')
+@click.option('--width', type=int, default=0, help='Image width of the camera.  [default: 640]')
+@click.option('--height', type=int, default=0, help='Image height of the camera.  [default: 480]')
+@click.option('--pixel-format', default='auto', help='Format of V4L2, as Y16 or RGGB.  '
+              '[default: 8 bit]')
+@click.option('--record', is_flag=True, help='Record a bag, too.')
+@click.option('--port', type=click.IntRange(0, 65535), default=8000, show_default=True,
+              help='Of the page on this machine.')
+@click.option('--seconds', type=click.FloatRange(1), default=float('inf'),
+              help='End after this time.  [default: Ctrl-C]')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False), default='live',
+              show_default=True, help='Folder for picture, bags, camera YAML and logs.')
+@json_option
+def live(camera_file: Path | None, fov_deg: float | None, record: bool, port: int,
+         seconds: float, output: Path, as_json: bool, **capture: Any) -> None:
+    """Run a camera and the star tracker: state, attitude and annotated sky, until Ctrl-C."""
+    from startracker_ros.core.camera.model import CameraError
+    from startracker_ros.io.images.capture import CaptureOptions
+    from startracker_ros.ros.processes import HarnessError
+    from startracker_ros.tools.live.live import run_live
+    with usage_error_on(CameraError, ValueError), exit_1_on(HarnessError, output=output):
+        result = run_live(output, CaptureOptions(**capture), camera_file=camera_file,
+                          fov_deg=fov_deg, record=record, port=port, seconds=seconds)
+    print_result(result, as_json)
+
+
+@click.command()
+@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+              help='Camera YAML to look at, too.')
+@click.option('--listen', 'listen_s', type=click.FloatRange(0.5, 600), metavar='SECONDS',
+              help='Listen to image_raw and camera_info for so long.')
+@click.option('--namespace', default='', help='That of the camera, as tracker_1.')
+@json_option
+def doctor(camera_file: Path | None, listen_s: float | None, namespace: str, as_json: bool
+           ) -> None:
+    """Look at install, DDS, caches, disk and camera; say what to mend."""
+    from startracker_ros.tools.doctor.examination import examine
+    finish(examine(camera_file=camera_file, listen_s=listen_s or 0.0, namespace=namespace),
+           as_json)

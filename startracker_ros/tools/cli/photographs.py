@@ -1,0 +1,196 @@
+"""Commands that take image files: solve, calibrate."""
+
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+import sys
+from typing import Any, TYPE_CHECKING, TypeVar
+
+import click
+from startracker_ros.tools.cli.shared import exit_1_on, json_option, print_result, usage_error_on
+
+if TYPE_CHECKING:
+    from startracker_ros.tools.photographs.occasion import Standpoint
+
+_Command = TypeVar('_Command', bound=Callable[..., Any])
+
+
+class _Epoch(click.ParamType):
+    """A Julian year, or a time UTC like 2026-11-23T01:30:00."""
+
+    name = 'year or time'
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> float:
+        if isinstance(value, float):
+            return value
+        try:
+            return float(value)
+        except ValueError:
+            pass
+        try:
+            time = datetime.fromisoformat(value)
+        except ValueError:
+            self.fail(f'{value!r} is neither a year nor a time like 2026-11-23T01:30:00')
+        from startracker_ros.core.astro.epoch import epoch_year_from_stamp, stamp_from_datetime
+        return epoch_year_from_stamp(stamp_from_datetime(time))
+
+
+class _Frames(click.ParamType):
+    """Frames like 0:100:10, a slice."""
+
+    name = 'frames'
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> slice:
+        if isinstance(value, slice):
+            return value
+        try:
+            chosen = slice(*(int(part) if part else None for part in value.split(':')))
+        except (TypeError, ValueError):
+            self.fail(f'{value!r} is no FIRST:END:STEP')
+        least = min(chosen.start or 0, chosen.stop or 0)
+        if ':' not in value or least < 0 or chosen.step is not None and chosen.step < 1:
+            self.fail(f'{value!r} is no FIRST:END:STEP that counts from 0 upwards')
+        return chosen
+
+
+def _observer_options(epoch_default: str) -> Callable[[_Command], _Command]:
+    """Return options for when the images were taken, and from where."""
+    def add(function: _Command) -> _Command:
+        for option in (
+                click.option('--temperature-c', type=float, default=10.0, show_default=True,
+                             help='Temperature of the air at the site.'),
+                click.option('--pressure-hpa', type=click.FloatRange(0, 1200), default=None,
+                             help='Pressure of the air at the site, 0 for no refraction.  '
+                             '[default: standard atmosphere at its height]'),
+                click.option('--velocity', 'velocity_km_s', type=float, nargs=3,
+                             help='Velocity of the camera about the Earth, x y z in km/s on '
+                             'ICRF axes, for aberration.'),
+                click.option('--site', type=float, nargs=3,
+                             help='Latitude and longitude in deg, east positive, and height in '
+                             'm of a camera on the ground, for aberration and refraction.'),
+                click.option('--epoch', 'epoch_year', type=_Epoch(),
+                             help='Julian year or UTC (2026-11-23T01:30) of the images, for '
+                             f'proper motion and aberration.  [default: {epoch_default}]')):
+            function = option(function)
+        return function
+    return add
+
+
+def _standpoint(site: tuple[float, float, float] | None,
+                velocity_km_s: tuple[float, float, float] | None, pressure_hpa: float | None,
+                temperature_c: float) -> 'Standpoint':
+    """Return where the camera was; UsageError for options that do not go together."""
+    import numpy as np
+    from startracker_ros.core.astro.ground_site import Site
+    from startracker_ros.core.astro.observer_motion import MAX_SPEED_M_S
+    from startracker_ros.tools.photographs.occasion import Standpoint
+    if site is not None and velocity_km_s is not None:
+        raise click.UsageError('give either --site or --velocity')
+    if site is not None:
+        if not (abs(site[0]) <= 90 and abs(site[1]) <= 360 and -500 <= site[2] <= 100e3):
+            raise click.UsageError(f'--site {site}: no latitude, longitude and height in m')
+        return Standpoint(site=Site(*site, pressure_hpa, temperature_c))
+    if velocity_km_s is None:
+        return Standpoint()
+    velocity_m_s = 1e3 * np.array(velocity_km_s)
+    if not np.linalg.norm(velocity_m_s) <= MAX_SPEED_M_S:
+        raise click.UsageError(f'--velocity: more than {MAX_SPEED_M_S / 1e3:g} km/s '
+                               'about the Earth')
+    return Standpoint(velocity_m_s=velocity_m_s)
+
+
+def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
+    if (fov_deg is None) == (camera_file is None):
+        raise click.UsageError('give either --fov-deg or --camera')
+
+
+@click.command()
+@click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option('--fov-deg', type=float, help='Horizontal field of view, edge to edge.  '
+              '[default: EXIF, or a search from 1 to 120 deg]')
+@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+              help='Camera YAML as camera_calibration writes it, or FITS header with SIP, '
+              'instead of --fov-deg.')
+@click.option('--fov-error-percent', type=click.FloatRange(0, 5),
+              help='How far the field of view may be off.  [default: 5, with --camera 0.5]')
+@_observer_options('time in the file, EXIF or DATE-OBS, else today without aberration')
+@click.option('--mirror', is_flag=True, help='Flip images from left to right first: those of a '
+              'telescope with one mirror too many.')
+@click.option('--frames', 'selection', type=_Frames(), default=':', metavar='FIRST:END:STEP',
+              help='Frames of videos and animated images, numbered from 0, as of a slice in '
+              'Python.  [default: all]')
+@click.option('--annotate', 'annotate_folder', type=click.Path(path_type=Path),
+              help='Folder for a PNG of each image with the identified stars.')
+@click.option('--wcs', 'wcs_folder', type=click.Path(path_type=Path),
+              help='Folder for a FITS header of each solved image, TAN-SIP.')
+@json_option
+def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
+          fov_error_percent: float | None, epoch_year: float | None, mirror: bool,
+          selection: slice, annotate_folder: Path | None, wcs_folder: Path | None, as_json: bool,
+          **standpoint: Any) -> None:
+    """
+    Attitude of star IMAGES: right ascension, declination, roll, stars, residual.
+
+    IMAGES are files, folders of them, or patterns. Each frame of a video is an image.
+    """
+    from startracker_ros.core.camera.model import CameraError
+    from startracker_ros.core.identify.identification import IdentificationOptions
+    from startracker_ros.io.images.images import image_paths
+    from startracker_ros.tools.photographs.outputs import Outputs
+    from startracker_ros.tools.photographs.solve import (
+        CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, solve_files, UNCALIBRATED_PERCENT)
+    if fov_deg is not None and camera_file is not None:
+        raise click.UsageError('give either --fov-deg or --camera')
+    paths = image_paths(images)
+    if not paths:
+        raise click.UsageError(f'no images in {", ".join(map(str, images))}')
+    if fov_error_percent is None:
+        fov_error_percent = UNCALIBRATED_PERCENT if camera_file is None else CALIBRATED_PERCENT
+    with usage_error_on(CameraError):
+        result = solve_files(paths, fov_deg=fov_deg, camera_file=camera_file,
+                             epoch_year=epoch_year, standpoint=_standpoint(**standpoint),
+                             mirror=mirror, selection=selection,
+                             outputs=Outputs(annotate_folder, wcs_folder),
+                             options=IdentificationOptions(
+                                 fov_error_percent=fov_error_percent,
+                                 time_limit_s=PHOTOGRAPH_LIMIT_S))
+    print_result(result, as_json)
+    if not all(row['solved'] for row in result.rows):
+        sys.exit(1)
+
+
+@click.command()
+@click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option('-o', '--output', required=True, type=click.Path(path_type=Path, dir_okay=False),
+              help='Camera YAML to write, as camera_calibration writes it.')
+@click.option('--fov-deg', type=float, help='Horizontal field of view, within 5 %.')
+@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+              help='Camera YAML, or FITS header with SIP, to start from instead of --fov-deg.')
+@_observer_options('today, without aberration')
+@click.option('--distortion-model', type=click.Choice(['plumb_bob', 'equidistant']),
+              default='plumb_bob', show_default=True,
+              help='Lens with --fov-deg; equidistant for fisheyes, as wide as 150 deg and more.')
+@click.option('--free', 'terms', multiple=True,
+              type=click.Choice(['k1', 'centre', 'tangential', 'k2', 'k3', 'k4']),
+              help='Estimate just these beside the focal length.  [default: the data decide]')
+@json_option
+def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
+              camera_file: Path | None, epoch_year: float | None, terms: tuple[str, ...],
+              distortion_model: str, as_json: bool, **standpoint: Any) -> None:
+    """Focal length, principal point and distortion out of star IMAGES of one camera."""
+    from startracker_ros.core.calibration.adjustment import CalibrationError
+    from startracker_ros.core.camera.model import CameraError
+    from startracker_ros.tools.photographs.calibrate import calibrate_files
+    from startracker_ros.tools.photographs.occasion import occasion
+    _check_one_camera(fov_deg, camera_file)
+    where = _standpoint(**standpoint)
+    if epoch_year is None and where.known:
+        raise click.UsageError('--site and --velocity need --epoch')
+    with usage_error_on(CameraError), exit_1_on(CalibrationError, output=output):
+        result = calibrate_files(images, output, fov_deg=fov_deg, camera_file=camera_file,
+                                 epoch_year=epoch_year,
+                                 observer=where.observer(occasion(epoch_year)), terms=terms,
+                                 distortion_model=distortion_model)
+    print_result(result, as_json)

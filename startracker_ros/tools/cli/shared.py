@@ -1,0 +1,114 @@
+"""What the commands share: options, and exit status."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import sys
+from typing import Any, NoReturn, TYPE_CHECKING, TypeVar
+
+import click
+from startracker_ros.core.extras import new_figure
+
+if TYPE_CHECKING:
+    from startracker_ros.io.table import Result
+
+_Command = TypeVar('_Command', bound=Callable[..., Any])
+
+_WIDE = 'startracker_ros.wide'
+
+
+def _set_wide(context: click.Context, option: click.Parameter, wide: bool) -> None:
+    context.meta[_WIDE] = wide
+
+
+def json_option(command: _Command) -> _Command:
+    """Add --json, which the command passes on with its result, and --wide."""
+    wide = click.option('--wide', is_flag=True, expose_value=False, callback=_set_wide,
+                        help='Print all columns, however narrow the terminal is.')
+    return wide(click.option('--json', 'as_json', is_flag=True, help='Print one JSON document.')(
+        command))
+
+
+scheduler_option = click.option('--scheduler', default='', metavar='ADDRESS',
+                                help='Dask cluster to use instead of the cores of this machine.')
+namespace_option = click.option('--namespace', metavar='NAME',
+                                help='Of the star tracker.  [default: the only one in the bag]')
+seed_option = click.option('--seed', type=click.IntRange(0), default=1, show_default=True)
+
+
+def trials_option(default: int, what: str, *, least: int = 1) -> Callable[[_Command], _Command]:
+    """Return the option --trials; what is the help text."""
+    return click.option('--trials', type=click.IntRange(least), default=default,
+                        show_default=True, help=what)
+
+
+def picture_option(what: str) -> Callable[[_Command], _Command]:
+    """Return the option --output of a command that draws a picture into that folder."""
+    return click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+                        callback=_check_pictures, help=f'Folder for a picture of {what}.')
+
+
+def _check_pictures(context: click.Context, option: click.Parameter, folder: Path | None
+                    ) -> Path | None:
+    """Fail before a long campaign, not after it, where matplotlib is missing."""
+    if folder is not None:
+        new_figure()
+    return folder
+
+
+def become_node(node: str, arguments: Sequence[str]) -> NoReturn:
+    """Replace this process by that of a node; KeyError for an unknown name."""
+    from startracker_ros.ros.processes import node_command, node_environment
+    command = node_command(node, arguments)
+    os.execve(command[0], command, node_environment())
+
+
+def print_result(result: 'Result', as_json: bool) -> None:
+    """Print a result as --json and --wide of the command request."""
+    from startracker_ros.io.table import show
+    context = click.get_current_context(silent=True)
+    show(result, as_json, context is not None and context.meta.get(_WIDE, False))
+
+
+def finish(result: 'Result', as_json: bool) -> None:
+    """Print a result; status 1 when a row does not hold."""
+    print_result(result, as_json)
+    if not result.holds:
+        sys.exit(1)
+
+
+def _fail(message: str) -> None:
+    """End with status 1: the work failed."""
+    click.echo(f'startracker: {message}', err=True)
+    sys.exit(1)
+
+
+@contextmanager
+def usage_error_on(*errors: type[Exception]) -> Iterator[None]:
+    """End with status 2, wrong use, on these errors."""
+    try:
+        yield
+    except errors as error:
+        raise click.UsageError(str(error)) from error
+
+
+@contextmanager
+def exit_1_on(*errors: type[Exception], output: Path | None = None) -> Iterator[None]:
+    """End with status 1 on these errors, and on errors of the system while writing output."""
+    try:
+        yield
+    except errors as error:
+        _fail(str(error))
+    except OSError as error:
+        if output is None:
+            raise
+        _fail(f'{output}: {error.strerror}')
+
+
+def check_names(kind: str, named: Iterable[str], known: Iterable[str]) -> None:
+    """Reject names that are not known; UsageError lists those that are."""
+    unknown = set(named) - set(known)
+    if unknown:
+        raise click.UsageError(f'no {kind} {", ".join(sorted(unknown))}; there are '
+                               f'{", ".join(known)}')

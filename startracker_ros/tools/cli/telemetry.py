@@ -1,0 +1,36 @@
+"""The group telemetry: packets out of a capture, and their description."""
+
+from pathlib import Path
+
+import click
+from startracker_ros.tools.cli.shared import exit_1_on, finish, json_option
+
+_apid_option = click.option('--apid', type=click.IntRange(0, 2046), default=100,
+                            show_default=True, help='Of the space packets.')
+
+
+@click.group()
+def telemetry() -> None:
+    """Packets of telemetry_bridge: decode a capture, describe them in XTCE."""
+
+
+@telemetry.command('decode')
+@click.argument('capture', type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.option('--format', 'packet_format', type=click.Choice(['ccsds', 'nos3']), default='ccsds',
+              show_default=True, help='Kind of the packets.')
+@_apid_option
+@json_option
+def telemetry_decode(capture: Path, packet_format: str, apid: int, as_json: bool) -> None:
+    """Decode the packets of a file; what is cut short or damaged is counted."""
+    from startracker_ros.io.telemetry.capture import decode_capture
+    with exit_1_on(output=capture):
+        result = decode_capture(capture, packet_format, apid)
+    finish(result, as_json)
+
+
+@telemetry.command('xtce')
+@_apid_option
+def telemetry_xtce(apid: int) -> None:
+    """Print the XTCE description of the space packets."""
+    from startracker_ros.io.telemetry.xtce import xtce_text
+    click.echo(xtce_text(apid), nl=False)

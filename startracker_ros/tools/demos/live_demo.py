@@ -1,0 +1,264 @@
+"""A demo: node processes on a simulated sky, shown live, recorded and summarised."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+import math
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+import time
+from typing import Any
+
+import psutil
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from sensor_msgs.msg import CameraInfo, Imu
+from startracker_ros.core.extras import MissingLibraryError
+from startracker_ros.core.machine_code import missing_modules
+from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.io.bags.reader import BagMessage, decode, read_messages
+from startracker_ros.ros import qos
+from startracker_ros.ros.probe import Progress
+from startracker_ros.ros.processes import HarnessError, module_command, node_environment
+from startracker_ros.ros.rig import Rig
+from startracker_ros.tools.demos.readiness import Needs, Readiness
+from startracker_ros.tools.figures.machine import MachineLoad
+
+
+STALL_S = 300.0
+"""Time without any change after which a demo gives up: a busy machine takes minutes to start."""
+_REPORT_S = 10.0
+_FLUSHES = 2
+
+
+def _check(progress: Progress, value: object, what: str) -> None:
+    """HarnessError with what does not happen, once a value has not changed for STALL_S."""
+    if progress.is_stalled(value):
+        raise HarnessError(f'{what}: nothing has changed for {STALL_S:g} s')
+
+
+class Demo(Rig, ABC):
+    """
+    Node processes with a live table, in the ROS domain of the user.
+
+    endpoints holds the publishers and subscribers, those of the demo and of the recorder
+    included, that each topic has once all nodes are connected. needs are all nodes. The
+    simulators wait for a subscriber of each topic in camera_infos, which the demo is once all
+    nodes are ready: no frame is lost, however slow the machine is.
+    """
+
+    endpoints: Mapping[str, tuple[int, int]]
+    needs: Needs
+    camera_infos: Sequence[str] = ('camera_info',)
+
+    def __init__(self, output: Path) -> None:
+        self.bag = output / 'bag'
+        self.load = MachineLoad()
+        self._begin_s = time.monotonic()
+        super().__init__(_prepare(output), isolated=False, name='demo_monitor')
+        self.probe.collect_diagnostics()
+        self._sent_ns = dict.fromkeys(self.camera_infos, 0)
+        self._answered_ns = dict.fromkeys(self.camera_infos, 0)
+
+    @property
+    @abstractmethod
+    def frames(self) -> int:
+        """Frames that were simulated."""
+
+    @abstractmethod
+    def table(self, frames: int) -> Table:
+        """Return the table that is shown; frames is the number of all frames."""
+
+    def simulated_frames(self, hardware_id: str = '') -> int:
+        """Return the number of frames that a sky_simulator reports."""
+        return int(self.probe.diagnostic_value(
+            'sky_simulator: simulation', 'frames', hardware_id) or 0)
+
+    def await_ready(self, prompt: Callable[[], None] = lambda: None) -> None:
+        """
+        Wait until all nodes are ready, print their conditions, then let the simulation start.
+
+        prompt() is called again and again. HarnessError when a node ends or nothing changes.
+        """
+        readiness, shown = Readiness(self.probe, self.needs), dict[str, str]()
+        progress = Progress(STALL_S)
+        report_s = time.monotonic() + _REPORT_S
+        while True:
+            prompt()
+            self.probe.spin_once(0.1)
+            readiness.update()
+            missing = self._missing_endpoints()
+            if not missing:
+                readiness.connected()
+            conditions = readiness.conditions()
+            for name, text in conditions.items():
+                if shown.get(name) != text:
+                    self._print(f'{name[1:]}: {text or "ready"}')
+            if conditions != shown:
+                report_s = time.monotonic() + _REPORT_S
+            shown = conditions
+            waiting = [name[1:] for name, text in conditions.items() if text]
+            if not waiting:
+                break
+            if time.monotonic() > report_s:
+                report_s = time.monotonic() + _REPORT_S
+                self._print(f'waiting for {", ".join(waiting)}; {len(missing)} of '
+                            f'{len(self.endpoints)} topics not connected')
+            self._check_processes()
+            _check(progress, (readiness.activity(), missing),
+                   f'not ready: {", ".join(waiting)}; topics not connected: '
+                   f'{", ".join(missing) or "none"}; see {self.log_folder}')
+        self._print('all nodes are ready: the first frame')
+        self._release()
+
+    def watch(self, frames: int) -> None:
+        """Show the table until all frames have their attitudes; HarnessError if a node fails."""
+        self.await_ready()
+        progress, console = Progress(STALL_S), Console()
+        with Live(self.table(frames), console=console, refresh_per_second=4) as live:
+            while self.frames < frames or self._in_flight():
+                self.probe.spin_once(0.1)
+                live.update(self.table(frames))
+                self._check_processes()
+                _check(
+                    progress, (self.frames, {**self._answered_ns}),
+                    f'no attitude_imu after frame {self.frames} of {frames}; see '
+                    f'{self.log_folder}')
+        console.print()
+        self.await_recorder()
+
+    def await_recorder(self) -> None:
+        """Wait until the recorder has had time for what was sent to it."""
+        def received() -> int:
+            return sum(diagnostic.node == 'bag_recorder' for diagnostic in self.probe.diagnostics)
+        enough = received() + _FLUSHES
+        self.probe.wait(lambda: received() >= enough, 'the recorder', STALL_S)
+
+    def _print(self, text: str) -> None:
+        print(f'[{time.monotonic() - self._begin_s:5.1f} s] {text}', file=sys.stderr, flush=True)
+
+    def _check_processes(self) -> None:
+        if ended := self.processes.ended():
+            raise HarnessError(f'{", ".join(ended)} ended early: see {self.log_folder}')
+
+    def _missing_endpoints(self) -> list[str]:
+        """Return the topics that do not have all their publishers and subscribers yet."""
+        return [topic for topic, (publishers, subscribers) in self.endpoints.items()
+                if self.probe.count_publishers(topic) < publishers
+                or self.probe.count_subscribers(topic) < subscribers]
+
+    def _in_flight(self) -> bool:
+        """Return whether the newest frame of a camera has no attitude_imu yet."""
+        return any(self._answered_ns[topic] < sent_ns for topic, sent_ns in self._sent_ns.items())
+
+    def _release(self) -> None:
+        """Let the simulators start: follow camera_info, of which a frame has one, and answers."""
+        def follow(newest_ns: dict[str, int], topic: str, message: CameraInfo | Imu) -> None:
+            newest_ns[topic] = max(newest_ns[topic], ns_from_stamp(message.header.stamp))
+        for topic in self.camera_infos:
+            self.probe.create_subscription(
+                Imu, topic.replace('camera_info', 'attitude_imu'),
+                partial(follow, self._answered_ns, topic), qos.LIST)
+            self.probe.create_subscription(
+                CameraInfo, topic, partial(follow, self._sent_ns, topic), qos.LIST)
+
+    def finish(self) -> None:
+        """End all nodes; HarnessError when one does not end cleanly."""
+        bad = [f'{name} (status {code})'
+               for name, code in self.stop().items() if code != 0]
+        if bad:
+            raise HarnessError(f'{", ".join(bad)} did not end cleanly: see {self.log_folder}')
+
+    def bag_text(self) -> str:
+        """Return the path of the bag and its size."""
+        size_mb = sum(file.stat().st_size for file in self.bag.iterdir()) / 1e6
+        return f'{self.bag} ({size_mb:.0f} MB)'
+
+
+class LockStepDemo(Demo):
+    """
+    A demo that steps frame by frame: each step publishes a frame and awaits its attitudes.
+
+    cpu_s is the processor time of all processes in s, starts included, after the last step.
+    """
+
+    def __init__(self, output: Path) -> None:
+        super().__init__(output)
+        self.cpu_s = math.nan
+
+    def run_steps(self, step: Callable[[], None], is_finished: Callable[[], bool], frames: int
+                  ) -> float:
+        """Step and show the table until the end; return the wall time in s."""
+        begin_s = time.monotonic()
+        with Live(self.table(frames), console=Console(), refresh_per_second=4) as live:
+            while not is_finished():
+                step()
+                live.update(self.table(frames))
+        wall_s = time.monotonic() - begin_s
+        self.cpu_s = sum(sum(process.cpu_times()[:2]) for process in [
+            psutil.Process(),
+            *(psutil.Process(process.pid) for process in self.processes.processes.values())])
+        self.await_recorder()
+        return wall_s
+
+    def await_attitudes(self, missing: Callable[[], str]) -> None:
+        """Wait until no attitude_imu is missing; HarnessError with what missing() returns."""
+        progress = Progress(STALL_S)
+        while text := missing():
+            self.probe.spin_once(0.1)
+            self._check_processes()
+            _check(progress, text, f'no attitude_imu of {text}; see {self.log_folder}')
+
+
+def draw_if_possible(picture: Path, draw: Callable[[], None]) -> str:
+    """Return the path of the picture, or which library drawing it needs."""
+    try:
+        draw()
+    except MissingLibraryError as error:
+        return str(error)
+    return str(picture)
+
+
+def start_time_s() -> float:
+    """
+    Return when the demo began, UNIX time in s.
+
+    That is the start of this process, or the end of the compilation where it runs first.
+    """
+    if not missing_modules():
+        return psutil.Process().create_time()
+    # When this fails, the nodes compile for themselves.
+    subprocess.run(module_command('startracker_ros.warm_up'), env=node_environment())
+    return time.time()
+
+
+def _prepare(output: Path) -> Path:
+    """Clear the output folder and return a folder for logs in it."""
+    logs = output / 'logs'
+    try:
+        _clear(output)
+        logs.mkdir(parents=True)
+    except OSError as error:
+        raise HarnessError(f'output folder {output}: {error.strerror}') from error
+    return logs
+
+
+def _clear(output: Path) -> None:
+    """Remove bag and logs of an earlier demo, and nothing else."""
+    bag = output / 'bag'
+    if bag.exists():
+        if not list(bag.glob('*.mcap')):
+            raise HarnessError(f'{bag} exists and holds no bag: choose another --output')
+        shutil.rmtree(bag)
+    shutil.rmtree(output / 'logs', ignore_errors=True)
+
+
+def read_stamped(bag: Path, topics: Sequence[str], start_ns: int = 0
+                 ) -> Iterator[tuple[BagMessage, int, Any]]:
+    """Yield the messages of topics in a bag: as recorded, stamp in ns, decoded."""
+    for record in read_messages(bag, topics=topics, start_ns=start_ns):
+        message = decode(record.type_name, record.data)
+        yield record, ns_from_stamp(message.header.stamp), message

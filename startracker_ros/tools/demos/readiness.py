@@ -1,0 +1,102 @@
+"""Which nodes can process their next message: active, set up for the camera, and connected."""
+
+from collections.abc import Mapping, Sequence
+import time
+
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
+from rclpy.client import Client
+from rclpy.task import Future
+from startracker_ros.ros.executables import STAGES
+from startracker_ros.ros.probe import Probe
+
+_REPEAT_REQUEST_S = 2.0
+CAMERA = ('camera_info received',)
+"""What a stage counts in its diagnostics once it is set up for the camera."""
+
+Needs = Mapping[str, Sequence[str]]
+"""What each node must have counted before the first frame, by the node's name with namespace."""
+
+
+def needs_of(nodes: Sequence[str], namespace: str = '') -> dict[str, Sequence[str]]:
+    """Return the needs of nodes in a namespace."""
+    prefix = f'/{namespace}' if namespace else ''
+    return {f'{prefix}/{node}': CAMERA if node in STAGES else () for node in nodes}
+
+
+class _Node:
+    """What is known of one node."""
+
+    def __init__(self, name: str, probe: Probe, needs: Sequence[str]) -> None:
+        namespace, _, self.name = name[1:].rpartition('/')
+        self.hardware_id = namespace or 'star_tracker'
+        self.needs = set(needs)
+        self.condition = 'starting'
+        self.task = ''
+        self.received_s = 0.0
+        self.active = False
+        self._client: Client = probe.create_client(GetState, f'{name}/get_state')
+        self._futures: list[Future] = []
+        self._due_s = 0.0
+
+    def ask(self) -> None:
+        """Ask for the state until it is active; a response may be lost before the discovery."""
+        self.active = self.active or any(
+            future.done() and future.result().current_state.id == State.PRIMARY_STATE_ACTIVE
+            for future in self._futures)
+        if not self.active and self._client.service_is_ready() and time.monotonic() > self._due_s:
+            self._futures = [*self._futures[-5:], self._client.call_async(GetState.Request())]
+            self._due_s = time.monotonic() + _REPEAT_REQUEST_S
+
+    def text(self, since_s: float) -> str:
+        """Return why the node is not ready, empty if it is; its diagnostics are since then."""
+        if self.active and not self.needs and self.received_s > since_s:
+            return ''
+        if self.active and self.task and not self.needs:
+            return 'waiting for connections'
+        return self.condition
+
+
+class Readiness:
+    """
+    Follows nodes until they are ready; the probe collects their diagnostics.
+
+    A node is ready when its lifecycle state is active, its diagnostics have counted what it needs,
+    and it has published them again since connected() was called: by then it has discovered what
+    the probe had.
+    """
+
+    def __init__(self, probe: Probe, needs: Needs) -> None:
+        self._probe = probe
+        self._nodes = {name: _Node(name, probe, counts) for name, counts in needs.items()}
+        self._seen = 0
+        self._connected_s = float('inf')
+
+    def connected(self) -> None:
+        """Note that all endpoints are discovered, at the first call."""
+        self._connected_s = min(self._connected_s, time.monotonic())
+
+    def update(self) -> None:
+        """Use what has been received, and ask for the states."""
+        for diagnostic in self._probe.diagnostics[self._seen:]:
+            status = diagnostic.status
+            for node in self._nodes.values():
+                if node.name == diagnostic.node.rpartition('/')[2] and (
+                        node.hardware_id == status.hardware_id):
+                    node.task = node.task or status.name
+                    node.received_s = diagnostic.received_s
+                    node.needs -= {value.key for value in status.values}
+                    if status.name == node.task:
+                        node.condition = status.message
+        self._seen = len(self._probe.diagnostics)
+        for node in self._nodes.values():
+            node.ask()
+
+    def conditions(self) -> dict[str, str]:
+        """Return why each node is not ready, empty for those that are."""
+        return {name: node.text(self._connected_s) for name, node in self._nodes.items()}
+
+    def activity(self) -> object:
+        """Return what changes while a node starts: conditions, diagnostics while it loads."""
+        return self.conditions(), [
+            node.received_s for node in self._nodes.values() if not node.active or node.needs]

@@ -1,0 +1,77 @@
+"""Summarises what a camera publishes within some seconds and prints it as JSON, for the doctor."""
+
+from dataclasses import asdict
+import json
+import sys
+
+import numpy as np
+import rclpy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, Image
+from startracker_ros.core.camera.model import CameraError
+from startracker_ros.io.bags.layouts import (
+    camera_from_message, image_from_message, MessageError, ns_from_stamp)
+from startracker_ros.ros.probe import Probe
+
+# Matches reliable and best-effort publishers.
+_ANY = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class CameraListener(Probe):
+    """Keeps figures of the newest camera_info and image_raw, and the stamps of all images."""
+
+    def __init__(self, namespace: str) -> None:
+        super().__init__('startracker_doctor', namespace=namespace)
+        self._figures: dict[str, dict] = {'camera_info': {'count': 0}, 'image_raw': {'count': 0}}
+        self._stamps_ns: list[int] = []
+        self.create_subscription(CameraInfo, 'camera_info', self._on_camera_info, _ANY)
+        self.create_subscription(Image, 'image_raw', self._on_image, _ANY)
+
+    def _on_camera_info(self, message: CameraInfo) -> None:
+        figures = self._figures['camera_info']
+        figures.update(count=figures['count'] + 1, frame_id=message.header.frame_id,
+                       camera=None, error='')
+        try:
+            figures['camera'] = asdict(camera_from_message(message))
+        except CameraError as error:
+            figures['error'] = str(error)
+
+    def _on_image(self, message: Image) -> None:
+        figures = self._figures['image_raw']
+        self._stamps_ns.append(ns_from_stamp(message.header.stamp))
+        figures.update(count=figures['count'] + 1, frame_id=message.header.frame_id,
+                       width=message.width, height=message.height, encoding=message.encoding,
+                       error='')
+        try:
+            image = image_from_message(message)
+        except MessageError as error:
+            figures['error'] = str(error)
+            return
+        brightest = int(image.max())
+        figures.update(median_dn=float(np.median(image)), max_dn=brightest,
+                       brightest_share=float(np.mean(image == brightest)))
+
+    def summary(self) -> dict[str, dict]:
+        """Return the figures by topic, with the QoS offered by the publishers."""
+        for topic, figures in self._figures.items():
+            offers = self.get_publishers_info_by_topic(topic)
+            figures['publishers'] = len(offers)
+            figures['best_effort'] = any(
+                offer.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+                for offer in offers)
+        self._figures['image_raw']['stamps_ns'] = self._stamps_ns
+        return self._figures
+
+
+def main(seconds: float, namespace: str) -> None:
+    """Subscribe for some seconds, then print."""
+    rclpy.init()
+    listener = CameraListener(namespace)
+    listener.spin_for(seconds)
+    print(json.dumps(listener.summary()))
+    listener.destroy_node()
+    rclpy.shutdown()
+
+
+if __name__ == '__main__':
+    main(float(sys.argv[1]), sys.argv[2])

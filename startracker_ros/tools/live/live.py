@@ -1,0 +1,277 @@
+"""A camera with the star tracker behind it: state, attitude and annotated sky while it runs."""
+
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+import shutil
+import time
+from typing import Any
+
+from builtin_interfaces.msg import Time
+import cv2
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import QuaternionStamped
+import numpy as np
+from rclpy.executors import ExternalShutdownException
+from rich.live import Live
+from rich.table import Table
+from sensor_msgs.msg import Image, Imu, PointCloud2
+from startracker_ros.core.astro.bodies import bodies_at
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.folders import replaced
+from startracker_ros.core.maths.rotation import pointing_from_quaternion
+from startracker_ros.core.stages.bodies import Bodies
+from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.io.bags.layouts import image_from_message, ns_from_stamp
+from startracker_ros.io.images.camera_files import load_camera, save_camera
+from startracker_ros.io.images.capture import CaptureError, CaptureOptions, open_device
+from startracker_ros.io.images.images import ImageError
+from startracker_ros.io.table import Result
+from startracker_ros.ros import qos
+from startracker_ros.ros.executables import STAGES
+from startracker_ros.ros.messages.attitude import quaternion_from_message
+from startracker_ros.ros.messages.clouds import centroids_from_message, tracks_from_message
+from startracker_ros.ros.messages.image import image_message_from_cdr
+from startracker_ros.ros.processes import HarnessError
+from startracker_ros.ros.rig import Rig
+from startracker_ros.tools.live.first_lens import first_lens
+from startracker_ros.tools.live.sky_page import SkyPage
+from startracker_ros.tools.photographs.outputs import annotated
+
+_SHOW_S, _DRAW_S = 0.25, 1.0
+_IMAGES, _KEPT_NS = 5, 5_000_000_000
+_JPEG_QUALITY = 90
+_LEAST_RESIDUAL_PX, _RESIDUAL_SIGMAS = 1.0, 3.0
+_SOURCE = 'camera_source: camera'
+_END = 'all images of '
+
+
+class LiveView:
+    """What a terminal and the page show; the picture is a file in the output folder as well."""
+
+    def __init__(self, page: SkyPage, live: Live, picture: Path) -> None:
+        self._page, self._live, self._picture = page, live, picture
+        self._shown_s = self._drawn_s = 0.0
+
+    def show(self, texts: Callable[[], dict[str, str]]) -> None:
+        """Show the texts by name, four times a second."""
+        if time.monotonic() - self._shown_s < _SHOW_S:
+            return
+        self._shown_s = time.monotonic()
+        self._page.state = state = texts()
+        table = Table(title=f'startracker live, {self._page.url}', title_justify='left',
+                      show_header=False, min_width=70)
+        for name, value in state.items():
+            table.add_row(name, value)
+        self._live.update(table)
+
+    def draw(self, draw: Callable[[], np.ndarray | None]) -> None:
+        """Show once a second the picture that the function returns, (H, W, 3) RGB."""
+        if time.monotonic() - self._drawn_s < _DRAW_S:
+            return
+        picture = draw()
+        if picture is None:
+            return
+        self._drawn_s = time.monotonic()
+        good, content = cv2.imencode('.jpg', picture[..., ::-1],
+                                     [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        if good:
+            self._page.picture = content.tobytes()
+            # Complete at any time, for a viewer that reads it again and again.
+            with replaced(self._picture) as file:
+                file.write(self._page.picture)
+
+
+class LiveRig(Rig):
+    """Camera and star tracker as processes in the ROS domain of the user, and their messages."""
+
+    def __init__(self, logs: Path, camera: Camera) -> None:
+        super().__init__(logs, isolated=False, name='live_monitor')
+        self._camera = camera
+        self.state, self.reason = 'starting', ''
+        self.counts = {'frames': 0, 'frames_tracking': 0}
+        self.attitude: np.ndarray | None = None
+        self.rate_deg_s = float('nan')
+        # The lists of an image arrive some time after it.
+        self._images: deque[Image] = deque(maxlen=_IMAGES)
+        self._stamped: dict[str, dict[int, Any]] = {
+            topic: {} for topic in ('attitude', 'tracks', 'centroids')}
+        self.probe.collect_diagnostics()
+        subscribe = self.probe.create_subscription
+        subscribe(Image, 'image_raw', self._on_image, qos.IMAGE, raw=True)
+        subscribe(DiagnosticStatus, 'tracker_state', self._on_tracker_state, qos.STATE)
+        subscribe(QuaternionStamped, 'attitude', self._on_attitude, qos.LIST)
+        subscribe(Imu, 'attitude_imu', self._on_attitude_imu, qos.LIST)
+        for topic in ('tracks', 'centroids'):
+            subscribe(PointCloud2, topic, partial(self._on_list, topic), qos.LIST)
+
+    def _on_image(self, data: bytes) -> None:
+        self._images.append(image_message_from_cdr(data))
+        self.counts['frames'] += 1
+
+    def _on_tracker_state(self, message: DiagnosticStatus) -> None:
+        self.state = message.message
+        self.reason = {value.key: value.value for value in message.values}.get('reason', '')
+        self.counts['frames_tracking'] += self.state == 'TRACKING'
+        if self.state != 'TRACKING':
+            self.attitude, self.rate_deg_s = None, float('nan')
+
+    def _on_attitude(self, message: QuaternionStamped) -> None:
+        self.attitude = quaternion_from_message(message)
+        self._keep('attitude', message.header.stamp, self.attitude)
+
+    def _on_attitude_imu(self, message: Imu) -> None:
+        rate = message.angular_velocity
+        known = message.angular_velocity_covariance[0] >= 0
+        self.rate_deg_s = float(np.degrees(np.linalg.norm([rate.x, rate.y, rate.z]))
+                                ) if known else float('nan')
+
+    def _on_list(self, topic: str, message: PointCloud2) -> None:
+        self._keep(topic, message.header.stamp, message)
+
+    def _keep(self, topic: str, stamp: Time, value: Any) -> None:
+        kept, stamp_ns = self._stamped[topic], ns_from_stamp(stamp)
+        kept[stamp_ns] = value
+        for old_ns in [old for old in kept if old < stamp_ns - _KEPT_NS]:
+            del kept[old_ns]
+
+    @property
+    def source_text(self) -> str:
+        """Return the condition of the camera."""
+        status = next((status for status in reversed(self.probe.statuses())
+                       if status.name == _SOURCE), None)
+        return '' if status is None else status.message
+
+    def figures(self) -> dict[str, Any]:
+        """Return state, pointing in deg, rate and stars; NaN without an attitude."""
+        angles = np.full(3, np.nan) if self.attitude is None else np.degrees(
+            pointing_from_quaternion(self.attitude))
+        tracks = self._stamped['tracks']
+        hip = tracks_from_message(tracks[max(tracks)]).hip if tracks else np.empty(0)
+        stars = int(np.count_nonzero(hip))
+        return {'state': self.state, **dict(zip(('ra_deg', 'dec_deg', 'roll_deg'), map(
+            float, angles))), 'rate_deg_s': self.rate_deg_s, 'stars': stars, **self.counts}
+
+    def texts(self) -> dict[str, str]:
+        """Return what is shown."""
+        figures = self.figures()
+        return {'state': f'{self.state}: {self.reason}' if self.reason else self.state,
+                'right ascension': f'{figures["ra_deg"]:.4f} deg',
+                'declination': f'{figures["dec_deg"]:.4f} deg',
+                'roll': f'{figures["roll_deg"]:.4f} deg',
+                'rate': f'{figures["rate_deg_s"]:.4f} deg/s', 'stars': str(figures['stars']),
+                'frames': str(figures['frames']), 'camera': self.source_text}
+
+    def picture(self) -> np.ndarray | None:
+        """Return the newest image with an attitude, or with spots, or any; None without one."""
+        by_stamp = {ns_from_stamp(image.header.stamp): image for image in self._images}
+        if not by_stamp:
+            return None
+        attitudes, tracks, spots = (self._stamped[topic]
+                                    for topic in ('attitude', 'tracks', 'centroids'))
+        stamp_ns, sky = max(by_stamp), None
+        uv, hip = np.empty((0, 2)), np.empty(0, int)
+        if known := by_stamp.keys() & attitudes.keys() & tracks.keys():
+            stamp_ns = max(known)
+            sky = SkyMapping(self._camera, attitudes[stamp_ns])
+            uv, hip = (stars := tracks_from_message(tracks[stamp_ns])).uv, stars.hip
+        elif seen := by_stamp.keys() & spots.keys():
+            stamp_ns = max(seen)
+            uv = centroids_from_message(spots[stamp_ns]).uv
+            hip = np.zeros(len(uv), int)
+        bodies = () if sky is None else Bodies(bodies_at(stamp_ns)).in_image(sky)
+        return annotated(image_from_message(by_stamp[stamp_ns]), uv, hip, sky,
+                         epoch_year_from_stamp(stamp_ns), bodies)
+
+
+def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None = None,
+             fov_deg: float | None = None, record: bool = False, port: int = 0,
+             seconds: float = float('inf')) -> Result:
+    """
+    Run camera and star tracker until SIGINT or SIGTERM, the end of the files, or for seconds.
+
+    Without a camera_file the lens is that of the first image that is solved; fov_deg is its
+    field of view to 5 %, None where it is unknown. HarnessError when a node fails, CameraError
+    for an invalid camera file.
+    """
+    logs = output / 'logs'
+    shutil.rmtree(logs, ignore_errors=True)
+    logs.mkdir(parents=True)
+    picture, bag = output / 'sky.jpg', output / f'bag_{datetime.now():%Y%m%d_%H%M%S}'
+    begin_s = time.monotonic()
+    with SkyPage(port) as page, Live() as live:
+        view = LiveView(page, live, picture)
+        error_px = 0.0
+        if camera_file is None:
+            camera_file = output / 'camera.yaml'
+            error_px = _learn_lens(view, capture, fov_deg, camera_file)
+        camera = load_camera(camera_file)
+        with LiveRig(logs, camera) as rig:
+            if record:
+                rig.processes.start('bag_recorder', {'folder': str(bag)})
+            rig.processes.start('composed_pipeline', _pipeline_parameters(error_px))
+            with suppress(KeyboardInterrupt, ExternalShutdownException):
+                _watch(rig, view, begin_s + seconds, {
+                    **asdict(capture), 'camera_file': str(camera_file)})
+            codes = rig.stop()
+            if bad := [f'{name} (status {code})' for name, code in codes.items() if code]:
+                raise HarnessError(f'{", ".join(bad)} did not end cleanly: see {logs}')
+            return Result('live', [rig.figures()], {
+                'device': capture.device, 'camera_file': str(camera_file),
+                'field': f'{np.degrees(camera.seen_x_rad):.2f} deg', 'picture': str(picture),
+                **({'bag': str(bag)} if record else {})})
+
+
+def _pipeline_parameters(error_px: float) -> dict[str, object]:
+    """Return parameters for a lens that leaves errors of error_px, the defaults below 0.2 px."""
+    if error_px < 0.2:
+        return {}
+    return {'sigma_floor_px': min(error_px, 10.0),
+            'max_residual_px': max(_LEAST_RESIDUAL_PX, _RESIDUAL_SIGMAS * error_px)}
+
+
+def _learn_lens(view: LiveView, capture: CaptureOptions, fov_deg: float | None,
+                camera_file: Path) -> float:
+    """Write the lens of the first image that is solved, and return its error in px."""
+    view.show(lambda: {'state': 'opening the camera'})
+
+    def on_image(image: np.ndarray, uv: np.ndarray, reason: str) -> None:
+        view.show(lambda: {'state': f'learning the lens: {reason}', 'camera': capture.device})
+        view.draw(partial(annotated, image, uv, np.zeros(len(uv), int), None, 2000.0))
+    try:
+        device = open_device(capture, lambda wait_s: None)
+        try:
+            lens = first_lens(device, fov_deg, on_image)
+        finally:
+            device.close()
+    except (CaptureError, ImageError) as error:
+        raise HarnessError(str(error)) from error
+    if lens is None:
+        raise HarnessError(f'{capture.device}: no image is solved: give --camera, or --fov-deg')
+    save_camera(lens.camera, camera_file)
+    return lens.error_px
+
+
+def _watch(rig: LiveRig, view: LiveView, end_s: float, source: dict[str, object]
+           ) -> None:
+    """Show until the time or the files end; HarnessError when a process does."""
+    started = False
+    while time.monotonic() < end_s:
+        rig.probe.spin_once(0.1)
+        # Every stage subscribes to camera_info once it has loaded its code.
+        if not started and rig.probe.count_subscribers('camera_info') >= len(STAGES):
+            rig.processes.start('camera_source', source)
+            started = True
+        view.show(rig.texts if started else lambda: {'state': 'loading'})
+        view.draw(rig.picture)
+        if ended := rig.processes.ended():
+            raise HarnessError(f'{", ".join(ended)} ended early: see {rig.log_folder}')
+        if rig.source_text.startswith(_END):
+            # Frames in flight.
+            rig.probe.spin_for(1.0)
+            return

@@ -1,0 +1,208 @@
+"""Attitude of image files: extraction, identification, pointing."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
+from pathlib import Path
+import sys
+import time
+
+import numpy as np
+from startracker_ros.core.astro.observer_motion import Observer
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.catalog.deep import camera_catalog
+from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.extraction import CentroidExtractor
+from startracker_ros.core.identify.blind import LIKELY_DEG
+from startracker_ros.core.identify.icrf import icrf_identification
+from startracker_ros.core.identify.identification import IdentificationOptions, Identifier
+from startracker_ros.core.identify.methods import make_identifier
+from startracker_ros.core.stages.bodies import Bodies
+from startracker_ros.core.stages.photograph import PhotographSolver
+from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.core.stages.solution import MIN_STARS, Solution
+from startracker_ros.io.images.camera_files import is_wcs
+from startracker_ros.io.images.images import calibrated_camera, camera_of, ImageError, Photograph
+from startracker_ros.io.images.video import is_video
+from startracker_ros.io.images.wcs_file import read_wcs_camera
+from startracker_ros.io.table import Result
+from startracker_ros.tools.photographs.occasion import Occasion, occasion, OPTION, Standpoint
+from startracker_ros.tools.photographs.outputs import Outputs
+from startracker_ros.tools.photographs.shots import output_names, Shot, shots
+
+DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
+           'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'frame', 'time_s')
+"""Columns that are too wide for the terminal."""
+
+# What a person knows of the field of view of a photograph, and of a calibrated camera.
+UNCALIBRATED_PERCENT, CALIBRATED_PERCENT = 5.0, 0.5
+# Nobody flies by a photograph: on a busy machine it may take as long as its search needs.
+PHOTOGRAPH_LIMIT_S = 3.0
+
+
+def solve_image(image: np.ndarray, extractor: CentroidExtractor, identifier: Identifier,
+                sky: ApparentCatalog, bodies: Bodies = Bodies()) -> Solution:
+    """Return the attitude of one image (H, W) of a calibrated camera, or why there is none."""
+    extraction = extractor.extract(image)
+    centroids = extraction.centroids
+    if len(centroids) < MIN_STARS:
+        return Solution.none(identifier.camera, centroids, extraction.status, extraction.reason)
+    solution = _solve_centroids(centroids, identifier, sky)
+    if solution.sky is None:
+        return solution
+    found = solution.identification
+    seen = bodies.in_image(solution.sky)
+    spots = bodies.spots(solution.sky, centroids, found.magnitude)
+    if (spots & (found.hip > 0)).any():
+        solution = _solve_centroids(centroids.select(~spots), identifier, sky)
+    return replace(solution, bodies=seen if solution.sky else ())
+
+
+def _solve_centroids(centroids: Centroids, identifier: Identifier, sky: ApparentCatalog
+                     ) -> Solution:
+    found = icrf_identification(
+        identifier.identify(centroids), centroids, identifier.camera, sky, identifier.options)
+    camera = identifier.camera.with_focal_ratio(found.focal_ratio)
+    mapping = None if found.attitude is None else SkyMapping(
+        camera, found.attitude.quaternion, sky.observer.vantage)
+    return Solution(centroids, found, camera, sky=mapping)
+
+
+def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
+                camera_file: Path | None = None, epoch_year: float | None = None,
+                standpoint: Standpoint = Standpoint(), mirror: bool = False,
+                selection: slice = slice(None), outputs: Outputs = Outputs(),
+                options: IdentificationOptions = IdentificationOptions()) -> Result:
+    """
+    Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
+
+    The lens of the latter is fitted to each image. Without both, EXIF has the field of view or
+    all from 1 to 120 deg are searched. epoch_year None is the time of each image by EXIF, else
+    today. mirror flips each image from left to right first; the result is that of the flipped
+    image. selection is that of the frames of videos and of animated or paged files, each of which
+    is a row. CameraError for an impossible camera; an unreadable image is a row of its own.
+    """
+    blind = fov_deg is None and camera_file is None
+    solvers = Solvers(fov_deg, None if blind else calibrated_camera(camera_file, fov_deg), options)
+    rows, whens, observers = [], [], []
+    for shot in _progress(shots(paths, output_names(paths), selection), paths):
+        if shot.photograph is None:
+            rows.append(_unreadable(shot, shot.error))
+            continue
+        photograph = shot.photograph.mirror() if mirror else shot.photograph
+        when = occasion(epoch_year, photograph.taken)
+        observer = standpoint.observer(when)
+        try:
+            solution, solve_ms = solvers.solve(
+                shot.path, photograph, when, observer, standpoint.bodies(when))
+        except ImageError as error:
+            rows.append(_unreadable(shot, str(error)))
+            continue
+        whens.append(when)
+        observers.append(observer)
+        rows.append({**_row(shot, solution, solve_ms), 'epoch': when.year,
+                     'epoch_from': when.source})
+        outputs.write(shot.output, photograph, solution, when.year)
+    whens = whens or [occasion(epoch_year)]
+    observers = observers or [standpoint.observer(whens[0])]
+    fit = ({'camera_residual_px': read_wcs_camera(camera_file).residual_px}
+           if camera_file is not None and is_wcs(camera_file) else {})
+    return Result('solve', rows, {
+        **fit, **({'mirror': True} if mirror else {}), 'epoch': whens[0].year,
+        'epoch_from': _different(when.source for when in whens),
+        'aberration': _different(observer.condition for observer in observers)}, DETAILS)
+
+
+def _different(texts: Iterable[str]) -> str:
+    return '; '.join(dict.fromkeys(texts))
+
+
+class Solvers:
+    """
+    What solves images, by camera and epoch.
+
+    The camera is a calibrated one, or an uncalibrated one of fov_deg, or without both any.
+    """
+
+    def __init__(self, fov_deg: float | None, camera: Camera | None,
+                 options: IdentificationOptions) -> None:
+        self._blind = fov_deg is None and camera is None
+        self._fov_deg = fov_deg
+        self._calibrated = camera
+        # Images of one camera and one night mostly follow each other. Not of methods of this
+        # object: the cycle would keep the databases until garbage is collected.
+        self._photographs = lru_cache(maxsize=4)(partial(_photograph_solver, options))
+        self._calibrations = lru_cache(maxsize=4)(partial(_calibrated_solver, options))
+
+    def solve(self, path: Path | str, photograph: Photograph, when: Occasion, observer: Observer,
+              bodies: Bodies) -> tuple[Solution, float]:
+        """Return the solution of an image and its time in ms; ImageError."""
+        image, camera = photograph.image, None
+        if not self._blind:
+            camera = camera_of(path, image, self._calibrated, self._fov_deg)
+        if camera is None or self._calibrated is None:
+            # Identifiers round epochs to years.
+            solver = self._photographs(camera, round(when.year))
+            start_s = time.perf_counter()
+            solution = solver.solve(image, observer, photograph.fov_deg or LIKELY_DEG,
+                                    bodies)
+        else:
+            # In 9 days no bright star moves by 0.1 arcsec.
+            year = when.year if when.source == OPTION else round(20 * when.year) / 20
+            identifier, onboard = self._calibrations(camera, year)
+            sky = ApparentCatalog(onboard)
+            sky.look_from(observer)
+            start_s = time.perf_counter()
+            # A new extractor, so that no image depends on those before.
+            solution = solve_image(image, CentroidExtractor(), identifier, sky, bodies)
+        return solution, 1e3 * (time.perf_counter() - start_s)
+
+
+def _photograph_solver(options: IdentificationOptions, camera: Camera | None, year: int
+                       ) -> PhotographSolver:
+    return PhotographSolver(camera, year, options)
+
+
+def _calibrated_solver(options: IdentificationOptions, camera: Camera, year: float
+                       ) -> tuple[Identifier, OnboardCatalog]:
+    return (make_identifier(camera, year, options),
+            onboard_catalog(camera_catalog(camera), camera, year))
+
+
+def _progress(found: Iterable[Shot], paths: Sequence[Path]) -> Iterable[Shot]:
+    """Return what is found, with a progress bar on a terminal where that is more than one."""
+    from rich.console import Console
+    from rich.progress import track
+    videos = any(map(is_video, paths))
+    if len(paths) < 2 and not videos or not sys.stderr.isatty():
+        return found
+    return track(found, 'solve', total=None if videos else len(paths),
+                 console=Console(stderr=True), transient=True)
+
+
+def _unreadable(shot: Shot, reason: str) -> dict[str, object]:
+    return {**_row(shot, None, float('nan')), 'status': 'unreadable', 'reason': reason}
+
+
+def _row(shot: Shot, solution: Solution | None, solve_ms: float) -> dict[str, object]:
+    numbers = ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg', 'residual_arcsec')
+    row = {'file': shot.label, 'solved': False, **dict.fromkeys(numbers, float('nan')),
+           'matched': 0, 'solve_ms': solve_ms, 'reason': '', **dict.fromkeys(DETAILS),
+           'path': str(shot.path), 'frame': shot.frame, 'time_s': shot.time_s}
+    if solution is None:
+        return row
+    row.update(reason=solution.reason, status=solution.status, detected=len(solution.centroids),
+               false_alarm_probability=solution.false_alarm)
+    row['bodies'] = [{key: value for key, value in body._asdict().items() if key != 'radius_px'}
+                     for body in solution.bodies]
+    attitude, camera = solution.identification.attitude, solution.camera
+    if attitude is not None:
+        row.update({name: getattr(solution, name) for name in numbers})
+        row.update(solved=True, matched=solution.matched, quaternion=attitude.quaternion.tolist(),
+                   covariance_sensor=attitude.covariance_sensor.ravel().tolist(),
+                   lens={'fx': camera.fx, 'fy': camera.fy, 'cx': camera.cx, 'cy': camera.cy,
+                         'distortion': list(camera.distortion),
+                         'distortion_model': camera.distortion_model})
+    return row

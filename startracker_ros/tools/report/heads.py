@@ -1,0 +1,126 @@
+"""Several heads of a body out of a bag: which count, and their mounts against the truth."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from startracker_ros.core.maths.rotation import (
+    ARCSEC, conjugate, multiply, rotation_vector_from_quaternion)
+from startracker_ros.io.bags.layouts import ns_from_stamp
+from startracker_ros.io.bags.reader import decode, read_messages, read_topics
+from startracker_ros.io.recordings.loading import HEADS_TOPIC, is_fusion
+from startracker_ros.io.recordings.recording import full_name
+
+USED = 'used'
+
+
+@dataclass(frozen=True)
+class MountSeries:
+    """
+    A mount as learnt, by time.
+
+    quaternion (K, 4) q_body_from_sensor at stamp_ns (K,) with covariance (K, 3, 3) rad^2 about
+    body axes; truth (K, 4), NaN where the bag has none.
+    """
+
+    stamp_ns: np.ndarray
+    quaternion: np.ndarray
+    covariance: np.ndarray
+    truth: np.ndarray
+
+    def change_arcsec(self) -> np.ndarray:
+        """Return the rotations (K, 3) about body axes from the first mount to each."""
+        return _rotations_arcsec(self.quaternion, self.quaternion[:1])
+
+    def error_arcsec(self) -> np.ndarray:
+        """Return the rotations (K, 3) about body axes from the truth, NaN where it is unknown."""
+        return _rotations_arcsec(self.quaternion, self.truth)
+
+    def sigma_arcsec(self) -> np.ndarray:
+        """Return 1 sigma (K, 3) about body axes."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)) / ARCSEC
+
+
+@dataclass(frozen=True)
+class HeadsRecording:
+    """
+    The heads of a fusion.
+
+    conditions by head from changed_ns (C,) on, as the topic heads has them; mounts are those that
+    are learnt: without that of the reference.
+    """
+
+    changed_ns: np.ndarray
+    conditions: dict[str, tuple[str, ...]]
+    mounts: dict[str, MountSeries]
+
+    def in_use(self, stamp_ns: np.ndarray) -> dict[str, np.ndarray]:
+        """Return whether each head counts at stamps (N,)."""
+        # The condition before the first message is unknown: index -1.
+        index = np.searchsorted(self.changed_ns, stamp_ns, 'right') - 1
+        return {name: np.array([*(condition == USED for condition in conditions), False])[index]
+                for name, conditions in self.conditions.items()}
+
+
+def load_heads(bag: Path, namespace: str = '', *, tolerant: bool = False
+               ) -> HeadsRecording | None:
+    """
+    Return the heads of the fusion in a namespace, None where the bag has no such topics.
+
+    BagError when the bag cannot be read.
+    """
+    topics = read_topics(bag, tolerant=tolerant)
+    if not is_fusion(topics, namespace):
+        return None
+    changed_ns: list[int] = []
+    found: list[dict[str, str]] = []
+    for record in read_messages(bag, topics=(full_name(namespace, HEADS_TOPIC),),
+                                tolerant=tolerant):
+        message = decode(record.type_name, record.data)
+        changed_ns.append(ns_from_stamp(message.header.stamp))
+        found.append({status.hardware_id: status.message for status in message.status})
+    names = list(dict.fromkeys(name for one in found for name in one))
+    body = _attitudes(bag, full_name(namespace, 'truth/attitude'), tolerant)
+    mounts = {}
+    for name in names:
+        series = _mounts(bag, full_name(namespace, f'{name}/mount'), body, _attitudes(
+            bag, full_name(namespace, f'{name}/truth/attitude'), tolerant), tolerant)
+        # The covariance of the reference is zero: its mount defines the body.
+        if len(series.stamp_ns) and series.covariance.any():
+            mounts[name] = series
+    return HeadsRecording(np.array(changed_ns, np.int64), {
+        name: tuple(one.get(name, '') for one in found) for name in names}, mounts)
+
+
+def _attitudes(bag: Path, topic: str, tolerant: bool) -> dict[int, np.ndarray]:
+    """Return the quaternions (4,) of a topic by stamp."""
+    found = {}
+    for record in read_messages(bag, topics=(topic,), tolerant=tolerant):
+        message = decode(record.type_name, record.data)
+        found[ns_from_stamp(message.header.stamp)] = _quaternion(message.quaternion)
+    return found
+
+
+def _mounts(bag: Path, topic: str, body: dict[int, np.ndarray], head: dict[int, np.ndarray],
+            tolerant: bool) -> MountSeries:
+    """Return the mounts of a topic; the truth is that of body and head at the same stamp."""
+    stamps, quaternions, covariances, truths = [], [], [], []
+    for record in read_messages(bag, topics=(topic,), tolerant=tolerant):
+        message = decode(record.type_name, record.data)
+        stamp_ns = ns_from_stamp(message.header.stamp)
+        stamps.append(stamp_ns)
+        quaternions.append(_quaternion(message.pose.pose.orientation))
+        covariances.append(np.reshape(message.pose.covariance, (6, 6))[3:, 3:])
+        truths.append(multiply(conjugate(body[stamp_ns]), head[stamp_ns])
+                      if stamp_ns in body and stamp_ns in head else np.full(4, np.nan))
+    return MountSeries(np.array(stamps, np.int64), np.reshape(quaternions, (-1, 4)),
+                       np.reshape(covariances, (-1, 3, 3)), np.reshape(truths, (-1, 4)))
+
+
+def _quaternion(message: object) -> np.ndarray:
+    return np.array([getattr(message, name) for name in 'xyzw'])
+
+
+def _rotations_arcsec(q: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the rotations (K, 3) about the axes of the frame that both (K, 4) lead to."""
+    return rotation_vector_from_quaternion(multiply(q, conjugate(other))) / ARCSEC

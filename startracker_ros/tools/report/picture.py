@@ -1,0 +1,53 @@
+"""One picture of a run: the star field with names, and the attitude error over time."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from startracker_ros.core.extras import new_figure
+from startracker_ros.core.stages.annotate import annotate
+from startracker_ros.io.recordings.recording import gaps_after, Recording
+
+
+def draw_error(axis: Any, time_s: np.ndarray, error: np.ndarray, sigma: np.ndarray, label: str,
+               *, markersize: float) -> None:
+    """
+    Draw errors (N,) over time_s (N,) on axes of matplotlib, between their 3 sigma bounds.
+
+    Nothing is drawn over a gap of the times.
+    """
+    gaps = gaps_after(time_s) + 1
+    band_s, three = np.insert(time_s, gaps, time_s[gaps]), np.insert(3 * sigma, gaps, np.nan)
+    axis.fill_between(band_s, -three, three, color='tab:blue', alpha=0.15,
+                      label='3 sigma', linewidth=0)
+    axis.plot(time_s, error, '.', markersize=markersize, color='tab:blue', label='error')
+    axis.axhline(0, color='black', linewidth=0.5)
+    axis.set_ylabel(label)
+    axis.grid(alpha=0.3)
+
+
+def draw_run(path: Path, recording: Recording, image: np.ndarray, uv: np.ndarray,
+             hip: np.ndarray, title: str) -> None:
+    """Write a PNG: image (H, W) with tracks at uv (N, 2), labelled with hip (N,)."""
+    figure = new_figure(figsize=(15, 8))
+    figure.suptitle(title)
+    grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1))
+    field = figure.add_subplot(grid[:, 0])
+    field.imshow(annotate(image, uv, hip))
+    field.set(xlabel='u [px]', ylabel='v [px]',
+              title=f'star field: {np.count_nonzero(hip)} stars with Hipparcos numbers, '
+              f'{np.count_nonzero(hip == 0)} not yet confirmed')
+    stamps, error, sigma = recording.errors()
+    time_s = (stamps - recording.image_ns[0]) / 1e9 if len(stamps) else stamps
+    axis: Any = None
+    for row, name in enumerate(('x, cross boresight', 'y, cross boresight', 'z, roll')):
+        axis = figure.add_subplot(grid[row, 1], sharex=axis)
+        draw_error(axis, time_s, error[:, row], sigma[:, row], f'{name}\n[arcsec]', markersize=2)
+        if len(stamps):
+            # The wide bounds of the first frames may leave the picture, no error may.
+            limit = max(4.5 * np.nanmedian(sigma[:, row]), 1.1 * np.abs(error[:, row]).max())
+            axis.set_ylim(-limit, limit)
+    axis.set_xlabel('time since the first image [s]')
+    figure.axes[1].legend(loc='upper right', ncols=2)
+    figure.axes[1].set_title('attitude error against truth, about sensor axes')
+    figure.savefig(path, dpi=110)

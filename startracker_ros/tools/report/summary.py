@@ -1,0 +1,71 @@
+"""A recorded run in figures, each with the bound that it must hold or the goal that it should."""
+
+import numpy as np
+from startracker_ros.core.maths.rotation import ARCSEC
+from startracker_ros.io.recordings.recording import Recording
+from startracker_ros.tools.figures.correctness import over_bound
+from startracker_ros.tools.figures.rows import DemoRow
+
+_LATENCY_GOALS_MS = {50: 6.0, 95: 10.0}
+"""Those of `bench pipeline` for a process each."""
+
+
+def summarise(recording: Recording, frames: int | None = None) -> list[DemoRow]:
+    """Return the figures of a recording of so many frames, by default those of its images."""
+    images, wanted = len(recording.image_ns), frames
+    rows = [DemoRow('images', images, 'frames', *(
+        ('> 0', images > 0) if wanted is None else (f'= {wanted}', images == wanted)))]
+    lost = len(np.setdiff1d(recording.image_ns, recording.centroids_ns))
+    expected = _expected_frames(recording.image_ns) if wanted is None else wanted
+    dropped = expected - images + lost
+    rows.append(DemoRow('frames dropped', dropped, 'frames', '= 0', dropped == 0))
+    rows.append(_bag_row(recording, expected))
+    stamps, error, sigma = recording.errors()
+    share = 100 * len(recording.attitude_ns) / max(1, images)
+    rows.append(DemoRow('frames with attitude', share, '%', '> 0', share > 0,
+                        f'>= 95, {"met" if share >= 95 else "missed"}'))
+    rows += _rows_without_attitude(recording)
+    if not len(stamps):
+        return rows
+    for name, axes, each in (('cross-boresight', slice(0, 2), 'rms each axis'),
+                             ('roll', slice(2, 3), 'rms')):
+        for kind, values in (('error', error), ('sigma', sigma)):
+            rms = float(np.sqrt(np.mean(values[:, axes] ** 2)))
+            rows.append(DemoRow(f'{name} {kind}, {each}', rms, 'arcsec'))
+    wrong = int(np.count_nonzero(over_bound(error * ARCSEC, sigma * ARCSEC) > 1))
+    start_s = (recording.attitude_ns[0] - recording.image_ns[0]) / 1e9
+    latency_ms = recording.latency_ms()
+    return [
+        *rows, DemoRow('wrong attitudes', wrong, 'frames', '= 0', wrong == 0),
+        DemoRow('first image to first attitude', start_s, 's'),
+        *(DemoRow.with_goal(f'image sent to attitude received, p{percent}',
+                            float(np.percentile(latency_ms, percent)), 'ms', goal)
+          for percent, goal in _LATENCY_GOALS_MS.items())]
+
+
+def _rows_without_attitude(recording: Recording) -> list[DemoRow]:
+    """Return how many frames after the first attitude have none, with and without a reason."""
+    frame_ns = recording.frame_ns()
+    missing_ns = np.setdiff1d(
+        frame_ns[frame_ns > recording.attitude_ns.min(initial=2 ** 63 - 1)],
+        recording.attitude_ns)
+    explained = sum(bool(recording.reason_at(stamp_ns)) for stamp_ns in np.intersect1d(
+        missing_ns, recording.without_attitude_ns))
+    silent = len(missing_ns) - explained
+    return [DemoRow('later frames without attitude, reason given', explained, 'frames'),
+            DemoRow('later frames without attitude, no reason', silent, 'frames', '= 0',
+                    silent == 0)]
+
+
+def _bag_row(recording: Recording, frames: int) -> DemoRow:
+    """Return how many frames the bag does not hold with their truth."""
+    missing = frames - len(np.intersect1d(recording.image_ns, recording.truth_ns))
+    return DemoRow('frames missing in the bag', missing, 'frames', '= 0, readable',
+                   missing == 0 and recording.complete and not recording.problems)
+
+
+def _expected_frames(image_ns: np.ndarray) -> int:
+    """Return how many frames the span of the stamps holds at their usual distance."""
+    if len(image_ns) < 3:
+        return len(image_ns)
+    return round((image_ns[-1] - image_ns[0]) / np.median(np.diff(image_ns))) + 1

@@ -1,0 +1,34 @@
+"""Pages of one file: templates that escape what they show, and a policy for what the page runs."""
+
+import base64
+import hashlib
+from importlib.resources import files
+from typing import Any
+
+from startracker_ros.core.extras import extra
+
+
+def resource(package: str, name: str) -> str:
+    """Return the text of a file of a package."""
+    return files(package).joinpath(name).read_text(encoding='utf-8')
+
+
+def template(package: str, name: str, **names: Any) -> Any:
+    """Return a template of a package, with filters and globals; it escapes what it shows."""
+    with extra('report', 'Jinja2', 'The page'):
+        from jinja2 import Environment, StrictUndefined
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.globals.update(names)
+    return environment.from_string(resource(package, name))
+
+
+def content_policy(style: str, script: str = '') -> str:
+    """Return the policy by which a browser applies and runs these texts and nothing else."""
+    scripts = f"script-src '{_hash(script)}'; " if script else ''
+    return (f"default-src 'none'; img-src data:; style-src '{_hash(style)}'; {scripts}"
+            f"base-uri 'none'; form-action 'none'")
+
+
+def _hash(text: str) -> str:
+    return 'sha256-' + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

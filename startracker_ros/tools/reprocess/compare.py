@@ -1,0 +1,120 @@
+"""Two runs over the same recordings: where their attitudes differ."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from startracker_ros.core.extras import new_figure
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.table import Result
+from startracker_ros.tools.report.panels import utc
+from startracker_ros.tools.reprocess.runs import open_run, Run
+
+_COLUMNS = ['stamp_ns', *(f'q_{axis}' for axis in 'xyzw'),
+            *(f'error_{axis}_arcsec' for axis in 'xyz')]
+_MOST_INTERVALS = 1000
+
+
+@dataclass(frozen=True)
+class CompareRow:
+    """
+    One star tracker in both runs.
+
+    Differences are of frames with an attitude in both; the error columns are None without truth.
+    """
+
+    tracker: str
+    frames_a: int
+    frames_b: int
+    common: int
+    available_a_percent: float
+    available_b_percent: float
+    only_a: int
+    only_b: int
+    identical: int
+    cross_rms_arcsec: float | None
+    roll_rms_arcsec: float | None
+    largest_arcsec: float | None
+    error_a_arcsec: float | None
+    error_b_arcsec: float | None
+    first_divergent: str
+
+
+def compare(folder_a: Path, folder_b: Path, picture: Path | None = None) -> Result:
+    """
+    Return a row for each star tracker that both runs have, and draw the differences.
+
+    BagError where a folder is no run, or nothing is common to both.
+    """
+    a, b = open_run(folder_a), open_run(folder_b)
+    trackers = [tracker for tracker in a.trackers if tracker in b.trackers]
+    if not trackers:
+        raise BagError(f'{folder_a} and {folder_b} have no star tracker in common: '
+                       f'{", ".join(a.trackers)} and {", ".join(b.trackers)}')
+    rows, curves = [], {}
+    for tracker in trackers:
+        row, stamps, difference = _compare(a, b, tracker)
+        rows.append(row)
+        curves[tracker] = stamps, difference
+    if picture is not None:
+        _draw(curves, picture)
+    return Result('compare', rows, {'a': str(folder_a), 'b': str(folder_b)})
+
+
+def _compare(a: Run, b: Run, tracker: str) -> tuple[CompareRow, np.ndarray, np.ndarray]:
+    """Return the row of a tracker, and stamps (N,) and differences (N, 3) arcsec."""
+    tables = [run.table('frames', tracker, _COLUMNS) for run in (a, b)]
+    quaternions = [a.vectors(table, 'q_{}', 'xyzw') for table in tables]
+    known = [np.isfinite(q).all(axis=1) for q in quaternions]
+    stamps, i, j = np.intersect1d(tables[0]['stamp_ns'], tables[1]['stamp_ns'],
+                                  return_indices=True)
+    if not len(stamps):
+        raise BagError(f'{tracker}: the runs have no frame in common')
+    in_a, in_b = known[0][i], known[1][j]
+    both = in_a & in_b
+    qa, qb = quaternions[0][i], quaternions[1][j]
+    difference = attitude_error(qb[both], qa[both]) / ARCSEC
+    same = both & (qa == qb).all(axis=1)
+    divergent = np.flatnonzero((in_a != in_b) | both & ~same)
+    errors = [a.vectors(table, 'error_{}_arcsec')[index]
+              for table, index in zip(tables, (i, j))]
+    return CompareRow(
+        tracker, len(known[0]), len(known[1]), len(stamps), 100 * float(in_a.mean()),
+        100 * float(in_b.mean()), int((in_a & ~in_b).sum()), int((in_b & ~in_a).sum()),
+        int(same.sum()), _rms(difference[:, :2]), _rms(difference[:, 2]),
+        float(np.abs(difference).max()) if len(difference) else None,
+        _rms(errors[0][both][:, :2]), _rms(errors[1][both][:, :2]),
+        utc(int(stamps[divergent[0]]), digits=9) if len(divergent) else ''
+        ), stamps[both], difference
+
+
+def _rms(values: np.ndarray) -> float | None:
+    """Return the root mean square of the known values of an axis, None without any."""
+    values = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(values ** 2))) if len(values) else None
+
+
+def extremes(stamps_ns: np.ndarray, values: np.ndarray, most: int = _MOST_INTERVALS
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times (M,), least and greatest values (M,) of at most so many intervals."""
+    if not len(stamps_ns):
+        return np.empty(0, np.int64), np.empty(0), np.empty(0)
+    begins = np.unique(np.linspace(0, len(stamps_ns), min(most, len(stamps_ns)) + 1).astype(
+        int)[:-1])
+    return (stamps_ns[begins], np.minimum.reduceat(values, begins),
+            np.maximum.reduceat(values, begins))
+
+
+def _draw(curves: dict[str, tuple[np.ndarray, np.ndarray]], path: Path) -> None:
+    figure = new_figure(figsize=(9, 2.5 * len(curves) + 0.5))
+    grid = figure.subplots(len(curves), 1, squeeze=False)
+    for axes, (tracker, (stamps, difference)) in zip(grid[:, 0], curves.items()):
+        for axis, name in enumerate(('x', 'y', 'roll')):
+            times, low, high = extremes(stamps, difference[:, axis])
+            axes.fill_between(times.astype('datetime64[ns]'), low, high, alpha=0.6, label=name)
+        axes.set_title(f'{tracker}: B minus A')
+        axes.set_ylabel('arcsec')
+        axes.legend(loc='upper right')
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=100)

@@ -1,0 +1,228 @@
+"""The command reprocess: plans, hands segments to workers, resumes, puts the run together."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.progress import (
+    BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn)
+from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.export.tables import load_parquet_writer
+from startracker_ros.io.table import Result
+from startracker_ros.io.workers import cluster, completed
+from startracker_ros.tools.reprocess.metadata import write_metadata
+from startracker_ros.tools.reprocess.parameters import ParameterSet
+from startracker_ros.tools.reprocess.plan import (
+    bag_names, COPIES, find_bags, plan_bag, Problem, Segment, SegmentOptions)
+from startracker_ros.tools.reprocess.work import (
+    finished, Outputs, process, remove_partial, SegmentRecord)
+
+SUMMARY = 'summary.json'
+ERRORS = 'errors.json'
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user wants of a run; source is empty for either."""
+
+    bags: Sequence[str]
+    folder: Path
+    source: str
+    segments: SegmentOptions
+    bag_topics: frozenset[str]
+    smooth: bool
+    sets: Sequence[ParameterSet]
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """
+    A row of the summary: one star tracker of one bag with one set of parameters.
+
+    cross_rms_arcsec is the error across the boresight on each axis, nees its normalised square, 3
+    when the covariance is true; None without truth.
+    """
+
+    parameters: str
+    bag: str
+    tracker: str
+    segments: int
+    reused: int
+    frames: int
+    with_attitude_percent: float
+    problems: int
+    cross_rms_arcsec: float | None
+    nees: float | None
+    smoothed_rms_arcsec: float | None
+    smoothed_nees: float | None
+
+
+def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
+    """
+    Process all bags with all sets of parameters; a row for each bag, tracker and set.
+
+    Finished segments of an earlier run with the same parameters are kept. What fails is in
+    errors.json of the folder and in the details of the result. BagError where there is no bag
+    or the folder cannot be written.
+    """
+    load_parquet_writer()
+    try:
+        request.folder.mkdir(parents=True, exist_ok=True)
+        (request.folder / '.writable').touch()
+        (request.folder / '.writable').unlink()
+    except OSError as error:
+        raise BagError(f'{request.folder}: {error.strerror}') from error
+    bags = find_bags(request.bags, request.folder / COPIES)
+    names = bag_names(bags)
+    with cluster(workers, scheduler) as client:
+        segments, problems = _plan(client, bags, names, request)
+        runs = [_Run(item, request, segments) for item in request.sets]
+        _process(client, runs)
+    rows: list[RunRow] = []
+    for run in runs:
+        run.finish(problems)
+        rows += run.rows()
+    found = problems + [problem for run in runs for problem in run.problems]
+    return Result('reprocess', rows, {
+        'frames': sum(row.frames for row in rows),
+        'cpu_s': sum(run.cpu_s for run in runs),
+        'peak_worker_mb': max((run.peak_mb for run in runs), default=0.0),
+        'errors': f'{len(found)} rows in {ERRORS}' if found else 'none'})
+
+
+def _plan(client: Any, bags: Sequence[Path], names: Sequence[str], request: Request
+          ) -> tuple[list[Segment], list[Problem]]:
+    """Return the segments of all bags, in their order, and what is wrong with bags."""
+    tasks = [(bag.resolve(), name, request.source, request.segments)
+             for bag, name in zip(bags, names)]
+    plans: dict[int, Any] = dict(completed(client, plan_bag, tasks))
+    segments: list[Segment] = []
+    problems: list[Problem] = []
+    for number, name in enumerate(names):
+        plan = plans[number]
+        if isinstance(plan, Exception):
+            problems.append(Problem(name, '', 0, 1, _text(plan)))
+        else:
+            segments += plan.segments
+            problems += plan.problems
+    return segments, problems
+
+
+class _Run:
+    """One set of parameters over all segments."""
+
+    def __init__(self, parameters: ParameterSet, request: Request,
+                 segments: Sequence[Segment]) -> None:
+        self.parameters = parameters
+        self.folder = (request.folder / parameters.name).resolve()
+        self.outputs = Outputs(self.folder, request.bag_topics, request.smooth)
+        self.segments = segments
+        settings = {'options': asdict(parameters.options), 'topics': sorted(request.bag_topics),
+                    'smooth': request.smooth}
+        self.digests = {segment.key: segment.digest(settings) for segment in segments}
+        self.records: dict[str, SegmentRecord] = {}
+        self.reused: set[str] = set()
+        self.problems: list[Problem] = []
+
+    def missing(self) -> list[tuple]:
+        """Return the tasks that an earlier run did not finish, without what it left of them."""
+        remove_partial(self.folder)
+        tasks = []
+        for segment in self.segments:
+            record = finished(self.folder, segment, self.digests[segment.key])
+            if record is None:
+                tasks.append((segment, self.parameters.options, self.digests[segment.key],
+                              self.outputs))
+            else:
+                self.records[segment.key] = record
+                self.reused.add(segment.key)
+        return tasks
+
+    @property
+    def peak_mb(self) -> float:
+        """Return the memory of the largest worker."""
+        return max((record.peak_mb for record in self.records.values()), default=0.0)
+
+    @property
+    def cpu_s(self) -> float:
+        """Return the CPU time of the segments that this run processed."""
+        return sum(record.cpu_s for key, record in self.records.items() if key not in self.reused)
+
+    def finish(self, problems: Sequence[Problem]) -> None:
+        """Write metadata of the bags, the error table and the summary."""
+        for segment in self.segments:
+            record = self.records.get(segment.key)
+            for reason, count in (record.problems if record else {}).items():
+                self.problems.append(Problem(
+                    segment.name, segment.namespace, segment.begin_ns, count, reason))
+        write_metadata(self.folder, self.records.values())
+        _write_json(self.folder / ERRORS, [
+            asdict(problem) for problem in (*problems, *self.problems)])
+        _write_json(self.folder / SUMMARY, {
+            'parameters': dict(self.parameters.values),
+            'trackers': sorted({segment.tracker for segment in self.segments}),
+            'rows': [asdict(row) for row in self.rows()]})
+
+    def rows(self) -> list[RunRow]:
+        """Return a row for each bag and tracker."""
+        groups: dict[tuple[str, str], list[Segment]] = {}
+        for segment in self.segments:
+            groups.setdefault((segment.name, segment.tracker), []).append(segment)
+        rows = []
+        for (name, tracker), segments in groups.items():
+            records = [self.records[segment.key] for segment in segments
+                       if segment.key in self.records]
+            frames = sum(record.frames for record in records)
+            attitudes = sum(record.attitudes for record in records)
+            keys = {segment.begin_ns for segment in segments}
+            rows.append(RunRow(
+                self.parameters.name, name, tracker, len(segments),
+                sum(segment.key in self.reused for segment in segments), frames,
+                100 * attitudes / frames if frames else 0.0,
+                sum(problem.bag == name and problem.begin_ns in keys
+                    and problem.tracker == segments[0].namespace for problem in self.problems),
+                *_means([record.accuracy for record in records]),
+                *_means([record.smoothed for record in records])))
+        return rows
+
+
+def _process(client: Any, runs: Sequence[_Run]) -> None:
+    """Process what is missing of all runs, with a progress bar."""
+    tasks = [(run, task) for run in runs for task in run.missing()]
+    frames = Counter[str]()
+    with Progress(TextColumn('reprocess'), BarColumn(), MofNCompleteColumn(),
+                  TextColumn('{task.fields[rate]}'), TimeElapsedColumn(),
+                  TimeRemainingColumn(), transient=True) as progress:
+        shown = progress.add_task('', total=len(tasks), rate='')
+        for number, record in completed(client, process, [task for _, task in tasks]):
+            run, (segment, *_) = tasks[number]
+            if isinstance(record, Exception):
+                run.problems.append(Problem(segment.name, segment.namespace, segment.begin_ns, 1,
+                                            f'segment not processed: {_text(record)}'))
+            else:
+                run.records[segment.key] = record
+                frames['all'] += record.frames
+            elapsed_s = progress.tasks[0].elapsed or 1e-9
+            progress.update(shown, advance=1, rate=f'{frames["all"] / elapsed_s:.0f} frames/s')
+
+
+def _means(parts: Sequence[tuple[int, float, float]]) -> tuple[float | None, float | None]:
+    """Return rms on each axis and mean NEES of sums, None of no frames."""
+    count, squares, nees = np.sum(parts, axis=0) if parts else (0, 0.0, 0.0)
+    return (float(np.sqrt(squares / 2 / count)), float(nees / count)) if count else (None, None)
+
+
+def _text(error: Exception) -> str:
+    """Return what failed in words."""
+    if type(error).__name__ == 'KilledWorker':
+        return 'its worker was lost three times, killed or out of memory'
+    return str(error) or type(error).__name__
+
+
+def _write_json(path: Path, content: object) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content, indent=1, default=str) + '\n')

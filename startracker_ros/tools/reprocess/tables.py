@@ -1,0 +1,224 @@
+"""Tables of a run: what a segment collects, and Parquet files by day and tracker."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from startracker_ros.core.attitude.result import AttitudeEstimate
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.core.stages.pipeline import PipelineFrame
+from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.io.export.tables import load_parquet_writer
+from startracker_ros.tools.reprocess.frame_fit import FrameFit
+from startracker_ros.tools.reprocess.widths import FittedStars, width_rows
+
+STATES = ('LOST', 'ACQUIRING', 'TRACKING')
+PAIRS = ('xx', 'xy', 'xz', 'yy', 'yz', 'zz')
+UPPER = np.triu_indices(3)
+LENS_BIN_S = 60.0
+_DAY_NS = 86_400 * 10 ** 9
+
+FRAME_DTYPE = np.dtype([
+    ('stamp_ns', 'i8'), ('state', 'i1'), ('stars', 'i2'), ('residual_px', 'f4'),
+    *((f'q_{axis}', 'f8') for axis in 'xyzw'),
+    *((f'cov_{pair}_rad2', 'f4') for pair in PAIRS),
+    *((f'rate_{axis}_rad_s', 'f8') for axis in 'xyz'),
+    *((f'single_{axis}_arcsec', 'f4') for axis in 'xyz'),
+    *((f'single_cov_{pair}_arcsec2', 'f4') for pair in PAIRS),
+    ('zero_point_mag', 'f4'), *((f'error_{axis}_arcsec', 'f4') for axis in 'xyz')])
+"""One row for each frame; single is the turn from the tracked attitude to that of the frame's
+stars alone, error that from the truth to the attitude. Unknown values are NaN."""
+
+LENS_DTYPE = np.dtype([
+    ('stamp_ns', 'i8'), ('frames', 'i4'), ('ff', 'f8'), ('fk', 'f8'), ('kk', 'f8'), ('f', 'f8'),
+    ('k', 'f8')])
+"""Normal equations of changes of focal ratio f and of k1, summed over a minute of frames."""
+
+STAR_DTYPE = np.dtype([
+    ('stamp_ns', 'i8'), ('hip', 'i4'), ('magnitude', 'f4'), ('count', 'i4'), ('weight', 'f8'),
+    ('east', 'f8'), ('north', 'f8'), ('chi2', 'f8'), ('difference_mag', 'f8'),
+    ('square_mag2', 'f8')])
+"""Sums over a segment for each star, weighted by 1 / sigma^2 in arcsec^-2: residuals to east and
+north in arcsec, their squares over sigma^2, and of magnitude minus catalogue."""
+
+
+class _Frame(NamedTuple):
+    """What the tables hold of a frame, and the stars of its fit."""
+
+    stamp_ns: int
+    state: TrackerState
+    residual_px: float
+    attitude: AttitudeEstimate | None
+    rate_rad_s: np.ndarray | None
+    truth: np.ndarray | None
+    stars: FittedStars
+    fit: FrameFit | None
+
+
+class SegmentTables:
+    """Collects the frames of a segment; the tables are computed from all of them at once."""
+
+    def __init__(self) -> None:
+        self._frames: list[_Frame] = []
+
+    def add(self, stamp_ns: int, frame: PipelineFrame, residual_px: float,
+            truth: np.ndarray | None, stars: FittedStars, fit: FrameFit | None) -> None:
+        """Add a frame, its true attitude (4,) where the bag holds it, and the fit of its stars."""
+        attitude = frame.trusted.attitude
+        self._frames.append(_Frame(
+            stamp_ns, frame.state, residual_px, attitude,
+            None if frame.tracked is None else frame.tracked.rate_rad_s, truth, stars, fit))
+
+    def tables(self, begin_ns: int, camera: Camera) -> dict[str, np.ndarray]:
+        """Return the tables frames, lens, stars and widths of a segment."""
+        fitted = [frame for frame in self._frames if frame.fit is not None]
+        return {'frames': self._frame_rows(), 'lens': _lens_rows(fitted),
+                'stars': _star_rows(fitted, begin_ns),
+                'widths': width_rows([(frame.stars, frame.fit) for frame in fitted if frame.fit],
+                                     camera, begin_ns)}
+
+    def _frame_rows(self) -> np.ndarray:
+        """Return the table frames."""
+        frames = self._frames
+        rows = np.zeros(len(frames), FRAME_DTYPE)
+        for name in FRAME_DTYPE.names or ():
+            if FRAME_DTYPE[name].kind == 'f':
+                rows[name] = np.nan
+        if not frames:
+            return rows
+        rows['stamp_ns'] = [frame.stamp_ns for frame in frames]
+        rows['state'] = [STATES.index(frame.state.value) for frame in frames]
+        rows['residual_px'] = [frame.residual_px for frame in frames]
+        attitudes = [frame.attitude for frame in frames if frame.attitude is not None]
+        known = np.array([frame.attitude is not None for frame in frames])
+        if attitudes:
+            quaternion = np.array([attitude.quaternion for attitude in attitudes])
+            covariance = np.array([attitude.covariance_sensor for attitude in attitudes])
+            _set(rows, 'stars', known, [attitude.stars for attitude in attitudes])
+            _set_all(rows, 'q_{}', 'xyzw', known, quaternion)
+            _set_all(rows, 'cov_{}_rad2', PAIRS, known, covariance[:, UPPER[0], UPPER[1]])
+            rate, truth = (np.array([np.full(size, np.nan) if value is None else value
+                                     for value in values]) for size, values in (
+                (3, [frame.rate_rad_s for frame in frames]),
+                (4, [frame.truth for frame in frames])))
+            _set_all(rows, 'rate_{}_rad_s', 'xyz', known, rate[known])
+            _set_all(rows, 'error_{}_arcsec', 'xyz', known,
+                     attitude_error(quaternion, truth[known]) / ARCSEC)
+        fits = [frame.fit for frame in frames if frame.fit is not None]
+        if fits:
+            known = np.array([frame.fit is not None for frame in frames])
+            covariance = np.array([fit.covariance for fit in fits]) / ARCSEC ** 2
+            _set_all(rows, 'single_{}_arcsec', 'xyz', known,
+                     np.array([fit.turn_rad for fit in fits]) / ARCSEC)
+            _set_all(rows, 'single_cov_{}_arcsec2', PAIRS, known,
+                     covariance[:, UPPER[0], UPPER[1]])
+            _set(rows, 'zero_point_mag', known, [fit.zero_point_mag for fit in fits])
+        return rows
+
+
+def _set(rows: np.ndarray, name: str, known: np.ndarray, values: Any) -> None:
+    """Set a column of the known rows (N,) to values (K,)."""
+    rows[name][known] = values
+
+
+def _set_all(rows: np.ndarray, pattern: str, names: Sequence[str], known: np.ndarray,
+             values: np.ndarray) -> None:
+    """Set columns, by a pattern of their names, of the known rows (N,) to values (K, C)."""
+    for name, column in zip(names, values.T):
+        _set(rows, pattern.format(name), known, column)
+
+
+def _lens_rows(frames: Sequence[_Frame]) -> np.ndarray:
+    """Return the table lens of frames with a fit."""
+    number = np.array([frame.stamp_ns for frame in frames], np.int64) // round(LENS_BIN_S * 1e9)
+    bins, which = np.unique(number, return_inverse=True)
+    rows = np.zeros(len(bins), LENS_DTYPE)
+    rows['stamp_ns'] = np.rint((bins + 0.5) * LENS_BIN_S * 1e9)
+    rows['frames'] = np.bincount(which, minlength=len(bins))
+    sums = np.array([frame.fit.lens for frame in frames if frame.fit]).reshape(-1, 5)
+    for name, column in zip(('ff', 'fk', 'kk', 'f', 'k'), sums.T):
+        rows[name] = np.bincount(which, column, len(bins))
+    return rows
+
+
+def _star_rows(frames: Sequence[_Frame], begin_ns: int) -> np.ndarray:
+    """Return the table stars of frames with a fit."""
+    fits = [frame.fit for frame in frames if frame.fit is not None]
+    if not fits:
+        return np.empty(0, STAR_DTYPE)
+    hip = np.concatenate([frame.stars.hip for frame in frames])
+    weight = (ARCSEC / np.concatenate([fit.sigma for fit in fits])) ** 2
+    east, north = np.concatenate([fit.residual for fit in fits]).T / ARCSEC
+    difference = np.concatenate([fit.zero_point_mag - fit.zero_point for fit in fits])
+    magnitude = np.concatenate([fit.magnitude for fit in fits])
+    known, first, which = np.unique(hip, return_index=True, return_inverse=True)
+    rows = np.zeros(len(known), STAR_DTYPE)
+    rows['stamp_ns'], rows['hip'], rows['magnitude'] = begin_ns, known, magnitude[first]
+    for name, values in (
+            ('count', np.ones(len(hip))), ('weight', weight), ('east', weight * east),
+            ('north', weight * north), ('chi2', weight * (east ** 2 + north ** 2)),
+            ('difference_mag', difference), ('square_mag2', difference ** 2)):
+        rows[name] = np.bincount(which, values, len(known))
+    return rows
+
+
+def fill(row: np.ndarray, pattern: str, names: Sequence[str], values: np.ndarray) -> None:
+    """Set columns, by a pattern of their names, to values (K,) or (K, N)."""
+    for name, value in zip(names, values):
+        row[pattern.format(name)] = value
+
+
+def write_tables(tables: Mapping[str, np.ndarray], folder: Path, tracker: str, name: str
+                 ) -> list[str]:
+    """Write tables to TABLE/day=DAY/tracker=TRACKER/NAME.parquet; return these paths."""
+    paths = []
+    for table, rows in tables.items():
+        days = rows['stamp_ns'] // _DAY_NS
+        for day in np.unique(days):
+            date = np.datetime64(int(day), 'D')
+            path = Path(table, f'day={date}', f'tracker={tracker}', f'{name}.parquet')
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            _write(rows[days == day], folder / path)
+            paths.append(str(path))
+    return paths
+
+
+def _write(rows: np.ndarray, path: Path) -> None:
+    pyarrow = load_parquet_writer()
+    columns = {name: pyarrow.array(np.ascontiguousarray(rows[name]), from_pandas=True)
+               for name in rows.dtype.names or ()}
+    pyarrow.parquet.write_table(pyarrow.table(columns), path, compression='zstd')
+
+
+def accuracy(rows: np.ndarray) -> tuple[int, float, float]:
+    """Return the frames with truth, the sums of errors^2 across the boresight and of the NEES."""
+    error = np.stack([rows[f'error_{axis}_arcsec'] for axis in 'xyz'], -1).astype(float)
+    known = np.isfinite(error).all(axis=1)
+    covariance = np.empty((np.count_nonzero(known), 3, 3))
+    for pair, i, j in zip(PAIRS, *UPPER):
+        covariance[:, i, j] = covariance[:, j, i] = rows[f'cov_{pair}_rad2'][known]
+    error = error[known]
+    nees = np.einsum('ni,nij,nj->n', error, np.linalg.inv(covariance / ARCSEC ** 2), error)
+    return len(error), float((error[:, :2] ** 2).sum()), float(nees.sum())
+
+
+def days_of(folder: Path, table: str) -> list[str]:
+    """Return the days that a table of a run has, as 2026-01-01."""
+    return sorted(path.name.removeprefix('day=') for path in (folder / table).glob('day=*'))
+
+
+def read_table(folder: Path, table: str, tracker: str, columns: list[str], day: str = '*'
+               ) -> dict[str, np.ndarray]:
+    """Return columns of a table of a run, of a day or all, in the order of their stamps."""
+    pyarrow = load_parquet_writer()
+    parts: dict[str, list[np.ndarray]] = {name: [] for name in columns}
+    for path in sorted((folder / table).glob(f'day={day}/tracker={tracker}/*.parquet')):
+        read = pyarrow.parquet.ParquetFile(path).read(columns)
+        for name in columns:
+            parts[name].append(read.column(name).to_numpy())
+    joined = {name: np.concatenate(part) if part else np.empty(0)
+              for name, part in parts.items()}
+    order = np.argsort(joined['stamp_ns'], kind='stable')
+    return {name: column[order] for name, column in joined.items()}

@@ -1,0 +1,186 @@
+"""FITS and camera RAW: all number types, orientation, and files that cannot be used."""
+
+import io
+import struct
+import sys
+
+from astropy.io import fits
+import numpy as np
+import pytest
+from startracker_ros.core.camera.levels import sixteen_bit
+from startracker_ros.io.images.images import image_paths, ImageError, read_image, read_photograph
+
+SKY = np.random.default_rng(3).normal(900, 5, (40, 60))
+SKY[7, 11] += 20000
+
+
+def scaled(values):
+    """Return values as a share of their range."""
+    return (values - values.min()) / np.ptp(values)
+
+
+@pytest.mark.parametrize('dtype', ['uint8', 'uint16', 'int16', 'int32', 'float32', 'float64'])
+def test_fits_of_every_number_type(tmp_path, dtype):
+    sky = (SKY / 100 if dtype == 'uint8' else SKY).astype(dtype)
+    fits.PrimaryHDU(sky).writeto(tmp_path / 'a.fits')
+    image = read_image(tmp_path / 'a.fits')
+    assert image.dtype == (np.uint8 if dtype == 'uint8' else np.uint16) and image.dtype.isnative
+    # The first row of the file is the lowest one.
+    np.testing.assert_allclose(scaled(image.astype(float)), scaled(sky[::-1].astype(float)),
+                               atol=2e-3)
+    assert np.unravel_index(image.argmax(), image.shape) == (32, 11)
+
+
+def test_rows_from_the_top(tmp_path):
+    header = fits.Header([('ROWORDER', 'TOP-DOWN')])
+    fits.PrimaryHDU(SKY.astype(np.uint16), header).writeto(tmp_path / 'a.fits')
+    photograph = read_photograph(tmp_path / 'a.fits')
+    np.testing.assert_array_equal(photograph.image, SKY.astype(np.uint16))
+    assert not photograph.bottom_up
+
+
+def test_compressed_images_and_extensions(tmp_path):
+    empty, table = fits.PrimaryHDU(), fits.BinTableHDU.from_columns(
+        [fits.Column('a', 'J', array=np.arange(3))])
+    fits.HDUList([empty, table, fits.CompImageHDU(SKY.astype(np.int16)[None])]).writeto(
+        tmp_path / 'a.fits')
+    assert (read_image(tmp_path / 'a.fits')[32, 11] - int(np.median(SKY))) > 15000
+
+
+@pytest.mark.parametrize('units, words', [
+    ([fits.PrimaryHDU(np.zeros((3, 8, 9), np.uint8))], 'an array of 3 x 8 x 9'),
+    ([fits.PrimaryHDU(np.zeros(9, np.uint8))], 'an array of 9'),
+    ([fits.PrimaryHDU()], 'empty'),
+    ([fits.PrimaryHDU(), fits.BinTableHDU.from_columns(
+        [fits.Column('a', 'J', array=np.arange(3))])], 'a table'),
+    ([fits.PrimaryHDU(np.full((8, 9), np.nan, np.float32))], 'no finite pixel')])
+def test_fits_that_is_no_image(tmp_path, units, words):
+    fits.HDUList(units).writeto(tmp_path / 'a.fits')
+    with pytest.raises(ImageError, match=f'a.fits: .*{words}'):
+        read_image(tmp_path / 'a.fits')
+
+
+@pytest.mark.parametrize('length', [30, 700, 2880, 6000])
+def test_truncated_fits_is_named(tmp_path, length):
+    file = io.BytesIO()
+    fits.PrimaryHDU(SKY.astype(np.float32)).writeto(file)
+    (tmp_path / 'a.fits').write_bytes(file.getvalue()[:length])
+    with pytest.raises(ImageError, match='a.fits'):
+        read_image(tmp_path / 'a.fits')
+
+
+def test_a_huge_fits_is_named_before_it_is_read(tmp_path):
+    header = fits.PrimaryHDU(np.zeros((2, 2), np.uint8)).header
+    header['NAXIS1'] = header['NAXIS2'] = 30000
+    (tmp_path / 'a.fits').write_bytes(header.tostring().encode() + bytes(2880))
+    with pytest.raises(ImageError, match='30000 x 30000 px'):
+        read_image(tmp_path / 'a.fits')
+
+
+def test_the_header_has_time_and_field_of_view(tmp_path):
+    header = fits.Header([('DATE-OBS', '2019-07-29T20:47:26.5'), ('FOCALLEN', 200.0),
+                          ('XPIXSZ', 4.0)])
+    fits.PrimaryHDU(SKY.astype(np.uint16), header).writeto(tmp_path / 'a.fits')
+    photograph = read_photograph(tmp_path / 'a.fits')
+    assert photograph.taken == (1564433246_500000000, True, 'DATE-OBS')
+    # 0.07 deg: no camera.
+    assert photograph.fov_deg is None
+    fits.setval(tmp_path / 'a.fits', 'XPIXSZ', value=400.0)
+    fits.setval(tmp_path / 'a.fits', 'DATE-OBS', value='2019-07-29')
+    photograph = read_photograph(tmp_path / 'a.fits')
+    assert photograph.fov_deg == pytest.approx(np.degrees(2 * np.arctan(12 / 200)))
+    assert photograph.taken == (1564358400 * 10 ** 9, False, 'DATE-OBS')
+
+
+def test_noise_keeps_its_shape_in_sixteen_bits():
+    rng = np.random.default_rng(5)
+    values = rng.normal(0, 1e-3, (200, 300)) + np.linspace(0, 1, 300)
+    values[50, 60], values[90, 20], values[10, 10] = 1e6, np.nan, -1e6
+    levels = sixteen_bit(values.astype(np.float32)).astype(float)
+    step = 1e-3 / 4
+    inner = (levels > 0) & (levels < 65535)
+    assert inner.mean() > 0.998
+    change = np.abs(np.diff(levels, axis=0)[inner[1:] & inner[:-1]])
+    noise = 1.4826 * np.median(change) / np.sqrt(2)
+    assert noise == pytest.approx(1e-3 / step, rel=0.1)
+    assert levels[50, 60] == 65535
+
+
+@pytest.mark.parametrize('name, content, library, extra', [
+    ('a.fits', b'SIMPLE  =                    T', 'astropy', 'fits'),
+    ('a.NEF', b'MM\0*', 'rawpy', 'raw')])
+def test_the_extra_is_named(tmp_path, monkeypatch, name, content, library, extra):
+    for module in [*sys.modules]:
+        if module.partition('.')[0] == library:
+            monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setitem(sys.modules, library, None)
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ImageError) as raised:
+        read_image(tmp_path / name)
+    assert str(raised.value).startswith(f'{tmp_path / name}: ')
+    assert f"needs {library}: pip install 'startracker_ros[{extra}]'" in str(raised.value)
+
+
+def dng(mosaic):
+    """Return a minimal DNG of a Bayer mosaic (H, W) uint16, red first."""
+    height, width = mosaic.shape
+    tags = {254: ('I', [0]), 256: ('I', [width]), 257: ('I', [height]), 258: ('H', [16]),
+            259: ('H', [1]), 262: ('H', [32803]), 273: ('I', [0]), 274: ('H', [1]),
+            277: ('H', [1]), 278: ('I', [height]), 279: ('I', [mosaic.nbytes]),
+            33421: ('H', [2, 2]), 33422: ('B', [0, 1, 1, 2]), 50706: ('B', [1, 4, 0, 0]),
+            50708: ('s', b'Test camera\0'), 50714: ('H', [100]), 50717: ('I', [16383]),
+            50721: ('r', [1, 0, 0, 0, 1, 0, 0, 0, 1]), 50728: ('R', [1, 1, 1]),
+            50778: ('H', [21])}
+    kinds = {'B': 1, 's': 2, 'H': 3, 'I': 4, 'R': 5, 'r': 10}
+    at, entries, tail = 8 + 2 + 12 * len(tags) + 4, b'', b''
+    for tag, (kind, values) in sorted(tags.items()):
+        if kind == 's':
+            data = values
+        elif kind in 'Rr':
+            data = b''.join(struct.pack('<ii', value, 1) for value in values)
+        else:
+            data = struct.pack(f'<{len(values)}{kind}', *values)
+        if tag == 273:
+            entries += b'STRIPS......'
+            continue
+        if len(data) > 4:
+            field, tail = struct.pack('<I', at + len(tail)), tail + data + b'\0' * (len(data) % 2)
+        else:
+            field = data.ljust(4, b'\0')
+        entries += struct.pack('<HHI', tag, kinds[kind], len(values)) + field
+    entries = entries.replace(b'STRIPS......', struct.pack('<HHII', 273, 4, 1, at + len(tail)))
+    return (b'II*\0' + struct.pack('<IH', 8, len(tags)) + entries + bytes(4) + tail
+            + mosaic.astype('<u2').tobytes())
+
+
+def test_raw_is_the_mean_of_the_cells_of_the_mosaic(tmp_path):
+    rng = np.random.default_rng(4)
+    mosaic = rng.integers(150, 300, (80, 120)).astype(np.uint16)
+    mosaic[20:22, 40:42] = 8000
+    (tmp_path / 'a.dng').write_bytes(dng(mosaic))
+    photograph = read_photograph(tmp_path / 'a.dng')
+    assert photograph.image.dtype == np.uint16 and photograph.image.shape == (40, 60)
+    assert np.unravel_index(photograph.image.argmax(), (40, 60)) == (10, 20)
+    cells = mosaic.astype(float) - 100
+    red, blue = cells[::2, ::2], cells[1::2, 1::2]
+    green = (cells[::2, 1::2] + cells[1::2, ::2]) / 2
+    grey = (red + green + blue) / 3
+    ratio = photograph.image[10, 20] / grey[10, 20]
+    np.testing.assert_allclose(photograph.image[2:-2, 2:-2], ratio * grey[2:-2, 2:-2], rtol=0.03)
+    orientations = (struct.pack('<HHIHH', 274, 3, 1, turn, 0) for turn in (1, 6))
+    (tmp_path / 'b.dng').write_bytes(dng(mosaic).replace(*orientations))
+    np.testing.assert_array_equal(read_image(tmp_path / 'b.dng'),
+                                  np.rot90(photograph.image, -1))
+
+
+@pytest.mark.parametrize('content', [b'', b'MM\0*', b'II*\0' + bytes(5000)])
+def test_raw_that_is_damaged(tmp_path, content):
+    (tmp_path / 'a.nef').write_bytes(content)
+    with pytest.raises(ImageError, match='a.nef'):
+        read_image(tmp_path / 'a.nef')
+
+
+def test_folders_have_fits_and_raw(tmp_path):
+    for name in ('a.fits', 'b.NEF', 'c.FIT'):
+        (tmp_path / name).touch()
+    assert [path.name for path in image_paths([tmp_path])] == ['a.fits', 'b.NEF', 'c.FIT']

@@ -1,0 +1,125 @@
+"""The compiled lens, of each distortion model, against OpenCV."""
+
+from dataclasses import replace
+
+import cv2
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from startracker_ros.core.camera.distortion import EQUIDISTANT, RATIONAL
+from startracker_ros.core.camera.lens import plane_points, rays, undistort
+from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.io.bags.layouts import camera_from_message
+from startracker_ros.io.images.camera_files import load_camera, save_camera
+
+PLUMB = Camera(1024, 768, 1500.0, 1480.0, 520.0, 380.0, (-0.2, 0.08, 1e-3, -5e-4, 0.01))
+FRACTION = Camera(1024, 768, 900.0, 880.0, 520.0, 380.0,
+                  (0.4, 0.1, 1e-3, -5e-4, 0.01, 0.7, 0.2, 0.02), RATIONAL)
+FISHEYE = Camera(1280, 960, 470.0, 465.0, 650.0, 470.0, (-0.02, 0.005, -0.003, 4e-4),
+                 EQUIDISTANT)
+ALL = pytest.mark.parametrize('camera', [PLUMB, FRACTION, FISHEYE],
+                              ids=['plumb_bob', 'rational', 'equidistant'])
+
+
+def grid(camera, count=21):
+    u, v = np.meshgrid(np.linspace(-0.5, camera.width - 0.5, count),
+                       np.linspace(-0.5, camera.height - 0.5, count))
+    return np.stack([u, v], -1).reshape(-1, 2)
+
+
+def by_opencv(camera, directions):
+    """Return the pixels of directions in front of the camera."""
+    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    nothing, terms = np.zeros(3), np.array(camera.distortion)
+    if camera.distortion_model == EQUIDISTANT:
+        return cv2.fisheye.projectPoints(directions[:, None], nothing, nothing, matrix,
+                                         terms)[0][:, 0]
+    return cv2.projectPoints(directions, nothing, nothing, matrix, terms)[0][:, 0]
+
+
+@ALL
+def test_pixels_are_those_of_opencv(camera):
+    directions = camera.unproject(grid(camera))
+    ahead = directions[:, 2] > 0.02
+    assert ahead.mean() > 0.8
+    np.testing.assert_allclose(camera.project(directions[ahead]),
+                               by_opencv(camera, directions[ahead]), atol=1e-8)
+
+
+@ALL
+def test_pixels_come_back(camera):
+    pixels = grid(camera)
+    np.testing.assert_allclose(camera.project(camera.unproject(pixels)), pixels, atol=1e-9)
+
+
+@given(st.floats(-0.06, 0.05), st.floats(-0.01, 0.01), st.floats(30, 150))
+@settings(max_examples=30, deadline=None)
+def test_a_fisheye_is_undone_beyond_a_right_angle(k1, k2, fov_deg):
+    camera = Camera.from_fov(800, 800, fov_deg, EQUIDISTANT)
+    try:
+        camera = replace(camera, distortion=(k1, k2, 0.0, 0.0))
+    except CameraError:
+        return
+    pixels = grid(camera)
+    np.testing.assert_allclose(camera.project(camera.unproject(pixels)), pixels, atol=1e-7)
+
+
+def test_a_fisheye_of_180_deg_sees_its_sides():
+    camera = Camera.from_fov(1000, 500, 180.0, EQUIDISTANT)
+    assert np.degrees(camera.seen_x_rad) == pytest.approx(180.0, abs=1e-9)
+    assert np.degrees(camera.fov_x_rad) == pytest.approx(180.0, abs=1e-9)
+    np.testing.assert_allclose(camera.project([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
+                               [[999.5, 249.5], [-0.5, 249.5]], atol=1e-9)
+    assert np.degrees(camera.corner_angle_rad) > 100
+    assert np.isnan(camera.project([0.0, 0.0, -1.0])).all()
+    np.testing.assert_array_equal(camera.project([0.0, 0.0, 1.0]), [499.5, 249.5])
+
+
+@pytest.mark.parametrize('equidistant', [False, True])
+def test_plane_points_are_undone(equidistant):
+    vectors = np.random.default_rng(1).standard_normal((100, 3))
+    vectors[0] = [0, 0, 1]
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    if not equidistant:
+        vectors[:, 2] = abs(vectors[:, 2])
+    np.testing.assert_allclose(rays(equidistant, plane_points(equidistant, vectors)), vectors,
+                               atol=1e-12)
+
+
+def test_a_pinhole_changes_nothing():
+    assert undistort(Camera.from_fov(512, 512, 10.0).lens, 0.07, -0.03) == (0.07, -0.03)
+
+
+@ALL
+def test_files_hold_every_model(camera, tmp_path):
+    save_camera(camera, tmp_path / 'camera.yaml')
+    assert load_camera(tmp_path / 'camera.yaml') == camera
+
+
+class Info:
+    """What camera_info has."""
+
+    width, height, k = 1024, 768, [900.0, 0, 511.5, 0, 900.0, 383.5, 0, 0, 1]
+
+    def __init__(self, model, d):
+        self.distortion_model, self.d = model, d
+
+
+def test_messages_have_every_model():
+    assert camera_from_message(Info('equidistant', [])).distortion == (0.0,) * 4
+    assert camera_from_message(Info('', [-0.1, 0.0, 0.0, 0.0])).distortion == (-0.1, *[0.0] * 4)
+    rational = camera_from_message(Info('rational_polynomial', FRACTION.distortion))
+    assert (rational.distortion, rational.distortion_model) == (FRACTION.distortion, RATIONAL)
+    with pytest.raises(CameraError, match='equidistant has 4 distortion terms, got 5'):
+        camera_from_message(Info('equidistant', [0.1] * 5))
+    with pytest.raises(CameraError, match="'fov' is none of plumb_bob"):
+        camera_from_message(Info('fov', [0.1]))
+
+
+def test_a_fisheye_that_folds_or_looks_straight_back_is_rejected():
+    with pytest.raises(CameraError, match='folds'):
+        replace(Camera.from_fov(800, 800, 150, EQUIDISTANT), distortion=(-0.3, 0.0, 0.0, 0.0))
+    with pytest.raises(CameraError, match='deg from the optical axis'):
+        Camera.from_fov(800, 800, 300, EQUIDISTANT)
+    with pytest.raises(CameraError, match='340'):
+        Camera.from_fov(800, 100, 350, EQUIDISTANT)

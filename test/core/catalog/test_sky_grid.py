@@ -1,0 +1,65 @@
+"""Compiled neighbour searches against all distances."""
+
+import numpy as np
+import pytest
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.catalog.sky_grid import count_in_image, count_near, nearest, sky_grid
+from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
+
+CAMERA = Camera.from_fov(512, 512, 12.0)
+
+
+@pytest.fixture(scope='module')
+def directions():
+    return onboard_catalog(load_catalog(), CAMERA, 2026.0, 6.0).direction
+
+
+@pytest.mark.parametrize('chord', [1e-4, 0.003, 0.02, 0.5, 2.1])
+def test_the_nearest_star_is_found(directions, chord):
+    grid = sky_grid(directions)
+    rng = np.random.default_rng(1)
+    asked = rng.standard_normal((200, 3))
+    asked /= np.linalg.norm(asked, axis=1, keepdims=True)
+    # At the axes the vectors lie on the border of the cube.
+    asked = np.concatenate([asked, np.eye(3), -np.eye(3), directions[:50]])
+    for vector in asked:
+        star, square = nearest(grid, *vector, chord)
+        distance = np.linalg.norm(directions - vector, axis=1)
+        if distance.min() <= chord:
+            assert star == distance.argmin()
+            assert np.sqrt(square) == pytest.approx(distance.min(), abs=1e-12)
+        else:
+            assert star == -1
+
+
+@pytest.mark.parametrize('chord', [0.0, 0.003, 0.5, 1.9])
+def test_stars_near_are_counted(directions, chord):
+    centers = np.concatenate([directions[:20], -directions[:20], np.eye(3)])
+    distance = np.linalg.norm(directions - centers[:, None], axis=2)
+    np.testing.assert_array_equal(
+        count_near(sky_grid(directions), centers, chord), (distance <= chord).sum(axis=1))
+
+
+def test_stars_in_an_image_are_counted(directions):
+    grid = sky_grid(directions)
+    rng = np.random.default_rng(2)
+    border = np.tan(np.radians(6.0))
+    for _ in range(100):
+        matrix = matrix_from_quaternion(random_attitude(rng))
+        seen = CAMERA.contains(CAMERA.project(directions @ matrix))
+        count = count_in_image(grid, False, matrix, 0.2, -border, border, -border, border)
+        assert count == seen.sum()
+
+
+def test_stars_in_a_fisheye_are_counted(directions):
+    camera = Camera.from_fov(600, 500, 150.0, 'equidistant')
+    grid, matrix = sky_grid(directions), matrix_from_quaternion([0.1, 0.3, -0.2, 0.9])
+    half = 500 / 600 * np.radians(75)
+    count = count_in_image(grid, True, matrix, 2.0, -np.radians(75), np.radians(75), -half, half)
+    assert count == camera.contains(camera.project(directions @ matrix)).sum() > 100
+
+
+def test_an_empty_sky_has_no_nearest_star():
+    assert nearest(sky_grid(np.empty((0, 3))), 0.0, 0.0, 1.0, 1.0)[0] == -1

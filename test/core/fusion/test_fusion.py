@@ -1,0 +1,364 @@
+"""Several heads, one attitude: late frames, disagreement, exclusion and return, bad input."""
+
+import itertools
+
+import numpy as np
+import pytest
+from startracker_ros.core.fusion.fusion import AttitudeFusion
+from startracker_ros.core.fusion.head import HeadFrame, HeadState
+from startracker_ros.core.fusion.mounts import Mount, MountOptions
+from startracker_ros.core.fusion.options import FusionOptions
+from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.maths.rotation import (
+    ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
+from startracker_ros.evaluation.campaign.heads_scene import (
+    errors_of, head_mounts, NAMES, nees_of, Scene, SceneRun, START_NS, UNDERSTATED, UNDERSTATED_BY)
+
+KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)
+COVARIANCE = np.diag([1.0, 1.0, 100.0]) * ARCSEC ** 2
+RATE = np.radians([0.05, -0.06, 0.03])
+Q0 = np.array([0.5, -0.1, 0.7, np.sqrt(1 - 0.75)])
+
+
+class Heads:
+    """Heads without noise on a body at a constant rate, frames every 0.2 s."""
+
+    def __init__(self, count=3, options=FusionOptions(), mount_options=MountOptions()):
+        self.mounts = head_mounts(count)
+        self.names = NAMES[:count]
+        self.fusion = AttitudeFusion(
+            {name: Mount(q) for name, q in zip(self.names, self.mounts)}, options, mount_options)
+        self.time_s = 0.0
+
+    def truth(self, time_s):
+        return turned(Q0, RATE * time_s)
+
+    def frame(self, head, time_s, error=np.zeros(3), stamp_s=None):
+        q = turned(turned(self.truth(time_s), np.asarray(error, float)), np.zeros(3))
+        stamp_ns = START_NS + round((time_s if stamp_s is None else stamp_s) * 1e9)
+        return self.fusion.add_frame(self.names[head], HeadFrame(
+            stamp_ns, multiply(q, self.mounts[head]), COVARIANCE))
+
+    def run(self, frames, heads=None, errors=None):
+        """Feed so many frames of each head; return the last attitude of each of its frames."""
+        results = []
+        for _ in range(frames):
+            self.time_s += 0.2
+            for head in range(len(self.names)) if heads is None else heads:
+                error = (errors or {}).get(head, np.zeros(3))
+                results.append(self.frame(head, self.time_s + 0.01 * head, error))
+        return results
+
+    def state(self, head):
+        return self.fusion.heads[self.names[head]].state
+
+    def error_arcsec(self, result):
+        time_s = (result.stamp_ns - START_NS) * 1e-9
+        return np.linalg.norm(attitude_error(result.quaternion, self.truth(time_s))) / ARCSEC
+
+
+def test_heads_that_agree_give_the_attitude_of_the_body():
+    heads = Heads()
+    results = heads.run(20)
+    assert all(heads.state(head) is HeadState.USED for head in range(3))
+    assert heads.error_arcsec(results[-1]) < 0.01
+    np.testing.assert_allclose(results[-1].rate_rad_s, RATE, atol=0.1 * ARCSEC)
+    assert results[-1].quaternion @ results[-2].quaternion > 0
+
+
+def test_frames_in_any_order_give_the_same_state():
+    # Each head has a frame at another time; the last three of one block in all orders.
+    states = []
+    for order in itertools.permutations(range(3)):
+        heads = Heads()
+        heads.run(10)
+        for head in order:
+            heads.frame(head, 2.3 + 0.03 * head, 2 * ARCSEC * np.array([1, -1, head]))
+        heads.frame(0, 2.5)
+        states.append(heads.fusion._history[-1].state)
+    for state in states[1:]:
+        np.testing.assert_allclose(state.quaternion, states[0].quaternion, atol=1e-13)
+        np.testing.assert_allclose(state.covariance, states[0].covariance, rtol=1e-6, atol=1e-18)
+
+
+def test_two_heads_that_disagree_give_nothing_and_are_named():
+    heads = Heads(2)
+    assert not any(heads.run(20, errors={1: np.radians([0.6, 0.8, 0.0])}))
+    assert 'head_1 and head_2 disagree by 1 deg' in heads.fusion.trouble.replace(
+        'head_2 and head_1', 'head_1 and head_2')
+
+
+def test_of_three_the_two_that_agree_count():
+    for wrong in range(3):
+        heads = Heads()
+        results = heads.run(20, errors={wrong: np.radians([0.6, 0.8, 0.0])})
+        assert heads.state(wrong) is HeadState.EXCLUDED
+        assert '1 deg from' in heads.fusion.heads[NAMES[wrong]].reason
+        # The mounts of the others may be off by their own sigma, and are not here.
+        assert heads.error_arcsec([result for result in results if result][-1]) < 0.1
+
+
+def test_a_head_is_excluded_named_and_counted_again_after_it_has_agreed():
+    heads = Heads()
+    heads.run(10)
+    heads.run(2, errors={2: [0.0, 1e-3, 0.0]})
+    # A single frame that disagrees is left out.
+    assert heads.state(2) is HeadState.USED
+    heads.run(5, errors={2: [0.0, 1e-3, 0.0]})
+    assert heads.state(2) is HeadState.EXCLUDED
+    heads.run(FusionOptions().agree_frames - 1)
+    assert heads.state(2) is HeadState.EXCLUDED
+    heads.run(1)
+    assert heads.state(2) is HeadState.USED
+
+
+def test_two_heads_and_the_prediction_decide_which_one_is_wrong():
+    heads = Heads(2)
+    heads.run(10)
+    results = heads.run(10, errors={0: [1e-3, 0.0, 0.0]})
+    assert (heads.state(0), heads.state(1)) == (HeadState.EXCLUDED, HeadState.USED)
+    assert all(heads.error_arcsec(result) < 0.1 for result in results if result)
+
+
+@pytest.mark.parametrize('convention', [
+    conjugate, lambda q: q[[3, 0, 1, 2]], lambda q: q * [-1, 1, -1, 1],
+    lambda q: multiply(q, conjugate(head_mounts()[2])),
+    lambda q: multiply(quaternion_from_rotation_vector([0, 0, np.radians(0.3)]), q)],
+    ids=['conjugate', 'w first', 'mirrored', 'of the body', 'of another inertial frame'])
+def test_attitudes_of_another_convention_are_named_and_the_others_go_on(convention):
+    heads = Heads()
+    heads.run(10)
+    for _ in range(10):
+        results = heads.run(1, heads=[0, 1])
+        q = convention(multiply(heads.truth(heads.time_s + 0.02), heads.mounts[2]))
+        assert heads.fusion.add_frame(NAMES[2], HeadFrame(
+            START_NS + round((heads.time_s + 0.02) * 1e9), q, COVARIANCE)) is None
+        assert all(heads.error_arcsec(result) < 0.1 for result in results)
+    assert heads.state(2) is HeadState.EXCLUDED
+    assert 'deg from what other heads' in heads.fusion.heads[NAMES[2]].reason
+
+
+def test_a_head_whose_clock_begins_anew_is_named_and_counts_again_when_it_is_set():
+    heads = Heads()
+    heads.run(10)
+    for index in range(5):
+        assert all(heads.run(1, heads=[0, 1]))
+        assert heads.frame(2, heads.time_s, stamp_s=-1e6 + 0.2 * index) is None
+    assert 'behind the other heads' in heads.fusion.heads[NAMES[2]].reason
+    heads.run(FusionOptions().agree_frames + 1)
+    assert heads.state(2) is HeadState.USED
+
+
+def test_a_manoeuvre_that_two_heads_see_is_followed_without_a_gyro():
+    heads = Heads(3)
+    heads.run(10)
+    before = heads.truth
+    heads.truth = lambda time_s: turned(before(time_s), np.radians(
+        [0.0, 0.0, 0.5 * max(0.0, time_s - 2.0)]))
+    results = heads.run(10)
+    assert heads.error_arcsec(results[-1]) < 1.0
+    assert all(heads.state(head) is HeadState.USED for head in range(3))
+
+
+def test_one_head_alone_does_not_start_but_carries_on():
+    heads = Heads(2)
+    assert not any(heads.run(10, heads=[0]))
+    assert heads.fusion.trouble == 'no frames of two heads at a time'
+    heads.run(10)
+    results = heads.run(50, heads=[0])
+    assert all(results) and heads.error_arcsec(results[-1]) < 0.1
+    assert all(Heads(1).run(10)[1:])
+
+
+def test_after_darkness_of_all_a_single_head_is_not_enough():
+    heads = Heads(2)
+    heads.run(10)
+    heads.time_s += 5.0
+    assert not any(heads.run(10, heads=[0], errors={0: [0.0, 0.0, 2e-3]}))
+    assert any(heads.run(3))
+
+
+@pytest.mark.parametrize('wrong', ['degrees', 'swapped'])
+def test_a_wrong_gyro_is_named_and_the_heads_go_on(wrong):
+    heads = Heads(2)
+    rate = np.degrees(RATE) if wrong == 'degrees' else RATE[[1, 2, 0]]
+    for index in range(100):
+        heads.fusion.add_rate(START_NS + round((index + 1) * 0.05 * 1e9), rate)
+        if index % 4 == 3:
+            results = heads.run(1)
+    assert 'imu reports' in heads.fusion.motion.gyro_trouble
+    assert heads.error_arcsec(results[-1]) < 0.1
+
+
+def test_late_repeated_and_future_frames_are_named_and_the_others_go_on():
+    heads = Heads(3)
+    heads.run(10)
+    for _ in range(10):
+        heads.run(1, heads=[0, 1])
+        assert heads.frame(2, heads.time_s, stamp_s=heads.time_s - 2.0) is None
+    assert heads.fusion.heads['head_3'].counts['late'] == 10
+    assert '2.0 s behind the other heads' in heads.fusion.heads['head_3'].reason
+    # The oldest frame is in use still: the same stamp again changes nothing.
+    before = heads.fusion._history[-1].state
+    assert heads.frame(0, heads.time_s, [1e-5, 0, 0]) is None
+    assert heads.fusion._history[-1].state is before
+    assert heads.fusion.heads['head_1'].counts['repeated stamps'] == 1
+    for _ in range(10):
+        assert heads.frame(2, heads.time_s, stamp_s=heads.time_s + 3600) is None
+        heads.time_s += 0.01
+        assert all(heads.run(1, heads=[0, 1]))
+    assert '3600' in heads.fusion.heads['head_3'].reason
+
+
+def test_a_clock_that_is_ahead_of_the_gyro_decides_nothing_alone():
+    # Beyond the newest rate the prediction is too uncertain to reject what is wrong.
+    heads = Heads(3)
+    results = []
+    for index in range(400):
+        heads.fusion.add_rate(START_NS + round((index + 1) * 0.05 * 1e9), RATE)
+        if index % 4 == 3:
+            late = index > 200
+            results += [heads.run(1, heads=[0, 2] if late else None)[-1]]
+            if late:
+                results += [heads.frame(1, heads.time_s, stamp_s=heads.time_s + 0.7)]
+    assert heads.fusion.motion.uses_gyro
+    assert heads.fusion.heads['head_2'].counts['ahead'] > 40
+    assert 'ahead of imu' in heads.fusion.heads['head_2'].reason
+    assert heads.state(0) is heads.state(2) is HeadState.USED
+    assert max(heads.error_arcsec(result) for result in results if result) < 0.1
+
+
+def test_a_gyro_that_comes_too_late_is_named_and_not_used():
+    heads, results = Heads(2), []
+    for index in range(80):
+        if index > 8:
+            heads.fusion.add_rate(START_NS + round((index - 7) * 0.05 * 1e9), RATE)
+        if index % 4 == 3:
+            results += heads.run(1)
+    assert not heads.fusion.motion.uses_gyro and all(results[3:])
+    assert heads.fusion.motion.gyro_trouble == 'imu is 0.41 s behind the heads'
+
+
+def test_heads_go_on_when_the_gyro_ends():
+    heads, results = Heads(2), []
+    for index in range(120):
+        if index < 60:
+            heads.fusion.add_rate(START_NS + round((index + 1) * 0.05 * 1e9), RATE)
+        if index % 4 == 3:
+            results += heads.run(1)
+    assert heads.fusion.motion.uses_gyro is False
+    # The frames of at most a second are lost.
+    assert sum(result is None for result in results) <= 10 and all(results[-20:])
+    assert max(heads.error_arcsec(result) for result in results if result) < 0.1
+
+
+def test_an_hour_in_which_all_are_blinded_is_no_error_of_the_gyro():
+    heads, results = Heads(2), []
+    for index in range(80):
+        heads.time_s += 3600.0 * (index == 40)
+        for tick in range(4):
+            heads.fusion.add_rate(START_NS + round((heads.time_s + 0.05 * (tick + 1)) * 1e9), RATE)
+        results += heads.run(1)
+        assert not heads.fusion.motion.gyro_trouble
+    assert heads.fusion.motion.uses_gyro and all(results[-60:])
+    assert max(heads.error_arcsec(result) for result in results if result) < 0.1
+
+
+def test_the_sign_of_a_quaternion_means_nothing():
+    heads, rng = Heads(3), np.random.default_rng(6)
+    first = heads.run(10)[-1]
+    heads.mounts = [q * rng.choice([-1, 1]) for q in heads.mounts]
+    for _ in range(10):
+        heads.mounts = [-q for q in heads.mounts]
+        results = heads.run(1)
+        assert all(result.quaternion @ first.quaternion > 0 for result in results)
+    assert all(heads.state(head) is HeadState.USED for head in range(3))
+
+
+def test_time_that_goes_back_for_all_is_a_new_start():
+    heads = Heads(2)
+    heads.time_s = 1000.0
+    heads.run(10)
+    heads.time_s = 0.0
+    results = heads.run(10)
+    assert results[-1] is not None and heads.error_arcsec(results[-1]) < 0.1
+
+
+@pytest.mark.parametrize(('quaternion', 'covariance'), [
+    ([0, 0, 0, np.nan], COVARIANCE), ([0, 0, 0, 0.9], COVARIANCE),
+    ([0, 0, 0, 1], COVARIANCE * np.nan), ([0, 0, 0, 1], -COVARIANCE),
+    ([0, 0, 0, 1], np.diag([1.0, 1.0, 0.0])), ([0, 0, 0, 1], np.diag([1.0, -1.0, -1.0]))])
+def test_what_is_no_attitude_is_rejected(quaternion, covariance):
+    with pytest.raises(ValueError, match='no attitude|not positive definite'):
+        HeadFrame(START_NS, np.array(quaternion, float), covariance)
+
+
+def test_nees_with_gyro_and_heads_that_drop_out_and_no_jump():
+    run = SceneRun(Scene(30.0, drop_s=4.0, delays_s=(0.0, 0.12, 0.03)), np.random.default_rng(4))
+    fusion = AttitudeFusion(run.mount_file(), FusionOptions(), KNOWN)
+    outcomes = list(run.events(fusion))
+    errors, covariances = errors_of(outcomes)
+    assert len(errors) > 150 and fusion.motion.uses_gyro
+    # The mean of so many chi-squares of 3 degrees, correlated over some ten frames.
+    assert 2.3 < nees_of(errors, covariances).mean() < 3.9
+    # Nothing jumps: no error beyond what chance has in so many frames.
+    sigma = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    assert np.max(np.abs(errors) / sigma) < 4.5
+
+
+@pytest.mark.parametrize('error_arcsec', [2.0, 8.0, 15.0, 25.0, 60.0])
+def test_a_head_that_returns_moves_the_attitude_by_3_sigma_at_most(error_arcsec):
+    heads = Heads(2, mount_options=KNOWN)
+    heads.run(30)
+    heads.run(30, heads=[0])
+    error = np.array([0.0, 0.0, error_arcsec * ARCSEC])
+    moved = []
+    for _ in range(20):
+        before = heads.fusion._history[-1].state
+        heads.run(1, heads=[0])
+        alone = heads.fusion._history[-1].state
+        result = heads.frame(1, heads.time_s + 0.01, error)
+        if result is not None:
+            sigma = np.sqrt(np.diag(alone.covariance[:3, :3]))
+            change = attitude_error(result.quaternion, turned(alone.quaternion, RATE * 0.01))
+            moved.append(np.max(np.abs(change) / sigma))
+        assert np.linalg.norm(attitude_error(alone.quaternion, before.quaternion)) < 1e-2
+    # What does not agree has not returned.
+    assert (heads.state(1) is HeadState.USED) == bool(moved)
+    assert (error_arcsec < 10) <= bool(moved) and (error_arcsec > 50) <= (not moved)
+    assert max(moved, default=0.0) <= 3.05
+
+
+@pytest.mark.parametrize('fault', ['mount wrong by 1 deg', 'time offset 0.2 s', 'jump of 1 deg'])
+def test_a_faulty_head_is_excluded_and_nothing_wrong_comes_out(fault):
+    run = SceneRun(Scene(20.0, fault=fault, fault_s=10.0 if 'jump' in fault else 0.0),
+                   np.random.default_rng(5))
+    fusion = AttitudeFusion(run.mount_file(), FusionOptions(), MountOptions(
+        mount_sigma_arcsec=3.0))
+    errors, _ = errors_of(list(run.events(fusion)))
+    assert run.excluded_after <= 10
+    assert len(errors) > 150 and np.abs(errors).max() < 30 * ARCSEC
+
+
+def test_a_head_with_larger_errors_than_it_says_counts_less():
+    """And the others, and the attitude, are as without it."""
+    run = SceneRun(Scene(130.0, fault=UNDERSTATED), np.random.default_rng(2))
+    fusion = AttitudeFusion(run.mount_file(), mount_options=MountOptions(
+        mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0))
+    nees = nees_of(*errors_of(list(run.events(fusion))))[600:]
+    # 10 where its covariance is used as it is.
+    assert nees.mean() < 4
+    scales = [head.noise.scale for head in fusion.heads.values()]
+    understated = scales.pop(run.faulty)
+    assert UNDERSTATED_BY ** 2 / 1.5 < understated < UNDERSTATED_BY ** 2 * 1.5
+    assert scales == [1.0, 1.0]
+    assert fusion.heads[NAMES[run.faulty]].noise.stands_out
+
+
+def test_filtered_attitudes_count_less():
+    covariances = []
+    for correlation_s in (0.0, 0.4):
+        heads = Heads(2, FusionOptions(correlation_s=correlation_s))
+        heads.run(10)
+        covariances.append(heads.fusion._history[-1].state.covariance[:3, :3])
+    assert np.trace(covariances[1]) > 2 * np.trace(covariances[0])

@@ -1,0 +1,54 @@
+"""The false-alarm probability and the test of the lens, each against its definition."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from startracker_ros.core.catalog.sky_grid import sky_grid
+from startracker_ros.core.identify.false_alarm import fisher_combined
+from startracker_ros.core.identify.lens_mismatch import lens_mismatch
+
+SIGMA = 1e-4
+RADIUS = 3.5 * SIGMA
+CHANCE = 1e-4
+
+
+@pytest.mark.parametrize('product', [1e-30, 1e-12, 1e-3, 0.2, 1.0])
+def test_four_probabilities_are_combined_as_fisher_does(product):
+    """Minus twice the logarithm of n uniform numbers' product is chi-square with 2 n degrees."""
+    assert fisher_combined(product) == pytest.approx(chi2.sf(-2 * np.log(product), 8), rel=1e-9)
+
+
+def rejected(matches, misses, residual_sigmas, blended=False, false=0):
+    """Return whether a field on a grid of stars is rejected, its misses three radii off."""
+    x, y = np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.1, 0.1, 9))
+    seen = np.stack([x.ravel(), y.ravel()], -1)[:matches + misses + false]
+    direction = np.column_stack([seen, np.ones(len(seen))])
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    sky = sky_grid(direction[:matches + misses])
+    seen[matches:, 0] += 3 * RADIUS
+    seen[matches + misses:, 0] += 100 * RADIUS
+    star, residual = np.full(len(seen), -1), np.full(len(seen), np.nan)
+    star[:matches], residual[:matches] = np.arange(matches), residual_sigmas * SIGMA
+    return lens_mismatch(sky, False, np.full(matches + misses, blended), np.eye(3), seen, 1.0,
+                         RADIUS, SIGMA, star, residual, matches - 3, CHANCE)
+
+
+def test_few_near_misses_do_not_outweigh_many_close_matches():
+    assert not rejected(30, 6, 0.8)
+    assert rejected(10, 15, 0.8)
+
+
+def test_matches_no_closer_than_by_chance_do_not_outweigh_near_misses():
+    assert not rejected(12, 4, 0.8)
+    # The mean square of a uniform distribution over the disc is half of its radius squared.
+    assert rejected(12, 4, 3.5 / np.sqrt(2))
+
+
+def test_without_more_near_misses_than_by_chance_nothing_is_rejected():
+    assert not rejected(12, 0, 3.4)
+    assert not rejected(5, 1, 3.4, false=40)
+
+
+def test_near_misses_of_blended_entries_are_not_counted():
+    assert rejected(6, 8, 0.8)
+    assert not rejected(6, 8, 0.8, blended=True)

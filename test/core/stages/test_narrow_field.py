@@ -1,0 +1,43 @@
+"""A camera of 3 deg: all stages have the same deep stars, whose numbers pass through messages."""
+
+import numpy as np
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.deep import load_deep_catalog, NUMBER_OFFSET, star_name
+from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.centroid.synthetic_field import star_list
+from startracker_ros.core.identify.identification import IdentificationOptions
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, quaternion_from_pointing
+from startracker_ros.core.stages.attitude import AttitudeStage
+from startracker_ros.core.stages.identification import IdentificationStage
+from startracker_ros.core.stages.tracking import make_star_tracker
+from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.io.bags.layouts import STAR_DTYPE
+
+CAMERA, YEAR = Camera.from_fov(1024, 1024, 3.0), 2026.5
+
+
+def test_a_narrow_camera_identifies_tracks_and_publishes():
+    sky = onboard_catalog(load_deep_catalog(), CAMERA, YEAR, 9.5)
+    q = quaternion_from_pointing(*np.radians([200.0, 25.0, 40.0]))
+    identification = IdentificationStage(CAMERA, YEAR, IdentificationOptions(magnitude_limit=9.5))
+    tracker, attitude = make_star_tracker(CAMERA, YEAR), AttitudeStage(CAMERA, YEAR)
+    rng = np.random.default_rng(1)
+    for frame in range(5):
+        stamp_ns = 1_780_000_000 * 10 ** 9 + frame * 10 ** 8
+        seen, true = star_list(sky, CAMERA, q, 0.2, rng)
+        found, centroids = identification.identify(stamp_ns, seen)
+        np.testing.assert_array_equal(found.hip[found.hip > 0], true[found.hip > 0])
+        tracks = tracker.update(stamp_ns, centroids)
+        if tracker.state is not TrackerState.TRACKING:
+            tracker.identified(stamp_ns, centroids, found.hip)
+    deep = found.hip > NUMBER_OFFSET
+    assert np.count_nonzero(deep) >= 3
+    assert tracker.state is TrackerState.TRACKING
+    assert np.count_nonzero(tracks.hip[tracks.usable] > NUMBER_OFFSET) >= 3
+    for trusted in (attitude.from_stars(stamp_ns, centroids, found.hip),
+                    attitude.from_tracks(stamp_ns, tracks, tracker.attitude)):
+        assert np.hypot(*attitude_error(trusted.attitude.quaternion, q)[:2]) < 2 * ARCSEC
+    rows = np.zeros(len(found.hip), STAR_DTYPE)
+    rows['hip'] = found.hip
+    np.testing.assert_array_equal(rows['hip'].astype(np.int32), found.hip)
+    assert star_name(11767) == 'HIP 11767' and star_name(NUMBER_OFFSET + 5) == 'deep 5'

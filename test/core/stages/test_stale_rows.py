@@ -1,0 +1,51 @@
+"""Rows that are those of the image before."""
+
+import numpy as np
+import pytest
+from startracker_ros.core.stages.stale_rows import StaleRows
+
+
+def noise(seed, shape=(512, 640)):
+    return np.random.default_rng(seed).normal(100, 4, shape).astype(np.uint16)
+
+
+def found(*images):
+    rows = StaleRows()
+    return [rows.find(image) for image in images][-1]
+
+
+def test_new_images_have_no_stale_rows():
+    assert found(noise(0)) == found(noise(0), noise(1)) == (0, 0)
+    assert found(noise(0), noise(0)[:256]) == (0, 0)
+
+
+@pytest.mark.parametrize('row', [40, 200, 480])
+def test_both_parts_of_a_torn_image_are_found(row):
+    torn = noise(1)
+    torn[row:] = noise(0)[row:]
+    first, last = found(noise(0), torn)
+    assert row <= first < row + 8 and last == 511
+    torn = noise(1)
+    torn[:row] = noise(0)[:row]
+    first, last = found(noise(0), torn)
+    assert first == 0 and row - 8 <= last < row
+
+
+def test_a_repeated_image_is_stale_as_a_whole():
+    assert found(noise(0), noise(0)) == (0, 511)
+
+
+def test_rows_without_noise_say_nothing():
+    dark = np.zeros((512, 640), np.uint16)
+    assert found(dark, dark) == (0, 0)
+    dead = [noise(seed) for seed in (0, 1)]
+    for image in dead:
+        image[:100] = 0
+    assert found(*dead) == (0, 0)
+
+
+def test_noise_that_is_the_same_in_every_image_says_nothing():
+    before, after = noise(0), noise(0)
+    after[64:72] += 50
+    after[300:310] += 50
+    assert found(before, after) == (0, 0)

@@ -1,0 +1,62 @@
+"""Stamps that err by a random time: the covariance contains the turn in that time."""
+
+import numpy as np
+import pytest
+from star_motion import Motion, sky
+from startracker_ros.core.maths.rotation import (
+    attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
+from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.tracker import StarTracker, TrackerState
+
+ONBOARD = sky()
+LEARNT_FRAMES = 15
+
+
+def flown(jitter_s, rate_deg_s, seed=0, frames=60, jerk_deg_s=0.0):
+    """
+    Return the errors (F, 3), their covariances (F, 3, 3) and the last sigma of the stamps.
+
+    Every second the rate jumps by jerk_deg_s about a random axis.
+    """
+    rng = np.random.default_rng(seed)
+    motion = Motion(ONBOARD, rate_deg_s, seed=seed)
+    tracker = StarTracker(motion.camera, ONBOARD, TrackerOptions())
+    errors, covariances = [], []
+    for frame in range(frames):
+        if jerk_deg_s and frame % 10 == 0:
+            axis = rng.standard_normal(3)
+            here = motion.q(frame)
+            motion.rate_deg_s = rate_deg_s + jerk_deg_s * axis / np.linalg.norm(axis)
+            motion.q_start = multiply(here, conjugate(quaternion_from_rotation_vector(
+                np.radians(motion.rate_deg_s) * frame * 0.1)))
+        stamp_ns, _, _ = motion.frame(frame)
+        _, centroids, hip = motion.frame(frame + rng.normal(0, jitter_s) / 0.1)
+        tracker.update(stamp_ns, centroids)
+        if tracker.state is not TrackerState.TRACKING:
+            tracker.identified(stamp_ns, centroids, hip)
+        elif tracker.attitude is not None:
+            attitude = tracker.attitude.attitude
+            errors.append(attitude_error(attitude.quaternion, motion.q(frame)))
+            covariances.append(attitude.covariance_sensor)
+    return np.array(errors), np.array(covariances), tracker.stamp_sigma_s
+
+
+def nees(errors, covariances):
+    return np.einsum('fi,fij,fj->f', errors, np.linalg.inv(covariances), errors)
+
+
+@pytest.mark.parametrize('jitter_s, rate_deg_s', [
+    (0.005, (0.1, 0.25, 0.1)), (0.02, (0.5, -0.8, 0.2)), (0.001, (1.0, 0.0, 0.0))])
+def test_the_covariance_contains_the_error_of_the_stamps(jitter_s, rate_deg_s):
+    runs = [flown(jitter_s, rate_deg_s, seed) for seed in range(4)]
+    values = np.concatenate([nees(*run[:2])[LEARNT_FRAMES:] for run in runs])
+    assert len(values) > 4 * 35
+    assert np.mean(values) < 6
+    assert np.mean(values < 25) > 0.97
+    assert np.mean([run[2] for run in runs]) == pytest.approx(jitter_s, rel=0.4)
+
+
+def test_good_stamps_and_manoeuvres_are_no_error_of_the_stamps():
+    assert not any(flown(0.0, (0.1, 0.25, 0.1), seed)[2] for seed in range(10))
+    assert not any(flown(0.0, (0.1, 0.25, 0.1), seed, jerk_deg_s=0.1)[2] for seed in range(10))
+    assert not any(flown(0.0, (0.0, 0.0, 0.0), seed)[2] for seed in range(5))

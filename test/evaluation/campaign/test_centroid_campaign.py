@@ -1,0 +1,83 @@
+"""The centroid campaign: real stars, the paper's conclusions tested, figures repeated."""
+
+import json
+
+from click.testing import CliRunner
+import numpy as np
+import pytest
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.evaluation.campaign.centroid import (
+    conclusions, METHODS, Photograph, without_lens)
+from startracker_ros.tools.cli import main
+
+
+@pytest.fixture(scope='module')
+def document(sky_data):
+    done = CliRunner().invoke(main, ['campaign', 'centroid', '--json', '--images',
+                                     str(sky_data / 'night-sky-11deg')])
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)
+
+
+def test_the_fit_is_nearest_to_the_sky(document):
+    rows = {row['method']: row for row in document['rows']}
+    assert tuple(rows) == METHODS
+    best = min(row['right_ppm'] for name, row in rows.items() if name != 'gaussian')
+    assert rows['gaussian']['right_ppm'] < 0.7 * best
+    assert rows['gaussian']['worst_over_right'] == 1
+    # Twice the threshold leaves hardly more than the brightest pixel.
+    assert all(rows[name]['double_ppm'] > 1.3 * rows[name]['right_ppm'] for name in METHODS[:4])
+    assert all(150 < row['right_ppm'] < 900 or name == 'gaussian' for name, row in rows.items())
+
+
+def test_the_conclusions_of_the_paper_are_tested(document):
+    results = {key: text for key, text in document['conditions'].items() if 'paper' in key}
+    assert len(results) == 3
+    assert set(results.values()) <= {'confirmed', 'not confirmed'}
+
+
+def test_conclusions_follow_from_the_figures():
+    as_published = {(method, name): value for method, values in {
+        'binary': (1.0, 9.0, 9.0), 'grey': (2.0, 4.0, 5.0), 'squared': (2.0, 5.0, 4.0),
+        'thresholded': (2.0, 2.5, 2.5)}.items()
+        for name, value in zip(('right', 'half', 'double'), values)}
+    assert all(conclusions(as_published).values())
+    otherwise = {**as_published, ('binary', 'right'): 3.0, ('binary', 'half'): 1.0,
+                 ('thresholded', 'half'): 20.0}
+    assert not any(conclusions(otherwise).values())
+
+
+def test_the_lens_is_taken_off():
+    rng = np.random.default_rng(1)
+    camera = Camera.from_fov(1024, 768, 11.4)
+    images, seen = [], []
+    for _ in range(3):
+        uv = rng.uniform(0, 767, (60, 2))
+        x = (uv - [camera.cx, camera.cy]) / camera.cx
+        bent = uv + 2 * x * (x ** 2).sum(1, keepdims=True) + rng.normal(0, 1, 2)
+        bent[7] = np.nan
+        images.append(Photograph(np.empty((0, 0)), camera, uv))
+        seen.append(bent)
+    for photograph, uv in zip(images, without_lens(images, seen)):
+        assert np.isnan(uv[7]).all()
+        np.testing.assert_allclose(np.delete(uv - photograph.uv, 7, 0), 0, atol=1e-9)
+
+
+def test_a_folder_without_solutions_is_an_error(tmp_path):
+    done = CliRunner().invoke(main, ['campaign', 'centroid', '--images', str(tmp_path)])
+    assert done.exit_code == 1
+    assert 'no solutions.csv' in done.output
+
+
+def test_without_a_folder_it_says_what_to_name(monkeypatch):
+    monkeypatch.delenv('STARTRACKER_DATA', raising=False)
+    done = CliRunner().invoke(main, ['campaign', 'centroid'])
+    assert done.exit_code == 1
+    assert '--images' in done.output and 'STARTRACKER_DATA' in done.output
+
+
+def test_the_environment_names_a_larger_set(monkeypatch, tmp_path):
+    monkeypatch.setenv('STARTRACKER_DATA', str(tmp_path))
+    done = CliRunner().invoke(main, ['campaign', 'centroid'])
+    assert done.exit_code == 1
+    assert 'night-sky-11deg: no solutions.csv' in done.output.replace('\n', '')

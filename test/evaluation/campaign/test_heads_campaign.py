@@ -1,0 +1,31 @@
+"""The figures of fused heads in a few frames."""
+
+import numpy as np
+import pytest
+from startracker_ros.evaluation.campaign import heads
+from startracker_ros.evaluation.campaign.heads_scene import SIGMA_ARCSEC
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    monkeypatch.setattr(heads, 'FRAMES', 300)
+    monkeypatch.setattr(heads, '_SETTLED', 50)
+
+
+def test_two_heads_reach_their_bounds():
+    ratio, rms = heads.two_heads(1, seed=2).reshape(2, 3)
+    # 100 correlated frames: a factor of two is all they tell.
+    assert np.all(ratio < 2) and np.all(ratio > 0.5)
+    # No axis is as bad as the roll of a single head.
+    assert np.all(rms < SIGMA_ARCSEC[2] / 3)
+
+
+def test_a_frame_of_two_heads_is_at_the_cramer_rao_bound():
+    np.testing.assert_allclose(np.mean(heads.snapshots(1, seed=3), axis=0), 1.0, atol=0.2)
+
+
+def test_rows_name_what_holds():
+    rows = heads._rows_faults('a fault', np.array([[100, 0, 3], [90, 1, 12]]))
+    assert [row.holds for row in rows] == [True, False, False]
+    row, = heads.tracker_rows('mirrored image', np.array([[20, 0, 0, 0, 0, 0, 0, 0, 0.0]]))
+    assert row.holds

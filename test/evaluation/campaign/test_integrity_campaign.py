@@ -1,0 +1,105 @@
+"""A few runs in which a careless tracker would publish a wrong attitude."""
+
+from dataclasses import replace
+import json
+
+from click.testing import CliRunner
+import numpy as np
+import pytest
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
+from startracker_ros.evaluation.campaign.integrity import CONDITIONS, integrity_runs
+from startracker_ros.evaluation.campaign.integrity_images import IMAGE_CONDITIONS, image_run
+from startracker_ros.evaluation.campaign.integrity_tally import Tally, tally_of
+from startracker_ros.sim.sky.detector import DetectorOptions
+from startracker_ros.tools.cli import main
+
+MISLEADING = ['slews, gyro in deg/s', 'turned away at once', 'planet passing',
+              'half of the image covered', 'dark for 2 s at 0.3 deg/s, gyro']
+SMALL = Camera.from_fov(512, 512, 12.0)
+
+
+@pytest.mark.parametrize('name', MISLEADING)
+def test_nothing_wrong_is_published(name):
+    tally = integrity_runs(name, 1, seed=3)
+    assert tally.frames == CONDITIONS[name].frames and tally.wrong == 0 and tally.worst < 1
+    assert 100 * tally.published >= CONDITIONS[name].needed_percent * tally.frames
+
+
+@pytest.mark.parametrize(('name', 'frames'), [
+    ('focal length off by 1 %', 10), *(
+        pytest.param(name, 120, marks=pytest.mark.long)
+        for name in ('mirrored image', 'focal length off by 1 %'))])
+def test_nothing_at_all_is_published_of_a_wrong_camera(name, frames, monkeypatch):
+    monkeypatch.setitem(CONDITIONS, name, replace(CONDITIONS[name], frames=frames))
+    assert integrity_runs(name, 1, seed=4).published == 0
+
+
+def small_run(name, **changes):
+    return image_run(replace(IMAGE_CONDITIONS[name], **{'frames': 25, **changes}), 5, SMALL)
+
+
+@pytest.mark.parametrize('name', ['smear 2 deg/s', 'smear 5 deg/s, gyro', '300 hits',
+                                  '5 saturated columns and rows'])
+def test_images_with_artefacts_give_right_attitudes(name):
+    condition, tally = IMAGE_CONDITIONS[name], small_run(name)
+    assert tally.frames == 25 and tally.due == 25 - (condition.clean_frames or 2)
+    assert tally.wrong == 0 and 0 < tally.worst < 1
+    assert 100 * tally.available >= condition.needed_percent * tally.due
+
+
+def test_faint_streaks_of_a_short_exposure_are_tracked():
+    tally = image_run(replace(IMAGE_CONDITIONS['smear 5 deg/s, 20 ms'], frames=16), 174219522660)
+    assert tally.wrong == 0 and tally.available >= 0.9 * tally.due
+
+
+def test_images_with_a_wrong_stamp_are_counted_as_wrong():
+    tally = small_run('stamp at the end', frames=6)
+    assert tally.available == tally.due == tally.wrong == tally.beyond_5_sigma == 4
+    # 0.5 deg/s for half an exposure of 0.1 s about the random axis of the run.
+    axis = np.random.default_rng(5).standard_normal(3)
+    error_arcsec = 0.5 * 3600 * 0.05 * np.hypot(*axis[:2]) / np.linalg.norm(axis)
+    assert tally.square_arcsec2 / tally.published == pytest.approx(error_arcsec ** 2, rel=0.05)
+
+
+def test_images_without_stars_are_due():
+    dark = DetectorOptions(zero_flux_e_s=1.0)
+    tally = small_run('clean images', frames=4, detector=dark)
+    assert tally == Tally(frames=4, due=2)
+    assert small_run('start with 100 spots', frames=4, detector=dark) == Tally(frames=4, due=1)
+
+
+def test_the_command_runs_both_kinds(one_process):
+    done = CliRunner().invoke(main, [
+        'campaign', 'integrity', '--trials', '1', '--json', '--only', 'steady turn',
+        '--only', 'start with 100 spots'])
+    lists, images = json.loads(done.stdout)['rows']
+    assert lists['condition'] == 'steady turn' and lists['frames'] == 400
+    assert lists['published_percent'] == pytest.approx(99.5) and lists['holds'] is True
+    assert images['frames'] == 10 and images['published_percent'] in (0, 100)
+    assert images['holds'] == (images['wrong'] == 0 and images['published_percent'] == 100)
+
+
+def test_a_wrong_attitude_would_be_counted():
+    truth = np.array([0.0, 0.0, 0.0, 1.0])
+    covariance = np.eye(3) * 1e-12
+    off = multiply(truth, quaternion_from_rotation_vector([0.0, 3.2e-4, 0.0]))
+    assert tally_of(truth, covariance, truth) == Tally(published=1)
+    wrong = tally_of(off, covariance, truth)
+    assert wrong.wrong == wrong.beyond_5_sigma == 1
+    assert wrong.worst_sigma == pytest.approx(320)
+    assert tally_of(off, covariance * 1e4, truth).wrong == 0
+
+
+def test_an_error_of_6_sigma_and_few_arcseconds_is_beyond_but_not_wrong():
+    truth = np.array([0.0, 0.0, 0.0, 1.0])
+    off = multiply(truth, quaternion_from_rotation_vector([6e-6, 0.0, 0.0]))
+    tally = tally_of(off, np.eye(3) * 1e-12, truth)
+    assert tally.wrong == 0 and tally.beyond_5_sigma == 1
+    assert tally.worst_sigma == pytest.approx(6) and tally.nees == pytest.approx(36)
+
+
+def test_tallies_add_up():
+    both = (Tally(1, 1, 1, 1, 0, 1, 0, 2.0, 3.0, 0.5, 7.0)
+            + Tally(1, 1, 0, 1, 1, 0, 1, 4.0, 5.0, 0.4, 9.0))
+    assert both == Tally(2, 2, 1, 2, 1, 1, 1, 6.0, 8.0, 0.5, 9.0)

@@ -1,0 +1,233 @@
+"""Recordings through the pipeline again: the same bytes in any order, bad bags as rows."""
+
+from dataclasses import replace
+import hashlib
+import json
+import resource
+import struct
+
+import numpy as np
+import pytest
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.io.bags import cdr
+from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.bags.reader import decode, read_messages, read_topics
+from startracker_ros.io.bags.writer import BagWriter
+from startracker_ros.io.recordings.loading import load_recording
+from startracker_ros.sim.flights.bags import write_bag
+from startracker_ros.sim.flights.options import FlightOptions
+from startracker_ros.sim.flights.truth import Truth
+from startracker_ros.tools.reprocess.compare import compare
+from startracker_ros.tools.reprocess.parameters import parameter_sets, ParameterError
+from startracker_ros.tools.reprocess.plan import plan_bag, SegmentOptions
+from startracker_ros.tools.reprocess.runs import open_run
+from startracker_ros.tools.reprocess.work import finished
+from startracker_ros.tools.trend.pixels import hot_pixels
+from startracker_ros.tools.trend.trend import trend
+
+CAMERA = Camera.from_fov(640, 640, 15.0)
+FLIGHT = FlightOptions(days=0.0015, bag_hours=1.0, heads=1, magnitude_limit=5.5, fov_deg=15.0)
+
+
+def hashes(folder):
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+            for kind in ('bags', 'tables') for path in (folder / kind).rglob('*')
+            if path.is_file()}
+
+
+def errors(folder):
+    return json.loads((folder / 'errors.json').read_text())
+
+
+def test_attitudes_are_right_and_smoothed_better(finished_run):
+    _, result = finished_run
+    row, = result.records
+    assert row['frames'] == 130 and row['with_attitude_percent'] > 97 and row['problems'] == 0
+    assert 0.1 < row['cross_rms_arcsec'] < 3.0 and 1.5 < row['nees'] < 5.0
+    assert row['smoothed_rms_arcsec'] < row['cross_rms_arcsec']
+    assert 1.5 < row['smoothed_nees'] < 5.0
+
+
+def test_bags_are_those_of_the_nodes(finished_run):
+    folder, _ = finished_run
+    bag, = (folder / 'bags').glob('*/head_1')
+    topics = read_topics(bag)
+    assert topics['/head_1/attitude'].message_count == 128
+    assert topics['/head_1/attitude_imu'].message_count == 130
+    recording = load_recording(bag)
+    assert recording.complete and not recording.problems
+    assert np.all(np.diff(recording.attitude_ns) > 0)
+    table = open_run(folder).table('frames', 'head_1', ['stamp_ns', 'q_x'])
+    known = np.isfinite(table['q_x'])
+    np.testing.assert_array_equal(table['stamp_ns'][known], recording.attitude_ns)
+    np.testing.assert_allclose(table['q_x'][known], recording.quaternion[:, 0], atol=1e-15)
+    ids = [decode(message.type_name, message.data) for message in read_messages(
+        bag, topics=('/head_1/tracker_state',))]
+    assert {status.message for status in ids} <= {'LOST', 'ACQUIRING', 'TRACKING'}
+
+
+def test_order_and_a_kill_change_no_byte(flight, reprocess, finished_run, copied_run):
+    whole = hashes(finished_run[0])
+    records = sorted((copied_run / '.segments').rglob('*.json'))
+    assert len(records) == 3
+    records[0].unlink()
+    spoilt = next((copied_run / 'tables').rglob('*_1767225660.parquet'))
+    spoilt.write_bytes(b'cut')
+    (copied_run / '.segments' / '.partial-x' / 'left').mkdir(parents=True)
+    row, = reprocess([flight], copied_run, workers=2, smooth=True).records
+    assert not (copied_run / '.segments' / '.partial-x').exists()
+    assert row['reused'] == 1 and row['segments'] == 3
+    assert hashes(copied_run) == whole
+
+
+def test_a_segment_is_finished_with_its_own_parameters_and_bag_only(flight, finished_run):
+    bag, = flight.glob('flight_*')
+    segment = plan_bag(bag, bag.name, '', SegmentOptions(segment_s=60.0)).segments[0]
+    assert segment.digest({'a': 1}) == segment.digest({'a': 1})
+    assert segment.digest({'a': 1}) != segment.digest({'a': 2})
+    assert segment.digest({}) != replace(segment, identity='other').digest({})
+    assert finished(finished_run[0], segment, segment.digest({})) is None
+
+
+@pytest.fixture(scope='module')
+def bad_bags(tmp_path_factory, flight):
+    folder = tmp_path_factory.mktemp('bad')
+
+    def bag(name, *messages):
+        with BagWriter(folder / name) as writer:
+            for topic, type_name, stamp_ns, data in messages:
+                if topic not in writer._topics:
+                    writer.add_topic(topic, type_name)
+                writer.write(topic, data, stamp_ns, stamp_ns)
+    imu = cdr.gyro_imu(10 ** 18, 'camera', np.zeros(3), 1e-3)
+    cloud = cdr.point_cloud(10 ** 18, 'camera', np.zeros(0, cdr.np.dtype('u1')))
+    bag('foreign', ('/imu', cdr.IMU, 10 ** 18, imu))
+    bag('empty')
+    bag('no_camera', ('/centroids', cdr.POINT_CLOUD, 10 ** 18, cloud))
+    cameras = [cdr.camera_info(10 ** 18, 'camera', camera)
+               for camera in (CAMERA, CAMERA.with_focal_ratio(2.0))]
+    bag('two_cameras', ('/centroids', cdr.POINT_CLOUD, 10 ** 18, cloud), *(
+        ('/camera_info', cdr.CAMERA_INFO, 10 ** 18 + k, cameras[k % 2]) for k in range(20)))
+    (folder / 'zero.mcap').write_bytes(b'')
+    (folder / 'text.mcap').write_bytes(b'hello, this is text')
+    whole, = flight.glob('flight_*/*.mcap')
+    (folder / 'cut.mcap').write_bytes(whole.read_bytes()[:-20])
+    return folder
+
+
+def test_each_bad_bag_is_a_row_and_the_good_one_is_done(bad_bags, flight, reprocess, tmp_path):
+    bags = [bad_bags / name for name in (
+        'foreign', 'empty', 'no_camera', 'two_cameras', 'zero.mcap', 'text.mcap')]
+    result = reprocess([*bags, flight], tmp_path, segment_s=120.0, bag_topics=frozenset())
+    reasons = {row['bag']: row['reason'] for row in errors(tmp_path)}
+    assert 'no star tracker in it' in reasons['foreign']
+    assert 'no messages' in reasons['empty']
+    assert 'camera_info' in reasons['no_camera']
+    assert 'two cameras' in reasons['two_cameras']
+    assert 'no MCAP file' in reasons['zero'] and 'no MCAP file' in reasons['text']
+    assert sum(row['frames'] for row in result.records) == 130
+
+
+def test_of_a_truncated_bag_the_rest_is_used(bad_bags, reprocess, tmp_path):
+    row, = reprocess([bad_bags / 'cut.mcap'], tmp_path, segment_s=600.0).records
+    assert 'not finished' in errors(tmp_path)[0]['reason']
+    assert row['frames'] == 130
+
+
+def test_a_full_disk_is_a_row_and_the_command_continues_later(flight, reprocess, finished_run,
+                                                              tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        row, = reprocess([flight], tmp_path, smooth=True).records
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert row['frames'] == 0
+    assert all('File too large' in problem['reason'] for problem in errors(tmp_path))
+    row, = reprocess([flight], tmp_path, smooth=True).records
+    assert row['frames'] == 130 and errors(tmp_path) == []
+    assert hashes(tmp_path) == hashes(finished_run[0])
+
+
+def test_a_clock_that_jumps_back_is_a_row(flight, reprocess, tmp_path):
+    whole, = flight.glob('flight_*')
+    with BagWriter(tmp_path / 'jumps') as writer:
+        for name, topic in read_topics(whole).items():
+            writer.add_topic(name, topic.type_name)
+        for number, message in enumerate(read_messages(whole)):
+            data = message.data
+            if number > 200:
+                seconds, = struct.unpack_from('<i', data, 4)
+                data = data[:4] + struct.pack('<i', seconds - 600) + data[8:]
+            writer.write(message.topic, data, message.log_time_ns, message.log_time_ns)
+    row, = reprocess([tmp_path / 'jumps'], tmp_path / 'run', segment_s=600.0).records
+    assert row['frames'] == 130 and row['with_attitude_percent'] > 95
+    assert ['time went back' in problem['reason'] for problem in errors(tmp_path / 'run')] == [
+        True]
+
+
+def test_no_bag_or_no_right_to_write_is_an_error(flight, reprocess, tmp_path):
+    with pytest.raises(BagError, match='no bag there'):
+        reprocess([tmp_path / 'nothing'], tmp_path / 'out')
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(BagError, match='file'):
+        reprocess([flight], tmp_path / 'file')
+
+
+def test_runs_are_compared(finished_run, copied_run):
+    same, = compare(finished_run[0], copied_run).records
+    assert same['common'] == 130 and same['first_divergent'] == ''
+    assert same['identical'] == 128 and same['largest_arcsec'] < 1e-9
+    with pytest.raises(BagError, match='no finished run'):
+        compare(finished_run[0], copied_run / 'tables')
+
+
+def test_the_page_of_trends_is_small_and_has_no_script(finished_run, tmp_path):
+    result = trend(finished_run[0], tmp_path / 'trend.html', 5800.0)
+    assert result.conditions['steps'] == 0
+    focal = next(row for row in result.records if row['series'] == 'head_1 focal length')
+    assert focal['kind'] == 'drift' and focal['unit'] == '%/d'
+    months = [row for row in result.records if row['kind'] == 'median of the month']
+    assert [row['utc'] for row in months] == ['2026-01']
+    assert months[0]['size'] == pytest.approx(15.0, abs=0.05)
+    # Stars of the simulation have errors of 1 / SNR px.
+    middle, edge = (row for row in result.records if row['series'].endswith('star images'))
+    assert (middle['kind'], edge['kind'], edge['utc']) == ('middle', 'edge', '2026-01')
+    for row in (middle, edge):
+        assert row['size'] == pytest.approx(np.sqrt(0.5), abs=5 * row['sigma'])
+        assert 0 < row['sigma'] < 0.05
+    page = (tmp_path / 'trend.html').read_text()
+    assert 'alt="width of star images"' in page
+    assert len(page) < 1_000_000 and '<script' not in page and 'data:image/png' in page
+    with pytest.raises(BagError, match='no finished run'):
+        trend(tmp_path, tmp_path / 'trend.html', 5800.0)
+
+
+def test_hot_pixels_are_in_the_map_and_no_objects(reprocess, tmp_path):
+    (tmp_path / 'flight').mkdir()
+    write_bag(tmp_path / 'flight', replace(FLIGHT, hot_pixels=3), 2, 0)
+    reprocess([tmp_path / 'flight'], tmp_path / 'run', segment_s=200.0, bag_topics=frozenset())
+    run = open_run(tmp_path / 'run')
+    truth = Truth(replace(FLIGHT, hot_pixels=3), 2).hot_pixels(0).astype(int)
+    found = hot_pixels(run, 'head_1')
+    assert {(row.u, row.v) for row in found} == set(map(tuple, truth.tolist()))
+    assert min(row.frames for row in found) > 100
+    assert not len(run.table('tracklets', 'head_1', ['stamp_ns'])['stamp_ns'])
+
+
+def test_parameters_and_sweeps(tmp_path):
+    path = tmp_path / 'a.yaml'
+    path.write_text('/**/star_tracker:\n  ros__parameters:\n    min_stars: 5\n'
+                    '    autostart: true\n')
+    sets, unused = parameter_sets([path], [
+        'star_tracker.acceleration_deg_s2=0.01,0.1', 'attitude_estimator.solver=svd'])
+    assert [item.name for item in sets] == ['acceleration_deg_s2=0.01', 'acceleration_deg_s2=0.1']
+    assert sets[1].options.tracker.acceleration_deg_s2 == 0.1
+    assert sets[0].options.tracker.min_stars == 5 and unused == ['star_tracker.autostart']
+    assert sets[0].options.validation.solver == 'svd'
+    for text, reason in (('star_tracker.min_star=4', 'did you mean star_tracker.min_stars'),
+                         ('star_tracker.min_stars=1', 'out of range'),
+                         ('star_tracker.min_stars', 'NODE.NAME=VALUE'),
+                         ('star_tracker.min_stars=4,4', 'the same')):
+        with pytest.raises(ParameterError, match=reason):
+            parameter_sets((), [text])
