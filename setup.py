@@ -9,7 +9,7 @@ from setuptools import Command, Distribution, find_packages, setup
 
 PACKAGE = 'startracker_ros'
 # By path: importing the package would need its dependencies.
-EXECUTABLES = runpy.run_path(f'{PACKAGE}/executables.py')['EXECUTABLES']
+EXECUTABLES = runpy.run_path(f'{PACKAGE}/ros/executables.py')['EXECUTABLES']
 SCRIPT = """\
 #!/usr/bin/env python3
 from {module} import main
@@ -35,7 +35,7 @@ class InstallNodes(install_data):
             self.outfiles.append(str(script))
 
 
-console_scripts = ['startracker = startracker_ros.tools.cli:main']
+console_scripts = ['startracker = startracker_ros.__main__:main']
 cmdclass: dict[str, type[Command]] = {}
 if {'install', 'develop'} & set(sys.argv):
     # colcon: entry points go to lib/startracker_ros, as setup.cfg says, with a fixed interpreter.
@@ -56,9 +56,9 @@ setup(
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed', 'signatures.json'],
-                  f'{PACKAGE}.catalog': ['*.npz', 'LICENSE'],
-                  f'{PACKAGE}.datasheet': ['*.j2'],
-                  f'{PACKAGE}.report': ['*.css', '*.j2', '*.js']},
+                  f'{PACKAGE}.core.catalog': ['*.npz', 'LICENSE'],
+                  f'{PACKAGE}.evaluation.datasheet': ['*.j2'],
+                  f'{PACKAGE}.tools.report': ['*.css', '*.j2', '*.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

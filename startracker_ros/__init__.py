@@ -30,14 +30,23 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 
 _MODULES = {
-    'Attitude': 'library.frame_result', 'Calibration': 'calibration.estimate',
-    'Camera': 'camera.model', 'Centroids': 'centroid.centroids',
-    'Extraction': 'centroid.extraction', 'FrameResult': 'library.frame_result',
-    'Identification': 'identify.identification', 'SkySimulator': 'library.simulator',
-    'Solution': 'pipeline.solution', 'StarCatalog': 'catalog.stars',
-    'StarTracker': 'library.star_tracker', 'calibrate': 'library.images',
-    'extract': 'library.images', 'identify': '', 'load_camera': 'camera.files',
-    'load_catalog': 'catalog.stars', 'solve': 'library.images'}
+    'Attitude': 'core.frame_result',
+    'Calibration': 'core.calibration.estimate',
+    'Camera': 'core.camera.model',
+    'Centroids': 'core.centroid.centroids',
+    'Extraction': 'core.centroid.extraction',
+    'FrameResult': 'core.frame_result',
+    'Identification': 'core.identify.identification',
+    'SkySimulator': 'sim.simulator',
+    'Solution': 'core.stages.solution',
+    'StarCatalog': 'core.catalog.stars',
+    'StarTracker': 'core.star_tracker',
+    'calibrate': 'tools.photographs.arrays',
+    'extract': 'tools.photographs.arrays',
+    'identify': 'core.identify.one_frame',
+    'load_camera': 'io.images.camera_files',
+    'load_catalog': 'core.catalog.stars',
+    'solve': 'tools.photographs.arrays'}
 # In full, for what reads the source alone.
 __all__ = [
     'Attitude', 'Calibration', 'Camera', 'Centroids', 'Extraction', 'FrameResult',
@@ -49,9 +58,6 @@ def __getattr__(name: str) -> Any:
     """Return a public name, loaded from its module."""
     if name not in _MODULES:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    if name == 'identify':
-        # The folder of this name can be called.
-        return import_module(f'{__name__}.{name}')
     value = getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)
     globals()[name] = value
     return value

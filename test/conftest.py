@@ -1,4 +1,4 @@
-"""What tests of every room use, and which of them run where."""
+"""What several tests use, and which of them run where."""
 
 from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
@@ -19,10 +19,10 @@ ROOT = Path(__file__).parent
 # some, slow takes seconds of a processor. What is marked as long is not part of `make test`.
 KINDS = {
     '': 'core',
-    'bag/test_damage.py': 'slow',
-    'bench': 'slow',
-    'campaign': 'slow',
-    'datasheet/test_datasheet.py': 'slow',
+    'io/bags/test_damage.py': 'slow',
+    'evaluation/bench': 'slow',
+    'evaluation/campaign': 'slow',
+    'evaluation/datasheet/test_datasheet.py': 'slow',
     'nodes': 'dds',
     'nodes/test_closed_loop_demo.py': 'slow',
     'nodes/test_demo.py': 'slow',
@@ -37,16 +37,16 @@ KINDS = {
 LONGEST = (
     'nodes/test_lifecycle.py',
     'nodes/test_faults.py',
-    'pipeline/test_photographs.py',
+    'core/stages/test_photographs.py',
     'nodes/test_ready.py',
     'nodes/test_live.py',
     'nodes/test_tracking_nodes.py',
     'nodes/test_extended_grid_node.py',
     'nodes/test_bag_player.py',
-    'campaign/test_integrity_campaign.py',
+    'evaluation/campaign/test_integrity_campaign.py',
     'nodes/test_heads_demo.py',
     'nodes/test_managed.py',
-    'bench/test_lost_in_space.py',
+    'evaluation/bench/test_lost_in_space.py',
     'nodes/test_doctor_listens.py',
     'package/test_install.py',
     'nodes/test_bag_recorder.py',
@@ -55,17 +55,17 @@ LONGEST = (
     'nodes/test_latency.py',
     'nodes/test_soak.py',
     'test_compiled.py',
-    'campaign/test_jpdaf_campaign.py',
+    'evaluation/campaign/test_jpdaf_campaign.py',
     'nodes/test_bad_input.py',
     'nodes/test_composition.py',
-    'pipeline/test_solve.py',
-    'identify/test_identifier.py',
-    'reprocess/test_reprocess.py',
-    'track/test_tracker.py',
-    'datasheet/test_datasheet.py',
-    'track/test_attitude_model.py',
-    'calibration/test_calibrate_command.py',
-    'bench/test_identification_bench.py',
+    'core/stages/test_solve.py',
+    'core/identify/test_identifier.py',
+    'tools/reprocess/test_reprocess.py',
+    'core/track/test_tracker.py',
+    'evaluation/datasheet/test_datasheet.py',
+    'core/track/test_attitude_model.py',
+    'core/calibration/test_calibrate_command.py',
+    'evaluation/bench/test_identification_bench.py',
 )
 NOT_RUN = pytest.StashKey[str]()
 COMPILED = pytest.StashKey[str]()
@@ -120,7 +120,8 @@ class InThisProcess:
 def one_process() -> Iterator[None]:
     """Run the pieces of campaigns and benches in this process; others test that of several."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('startracker_ros.evaluation.campaign.parallel.ProcessPoolExecutor', InThisProcess)
+        patch.setattr('startracker_ros.evaluation.campaign.parallel.ProcessPoolExecutor',
+                      InThisProcess)
         yield
 
 

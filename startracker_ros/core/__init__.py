@@ -1,0 +1,1 @@
+"""The star tracker: no ROS, no files of users, no command line."""

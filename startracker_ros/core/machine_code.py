@@ -23,7 +23,7 @@ import tempfile
 from llvmlite import binding
 from startracker_ros.core.folders import cache_folder, can_write
 
-_PACKAGE = Path(__file__).parent
+_PACKAGE = Path(__file__).parents[1]
 _COMPILER = 'compiled.py'
 
 INSTALLED = _PACKAGE / 'compiled_code'

@@ -1,0 +1,1 @@
+"""Files and wires: bags, images and camera files, exports, telemetry, tables."""

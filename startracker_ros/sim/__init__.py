@@ -1,0 +1,1 @@
+"""The sky that is simulated, and long flights under it."""

@@ -1,0 +1,1 @@
+"""What people run: command line, doctor, report, reprocess, trend, live, demos."""

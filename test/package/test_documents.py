@@ -32,10 +32,10 @@ COMMANDS = sorted({(name, found.strip()) for name, text in DOCUMENTS.items()
 # Run to their end here. The others are not, because they need or take
 #   demo, record, play                 half a minute or no end; test/nodes runs them
 #   run                                no end; every node is run in test/nodes
-#   info, report, export               bags that the reader has; test/bag, test/tools/report make some
+#   info, report, export               bags that the reader has; test/tools/report makes some
 #   solve and calibrate of files       that the reader has: run where they are those of the tests
 #   doctor                             a network; test/tools/doctor runs it
-#   campaign, bench                    minutes; test/evaluation/campaign and test/evaluation/bench run them smaller
+#   campaign, bench                    minutes; test/evaluation runs them smaller
 # ros2, colcon, pip, make, systemctl   tools that a ROS 2 install or the tests of the install have
 CHEAP = ('--help', '--version')
 

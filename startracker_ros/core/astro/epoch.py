@@ -1,6 +1,6 @@
 """Stamps, UNIX time in ns, and Julian years."""
 
-from datetime import datetime, UTC
+from datetime import datetime, timedelta, UTC
 import time
 
 from startracker_ros.core.astro.constants import YEAR_S
@@ -35,3 +35,10 @@ def stamp_from_datetime(moment: datetime) -> int:
 def epoch_year_now() -> float:
     """Return the current Julian year."""
     return epoch_year_from_stamp(time.time_ns())
+
+
+def utc(stamp_ns: int, *, digits: int = 3) -> str:
+    """Return ISO 8601 of UNIX time in ns, digits after the point of the second, cut off."""
+    seconds, nanoseconds = divmod(int(stamp_ns), 10 ** 9)
+    date = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
+    return f'{date:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}'[:20 + digits]

@@ -1,1 +1,1 @@
-"""Rotations and small linear algebra, the ground floor of all rooms."""
+"""Rotations and small linear algebra, below everything else."""

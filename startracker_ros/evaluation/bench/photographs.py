@@ -10,7 +10,7 @@ import numpy as np
 from startracker_ros.core.maths.rotation import unit_from_radec
 from startracker_ros.io.images.images import read_image
 
-REPOSITORY_IMAGES = Path(__file__).parents[2] / 'test' / 'data'
+REPOSITORY_IMAGES = Path(__file__).parents[3] / 'test' / 'data'
 """Where a clone of the repository has its images; an installed package has none."""
 
 CORRECT_OF_FIELD = 0.01

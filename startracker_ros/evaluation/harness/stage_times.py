@@ -1,6 +1,7 @@
 """
-Nodes that record frame times: python -m startracker_ros.evaluation.harness.stage_times FILE NODE ...
+Nodes that record frame times.
 
+python -m startracker_ros.evaluation.harness.stage_times FILE NODE ...
 Several nodes run composed in the one process. FILE becomes a .npy array of EVENT_DTYPE.
 """
 

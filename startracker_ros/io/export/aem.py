@@ -3,10 +3,10 @@
 from dataclasses import dataclass, fields
 
 import numpy as np
+from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.maths.rotation import sign_continuous
 from startracker_ros.io.export.segments import lock_segments
 from startracker_ros.io.recordings.recording import Recording
-from startracker_ros.tools.report.panels import utc
 
 _LONGEST_LINE = 254
 

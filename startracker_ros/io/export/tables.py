@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.extras import extra
 from startracker_ros.core.maths.rotation import pointing_from_quaternion
 from startracker_ros.io.export.segments import lock_segments
 from startracker_ros.io.recordings.recording import Recording
-from startracker_ros.tools.report.panels import utc
 
 Table = Mapping[str, np.ndarray]
 """Columns (N,) by name; the names carry the units."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.tools.report.panels import utc
+from startracker_ros.core.astro.epoch import utc
 
 
 class TrackletAngles(NamedTuple):

@@ -1,0 +1,1 @@
+"""Image files, videos, cameras, and camera files."""

@@ -1,0 +1,1 @@
+"""What a bag of the star tracker holds, as arrays."""

@@ -1,0 +1,1 @@
+"""A camera, the nodes and a page that shows the sky."""

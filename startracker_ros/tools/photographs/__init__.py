@@ -1,0 +1,1 @@
+"""Images of files: solve, calibrate, and what they write."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.catalog.deep import star_name
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.recordings.frames import frame_pictures, FramePicture
@@ -19,7 +20,7 @@ from startracker_ros.io.recordings.recording import Recording
 from startracker_ros.io.table import Result
 from startracker_ros.tools.report.heads import load_heads
 from startracker_ros.tools.report.heads_panels import head_states, mount_panels
-from startracker_ros.tools.report.panels import diagnostics_table, Panel, Panels, utc
+from startracker_ros.tools.report.panels import diagnostics_table, Panel, Panels
 from startracker_ros.tools.report.sky_map import sky_map
 from startracker_ros.tools.report.template import content_policy, resource, template
 

@@ -1,7 +1,6 @@
 """The figures of the report as plain data: what is drawn over time, histograms, key figures."""
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime, timedelta, UTC
 import math
 from typing import Any
 
@@ -42,13 +41,6 @@ def thinned(columns: Sequence[np.ndarray], samples: int = SAMPLES) -> np.ndarray
             chosen.add(int(part[np.argmax(np.where(np.isnan(values), -np.inf, values))]))
             chosen.add(int(part[np.argmin(np.where(np.isnan(values), np.inf, values))]))
     return np.array(sorted(chosen))
-
-
-def utc(stamp_ns: int, *, digits: int = 3) -> str:
-    """Return ISO 8601 of UNIX time in ns, digits after the point of the second, cut off."""
-    seconds, nanoseconds = divmod(int(stamp_ns), 10 ** 9)
-    date = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
-    return f'{date:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}'[:20 + digits]
 
 
 class Panels:

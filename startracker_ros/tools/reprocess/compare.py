@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.extras import new_figure
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.table import Result
-from startracker_ros.tools.report.panels import utc
 from startracker_ros.tools.reprocess.runs import open_run, Run
 
 _COLUMNS = ['stamp_ns', *(f'q_{axis}' for axis in 'xyzw'),

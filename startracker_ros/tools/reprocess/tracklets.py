@@ -6,6 +6,7 @@ from pathlib import Path
 import time
 
 import numpy as np
+from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.locate.line_of_sight import LineOfSight, without_aberration
 from startracker_ros.core.locate.locator import Located, TargetLocator
@@ -13,7 +14,6 @@ from startracker_ros.core.locate.observer import ObservedLine
 from startracker_ros.core.maths.rotation import ARCSEC, east_and_north, unit_from_radec
 from startracker_ros.io.export.tdm import tdm_text, TrackletAngles
 from startracker_ros.io.table import Result
-from startracker_ros.tools.report.panels import utc
 from startracker_ros.tools.reprocess.leftovers import TRACKLET_DTYPE
 from startracker_ros.tools.reprocess.runs import open_run, Run
 from startracker_ros.tools.reprocess.tracklet_joining import split_tracklets, tracklet_rows

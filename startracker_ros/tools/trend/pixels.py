@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from startracker_ros.tools.report.panels import utc
+from startracker_ros.core.astro.epoch import utc
 from startracker_ros.tools.reprocess.runs import Run
 
 

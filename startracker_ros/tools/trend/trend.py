@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.extras import new_figure
 from startracker_ros.io.table import Result
-from startracker_ros.tools.report.panels import utc
 from startracker_ros.tools.reprocess.compare import extremes
 from startracker_ros.tools.reprocess.runs import open_run
 from startracker_ros.tools.trend.pixels import hot_pixels, PixelRow

@@ -8,10 +8,11 @@ import pytest
 from run_bag import (
     CAMERA, error_arcsec, FRAMES, RATE_RAD_S, SIGMA_ARCSEC, START_NS, STEP_NS, truth, UNSOLVED,
     write_run)
+from startracker_ros.core.astro.epoch import utc
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.io.recordings.recording import Recording
-from startracker_ros.tools.report.panels import Panels, thinned, utc
+from startracker_ros.tools.report.panels import Panels, thinned
 from startracker_ros.tools.report.summary import summarise
 from std_msgs.msg import String
 

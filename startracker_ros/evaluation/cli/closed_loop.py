@@ -1,0 +1,23 @@
+"""Command that closes the loop around a simulated spacecraft: demo closed-loop."""
+
+from pathlib import Path
+
+import click
+from startracker_ros.tools.cli.shared import exit_1_on, finish, json_option, seed_option
+
+
+@click.command('closed-loop')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+              default='demo_closed_loop', show_default=True,
+              help='Folder for bag, pictures, report page and logs.')
+@seed_option
+@json_option
+def demo_closed_loop(output: Path, seed: int, as_json: bool) -> None:
+    """Control a spacecraft of Basilisk by what the star tracker sees."""
+    from startracker_ros.evaluation.gnc.basilisk_messages import import_basilisk
+    import_basilisk()
+    from startracker_ros.evaluation.harness.closed_loop_demo import run_closed_loop_demo
+    from startracker_ros.ros.processes import HarnessError
+    with exit_1_on(HarnessError):
+        result = run_closed_loop_demo(output, seed=seed)
+    finish(result, as_json)

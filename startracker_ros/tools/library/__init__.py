@@ -1,1 +1,0 @@
-"""The public names of the package: import startracker_ros as st."""
