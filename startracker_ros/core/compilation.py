@@ -13,7 +13,7 @@ from threading import Thread
 import time
 
 from startracker_ros.core.machine_code import (
-    calls_of, code_name, machine_code_folder, missing_modules, registered_modules)
+    calls_of, code_name, machine_code_folder, missing_modules, PACKAGE, registered_modules)
 
 _WORKER = 'STARTRACKER_COMPILES'
 _LOCK_PERIOD_S = 0.5
@@ -52,7 +52,7 @@ def compile_missing(report: Report, folder: Path | None = None) -> None:
 def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
     names = {module: list(calls_of(module)) for module in modules}
     count, done, errors = sum(map(len, names.values())), 0, []
-    command = [sys.executable, '-m', f'{__package__}.warm_up', '--worker', str(folder)]
+    command = [sys.executable, '-m', f'{PACKAGE}.warm_up', '--worker', str(folder)]
     workers = [
         subprocess.Popen([*command, *share],
                          env={**os.environ, _WORKER: '1'}, stdin=subprocess.DEVNULL,
@@ -60,7 +60,7 @@ def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
         for share in _shares(names)]
     try:
         for line in _lines(workers):
-            if line.startswith(__package__):
+            if line.startswith(PACKAGE):
                 report(line, done, count)
                 done += 1
             else:
@@ -134,5 +134,5 @@ def show_progress() -> Report:
                                    'a minute, once')
             progress.start()
         progress.update(task, completed=done, total=count or None,
-                        description=f'compiling {name.removeprefix(f"{__package__}.")}')
+                        description=f'compiling {name.removeprefix(f"{PACKAGE}.")}')
     return report

@@ -23,6 +23,7 @@ import tempfile
 from llvmlite import binding
 from startracker_ros.core.folders import cache_folder, can_write
 
+PACKAGE = __name__.partition('.')[0]
 _PACKAGE = Path(__file__).parents[1]
 _COMPILER = 'compiled.py'
 

@@ -34,7 +34,7 @@ from startracker_ros.core.compilation import compile_missing, CompileError, show
 from startracker_ros.core.compiled_types import decode, encode
 from startracker_ros.core.folders import replaced
 from startracker_ros.core.machine_code import (
-    code_name, folders_to_read, machine_code_folder, missing_modules, registered_modules,
+    code_name, folders_to_read, machine_code_folder, missing_modules, PACKAGE, registered_modules,
     signatures)
 
 FUNCTIONS: dict[str, Any] = {}
@@ -86,7 +86,7 @@ def _log(name: str, types: Iterable[Any]) -> None:
     frame: FrameType | None = sys._getframe()
     while frame and frame.f_globals['__name__'].startswith(('numba.', 'contextlib', __name__)):
         frame = frame.f_back
-    if frame and frame.f_globals['__name__'].startswith(f'{__package__}.'):
+    if frame and frame.f_globals['__name__'].startswith(f'{PACKAGE}.'):
         with open(log, 'a') as file:
             file.write(json.dumps([name, call]) + '\n')
 
@@ -214,7 +214,7 @@ def save(path: Path, functions: dict[str, Any]) -> None:
 
 def _needs_loaded(result: Any) -> bool:
     """Return whether a function calls one that this process has loaded, others perhaps not."""
-    return any(value.is_declaration and __package__ in value.name
+    return any(value.is_declaration and PACKAGE in value.name
                for value in result.library._final_module.functions)
 
 
@@ -303,7 +303,7 @@ class MachineCodeCache:
     def __init__(self, dispatcher: Any) -> None:
         self._module, self._name = dispatcher.py_func.__module__, full_name(dispatcher.py_func)
         # Where no source of the package is its own, as in tests, nothing says when it changes.
-        self._is_kept = self._module.startswith(f'{__package__}.')
+        self._is_kept = self._module.startswith(f'{PACKAGE}.')
         FUNCTIONS[self._name] = dispatcher
 
     @property
