@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import startracker_ros as st
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
-from startracker_ros.core.stages.pipeline import Pipeline
 from startracker_ros.io.images.images import read_image
 from startracker_ros.tools.cli import main
 from startracker_ros.tools.figures.correctness import error_over_bound
@@ -68,22 +67,17 @@ def test_solve_equals_the_command_in_any_order(sky_data):
     assert solution.false_alarm == row['false_alarm_probability']
 
 
-def test_star_tracker_equals_the_pipeline_and_the_truth(frames):
+def test_star_tracker_equals_the_truth(frames):
     tracker = st.StarTracker(CAMERA, 2026.5, aberration='none')
-    from startracker_ros.core.stages.parameters import options_of_keywords
-    pipeline = Pipeline(CAMERA, 2026.5, options_of_keywords({'aberration': 'none'}))
     found = 0
     for index, frame in enumerate(frames):
         stamp_ns = START_NS + index * STEP_NS
         result = tracker.process(stamp_ns, frame.image)
-        expected = pipeline.update_image(stamp_ns, frame.image)
-        assert result.state == expected.state
-        if expected.trusted.attitude is None:
-            assert result.attitude is None and result.reason
+        if result.attitude is None:
+            assert result.reason
             continue
         found += 1
-        np.testing.assert_array_equal(result.attitude.quaternion,
-                                      expected.trusted.attitude.quaternion)
+        assert not result.reason
         assert over_bound(result.attitude, frame.state) < 1
         if index + 1 < len(frames):
             later = result.attitude.at(stamp_ns + STEP_NS)

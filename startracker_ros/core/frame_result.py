@@ -3,19 +3,19 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from startracker_ros.core.attitude.result import covariance_icrf
+from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_icrf
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.identification import Identification
 from startracker_ros.core.maths.rotation import (
     matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.track.tracker import TrackerState
-from startracker_ros.core.track.tracks import Tracks
+from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
 
 
 @dataclass(frozen=True)
-class Attitude:
+class Attitude(AttitudeEstimate):
     """
-    The attitude of the sensor in ICRF at a time.
+    The attitude of the sensor in ICRF at a time, with that of its stars.
 
     quaternion (4,) is q_icrf_from_sensor, x, y, z, w: v_icrf = R(q) v_sensor; covariance_sensor
     (3, 3) rad^2 that of a rotation vector about sensor axes. rate_rad_s (3,) is the angular
@@ -24,8 +24,6 @@ class Attitude:
     """
 
     stamp_ns: int
-    quaternion: np.ndarray
-    covariance_sensor: np.ndarray
     rate_rad_s: np.ndarray
     rate_covariance: np.ndarray
     acceleration_rad_s2: np.ndarray
@@ -66,14 +64,15 @@ class FrameResult:
     The result of one frame.
 
     centroids are those found or given; identification is None where the frame needed none; tracks
-    are empty unless state is TRACKING. attitude is None where there is none that can be trusted:
-    reason says why, and is empty otherwise.
+    are empty unless state is TRACKING, and tracked is the attitude that goes with them. attitude
+    is None where that cannot be trusted: reason says why, and is empty otherwise.
     """
 
     stamp_ns: int
     centroids: Centroids
     identification: Identification | None
     tracks: Tracks
+    tracked: TrackedAttitude | None
     attitude: Attitude | None
     state: TrackerState
     reason: str

@@ -1,17 +1,34 @@
-"""The star tracker as one object, with options by keyword."""
+"""
+The star tracker as one object: images or centroids of a frame in, trusted attitude out.
 
-from typing import Any
+The policy stands here once: the tracker processes every frame, its attitude goes out if its tracks
+fit it, and a frame is identified unless the tracker tracks and no check is due. The nodes run
+the same stages side by side, so theirs may use an identification some frames later.
+"""
+
+from dataclasses import fields
+from typing import Any, Self
 
 import numpy as np
 from startracker_ros.core.astro.epoch import RESTART_NS
+from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.astro.state import State
+from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.band import BandOptions
+from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import check_image
 from startracker_ros.core.frame_result import Attitude, FrameResult
-from startracker_ros.core.stages.parameters import options_of_keywords
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineFrame
-from startracker_ros.core.track.tracks import Tracks
+from startracker_ros.core.identify.icrf import icrf_identification
+from startracker_ros.core.identify.identification import Identification
+from startracker_ros.core.stages.attitude import AttitudeStage
+from startracker_ros.core.stages.extraction import ExtractionStage
+from startracker_ros.core.stages.identification import IdentificationStage
+from startracker_ros.core.stages.parameters import options_of_keywords, StarTrackerOptions
+from startracker_ros.core.stages.tracking import make_star_tracker
+from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
 
 
 class StarTracker:
@@ -21,6 +38,9 @@ class StarTracker:
     Frames come in the order of their stamps, UNIX time in ns of the middle of the exposure. A
     frame that is not newer than the one before is not used, and its result has the reason; one
     that is older by more than a second begins anew, as after reset().
+
+    Stars are identified by their directions without aberration; every attitude that goes out is
+    fitted to the apparent directions of its stamp and is that of the sensor in ICRF.
     """
 
     def __init__(self, camera: Camera, epoch_year: float, **options: Any) -> None:
@@ -31,16 +51,38 @@ class StarTracker:
         star_identifier={'method': 'quad'} is that of one node. ValueError names what is wrong,
         and which names there are.
         """
-        chosen = options_of_keywords(options)
-        across, roll = chosen.tracker.acceleration_deg_s2, chosen.tracker.roll_acceleration_deg_s2
-        self._acceleration_rad_s2 = np.radians([across, across, roll])
+        self._build(camera, epoch_year, options_of_keywords(options))
+
+    @classmethod
+    def with_options(cls, camera: Camera, epoch_year: float, options: StarTrackerOptions) -> Self:
+        """Return the star tracker with the options of its stages."""
+        made = cls.__new__(cls)
+        made._build(camera, epoch_year, options)
+        return made
+
+    def _build(self, camera: Camera, epoch_year: float, options: StarTrackerOptions) -> None:
         self._camera = camera
-        self._pipeline = Pipeline(camera, epoch_year, chosen)
+        across, roll = (options.tracker.acceleration_deg_s2,
+                        options.tracker.roll_acceleration_deg_s2)
+        self._acceleration_rad_s2 = np.radians([across, across, roll])
+        self.extraction = ExtractionStage(options.extraction, options.search)
+        self.identification = IdentificationStage(
+            camera, epoch_year, options.identification, options.check, gyro=options.gyro,
+            band=options.band)
+        self.motion = ObserverMotion(options.aberration)
+        self.tracker = make_star_tracker(
+            camera, epoch_year, options.tracker, options.gyro, self.motion, options.band)
+        self.attitude = AttitudeStage(
+            camera, epoch_year, options.validation, self.motion,
+            self.tracker.sky if _tracks_all_stars(camera, options) else None)
         self._newest_ns: int | None = None
 
     def reset(self) -> None:
         """Forget all frames and rates: LOST, as after the start."""
-        self._pipeline.reset()
+        self.extraction.reset()
+        self.identification.reset()
+        self.tracker.reset()
+        self.attitude.reset()
         self._newest_ns = None
 
     def add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> None:
@@ -49,7 +91,9 @@ class StarTracker:
 
         Before the frame that follows it. ValueError for another shape.
         """
-        self._pipeline.add_rate(stamp_ns, _vector('rate_rad_s', rate_rad_s))
+        rate_rad_s = _vector('rate_rad_s', rate_rad_s)
+        self.tracker.add_rate(stamp_ns, rate_rad_s)
+        self.identification.add_rate(stamp_ns, rate_rad_s)
 
     def add_observer(self, stamp_ns: int, position_m: np.ndarray, velocity_m_s: np.ndarray
                      ) -> None:
@@ -58,7 +102,7 @@ class StarTracker:
 
         It is propagated for ten minutes. ValueError for what is no orbit about the Earth.
         """
-        self._pipeline.add_state(stamp_ns, State(
+        self.motion.add_state(stamp_ns, State(
             _vector('position_m', position_m), _vector('velocity_m_s', velocity_m_s),
             np.zeros((3, 3))))
 
@@ -76,21 +120,36 @@ class StarTracker:
         late = self._late(stamp_ns, Centroids.empty())
         if late is not None:
             return late
-        stage = self._pipeline.extraction
-        extraction = stage.extract(stamp_ns, image, self._pipeline.tracker.predicted)
-        frame = self._pipeline.update(stamp_ns, extraction.centroids, stage.directed)
-        return self._result(stamp_ns, extraction.centroids, frame, extraction.reason)
+        extraction = self.extraction.extract(stamp_ns, image, self.tracker.predicted)
+        return self._update(stamp_ns, extraction.centroids, self.extraction.directed,
+                            extraction.reason)
 
-    def process_centroids(self, stamp_ns: int, centroids: Centroids) -> FrameResult:
-        """Process the centroids of an image; ValueError for any other type."""
+    def process_centroids(self, stamp_ns: int, centroids: Centroids, directed: bool = False
+                          ) -> FrameResult:
+        """
+        Process the centroids of an image; ValueError for any other type.
+
+        Where directed, only stars that the tracker predicted were measured: no check of it.
+        """
         if not isinstance(centroids, Centroids):
             raise ValueError(
                 f'centroids are of type {type(centroids).__name__}, must be Centroids')
         late = self._late(stamp_ns, centroids)
-        if late is not None:
-            return late
-        frame = self._pipeline.update(stamp_ns, centroids)
-        return self._result(stamp_ns, centroids, frame, '')
+        return late or self._update(stamp_ns, centroids, directed, '')
+
+    def identifier_is_idle(self, stamp_ns: int, directed: bool = False) -> bool:
+        """Return whether the next frame needs no identification."""
+        return self.identification.rests(
+            stamp_ns, self.tracker.state is TrackerState.TRACKING, directed)
+
+    def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
+        """Identify a frame for the tracker."""
+        identification, centroids = self.identification.identify(stamp_ns, centroids)
+        self.tracker.identified(stamp_ns, centroids, identification.hip)
+        identifier, sky = self.identification.identifier, self.attitude.sky
+        sky.look_from(self.motion.at(stamp_ns))
+        return icrf_identification(
+            identification, centroids, identifier.camera, sky, identifier.options)
 
     def _late(self, stamp_ns: int, centroids: Centroids) -> FrameResult | None:
         """Return the result of a frame that is not newer; forget all if time was set back."""
@@ -99,27 +158,42 @@ class StarTracker:
             self.reset()
         elif newest_ns is not None and stamp_ns <= newest_ns:
             return FrameResult(
-                stamp_ns, centroids, None, Tracks.empty(), None, self._pipeline.tracker.state,
+                stamp_ns, centroids, None, Tracks.empty(), None, None, self.tracker.state,
                 f'stamp_ns = {stamp_ns} is not newer than that of the frame before, {newest_ns}')
         self._newest_ns = stamp_ns
         return None
 
-    def _result(self, stamp_ns: int, centroids: Centroids, frame: PipelineFrame,
-                extraction_reason: str) -> FrameResult:
-        estimate, tracked = frame.trusted.attitude, frame.tracked
-        if estimate is None or tracked is None:
-            found = frame.identification
-            reasons = [extraction_reason, frame.reason if tracked is None else
-                       frame.trusted.reason]
+    def _update(self, stamp_ns: int, centroids: Centroids, directed: bool, extraction_reason: str
+                ) -> FrameResult:
+        # As for the nodes, the state before the frame counts: both work on it at the same time.
+        idle = self.identifier_is_idle(stamp_ns, directed)
+        tracks = self.tracker.update(stamp_ns, centroids) or Tracks.empty()
+        tracked = self.tracker.attitude
+        trusted = self.attitude.from_tracks(stamp_ns, tracks, tracked)
+        found = None if idle else self.identify(stamp_ns, centroids)
+        attitude, reasons = None, [extraction_reason]
+        if trusted.attitude is not None and tracked is not None:
+            attitude, reasons = self._attitude(stamp_ns, trusted.attitude, tracked), []
+        else:
+            reasons.append(self.tracker.reason if tracked is None else trusted.reason)
             if found is not None and found.attitude is None:
                 reasons.append(found.reason)
-            return FrameResult(stamp_ns, centroids, found, frame.tracks, None, frame.state,
-                               '; '.join(dict.fromkeys(filter(None, reasons))))
-        return FrameResult(
-            stamp_ns, centroids, frame.identification, frame.tracks,
-            Attitude(stamp_ns, estimate.quaternion, estimate.covariance_sensor,
-                     tracked.rate_rad_s, tracked.rate_covariance, self._acceleration_rad_s2),
-            frame.state, '')
+        return FrameResult(stamp_ns, centroids, found, tracks, tracked, attitude,
+                           self.tracker.state, '; '.join(dict.fromkeys(filter(None, reasons))))
+
+    def _attitude(self, stamp_ns: int, estimate: AttitudeEstimate, tracked: TrackedAttitude
+                  ) -> Attitude:
+        return Attitude(
+            **{field.name: getattr(estimate, field.name) for field in fields(estimate)},
+            stamp_ns=stamp_ns, rate_rad_s=tracked.rate_rad_s,
+            rate_covariance=tracked.rate_covariance,
+            acceleration_rad_s2=self._acceleration_rad_s2)
+
+
+def _tracks_all_stars(camera: Camera, options: StarTrackerOptions) -> bool:
+    """Return whether the star tracker has the stars of the catalogue, with their magnitudes."""
+    faintest = camera_catalog(camera).magnitude.max()
+    return options.band == BandOptions() and faintest <= options.tracker.magnitude_limit
 
 
 def _vector(name: str, value: np.ndarray) -> np.ndarray:

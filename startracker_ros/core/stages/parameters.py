@@ -1,11 +1,34 @@
 """The options of the stages by the names of the node parameters."""
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from startracker_ros.core.astro.observer_motion import AberrationOptions
+from startracker_ros.core.attitude.gyro import GyroErrorOptions
+from startracker_ros.core.attitude.validation import ValidationOptions
+from startracker_ros.core.catalog.band import BandOptions
+from startracker_ros.core.centroid.extraction import ExtractionOptions
+from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.options import Options, unknown_option
-from startracker_ros.core.stages.pipeline import PipelineOptions
+from startracker_ros.core.stages.extraction import SearchOptions
+from startracker_ros.core.stages.identification import CheckOptions
+from startracker_ros.core.track.options import TrackerOptions
+
+@dataclass(frozen=True)
+class StarTrackerOptions:
+    """The options of all stages, those of the nodes by default."""
+
+    extraction: ExtractionOptions = ExtractionOptions()
+    search: SearchOptions = SearchOptions()
+    identification: IdentificationOptions = IdentificationOptions()
+    check: CheckOptions = CheckOptions()
+    tracker: TrackerOptions = TrackerOptions()
+    gyro: GyroErrorOptions = GyroErrorOptions()
+    validation: ValidationOptions = ValidationOptions()
+    aberration: AberrationOptions = AberrationOptions()
+    band: BandOptions = BandOptions()
+
 
 NODES = {
     'centroid_extractor': ('extraction', 'search'),
@@ -19,13 +42,13 @@ class ParameterError(ValueError):
     """A parameter that is unknown or out of range; the text names it."""
 
 
-_DEFAULTS = PipelineOptions()
+_DEFAULTS = StarTrackerOptions()
 
 
 def _known() -> dict[str, tuple[str, Any]]:
     """Return the stage and the default of each NODE.NAME."""
     kinds: dict[str, type[Options]] = {
-        field.name: type(getattr(_DEFAULTS, field.name)) for field in fields(PipelineOptions)}
+        field.name: type(getattr(_DEFAULTS, field.name)) for field in fields(StarTrackerOptions)}
     return {f'{node}.{row.name}': (stage, row.default) for node, stages in NODES.items()
             for stage in stages for row in kinds[stage].table()}
 
@@ -34,7 +57,7 @@ KNOWN = _known()
 """Stage and default of each NODE.NAME."""
 
 
-def options_of_nodes(values: Mapping[str, Any]) -> PipelineOptions:
+def options_of_nodes(values: Mapping[str, Any]) -> StarTrackerOptions:
     """
     Return the options with values by NODE.NAME, which must be known.
 
@@ -54,7 +77,7 @@ def options_of_nodes(values: Mapping[str, Any]) -> PipelineOptions:
         raise ParameterError(str(error)) from error
 
 
-def options_of_keywords(keywords: Mapping[str, Any]) -> PipelineOptions:
+def options_of_keywords(keywords: Mapping[str, Any]) -> StarTrackerOptions:
     """
     Return the options with values by NAME, which is of all nodes that have it.
 

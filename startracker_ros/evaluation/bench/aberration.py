@@ -11,7 +11,7 @@ from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, random_attitude
-from startracker_ros.core.stages.pipeline import Pipeline
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.io.table import Result
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import SteadyMotion
@@ -45,13 +45,13 @@ def attitudes(odometry: bool, trials: int, seed: int
     for epoch in progress(range(EPOCHS), name, transient=True):
         year = YEAR + (epoch + rng.uniform()) / EPOCHS
         stamp_ns = stamp_from_epoch_year(year)
-        pipeline = Pipeline(CAMERA, year)
+        pipeline = StarTracker(CAMERA, year)
         for _ in range(-(-trials // EPOCHS)):
             motion = _motion(GEOSTATIONARY_KM if odometry else LOW_KM, rng)
             frame = SkySimulator(CAMERA, motion, catalog, year,
                                  detector_options=_DETECTOR).frame(0.0)
             if odometry:
-                pipeline.add_state(stamp_ns, frame.state.geocentric)
+                pipeline.motion.add_state(stamp_ns, frame.state.geocentric)
             centroids = pipeline.extraction.extractor.extract(frame.image).centroids
             found = pipeline.identify(stamp_ns, centroids)
             solved = pipeline.attitude.from_stars(stamp_ns, centroids, found.hip)

@@ -23,7 +23,7 @@ from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, random_attitude
 from startracker_ros.core.stages.attitude import AttitudeStage
-from startracker_ros.core.stages.pipeline import Pipeline
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.io.table import Result
 from startracker_ros.ros.processes import node_environment
@@ -71,7 +71,7 @@ def noise_free(trials: int, seed: int) -> Iterator[PercentileRow]:
     count = min(trials, 100)
     catalog = load_catalog()
     detector = DetectorOptions(noise=False, bit_depth=16, gain_e_per_dn=0.25)
-    pipeline = Pipeline(FULL_CAMERA, EPOCH_YEAR)
+    pipeline = StarTracker(FULL_CAMERA, EPOCH_YEAR)
     errors = []
     for _ in progress(range(count), 'noise-free', transient=True):
         options = MotionOptions(
@@ -80,7 +80,7 @@ def noise_free(trials: int, seed: int) -> Iterator[PercentileRow]:
         frame = SkySimulator(FULL_CAMERA, motion_from_options(options), catalog, EPOCH_YEAR,
                              detector_options=detector).frame(0.0)
         centroids = pipeline.extraction.extractor.extract(frame.image).centroids
-        pipeline.add_state(START_NS, frame.state.geocentric)
+        pipeline.motion.add_state(START_NS, frame.state.geocentric)
         identified = pipeline.identification.identify(START_NS, centroids)[0]
         solved = pipeline.attitude.from_stars(START_NS, centroids, identified.hip).attitude
         errors.append(np.full(3, np.nan) if solved is None else attitude_error(
@@ -179,13 +179,13 @@ def core_work(trials: int, seed: int) -> Iterator[PercentileRow]:
     options = MotionOptions(motion='constant_rate', rate_deg_s=(0.05, 0.1, 0.02))
     simulator = SkySimulator(FULL_CAMERA, motion_from_options(options), catalog, EPOCH_YEAR,
                              seed=seed)
-    pipeline = Pipeline(FULL_CAMERA, EPOCH_YEAR)
+    pipeline = StarTracker(FULL_CAMERA, EPOCH_YEAR)
     stages: dict[str, list[float]] = {'centroids': [], 'tracking': [], 'attitude': []}
     for index in progress(range(count + 2), 'core work', transient=True):
         stamp_ns = START_NS + index * 100_000_000
         frame = simulator.frame(index / 10)
         image = frame.image
-        pipeline.add_state(stamp_ns, frame.state.geocentric)
+        pipeline.motion.add_state(stamp_ns, frame.state.geocentric)
         marks = [time.process_time()]
         centroids = pipeline.extraction.extractor.extract(image).centroids
         marks.append(time.process_time())
@@ -194,7 +194,7 @@ def core_work(trials: int, seed: int) -> Iterator[PercentileRow]:
         pipeline.attitude.from_tracks(
             stamp_ns, tracks or Tracks.empty(), pipeline.tracker.attitude)
         marks.append(time.process_time())
-        if not pipeline.identifier_rests(stamp_ns):
+        if not pipeline.identifier_is_idle(stamp_ns):
             pipeline.identify(stamp_ns, centroids)
         else:
             for stage, elapsed_s in zip(stages.values(), np.diff(marks)):

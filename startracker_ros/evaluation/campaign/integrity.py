@@ -14,10 +14,12 @@ from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
+from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import ARCSEC, conjugate, random_attitude, rotate
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineFrame, PipelineOptions
+from startracker_ros.core.stages.parameters import StarTrackerOptions
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.tracker import TrackerState
 from startracker_ros.evaluation.campaign.integrity_images import (
@@ -114,8 +116,8 @@ class IntegrityRow:
 
 
 @cache
-def _pipeline() -> Pipeline:
-    return Pipeline(CAMERA, EPOCH_YEAR, PipelineOptions(
+def _pipeline() -> StarTracker:
+    return StarTracker.with_options(CAMERA, EPOCH_YEAR, StarTrackerOptions(
         identification=IdentificationOptions(magnitude_limit=MAGNITUDE_LIMIT),
         tracker=TrackerOptions(magnitude_limit=MAGNITUDE_LIMIT),
         # The star lists are those of an observer at rest.
@@ -213,7 +215,7 @@ def _with_point(seen: Centroids, uv: np.ndarray) -> Centroids:
 
 
 def run_of(condition: Condition, rng: np.random.Generator
-           ) -> Iterator[tuple[Pipeline, PipelineFrame, np.ndarray]]:
+           ) -> Iterator[tuple[StarTracker, FrameResult, np.ndarray]]:
     """Run the pipeline from its start; yield it with its frame and the true attitude (4,)."""
     pipeline = _pipeline()
     pipeline.reset()
@@ -223,7 +225,7 @@ def run_of(condition: Condition, rng: np.random.Generator
         if measured is not None and index:
             for k in range((index - 1) * _SUBSTEPS, index * _SUBSTEPS):
                 pipeline.add_rate(START_NS + (k + 1) * STEP_NS // _SUBSTEPS, measured[k])
-        yield pipeline, pipeline.update(START_NS + index * STEP_NS, centroids), truth
+        yield pipeline, pipeline.process_centroids(START_NS + index * STEP_NS, centroids), truth
 
 
 def _run(condition: Condition, rng: np.random.Generator) -> Tally:

@@ -10,7 +10,8 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import ExtractionOptions
 from startracker_ros.core.maths.rotation import ARCSEC, random_attitude
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineOptions
+from startracker_ros.core.stages.parameters import StarTrackerOptions
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.tracker import TrackerState
 from startracker_ros.evaluation.campaign.integrity_tally import (
@@ -169,8 +170,8 @@ IMAGE_CONDITIONS = {
 
 
 @cache
-def _pipeline(camera: Camera, line_time_us: float) -> Pipeline:
-    return Pipeline(camera, EPOCH_YEAR, PipelineOptions(
+def _pipeline(camera: Camera, line_time_us: float) -> StarTracker:
+    return StarTracker.with_options(camera, EPOCH_YEAR, StarTrackerOptions(
         extraction=ExtractionOptions(line_time_us=line_time_us), tracker=_TRACKER))
 
 
@@ -193,8 +194,8 @@ def image_run(condition: ImageCondition, seed: int, camera: Camera = CAMERA) -> 
                 pipeline.add_rate(START_NS + time_ns, spoilt.gyro(time_ns * 1e-9))
         simulator = clean if index < condition.clean_frames else spoilt
         taken = simulator.frame(round(index * STEP_NS * 1e-9, 9))
-        pipeline.add_state(START_NS + index * STEP_NS, taken.state.geocentric)
-        frame = pipeline.update_image(START_NS + index * STEP_NS, taken.image)
+        pipeline.motion.add_state(START_NS + index * STEP_NS, taken.state.geocentric)
+        frame = pipeline.process(START_NS + index * STEP_NS, taken.image)
         tally += tally_of_frame(frame, before, taken.q_mean,
                                 index >= due_from and not condition.start)
         before = frame.state

@@ -5,8 +5,8 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
-from startracker_ros.core.stages.pipeline import PipelineFrame
 from startracker_ros.core.track.tracker import TrackerState
 from startracker_ros.tools.figures.correctness import error_over_bound, WRONG_SIGMAS
 
@@ -56,10 +56,10 @@ def tally_of(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) 
                  worst=worst, worst_sigma=sigmas)
 
 
-def tally_of_frame(frame: PipelineFrame, before: TrackerState, truth: np.ndarray,
+def tally_of_frame(frame: FrameResult, before: TrackerState, truth: np.ndarray,
                    due: bool = True) -> Tally:
     """Return the tally of a frame; before is the state of the tracker before it."""
-    attitude = frame.trusted.attitude
+    attitude = frame.attitude
     lost = before is TrackerState.TRACKING and frame.state is not before
     tally = Tally(frames=1, due=int(due), available=int(due and attitude is not None),
                   losses=int(lost))

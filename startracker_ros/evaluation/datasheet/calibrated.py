@@ -18,7 +18,7 @@ from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.centroid.extraction import ExtractionOptions
 from startracker_ros.core.maths.rotation import attitude_error, conjugate, random_attitude, rotate
-from startracker_ros.core.stages.pipeline import Pipeline
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.evaluation.datasheet.bounds import limiting_magnitude, motion_px, star_image
 from startracker_ros.evaluation.datasheet.instrument import EPOCH_YEAR, Instrument, ORBIT, START_NS
 from startracker_ros.evaluation.datasheet.motions import Pointings
@@ -42,7 +42,7 @@ def calibrated_instrument(lens: Camera, detector: DetectorOptions, seed: int) ->
     catalog = camera_catalog(lens)
     simulator = SkySimulator(lens, motion, catalog, EPOCH_YEAR, detector_options=detector,
                              seed=seed)
-    pipeline, views = Pipeline(lens, EPOCH_YEAR), []
+    pipeline, views = StarTracker(lens, EPOCH_YEAR), []
     for second in range(IMAGES):
         image = simulator.frame(float(second)).image
         centroids = pipeline.extraction.extractor.extract(image).centroids

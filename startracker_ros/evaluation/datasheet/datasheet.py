@@ -11,7 +11,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.centroid.extraction import ExtractionOptions
 from startracker_ros.core.maths.rotation import random_attitude
-from startracker_ros.core.stages.pipeline import Pipeline
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.evaluation.campaign.integrity_tally import Tally
 from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_map, split_trials
 from startracker_ros.evaluation.datasheet import rows
@@ -197,14 +197,14 @@ def frame_times_ms(instrument: Instrument, frames: int, seed: int) -> np.ndarray
     motion = Pointings(np.array([random_attitude(rng)]), np.zeros((1, 3)))
     simulator = SkySimulator(instrument.lens, motion, camera_catalog(instrument.lens), EPOCH_YEAR,
                              detector_options=instrument.detector, seed=seed)
-    pipeline, times_ms = Pipeline(instrument.camera, EPOCH_YEAR), []
+    pipeline, times_ms = StarTracker(instrument.camera, EPOCH_YEAR), []
     step_ns = round(1e9 / FRAME_RATE_HZ)
     for index in range(frames + 5):
         # Of one pointing, with noise of its own in each image.
         taken = simulator.frame(index * 1e-6)
-        pipeline.add_state(START_NS + index * step_ns, taken.state.geocentric)
+        pipeline.motion.add_state(START_NS + index * step_ns, taken.state.geocentric)
         start_s = time.perf_counter()
-        pipeline.update_image(START_NS + index * step_ns, taken.image)
+        pipeline.process(START_NS + index * step_ns, taken.image)
         times_ms.append(1e3 * (time.perf_counter() - start_s))
     return np.array(times_ms[5:])
 

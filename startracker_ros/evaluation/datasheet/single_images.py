@@ -19,7 +19,7 @@ from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.centroid.streak import Streak
 from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, multiply, quaternion_from_rotation_vector, random_attitude, rotate)
-from startracker_ros.core.stages.pipeline import Pipeline
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.evaluation.datasheet.bounds import attitude_bound, motion_px
 from startracker_ros.evaluation.datasheet.instrument import EPOCH_YEAR, Instrument, START_NS
 from startracker_ros.evaluation.datasheet.motions import across_boresight, Pointings
@@ -51,8 +51,8 @@ class ImageErrors:
 
 
 @cache
-def _pipeline(instrument: Instrument) -> Pipeline:
-    return Pipeline(instrument.camera, EPOCH_YEAR)
+def _pipeline(instrument: Instrument) -> StarTracker:
+    return StarTracker(instrument.camera, EPOCH_YEAR)
 
 
 def image_errors(instrument: Instrument, rate_deg_s: float, fields: int, seed: int
@@ -85,14 +85,14 @@ def _shifted_pointings(instrument: Instrument, rate_deg_s: float, fields: int, s
                      np.radians(rate_deg_s) * axis)
 
 
-def _field_errors(instrument: Instrument, pipeline: Pipeline, noisy: SkySimulator,
+def _field_errors(instrument: Instrument, pipeline: StarTracker, noisy: SkySimulator,
                   clean: SkySimulator, seconds: range) -> tuple:
     """Return the errors of one field, a row of ImageErrors."""
     errors = np.full((3, SHIFTS, 3), np.nan)
     for shift, second in enumerate(seconds):
         frame = noisy.frame(float(second))
         stamp_ns = START_NS + second * 10 ** 9
-        pipeline.add_state(stamp_ns, frame.state.geocentric)
+        pipeline.motion.add_state(stamp_ns, frame.state.geocentric)
         if not shift:
             extraction = pipeline.extraction.extractor.extract(frame.image)
             found, _ = pipeline.identification.identify(stamp_ns, extraction.centroids)
@@ -114,7 +114,7 @@ def _streak(instrument: Instrument, rate_rad_s: np.ndarray) -> Streak:
     return Streak(float(u_px), float(v_px), 0.0, (camera.width - 1) / 2, (camera.height - 1) / 2)
 
 
-def _predicted_stars(pipeline: Pipeline, stamp_ns: int, q: np.ndarray
+def _predicted_stars(pipeline: StarTracker, stamp_ns: int, q: np.ndarray
                      ) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels (N, 2) and hip (N,) of the stars that a tracker follows at q (4,)."""
     camera, sky = pipeline.identification.identifier.camera, pipeline.attitude.sky
@@ -126,7 +126,7 @@ def _predicted_stars(pipeline: Pipeline, stamp_ns: int, q: np.ndarray
     return uv[inside], sky.onboard.hip[near[inside]]
 
 
-def _errors_of_shift(pipeline: Pipeline, stamp_ns: int, frame: Frame, clean: np.ndarray,
+def _errors_of_shift(pipeline: StarTracker, stamp_ns: int, frame: Frame, clean: np.ndarray,
                      streak: Streak) -> np.ndarray:
     """Return the errors (2, 3) by noise and without it: of the same stars, with equal weights."""
     truth, extractor = frame.state.q_icrf_from_sensor, pipeline.extraction.extractor

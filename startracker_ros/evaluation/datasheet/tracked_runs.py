@@ -6,8 +6,7 @@ from functools import cache
 import numpy as np
 from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.maths.rotation import attitude_error, random_attitude
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineOptions
-from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.evaluation.datasheet.instrument import (
     EPOCH_YEAR, FRAME_RATE_HZ, Instrument, START_NS)
 from startracker_ros.evaluation.datasheet.motions import across_boresight, RUN_S, Spins
@@ -61,10 +60,9 @@ class Runs:
 
 
 @cache
-def _pipeline(instrument: Instrument) -> Pipeline:
+def _pipeline(instrument: Instrument) -> StarTracker:
     # Limits of the motion are to be those of images and filter, not of this parameter.
-    return Pipeline(instrument.camera, EPOCH_YEAR,
-                    PipelineOptions(tracker=TrackerOptions(max_rate_deg_s=100.0)))
+    return StarTracker(instrument.camera, EPOCH_YEAR, max_rate_deg_s=100.0)
 
 
 def tracked_runs(instrument: Instrument, case: RunCase, runs: int, seed: int) -> Runs:
@@ -80,7 +78,7 @@ def tracked_runs(instrument: Instrument, case: RunCase, runs: int, seed: int) ->
     return Runs(*map(np.array, zip(*rows)))
 
 
-def _run(simulator: SkySimulator, pipeline: Pipeline, begin_s: float, frames: int
+def _run(simulator: SkySimulator, pipeline: StarTracker, begin_s: float, frames: int
          ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the errors and their sigmas (F, 3), and the time of acquisition."""
     pipeline.reset()
@@ -89,8 +87,8 @@ def _run(simulator: SkySimulator, pipeline: Pipeline, begin_s: float, frames: in
         time_s = begin_s + index / FRAME_RATE_HZ
         taken = simulator.frame(time_s)
         stamp_ns = START_NS + round(time_s * 1e9)
-        pipeline.add_state(stamp_ns, taken.state.geocentric)
-        attitude = pipeline.update_image(stamp_ns, taken.image).trusted.attitude
+        pipeline.motion.add_state(stamp_ns, taken.state.geocentric)
+        attitude = pipeline.process(stamp_ns, taken.image).attitude
         if attitude is not None:
             error[index] = attitude_error(attitude.quaternion, taken.state.q_icrf_from_sensor)
             sigma[index] = np.sqrt(np.diag(attitude.covariance_sensor))

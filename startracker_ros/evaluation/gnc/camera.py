@@ -11,8 +11,10 @@ from startracker_ros.core.catalog.onboard import onboard_catalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
+from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineFrame, PipelineOptions
+from startracker_ros.core.stages.parameters import StarTrackerOptions
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.sim.sky.artefacts import ArtefactOptions
 from startracker_ros.sim.sky.detector import DetectorOptions
@@ -67,9 +69,9 @@ class LoopCamera(Protocol):
         """Return the report of a frame, time_ns after the start."""
 
 
-def observation_of(frame: PipelineFrame) -> Observation:
+def observation_of(frame: FrameResult) -> Observation:
     """Return what a controller learns of a frame of the pipeline."""
-    attitude = frame.trusted.attitude
+    attitude = frame.attitude
     if attitude is None:
         return Observation(str(frame.state))
     return Observation(str(frame.state), attitude.quaternion, attitude.covariance_sensor,
@@ -84,7 +86,7 @@ class StarListCamera:
         self._missing, self._false = missing, false
         self._sky = onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, MAGNITUDE_LIMIT)
         self._before: Centroids | None = None
-        self._pipeline = Pipeline(CAMERA, EPOCH_YEAR, PipelineOptions(
+        self._pipeline = StarTracker.with_options(CAMERA, EPOCH_YEAR, StarTrackerOptions(
             identification=IdentificationOptions(magnitude_limit=MAGNITUDE_LIMIT),
             tracker=TrackerOptions(magnitude_limit=MAGNITUDE_LIMIT),
             aberration=AberrationOptions(aberration='none')))
@@ -100,7 +102,7 @@ class StarListCamera:
             row = self._rng.uniform(0, CAMERA.height)
             seen = _joined(seen.select(seen.uv[:, 1] < row),
                            before.select(before.uv[:, 1] >= row))
-        return observation_of(self._pipeline.update(START_NS + time_ns, seen))
+        return observation_of(self._pipeline.process_centroids(START_NS + time_ns, seen))
 
 
 class ImageCamera:
@@ -108,7 +110,7 @@ class ImageCamera:
 
     def __init__(self, *, seed: int, frame_rate_hz: float) -> None:
         self._seed, self._frame_rate_hz = seed, frame_rate_hz
-        self._pipeline = Pipeline(CAMERA, EPOCH_YEAR)
+        self._pipeline = StarTracker(CAMERA, EPOCH_YEAR)
         self._simulators: dict[tuple[bool, bool], SkySimulator] = {}
 
     def observe(self, time_ns: int, motion: SampledMotion, fault: FrameFault) -> Observation:
@@ -117,9 +119,9 @@ class ImageCamera:
         if key not in self._simulators:
             self._simulators[key] = self._simulator(motion, *key)
         stamp_ns = START_NS + time_ns
-        self._pipeline.add_state(stamp_ns, motion.at(time_ns * 1e-9).geocentric)
+        self._pipeline.motion.add_state(stamp_ns, motion.at(time_ns * 1e-9).geocentric)
         image = self._simulators[key].frame(round(time_ns * 1e-9 + fault.offset_s, 9)).image
-        return observation_of(self._pipeline.update_image(stamp_ns, image))
+        return observation_of(self._pipeline.process(stamp_ns, image))
 
     def _simulator(self, motion: SampledMotion, blinded: bool, torn: bool) -> SkySimulator:
         return SkySimulator(

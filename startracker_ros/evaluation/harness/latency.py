@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image, Imu
 
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.stages.pipeline import Pipeline
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.io.images.images import read_image
 from startracker_ros.ros import qos
@@ -149,12 +149,12 @@ def core_ms(images: Path, fov_deg: float, epoch_year: float, *, rate_hz: float, 
     """Return times (N,) of the pipeline without messages, the lower bound of the latency."""
     frames = [read_image(file) for file in sorted(images.iterdir())]
     height, width = frames[0].shape
-    pipeline = Pipeline(Camera.from_fov(width, height, fov_deg), epoch_year)
+    pipeline = StarTracker(Camera.from_fov(width, height, fov_deg), epoch_year)
     times_ms = []
     for index in range(_WARM_UP_IMAGES + count):
         time.sleep(1 / rate_hz)
         start_s = time.perf_counter()
-        pipeline.update_image(round(index / rate_hz * 1e9), frames[index % len(frames)])
+        pipeline.process(round(index / rate_hz * 1e9), frames[index % len(frames)])
         times_ms.append((time.perf_counter() - start_s) * 1e3)
     return min(np.array_split(times_ms[_WARM_UP_IMAGES:], _RUNS), key=np.median)
 

@@ -8,9 +8,10 @@ import numpy as np
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.maths.rotation import (
     ARCSEC, east_and_north, matrix_from_quaternion, unit_from_radec)
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineFrame
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.in_view import StarsInView
 from startracker_ros.core.track.target import MOST_SPOTS, unexplained
 from startracker_ros.core.track.tracklets import Detections, link_tracklets
@@ -64,13 +65,13 @@ class Leftovers:
     def __init__(self) -> None:
         self._frames = 0
         self._spots: list[_Spots] = []
-        self._stars: tuple[Pipeline, StarsInView] | None = None
+        self._stars: tuple[StarTracker, StarsInView] | None = None
 
-    def add(self, stamp_ns: int, camera: Camera, centroids: Centroids, frame: PipelineFrame,
-            pipeline: Pipeline, zero_point_mag: float, held: bool) -> None:
+    def add(self, stamp_ns: int, camera: Camera, centroids: Centroids, frame: FrameResult,
+            pipeline: StarTracker, zero_point_mag: float, held: bool) -> None:
         """Add a frame, held by the segment or of its overlap; without an attitude it counts."""
         self._frames += 1
-        attitude = frame.trusted.attitude
+        attitude = frame.attitude
         if attitude is None:
             return
         if self._stars is None or self._stars[0] is not pipeline:

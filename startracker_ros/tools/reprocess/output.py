@@ -8,7 +8,8 @@ import numpy as np
 from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_icrf
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineFrame
+from startracker_ros.core.frame_result import FrameResult
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.tracker import TrackerState
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.cloud_rows import centroid_rows, star_rows, track_rows
@@ -54,7 +55,7 @@ class SegmentBag:
         self._writer.close()
 
     def write(self, stamp_ns: int, frame_id: str, camera: Camera, centroids: Centroids,
-              extracted: bool, frame: PipelineFrame, pipeline: Pipeline) -> None:
+              extracted: bool, frame: FrameResult, pipeline: StarTracker) -> None:
         """Write what the nodes publish of a frame; centroids where they were extracted here."""
         def send(topic: str, data: bytes) -> None:
             self._writer.write(self._names[topic], data, stamp_ns, stamp_ns)
@@ -80,7 +81,7 @@ class SegmentBag:
             send('tracks', cdr.point_cloud(stamp_ns, frame_id, rows))
         if sends('tracker_state'):
             send('tracker_state', self._state(frame, pipeline))
-        attitude = frame.trusted.attitude
+        attitude = frame.attitude
         covariance = _on_icrf(attitude)
         if attitude is not None:
             q = attitude.quaternion
@@ -93,7 +94,7 @@ class SegmentBag:
         if sends('attitude_imu'):
             send('attitude_imu', _imu(stamp_ns, frame_id, frame, attitude, covariance))
 
-    def _state(self, frame: PipelineFrame, pipeline: Pipeline) -> bytes:
+    def _state(self, frame: FrameResult, pipeline: StarTracker) -> bytes:
         """Return `tracker_state`."""
         tracker = pipeline.tracker
         level = _OK if frame.state is TrackerState.TRACKING else _WARN
@@ -112,7 +113,7 @@ def _on_icrf(attitude: AttitudeEstimate | None) -> np.ndarray:
         attitude.quaternion, attitude.covariance_sensor)
 
 
-def _imu(stamp_ns: int, frame_id: str, frame: PipelineFrame, attitude: AttitudeEstimate | None,
+def _imu(stamp_ns: int, frame_id: str, frame: FrameResult, attitude: AttitudeEstimate | None,
          covariance: np.ndarray) -> bytes:
     """Return an Imu of an attitude with the tracked rate, or one that is marked as unknown."""
     if attitude is None:

@@ -7,8 +7,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from startracker_ros.core.stages.parameters import KNOWN, NODES, options_of_nodes, ParameterError
-from startracker_ros.core.stages.pipeline import PipelineOptions
+from startracker_ros.core.stages.parameters import (
+    KNOWN, NODES, options_of_nodes, ParameterError, StarTrackerOptions)
 from startracker_ros.core.yaml_text import load_yaml
 
 
@@ -17,7 +17,7 @@ class ParameterSet:
     """The options of a run; name is empty for the only one, values are those that were set."""
 
     name: str
-    options: PipelineOptions
+    options: StarTrackerOptions
     values: Mapping[str, Any]
 
 

@@ -11,7 +11,9 @@ from startracker_ros.core.astro.epoch import epoch_year_from_stamp, RESTART_NS
 from startracker_ros.core.astro.observer_motion import MotionError
 from startracker_ros.core.camera.model import CameraError
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineFrame, PipelineOptions
+from startracker_ros.core.frame_result import FrameResult
+from startracker_ros.core.stages.parameters import StarTrackerOptions
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
 from startracker_ros.io.bags.errors import BagError
@@ -53,7 +55,7 @@ class Tally:
 class SegmentRun:
     """Reads the messages of a segment; results go to bag and tables."""
 
-    def __init__(self, segment: Segment, options: PipelineOptions, bag: SegmentBag | None,
+    def __init__(self, segment: Segment, options: StarTrackerOptions, bag: SegmentBag | None,
                  tables: SegmentTables, leftovers: Leftovers,
                  smoothing: Smoothing | None = None) -> None:
         self._segment, self._options = segment, options
@@ -61,7 +63,7 @@ class SegmentRun:
         self._leftovers = leftovers
         self._camera = segment.camera
         self._cameras = 0
-        self._pipeline: Pipeline | None = None
+        self._pipeline: StarTracker | None = None
         self._newest_ns: int | None = None
         self._frame_id = ''
         self._truth: dict[int, np.ndarray] = {}
@@ -115,7 +117,7 @@ class SegmentRun:
     def _on_odometry(self, message: BagMessage) -> None:
         decoded = _decoded(message)
         state = state_from_odometry(decoded, INERTIAL)
-        self._pipeline_at(ns_from_stamp(decoded.header.stamp)).add_state(
+        self._pipeline_at(ns_from_stamp(decoded.header.stamp)).motion.add_state(
             ns_from_stamp(decoded.header.stamp), state)
 
     def _on_truth(self, message: BagMessage) -> None:
@@ -147,7 +149,7 @@ class SegmentRun:
             extraction = pipeline.extraction.extract(
                 stamp_ns, content, pipeline.tracker.predicted)
             content = extraction.centroids, pipeline.extraction.directed
-        frame = pipeline.update(stamp_ns, *content)
+        frame = pipeline.process_centroids(stamp_ns, *content)
         holds, truth = self._segment.holds(message.log_time_ns), self._truth.pop(stamp_ns, None)
         stars, fit = self._fit(content[0], frame, pipeline)
         if holds:
@@ -158,18 +160,18 @@ class SegmentRun:
             self._leftovers.add(stamp_ns, self._camera, content[0], frame, pipeline,
                                 np.nan if fit is None else fit.zero_point_mag, holds)
         if self._smoothing is not None:
-            attitude = frame.trusted.attitude
+            attitude = frame.attitude
             self._smoothing.add(stamp_ns, None if attitude is None else attitude.quaternion,
                                 fit, truth,
                                 uses_gyro=pipeline.tracker.gyro_condition == 'used',
                                 wanted=holds)
         pipeline.tracker.acquire_new_stars()
 
-    def _record(self, stamp_ns: int, centroids: Centroids, frame: PipelineFrame,
-                pipeline: Pipeline) -> None:
+    def _record(self, stamp_ns: int, centroids: Centroids, frame: FrameResult,
+                pipeline: StarTracker) -> None:
         """Count a frame and add its results to the bag."""
         self.tally.frames += 1
-        self.tally.attitudes += frame.trusted.attitude is not None
+        self.tally.attitudes += frame.attitude is not None
         if frame.identification is not None and frame.identification.status == 'time_limit':
             self.tally.problems['an identification reached time_limit_s: that frame may differ '
                                 'on another machine'] += 1
@@ -177,10 +179,10 @@ class SegmentRun:
             self._bag.write(stamp_ns, self._frame_id, self._camera, centroids,
                             self._segment.source != 'centroids', frame, pipeline)
 
-    def _fit(self, centroids: Centroids, frame: PipelineFrame, pipeline: Pipeline
+    def _fit(self, centroids: Centroids, frame: FrameResult, pipeline: StarTracker
              ) -> tuple[FittedStars, FrameFit | None]:
         """Return the stars of the fit of a frame, and this, None without an attitude."""
-        attitude = frame.trusted.attitude
+        attitude = frame.attitude
         if attitude is None:
             return NO_STARS, None
         tracks, sky = frame.tracks, pipeline.attitude.sky
@@ -194,11 +196,11 @@ class SegmentRun:
             return NO_STARS, None
         return FittedStars(hip[fit.star], uv[fit.star], tracks.snr[used][fit.star]), fit
 
-    def _pipeline_at(self, stamp_ns: int) -> Pipeline:
+    def _pipeline_at(self, stamp_ns: int) -> StarTracker:
         """Return the pipeline, a new one after another camera came or time went back."""
         if self._pipeline is None:
             year = round(epoch_year_from_stamp(stamp_ns) * _EPOCH_STEPS) / _EPOCH_STEPS
-            self._pipeline = Pipeline(self._camera, year, self._options)
+            self._pipeline = StarTracker.with_options(self._camera, year, self._options)
         return self._pipeline
 
 

@@ -5,7 +5,7 @@ from startracker_ros.core.attitude.gyro import MAX_RATE_RAD_S
 from startracker_ros.core.attitude.smoothing import MotionNoise, smooth
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector)
-from startracker_ros.core.stages.pipeline import PipelineOptions
+from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.tools.reprocess.frame_fit import FrameFit
 from startracker_ros.tools.reprocess.tables import fill, PAIRS, UPPER
 
@@ -28,7 +28,7 @@ _DEG_H, _DEG_SQRT_H, _HOUR_S = np.radians(1 / 3600), np.radians(1 / 60), 3600.0
 class Smoothing:
     """Collects the frames and gyro rates of a segment and of the overlap on both its sides."""
 
-    def __init__(self, options: PipelineOptions) -> None:
+    def __init__(self, options: StarTrackerOptions) -> None:
         self._options = options
         self._stamps: list[int] = []
         self._wanted: list[bool] = []

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
-from startracker_ros.core.stages.pipeline import PipelineFrame
 from startracker_ros.core.track.tracker import TrackerState
 from startracker_ros.io.export.tables import load_parquet_writer
 from startracker_ros.tools.reprocess.frame_fit import FrameFit
@@ -63,10 +63,10 @@ class SegmentTables:
     def __init__(self) -> None:
         self._frames: list[_Frame] = []
 
-    def add(self, stamp_ns: int, frame: PipelineFrame, residual_px: float,
+    def add(self, stamp_ns: int, frame: FrameResult, residual_px: float,
             truth: np.ndarray | None, stars: FittedStars, fit: FrameFit | None) -> None:
         """Add a frame, its true attitude (4,) where the bag holds it, and the fit of its stars."""
-        attitude = frame.trusted.attitude
+        attitude = frame.attitude
         self._frames.append(_Frame(
             stamp_ns, frame.state, residual_px, attitude,
             None if frame.tracked is None else frame.tracked.rate_rad_s, truth, stars, fit))

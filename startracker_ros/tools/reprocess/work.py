@@ -9,7 +9,7 @@ import shutil
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from startracker_ros.core.stages.pipeline import PipelineOptions
+from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.tools.reprocess.leftovers import Leftovers
 from startracker_ros.tools.reprocess.output import SegmentBag
 from startracker_ros.tools.reprocess.plan import Segment
@@ -54,7 +54,7 @@ class SegmentRecord:
     problems: dict[str, int]
 
 
-def process(segment: Segment, options: PipelineOptions, digest: str, outputs: Outputs
+def process(segment: Segment, options: StarTrackerOptions, digest: str, outputs: Outputs
             ) -> SegmentRecord:
     """
     Process a segment and put its files into place, whole or not at all; return the record.

@@ -7,7 +7,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.core.stages.extraction import ExtractionStage, SearchOptions
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineOptions
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.sim.sky.artefacts import ArtefactOptions
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
@@ -28,16 +28,16 @@ def run(frames, rate_deg_s, detector=DetectorOptions(), artefacts=ArtefactOption
     """Yield pipeline, frame of the pipeline and frame of the simulator."""
     sky = SkySimulator(CAMERA, turning(rate_deg_s), load_catalog(), 2026.5,
                        detector_options=detector, artefact_options=artefacts, frame_rate_hz=10.0)
-    pipeline = Pipeline(CAMERA, 2026.5, PipelineOptions())
+    pipeline = StarTracker(CAMERA, 2026.5)
     for index in range(frames):
         frame = sky.frame(1 + index / 10)
         image = change(index, frame.image)
-        pipeline.add_state(START_NS + index * STEP_NS, frame.state.geocentric)
-        yield pipeline, pipeline.update_image(START_NS + index * STEP_NS, image), frame
+        pipeline.motion.add_state(START_NS + index * STEP_NS, frame.state.geocentric)
+        yield pipeline, pipeline.process(START_NS + index * STEP_NS, image), frame
 
 
 def over_bound(result, frame):
-    attitude = result.trusted.attitude
+    attitude = result.attitude
     return error_over_bound(attitude.quaternion, attitude.covariance_sensor,
                             frame.state.q_icrf_from_sensor)
 
@@ -52,9 +52,9 @@ def test_stars_among_brighter_spots_are_acquired():
     """Most of the 40 brightest spots are false: only more of them hold enough stars."""
     spots = ArtefactOptions(star_like_spots=150)
     results = [(result, frame) for _, result, frame in run(10, (0.1, 0.0, 0.0), artefacts=spots)]
-    assert results[-1][0].trusted.attitude is not None
+    assert results[-1][0].attitude is not None
     assert all(over_bound(result, frame) < 1 for result, frame in results
-               if result.trusted.attitude is not None)
+               if result.attitude is not None)
 
 
 def test_more_stars_are_extracted_the_longer_none_is_predicted():
@@ -75,7 +75,7 @@ def test_smeared_stars_are_tracked_at_three_degrees_a_second():
     published, directed = 0, 0
     for pipeline, result, frame in run(20, (2.5, 1.5, 0.3), detector):
         directed += pipeline.extraction.directed
-        if result.trusted.attitude is not None:
+        if result.attitude is not None:
             published += 1
             assert over_bound(result, frame) < 1
     assert published >= 16 and directed >= 10
@@ -89,8 +89,8 @@ def test_a_repeated_image_is_no_attitude_while_the_stars_move():
         return last['image']
 
     results = [(result, frame) for _, result, frame in run(16, (0.5, 0.0, 0.0), change=repeat)]
-    assert all(results[k][0].trusted.attitude is None for k in (10, 11))
-    assert results[9][0].trusted.attitude is not None
+    assert all(results[k][0].attitude is None for k in (10, 11))
+    assert results[9][0].attitude is not None
     assert over_bound(*results[15]) < 1
 
 
@@ -130,7 +130,7 @@ def test_torn_frames_are_not_published(row, noise_dn):
 
     results = [(result, frame) for _, result, frame in run(26, (0.6, 0.8, 0.0), change=tear)]
     published = [index for index, (result, _) in enumerate(results)
-                 if result.trusted.attitude is not None]
+                 if result.attitude is not None]
     assert max(over_bound(*results[index]) for index in published) < 1
     assert sum(index % 2 == 0 for index in published) >= 8
 
@@ -140,7 +140,7 @@ def test_torn_frames_are_not_published(row, noise_dn):
 def test_trails_and_columns_from_the_first_image_on_do_not_blind_it(artefacts):
     results = [(result, frame) for _, result, frame in run(
         14, (0.1, 0.1, 0.0), artefacts=artefacts)]
-    published = [pair for pair in results if pair[0].trusted.attitude is not None]
+    published = [pair for pair in results if pair[0].attitude is not None]
     assert len(published) >= 10 and max(over_bound(*pair) for pair in published) < 1
 
 
@@ -154,7 +154,7 @@ def test_ten_thousand_hits_do_not_end_tracking():
         return storm.frame(1 + index / 10).image if index >= 6 else image
 
     results = [(result, frame) for _, result, frame in run(20, (0.1, 0.1, 0.0), change=spoil)]
-    published = [pair for pair in results if pair[0].trusted.attitude is not None]
+    published = [pair for pair in results if pair[0].attitude is not None]
     assert len(published) >= 17 and max(over_bound(*pair) for pair in published) < 1
 
 
@@ -183,5 +183,5 @@ def test_three_hundred_false_spots_do_not_end_tracking():
         return np.minimum(light, 4095).astype(np.uint16)
 
     results = [(result, frame) for _, result, frame in run(25, (0.1, 0.1, 0.0), change=spot)]
-    published = [pair for pair in results[8:] if pair[0].trusted.attitude is not None]
+    published = [pair for pair in results[8:] if pair[0].attitude is not None]
     assert len(published) >= 16 and max(over_bound(*pair) for pair in published) < 1

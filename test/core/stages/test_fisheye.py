@@ -5,7 +5,8 @@ from startracker_ros.core.astro.observer_motion import AberrationOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import attitude_error
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineOptions
+from startracker_ros.core.stages.parameters import StarTrackerOptions
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.tracker import TrackerState
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
@@ -20,15 +21,15 @@ def test_images_of_a_fisheye_are_identified_and_tracked():
     simulator = SkySimulator(
         CAMERA, motion_from_options(MotionOptions(), seed=1), load_catalog().brighter_than(5.5),
         2026.5, sky_options=SkyOptions(aberration=False), seed=1)
-    pipeline = Pipeline(CAMERA, 2026.5, PipelineOptions(
+    pipeline = StarTracker.with_options(CAMERA, 2026.5, StarTrackerOptions(
         aberration=AberrationOptions(aberration='none')))
     for number in range(5):
         frame = simulator.frame(0.1 * number)
-        seen = pipeline.update_image(START_NS + number * 10 ** 8, frame.image)
+        seen = pipeline.process(START_NS + number * 10 ** 8, frame.image)
         if number == 0:
             assert seen.identification.matched > 25
     assert seen.state is TrackerState.TRACKING
-    attitude = seen.trusted.attitude
+    attitude = seen.attitude
     error = attitude_error(attitude.quaternion, frame.state.q_icrf_from_sensor)
     assert np.linalg.norm(error) / CAMERA.pixel_rad < 0.05
     assert error @ np.linalg.solve(attitude.covariance_sensor, error) < 25

@@ -7,7 +7,7 @@ import pytest
 from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.astro.ground_site import Site
-from startracker_ros.core.astro.observer_motion import AberrationOptions, AT_REST, observer_at
+from startracker_ros.core.astro.observer_motion import AT_REST, observer_at
 from startracker_ros.core.astro.orbit import CircularOrbit
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.camera.model import Camera
@@ -20,7 +20,7 @@ from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, quaternion_from_pointing, radec_from_unit, random_attitude)
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineOptions
+from startracker_ros.core.star_tracker import StarTracker
 
 YEAR = 2026.4
 START_NS, STEP_NS = stamp_from_epoch_year(YEAR), 10 ** 8
@@ -35,7 +35,7 @@ def sky_of(velocity_m_s):
 
 
 def pipeline_of(mode):
-    return Pipeline(CAMERA, YEAR, PipelineOptions(aberration=AberrationOptions(aberration=mode)))
+    return StarTracker(CAMERA, YEAR, aberration=mode)
 
 
 @pytest.fixture(scope='module')
@@ -53,8 +53,8 @@ def run(pipeline, q, state, sigma_px=0.01, frames=4, odometry=True, seed=1):
     for index in range(frames):
         stamp_ns = START_NS + index * STEP_NS
         if odometry:
-            pipeline.add_state(stamp_ns, state)
-        frame = pipeline.update(stamp_ns, star_list(sky, CAMERA, q, sigma_px, rng)[0])
+            pipeline.motion.add_state(stamp_ns, state)
+        frame = pipeline.process_centroids(stamp_ns, star_list(sky, CAMERA, q, sigma_px, rng)[0])
         identified = frame.identification or identified
     return frame, identified
 
@@ -73,7 +73,7 @@ def test_attitudes_of_tracker_and_of_single_frames_are_in_icrf(pipelines):
     for q, state in states(12):
         frame, identified = run(pipelines['full'], q, state, sigma_px=1e-3)
         errors.append([attitude_error(found.quaternion, q) for found in (
-            frame.tracked.attitude, frame.trusted.attitude, identified.attitude)])
+            frame.tracked.attitude, frame.attitude, identified.attitude)])
         # The focal length of this camera is exact.
         assert abs(identified.focal_ratio - 1) < 3e-6
     across = np.hypot(*np.moveaxis(np.array(errors)[..., :2], -1, 0)) / ARCSEC
@@ -86,7 +86,7 @@ def test_without_odometry_the_covariance_contains_the_orbit(pipelines):
         for seed, (q, state) in enumerate(states(25, seed=3)):
             frame, identified = run(
                 pipelines[mode], q, state, odometry=odometry, frames=3, seed=seed)
-            for found in (frame.trusted.attitude, identified.attitude):
+            for found in (frame.attitude, identified.attitude):
                 error = attitude_error(found.quaternion, q)
                 assert (np.abs(error) < 3 * np.sqrt(np.diag(found.covariance_sensor))).all()
                 normalised.append(error @ np.linalg.solve(found.covariance_sensor, error))
@@ -96,7 +96,7 @@ def test_without_odometry_the_covariance_contains_the_orbit(pipelines):
 
 def test_none_is_off_by_all_of_the_aberration(pipelines):
     off = [np.linalg.norm(attitude_error(
-        run(pipelines['none'], q, state)[0].trusted.attitude.quaternion, q)) / ARCSEC
+        run(pipelines['none'], q, state)[0].attitude.quaternion, q)) / ARCSEC
         for q, state in states(12)]
     assert 15 < max(off) < 26
 
@@ -108,11 +108,11 @@ def test_odometry_that_comes_late_does_not_lose_the_stars(pipelines):
     run(pipeline, q, state, frames=5, odometry=False, sigma_px=0.1)
     for index in range(5, 40):
         stamp_ns = START_NS + index * STEP_NS
-        pipeline.add_state(stamp_ns, state)
-        frame = pipeline.update(stamp_ns, star_list(sky, CAMERA, q, 0.1, rng)[0])
-        assert frame.trusted.attitude is not None, frame.trusted.reason
-        error = attitude_error(frame.trusted.attitude.quaternion, q)
-        sigma = np.sqrt(np.diag(frame.trusted.attitude.covariance_sensor))
+        pipeline.motion.add_state(stamp_ns, state)
+        frame = pipeline.process_centroids(stamp_ns, star_list(sky, CAMERA, q, 0.1, rng)[0])
+        assert frame.attitude is not None, frame.reason
+        error = attitude_error(frame.attitude.quaternion, q)
+        sigma = np.sqrt(np.diag(frame.attitude.covariance_sensor))
         assert np.abs(error / sigma).max() < 6, index
 
 

@@ -8,8 +8,8 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, radec_from_unit, rotate
 from startracker_ros.core.stages.bodies import Bodies
-from startracker_ros.core.stages.pipeline import Pipeline
 from startracker_ros.core.stages.sky_mapping import SkyMapping
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.tracker import TrackerState
 from startracker_ros.sim.sky.bright_bodies import BrightBodyOptions
 from startracker_ros.sim.sky.detector import DetectorOptions
@@ -28,7 +28,7 @@ APPULSE_YEAR, APPULSE_HIP = 2026.05065, 117761
 
 @pytest.fixture(scope='module')
 def pipeline():
-    return Pipeline(CAMERA, 2026.0)
+    return StarTracker(CAMERA, 2026.0)
 
 
 def frames_at(name, year, off_deg=1.0, detector=DetectorOptions(), discs=BrightBodyOptions()):
@@ -58,14 +58,14 @@ def process(pipeline, frames):
     for stamp_ns, frame in frames:
         centroids = pipeline.extraction.extract(
             stamp_ns, frame.image, pipeline.tracker.predicted).centroids
-        result = pipeline.update(stamp_ns, centroids, pipeline.extraction.directed)
+        result = pipeline.process_centroids(stamp_ns, centroids, pipeline.extraction.directed)
         if result.identification is not None:
             assert result.identification.attitude is not None, result.identification.reason
             assert_only_stars(centroids.uv, result.identification.hip, frame.stars)
             spots += pipeline.identification.body_spots
         assert_only_stars(result.tracks.uv, result.tracks.hip, frame.stars)
-    assert result.state is TrackerState.TRACKING and result.trusted.attitude is not None
-    error = attitude_error(result.trusted.attitude.quaternion, frame.q_mean)
+    assert result.state is TrackerState.TRACKING and result.attitude is not None
+    error = attitude_error(result.attitude.quaternion, frame.q_mean)
     assert np.abs(error[:2]).max() < 10 * ARCSEC
     return result, spots
 
@@ -77,7 +77,7 @@ def test_a_planet_is_no_star_and_has_its_name(pipeline, name, year, magnitude):
     frames = frames_at(name, year, detector=DEEP)
     result, spots = process(pipeline, frames)
     frame = frames[-1][1]
-    sky = SkyMapping(CAMERA, result.trusted.attitude.quaternion,
+    sky = SkyMapping(CAMERA, result.attitude.quaternion,
                      pipeline.tracker.sky.observer.vantage)
     seen = {body.name: body for body in Bodies(
         pipeline.tracker.sky.observer.bodies).in_image(sky)}

@@ -10,7 +10,8 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import ExtractionOptions
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.maths.rotation import conjugate, radec_from_unit, rotate
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineOptions
+from startracker_ros.core.stages.parameters import StarTrackerOptions
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.target import TargetTracker
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
@@ -22,7 +23,7 @@ EPOCH_YEAR = 2026.2
 START_NS = stamp_from_epoch_year(EPOCH_YEAR)
 ORBIT = {'inclination_deg': 30.0, 'node_deg': 40.0, 'latitude_deg': 60.0}
 # By the number of stars, all are among the brightest spots that are extracted.
-OPTIONS = PipelineOptions(extraction=ExtractionOptions(max_stars=200))
+OPTIONS = StarTrackerOptions(extraction=ExtractionOptions(max_stars=200))
 
 
 class Scene:
@@ -42,7 +43,7 @@ class Scene:
                 for options in (replace(target, target=False), target)]
         self.without, self.sky = made
         self.rate_hz, self.begins_s, self.index = rate_hz, begins_s, 0
-        self.pipeline = Pipeline(CAMERA, EPOCH_YEAR, OPTIONS)
+        self.pipeline = StarTracker.with_options(CAMERA, EPOCH_YEAR, OPTIONS)
         self.tracker = TargetTracker(CAMERA, self.pipeline.tracker.sky)
         self.target = None
 
@@ -57,10 +58,10 @@ class Scene:
         time_s, self.index = self.index / self.rate_hz, self.index + 1
         frame = (self.sky if time_s >= self.begins_s else self.without).frame(time_s)
         predicted, stamp_ns = self.predicted(), START_NS + round(time_s * 1e9)
-        self.pipeline.add_state(stamp_ns, frame.state.geocentric)
+        self.pipeline.motion.add_state(stamp_ns, frame.state.geocentric)
         centroids = self.pipeline.extraction.extract(stamp_ns, frame.image, predicted).centroids
         directed = self.pipeline.extraction.directed
-        trusted = self.pipeline.update(stamp_ns, centroids, directed).trusted.attitude
+        trusted = self.pipeline.process_centroids(stamp_ns, centroids, directed).attitude
         if trusted is not None:
             assert error_over_bound(trusted.quaternion, trusted.covariance_sensor,
                                     frame.state.q_icrf_from_sensor) < 1

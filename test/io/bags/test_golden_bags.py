@@ -15,8 +15,9 @@ from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import Reader
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.centroid.extraction import CentroidExtractor
+from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.maths.rotation import attitude_error, matrix_from_quaternion
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineFrame
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.io.bags.layouts import (
     camera_from_message, image_from_message, ns_from_stamp, read_cloud, STAR_DTYPE)
 from startracker_ros.io.bags.reader import read_messages
@@ -67,19 +68,19 @@ def sigmas(name: str) -> dict[int, np.ndarray]:
 
 
 @lru_cache
-def replayed(name: str) -> dict[int, PipelineFrame]:
+def replayed(name: str) -> dict[int, FrameResult]:
     """Run the recorded centroids and rates through the cores."""
     topics = recorded(name)
     info = topics['/camera_info'][0]
-    pipeline = Pipeline(camera_from_message(info), epoch_year_from_stamp(stamp_ns(info)))
+    pipeline = StarTracker(camera_from_message(info), epoch_year_from_stamp(stamp_ns(info)))
     frames = {}
     for topic, message in topics['']:
         if topic == '/imu':
             pipeline.add_rate(stamp_ns(message), rate_from_imu(message))
         elif topic == '/odometry':
-            pipeline.add_state(stamp_ns(message), state_from_odometry(message, 'icrf'))
+            pipeline.motion.add_state(stamp_ns(message), state_from_odometry(message, 'icrf'))
         elif topic == '/centroids':
-            frames[stamp_ns(message)] = pipeline.update(
+            frames[stamp_ns(message)] = pipeline.process_centroids(
                 stamp_ns(message), centroids_from_message(message))
     return frames
 
@@ -116,8 +117,8 @@ def test_images_give_the_same_centroids(name: str) -> None:
 @pytest.mark.parametrize('name', NAMES)
 def test_centroids_give_the_same_attitudes(name: str) -> None:
     before, sigma = attitudes(name, '/attitude'), sigmas(name)
-    again = {stamp: frame.trusted.attitude.quaternion
-             for stamp, frame in replayed(name).items() if frame.trusted.attitude is not None}
+    again = {stamp: frame.attitude.quaternion
+             for stamp, frame in replayed(name).items() if frame.attitude is not None}
     assert len(before.keys() ^ again.keys()) <= FRAMES
     for stamp in before.keys() & again.keys():
         assert (np.abs(attitude_error(again[stamp], before[stamp]))
@@ -137,8 +138,8 @@ def test_centroids_give_the_same_stars(name: str) -> None:
 def test_no_attitude_is_wrong(name: str) -> None:
     """Neither in the bag nor in the replay, against the truth of the simulation."""
     truth, sigma = attitudes(name, '/truth/attitude'), sigmas(name)
-    again = {stamp: frame.trusted.attitude.quaternion
-             for stamp, frame in replayed(name).items() if frame.trusted.attitude is not None}
+    again = {stamp: frame.attitude.quaternion
+             for stamp, frame in replayed(name).items() if frame.attitude is not None}
     for told in (attitudes(name, '/attitude'), again):
         errors = np.array([attitude_error(told[stamp], truth[stamp]) / sigma[stamp]
                            for stamp in told if stamp in sigma])

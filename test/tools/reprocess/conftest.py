@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import shutil
 
 import pytest
-from startracker_ros.core.stages.pipeline import PipelineOptions
+from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.sim.flights.bags import write_bag
 from startracker_ros.sim.flights.options import FlightOptions
 from startracker_ros.tools.reprocess import run
@@ -55,7 +55,7 @@ def reprocess():
             return run.reprocess(run.Request(
                 [str(bag) for bag in bags], folder,
                 segments=SegmentOptions(segment_s=segment_s, overlap_s=15.0),
-                sets=sets or [ParameterSet('', PipelineOptions(), {})], **settings),
+                sets=sets or [ParameterSet('', StarTrackerOptions(), {})], **settings),
                 workers=workers)
         yield call
 
