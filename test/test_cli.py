@@ -6,7 +6,7 @@ import re
 
 from click.testing import CliRunner
 import pytest
-from startracker_ros.tools.cli import main
+from startracker_ros.__main__ import main
 
 ROOT = Path(__file__).parents[1]
 

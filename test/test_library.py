@@ -10,9 +10,9 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 import startracker_ros as st
+from startracker_ros.__main__ import main
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.io.images.images import read_image
-from startracker_ros.tools.cli import main
 from startracker_ros.tools.figures.correctness import error_over_bound
 
 CAMERA = st.Camera.from_fov(512, 512, 12.0)

@@ -17,9 +17,9 @@ from docutils.core import publish_doctree
 from docutils.utils import Reporter
 from limits import HANGS_S
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.ros.executables import EXECUTABLES, NODES
 from startracker_ros.ros.node import PipelineNode
-from startracker_ros.tools.cli import main
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = {path.relative_to(ROOT).as_posix(): path.read_text()

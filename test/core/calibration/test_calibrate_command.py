@@ -7,11 +7,11 @@ from click.testing import CliRunner
 import cv2
 import numpy as np
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, quaternion_from_pointing
 from startracker_ros.io.images.camera_files import load_camera, save_camera
 from startracker_ros.io.images.images import read_image
-from startracker_ros.tools.cli import main
 from startracker_ros.tools.photographs.solve import solve_files
 
 

@@ -5,11 +5,11 @@ import json
 from click.testing import CliRunner
 import numpy as np
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.core.attitude.estimate import SOLVERS
 from startracker_ros.core.maths.rotation import ARCSEC, rotate
 from startracker_ros.evaluation.bench.attitude import (
     consistency_rows, draw, error_rows, Errors, measure, PEER, time_rows)
-from startracker_ros.tools.cli import main
 
 
 def test_draws_are_as_described_and_repeatable():

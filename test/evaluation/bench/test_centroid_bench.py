@@ -5,9 +5,9 @@ import json
 from click.testing import CliRunner
 import numpy as np
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.evaluation.bench.centroid import bounds, Ours, PEERS, Tally
 from startracker_ros.evaluation.bench.star_images import flux_e, SIZE_PX, star_image, STARS
-from startracker_ros.tools.cli import main
 
 
 def test_images_are_as_described_and_repeatable():

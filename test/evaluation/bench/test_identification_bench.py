@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from click.testing import CliRunner
 import numpy as np
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
@@ -17,7 +18,6 @@ from startracker_ros.evaluation.bench.identification import (
     VIEWS)
 from startracker_ros.evaluation.bench.lost_in_space import CORRECT, UNSOLVED, WRONG
 from startracker_ros.evaluation.bench.narrow_field import VIEWS as NARROW_VIEWS
-from startracker_ros.tools.cli import main
 from startracker_ros.tools.figures.correctness import is_correct
 
 MODELS = [name for name, case in CASES.items() if not case.false]

@@ -5,10 +5,10 @@ import json
 from click.testing import CliRunner
 import numpy as np
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.evaluation.bench import moving_targets as scene
 from startracker_ros.evaluation.bench.jpda import bounds, FILTERS, Ours, run, swapped, Tally
 from startracker_ros.evaluation.bench.moving_targets import moving_targets
-from startracker_ros.tools.cli import main
 
 
 @pytest.mark.parametrize('kind', scene.SCENES)

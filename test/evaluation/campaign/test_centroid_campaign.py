@@ -5,10 +5,10 @@ import json
 from click.testing import CliRunner
 import numpy as np
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.evaluation.campaign.centroid import (
     conclusions, METHODS, Photograph, without_lens)
-from startracker_ros.tools.cli import main
 
 
 @pytest.fixture(scope='module')

@@ -6,12 +6,12 @@ from click.testing import CliRunner
 import cv2
 import numpy as np
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.core.identify.extended_grid import PredictedField
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.evaluation.campaign import extended_grid as campaign
 from startracker_ros.evaluation.campaign.extended_grid_frames import (
     frames, predicted, triangle_votes)
-from startracker_ros.tools.cli import main
 
 
 @pytest.fixture(scope='module')

@@ -6,13 +6,13 @@ import json
 from click.testing import CliRunner
 import numpy as np
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.evaluation.campaign.integrity import CONDITIONS, integrity_runs
 from startracker_ros.evaluation.campaign.integrity_images import IMAGE_CONDITIONS, image_run
 from startracker_ros.evaluation.campaign.integrity_tally import Tally, tally_of
 from startracker_ros.sim.sky.detector import DetectorOptions
-from startracker_ros.tools.cli import main
 
 MISLEADING = ['slews, gyro in deg/s', 'turned away at once', 'planet passing',
               'half of the image covered', 'dark for 2 s at 0.3 deg/s, gyro']

@@ -6,6 +6,7 @@ from click.testing import CliRunner
 import cv2
 import numpy as np
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotate)
 from startracker_ros.core.track.motion_models import image_jacobian
@@ -13,7 +14,6 @@ from startracker_ros.evaluation.campaign import jpdaf as campaign
 from startracker_ros.evaluation.campaign.jpdaf_methods import METHODS, star_model
 from startracker_ros.evaluation.campaign.jpdaf_runs import (
     CAMERA, Cell, DT_S, FALSE_POINTS, FRAMES, make_run, PUBLISHED)
-from startracker_ros.tools.cli import main
 
 STILL, SHAKEN, TURNING = (Cell('linear', 0.0, 0.01), Cell('linear', 0.5, 0.01),
                           Cell('turning', 0.0, 0.02))

@@ -4,8 +4,8 @@ import json
 
 from click.testing import CliRunner
 import numpy as np
+from startracker_ros.__main__ import main
 from startracker_ros.evaluation.campaign.quad import CAMERA, orbit_frames, sky_frames
-from startracker_ros.tools.cli import main
 
 
 def test_the_command_prints_the_figures_beside_those_of_the_paper():

@@ -6,8 +6,8 @@ from click.testing import CliRunner
 import cv2
 import numpy as np
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.evaluation.campaign.two_satellite_scene import ALL, Scene
-from startracker_ros.tools.cli import main
 
 
 @pytest.fixture(scope='module')

@@ -6,6 +6,7 @@ import json
 from click.testing import CliRunner
 import numpy as np
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, random_attitude
 from startracker_ros.evaluation.datasheet import datasheet, design
@@ -17,7 +18,6 @@ from startracker_ros.evaluation.datasheet.motions import Pointings, RUN_S, Spins
 from startracker_ros.evaluation.datasheet.rows import SheetRow, worse_than_published
 from startracker_ros.evaluation.datasheet.single_images import image_errors
 from startracker_ros.evaluation.datasheet.sky_coverage import field_magnitudes, star_counts
-from startracker_ros.tools.cli import main
 
 SMALL = Camera.from_fov(384, 384, 10.0)
 EFFORT = datasheet.Effort(2, 5, 2, 1, 12, 1, 1, 2, 20, 2)

@@ -8,6 +8,7 @@ from mcap.reader import make_reader
 import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer as RosbagsWriter
 from rosbags.typesys.store import Typestore
+from startracker_ros.__main__ import main
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.info import describe
 from startracker_ros.io.bags.qos import QosProfile
@@ -15,7 +16,6 @@ from startracker_ros.io.bags.reader import read_topics
 from startracker_ros.io.bags.recovery import recover
 from startracker_ros.io.bags.schemas import MessageSchema
 from startracker_ros.io.bags.writer import BagOptions, BagWriter
-from startracker_ros.tools.cli import main
 
 TYPE = 'geometry_msgs/msg/QuaternionStamped'
 QOS = QosProfile('keep_last', 5, 'best_effort', 'transient_local')

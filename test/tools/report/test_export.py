@@ -18,13 +18,13 @@ from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from run_bag import error_arcsec, FRAMES, HOSTILE, START_NS, STEP_NS, UNSOLVED, write_run
+from startracker_ros.__main__ import main
 from startracker_ros.io.export.aem import aem_text, AemError, AemLabels
 from startracker_ros.io.export.files import export_bag
 from startracker_ros.io.export.segments import lock_segments
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.ros.messages.attitude import attitude_to_imu, quaternion_to_message
 from startracker_ros.ros.messages.header import make_header
-from startracker_ros.tools.cli import main
 
 SOLVED = [frame for frame in range(FRAMES) if frame not in UNSOLVED]
 # 2026-12-31T23:59:59.800000001
@@ -233,7 +233,7 @@ def test_parquet_without_pyarrow_names_it(run: Path, tmp_path: Path) -> None:
     # A module of that name that cannot be imported stands in for none.
     (tmp_path / 'pyarrow.py').write_text('raise ImportError("none")')
     code = ('import sys; sys.path.insert(0, sys.argv.pop(1)); '
-            'from startracker_ros.tools.cli import main; main()')
+            'from startracker_ros.__main__ import main; main()')
     done = subprocess.run(
         [sys.executable, '-c', code, str(tmp_path), 'export', str(run), '-o',
          str(tmp_path / 'out'), '--format', 'parquet'],

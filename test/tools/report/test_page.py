@@ -10,8 +10,8 @@ from click.testing import CliRunner, Result
 import numpy as np
 import pytest
 from run_bag import write_run
+from startracker_ros.__main__ import main
 from startracker_ros.io.recordings.loading import load_recording
-from startracker_ros.tools.cli import main
 from startracker_ros.tools.report.page import json_block, write_report
 from startracker_ros.tools.report.panels import Panels
 
