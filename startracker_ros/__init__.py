@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from startracker_ros.core.centroid.extraction import Extraction
     from startracker_ros.core.frame_result import Attitude
     from startracker_ros.core.frame_result import FrameResult
+    from startracker_ros.core.identify.identification import CandidateIdentifier
+    from startracker_ros.core.identify.identification import Candidates
     from startracker_ros.core.identify.identification import Identification
     from startracker_ros.core.identify.one_frame import identify
     from startracker_ros.core.stages.solution import Solution
@@ -33,6 +35,8 @@ _MODULES = {
     'Attitude': 'core.frame_result',
     'Calibration': 'core.calibration.estimate',
     'Camera': 'core.camera.model',
+    'CandidateIdentifier': 'core.identify.identification',
+    'Candidates': 'core.identify.identification',
     'Centroids': 'core.centroid.centroids',
     'Extraction': 'core.centroid.extraction',
     'FrameResult': 'core.frame_result',
@@ -49,9 +53,9 @@ _MODULES = {
     'solve': 'tools.photographs.arrays'}
 # In full, for what reads the source alone.
 __all__ = [
-    'Attitude', 'Calibration', 'Camera', 'Centroids', 'Extraction', 'FrameResult',
-    'Identification', 'SkySimulator', 'Solution', 'StarCatalog', 'StarTracker', 'calibrate',
-    'extract', 'identify', 'load_camera', 'load_catalog', 'solve']
+    'Attitude', 'Calibration', 'Camera', 'CandidateIdentifier', 'Candidates', 'Centroids',
+    'Extraction', 'FrameResult', 'Identification', 'SkySimulator', 'Solution', 'StarCatalog',
+    'StarTracker', 'calibrate', 'extract', 'identify', 'load_camera', 'load_catalog', 'solve']
 
 
 def __getattr__(name: str) -> Any:

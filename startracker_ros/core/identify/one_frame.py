@@ -16,22 +16,25 @@ from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.options import options_by_class
 
 
-def identify(centroids: Centroids, camera: Camera, *, epoch_year: float, method: str = 'pyramid',
-             aberration: str = 'earth_only', **options: Any) -> Identification:
+def identify(centroids: Centroids, camera: Camera, *, epoch_year: float,
+             method: str | type[Identifier] = 'pyramid', aberration: str = 'earth_only',
+             **options: Any) -> Identification:
     """
     Return which catalogue star each centroid is, and the attitude of the sensor in ICRF.
 
-    camera is known to fov_error_percent. aberration is that of the Earth's velocity at the Julian
+    camera is known to fov_error_percent. method is a name, or a class of one's own as
+    CandidateIdentifier. aberration is that of the Earth's velocity at the Julian
     year, or 'none' for a sky without. options are those of star_identifier, as they are in
     IdentificationOptions. The database of a camera is built by the first call and kept. ValueError
     for a wrong option, CameraError for a field that the method cannot handle.
     """
     if aberration not in ('earth_only', 'none'):
         raise ValueError(f'aberration = {aberration!r} must be one of earth_only, none')
-    values = options_by_class((IdentificationOptions,), {'method': method, **options})
+    named, kind = (method, None) if isinstance(method, str) else ('pyramid', method)
+    values = options_by_class((IdentificationOptions,), {'method': named, **options})
     chosen = values[IdentificationOptions]
     assert isinstance(chosen, IdentificationOptions)
-    identifier, onboard = _identifier(camera, epoch_year, chosen)
+    identifier, onboard = _identifier(camera, epoch_year, chosen, kind)
     sky = ApparentCatalog(onboard)
     sky.look_from(AT_REST if aberration == 'none' else observer_at(epoch_year, None))
     return icrf_identification(
@@ -39,7 +42,7 @@ def identify(centroids: Centroids, camera: Camera, *, epoch_year: float, method:
 
 
 @lru_cache(maxsize=4)
-def _identifier(camera: Camera, epoch_year: float, options: IdentificationOptions
-                ) -> tuple[Identifier, OnboardCatalog]:
-    return (make_identifier(camera, epoch_year, options),
+def _identifier(camera: Camera, epoch_year: float, options: IdentificationOptions,
+                kind: type[Identifier] | None) -> tuple[Identifier, OnboardCatalog]:
+    return ((kind or make_identifier)(camera, epoch_year, options),
             onboard_catalog(camera_catalog(camera), camera, epoch_year))
