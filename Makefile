@@ -1,4 +1,4 @@
-# make demo | demo-closed-loop | test | test-core | test-long | lint | clean. Needs Python 3.11 or 3.12
+# make demo | demo-closed-loop | test | test-core | test-long | lint | docs | clean. Needs Python 3.11 or 3.12
 # and a package index; ROS 2 comes as wheels.
 
 SUPPORTED = import ensurepip, sys, venv; sys.exit(sys.version_info[:2] not in [(3, 11), (3, 12)])
@@ -19,7 +19,7 @@ unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
 	find startracker_ros config launch resource -not -path '*/__pycache__*')
 
-.PHONY: demo demo-closed-loop test test-core test-long lint clean
+.PHONY: demo demo-closed-loop test test-core test-long lint docs clean
 
 demo: .venv/package
 	@echo '== demo: six nodes on the simulated sky, a minute of it once all are ready; a bag of some 320 MB in demo'
@@ -46,6 +46,10 @@ test-core: .venv/package .venv/tests
 lint: .venv/package .venv/tests
 	@$(PYTEST) test/package/test_lint.py
 
+# The documents and the reference of the library as a site: build/site/index.html. A warning fails.
+docs: .venv/package .venv/docs
+	$(RUN) -m sphinx -q -W --keep-going -E -b html docs build/site
+
 # More cases and larger sizes of what `make test` covers, and installs: before a release.
 test-long: .venv/package .venv/tests .venv/gnc
 	@$(PYTEST) $(ON_BOTH_CORES) -m long test
@@ -65,6 +69,10 @@ test-long: .venv/package .venv/tests .venv/gnc
 	$(PIP_LIBRARIES) -r requirements-test.txt
 	@touch $@
 	@echo "== libraries of the tests: .venv has $$(du -sh .venv | cut -f 1)"
+
+.venv/docs: requirements-docs.txt .venv/requirements
+	$(PIP_LIBRARIES) -q -r requirements-docs.txt
+	@touch $@
 
 # Without what Basilisk asks for: its limits would replace matplotlib, pillow and sgp4 by older ones,
 # and the loop imports none of the others.
