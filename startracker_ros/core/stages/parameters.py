@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
+from startracker_ros.core.attitude.validation import UNUSED_SOLVER, ValidationOptions
 from startracker_ros.core.options import Options, unknown_option
 from startracker_ros.core.stages.pipeline import PipelineOptions
 
@@ -72,7 +73,10 @@ def options_of_keywords(keywords: Mapping[str, Any]) -> PipelineOptions:
             if f'{node}.{name}' not in KNOWN:
                 raise ParameterError(f'{node}: {unknown_option(name, _names(node))}')
             values[f'{node}.{name}'] = value
-    return options_of_nodes(values)
+    options = options_of_nodes(values)
+    if options.validation.solver not in (ValidationOptions.solver, options.tracker.solver):
+        raise ParameterError(UNUSED_SOLVER.format(options.validation.solver))
+    return options
 
 
 def _everywhere(name: str) -> list[str]:
