@@ -56,6 +56,8 @@ def diffuse_probabilities(density: np.ndarray, detection: DetectionModel, gates_
     which the Gauss-Laguerre rule is exact.
     """
     gated = int(np.count_nonzero(density.any(axis=0)))
+    if not gated:
+        return joint_probabilities(_weights(density, detection, 1.0))
     probability, log_weight = [], []
     for x, node_weight in zip(*np.polynomial.laguerre.laggauss(gated // 2 + 1)):
         weight = _weights(density, detection, x / gates_px2)

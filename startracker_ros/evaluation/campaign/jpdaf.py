@@ -43,10 +43,10 @@ class Errors:
     The errors of T runs of a cell, each by K methods.
 
     error (T, K, F, 3) is the attitude error about sensor axes, in arcsec; place (T, K) the mean
-    square error of a star in the image, px^2, both axes; fixed (T, K) the share of frames with an
-    attitude of their own; bound (T, F) the least variance of the boresight, both axes, in
-    arcsec^2, NaN unless the rate is constant; square (T, K) the normalised error squared in the last
-    frame, of three degrees of freedom, NaN without a covariance.
+    square error of a star in the image, px^2, both axes; fixed (T, K) the share of frames with
+    an attitude of their own; bound (T, F) the least variance of the boresight, both axes, in
+    arcsec^2, NaN unless the rate is constant; square (T, K) the normalised error squared in the
+    last frame, of three degrees of freedom, NaN without a covariance.
     """
 
     error: np.ndarray
