@@ -22,7 +22,7 @@ def associate_stars(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarra
     only these centroids are associated, with any of the confirmed stars.
     """
     density = gated_density(predicted, covariance, uv, round_errors(variance), detection.gate)
-    unassociated = ~density.any(axis=0)
+    unassociated = np.logical_not(density.any(axis=0))
     if confirmed is not None:
         density[confirmed < 0] = 0
         density[:, ~np.isin(np.arange(len(uv)), confirmed)] = 0
@@ -30,7 +30,7 @@ def associate_stars(predicted: np.ndarray, covariance: np.ndarray, uv: np.ndarra
         gates = gate_areas(covariance, variance, detection.gate)
         return diffuse_probabilities(density, detection, float(gates.sum())), unassociated
     # One more than counted: the density must be positive.
-    clutter_px2 = (1 + np.count_nonzero(unassociated)) / detection.image_px2
+    clutter_px2: float = (1 + np.count_nonzero(unassociated)) / detection.image_px2
     if association == 'normalised':
         # Each row and each column of the matrix of sums over all events, missed stars and false
         # centroids included, has the same total: one division normalises rows and columns. Without

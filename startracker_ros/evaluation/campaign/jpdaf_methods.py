@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from startracker_ros.core.attitude.estimate import estimate_attitude
+from startracker_ros.core.attitude.estimate import AttitudeEstimate, estimate_attitude
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
@@ -171,6 +171,7 @@ def _centroids(run: Run, uv: np.ndarray) -> Centroids:
                      sigma_px=np.full(len(uv), run.cell.sigma_px))
 
 
-def _estimate(run: Run, uv: np.ndarray, icrf: np.ndarray, solver: str):
+def _estimate(run: Run, uv: np.ndarray, icrf: np.ndarray, solver: str
+              ) -> AttitudeEstimate:
     return estimate_attitude(CAMERA.unproject(uv), icrf, np.full(
         len(uv), run.cell.sigma_px * CAMERA.pixel_rad), solver)
