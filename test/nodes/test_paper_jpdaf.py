@@ -157,3 +157,6 @@ def test_the_paper_by_parameters_alone(nodes, probe):
     assert set_parameter('attitude_estimator', 'solver', 'svd').successful
     send(extra)
     probe.wait_diagnostic('attitude_estimator.solver = svd has no effect')
+    assert set_parameter('star_tracker', 'roll_by_gyro', False).successful
+    assert set_parameter('star_tracker', 'gyro_drift_deg_h', 7.0).successful
+    probe.wait_diagnostic('no effect with model = constant_velocity: gyro_drift_deg_h')

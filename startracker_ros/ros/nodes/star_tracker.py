@@ -54,14 +54,6 @@ class StarTrackerNode(CameraNode):
         self.subscribe_rates(self._add_rate)
         self.advertise_reset()
 
-    def rebuild(self) -> None:
-        options, gyro = self.options(TrackerOptions), self.options(GyroErrorOptions)
-        ignored = options.ignored + ([] if options.reads_gyro else gyro.changed)
-        if ignored:
-            self.get_logger().warning(
-                f'no effect with model = {options.model}: {", ".join(ignored)}')
-        super().rebuild()
-
     def builder(self, camera: Camera, epoch_year: float) -> partial:
         self._observer.rebuild()
         return partial(make_trackers, camera, epoch_year, self.options(TrackerOptions),
@@ -70,7 +62,7 @@ class StarTrackerNode(CameraNode):
 
     def use(self, built: tuple) -> None:
         self._tracker, self._target_tracker = built
-        self._state.publish(self._tracker)
+        self._state.begin(self._tracker)
 
     def set_live_options(self) -> None:
         if self.camera is not None:

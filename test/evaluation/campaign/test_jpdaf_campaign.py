@@ -189,7 +189,8 @@ def test_a_seed_repeats(found):
 
 
 def test_the_command_prints_every_cell_and_draws(tmp_path, monkeypatch, one_process):
-    cells = {cell: PUBLISHED[cell] for cell in (STILL, Cell('linear', 0.1, 0.02))}
+    still = Cell('linear', 0.0, 0.02)
+    cells = {cell: PUBLISHED[cell] for cell in (still, Cell('linear', 0.1, 0.02))}
     monkeypatch.setattr(campaign, 'PUBLISHED', cells)
     monkeypatch.setattr(campaign, 'VARIANT_CELLS', (Cell('linear', 0.1, 0.02),))
     done = CliRunner().invoke(main, ['campaign', 'jpdaf', '--trials', '1', '--json',
@@ -201,7 +202,7 @@ def test_the_command_prints_every_cell_and_draws(tmp_path, monkeypatch, one_proc
     for cell, (sna, jpdaf) in cells.items():
         assert rows[f'{cell}: SNA']['paper'] == sna
         assert rows[f'{cell}: whole angle, over SNA']['paper'] == pytest.approx(jpdaf / sna)
-    assert rows[f'{STILL}: JPDAF, TRIAD']['paper'] == cells[STILL][1]
+    assert rows[f'{still}: JPDAF, TRIAD']['paper'] == cells[still][1]
     assert len(rows) == len(document['rows']) == 2 * (3 + 4) + 7 + len(VARIANTS)
     assert all(row['holds'] is None for row in document['rows'])
     assert all('too few trials' in row['bound'] for row in document['rows'] if row['bound'])
