@@ -50,6 +50,9 @@ class IndependentStarsModel(StarModel):
         if fit is None or not fit.is_good(
                 int(np.count_nonzero(self.bank.confirmed)), self._options.min_stars,
                 self._options.max_residual_px):
+            if self.uses_gyro and not self.is_dark(frame):
+                self.gyro_trouble = ('the stars are not where the roll of imu has them: is it in '
+                                     'rad/s and on the axes of the sensor?')
             return FrameUpdate(False, fit, unassociated)
         self._estimate_rate(fit)
         fit = replace(fit, attitude=with_common_error(

@@ -123,6 +123,22 @@ def test_a_roll_without_a_gyro_is_named():
     assert len(errors) and 'no rates of imu' in tracker.gyro_trouble
 
 
+class GyroInDegrees(Jittering):
+    """The same with a gyro that reports deg/s."""
+
+    def rate(self, frame):
+        return np.degrees(super().rate(frame))
+
+
+def test_a_wrong_gyro_is_named_and_gives_no_wrong_attitude():
+    motion = GyroInDegrees(ONBOARD, (0.0, 0.06, 0.0))
+    # The first change of the rate.
+    tracker, _ = flown(motion, 12, True, model='constant_velocity', roll_by_gyro=True)
+    assert 'is it in rad/s' in tracker.gyro_trouble and tracker.attitude is None
+    _, errors = flown(motion, 40, True, model='constant_velocity', roll_by_gyro=True)
+    assert (np.abs(errors) < 120).all()
+
+
 def test_a_rolled_state_is_that_of_the_turned_camera():
     camera = Camera(1024, 1024, 4000.0, 5000.0, 500.0, 520.0)
     before, after, dt_s = 0.02, -0.3, 0.5
