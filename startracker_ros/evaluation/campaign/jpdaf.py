@@ -7,6 +7,7 @@ Sadeghi, Sabahi, Saberali.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import t as student
@@ -164,7 +165,8 @@ class MethodRow:
     holds: bool | None = None
 
     @classmethod
-    def judged(cls, case: str, bound: str, checks: list[bool | None], **figures) -> 'MethodRow':
+    def judged(cls, case: str, bound: str, checks: list[bool | None], **figures: Any
+               ) -> 'MethodRow':
         """Return a row that holds if all checks do; unknown ones are named."""
         known = [check for check in checks if check is not None]
         if len(known) < len(checks) and all(known):
@@ -282,8 +284,8 @@ def run_jpdaf_campaign(*, trials: int, seed: int, scheduler: str = '',
     if output is not None:
         draw_errors({cell: dict(zip(ALL_METHODS, each.boresight.mean(axis=0)))
                      for cell, each in found.items()}, output)
-        runs = [make_run(Cell(motion, 0.5, 0.02), np.random.default_rng(seed))
-                for motion in ('linear', 'turning')]
+        rng = np.random.default_rng(seed)
+        runs = [make_run(Cell(motion, 0.5, 0.02), rng) for motion in ('linear', 'turning')]
         estimates = [{SNA: star_neighbourhood_estimate(run), 'JPDAF': track(
             run, tracker_options(run.cell, AS_PUBLISHED), with_gyro=True)} for run in runs]
         draw_tracks(runs, estimates, output)

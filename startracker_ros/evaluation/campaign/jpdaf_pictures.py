@@ -35,11 +35,10 @@ def draw_tracks(runs: Sequence[Run], estimates: Estimates, folder: Path) -> Path
     """Draw the path of a star under jitter (figure 2) and all tracks (figures 5 and 6)."""
     figure = new_figure(figsize=(12, 4.5))
     axes = figure.subplots(1, 1 + len(runs))
-    uv, shown = runs[-1].uv[:, 0], runs[-1].centroids
-    seen = runs[-1].seen[:, 0]
-    found = np.array([frame[index] for frame, index in zip(shown, seen) if index >= 0])
-    axes[0].plot(*found.T, '.', color='tab:grey', markersize=3, label='measured')
-    axes[0].plot(*uv.T, linewidth=1, label='true')
+    measured = [frame[index] for frame, index in zip(runs[0].centroids, runs[0].seen[:, 0])
+                if index >= 0]
+    axes[0].plot(*np.array(measured).T, '.', color='tab:grey', markersize=3, label='measured')
+    axes[0].plot(*runs[0].uv[:, 0].T, linewidth=1, label='true')
     axes[0].set_title(f'2: a star under jitter, {FRAMES} frames')
     axes[0].legend()
     for axis, number, run, each in zip(axes[1:], (5, 6), runs, estimates):
