@@ -59,8 +59,8 @@ class TrackerOptions(Options):
         0.005, 'process noise, 1 sigma of the angular acceleration; more follows manoeuvres '
         'faster, less filters better', unit='deg/s^2', low=1e-6, high=100.0)
     roll_acceleration_deg_s2: float = option(
-        0.005, 'the same about the boresight: a camera that shakes in '
-        'roll keeps its boresight filtered', unit='deg/s^2', low=1e-6, high=100.0)
+        0.005, 'the same about the boresight: a camera that shakes in roll keeps its boresight '
+        'filtered', unit='deg/s^2', low=1e-6, high=100.0)
     sigma_floor_px: float = option(
         0.01, 'lower limit of the 1-sigma error of a centroid per axis', unit='px',
         low=1e-4, high=10.0, live=True)

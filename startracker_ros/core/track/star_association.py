@@ -4,6 +4,8 @@ JPDA of star-by-star filters: three factors of the false centroids, and confirma
 Steps 2 to 6 of the filter of Sadeghi, Sabahi and Saberali.
 """
 
+from functools import cache
+
 import numpy as np
 from startracker_ros.core.centroid.centroids import round_errors
 from startracker_ros.core.track.association import (
@@ -59,12 +61,21 @@ def diffuse_probabilities(density: np.ndarray, detection: DetectionModel, gates_
     if not gated:
         return joint_probabilities(_weights(density, detection, 1.0))
     probability, log_weight = [], []
-    for x, node_weight in zip(*np.polynomial.laguerre.laggauss(gated // 2 + 1)):
+    for x, node_weight in zip(*_gauss_laguerre(gated // 2 + 1)):
         weight = _weights(density, detection, x / gates_px2)
         probability.append(joint_probabilities(weight))
         log_weight.append(np.log(node_weight) + gated * np.log(x) + log_event_sum(weight))
     share = np.exp(np.array(log_weight) - max(log_weight))
     return np.tensordot(share / share.sum(), np.array(probability), 1)
+
+
+@cache
+def _gauss_laguerre(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nodes and weights of the rule of that many nodes, without those that vanish."""
+    # Takes long to import, and is needed for this factor only.
+    from scipy.special import roots_laguerre
+    nodes, weights = roots_laguerre(count)
+    return nodes[weights > 0], weights[weights > 0]
 
 
 def log_event_sum(weight: np.ndarray) -> float:

@@ -117,6 +117,15 @@ def test_frames_without_centroids_and_without_stars():
         assert beta.shape == (0, 3) and unassociated.all()
 
 
+def test_hundreds_of_stars_have_probabilities_without_a_known_density():
+    predicted = np.stack(np.meshgrid(*[np.arange(20) * 20.0] * 2), -1).reshape(-1, 2)
+    beta, _ = associate_stars(predicted, np.tile(np.eye(2), (400, 1, 1)), predicted + 0.3,
+                              np.ones(400), DETECTION, 'diffuse')
+    np.testing.assert_allclose(beta.sum(axis=1), 1, rtol=1e-9)
+    np.testing.assert_allclose(beta[np.arange(400), np.arange(400) + 1], beta[0, 1], rtol=1e-9)
+    assert 0.5 < beta[0, 1] < 1
+
+
 def test_event_sum_of_a_chain_and_of_separate_stars():
     weight = np.array([[0.2, 3.0, 0.5, 0.0], [0.1, 0.0, 2.0, 0.7], [0.4, 0.0, 0.0, 0.0]])
     # Of the first two stars all pairs of choices but the shared second centroid twice.
