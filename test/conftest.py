@@ -42,6 +42,7 @@ LONGEST = (
     'nodes/test_live.py',
     'nodes/test_tracking_nodes.py',
     'nodes/test_extended_grid_node.py',
+    'nodes/test_paper_jpdaf.py',
     'nodes/test_bag_player.py',
     'evaluation/campaign/test_integrity_campaign.py',
     'nodes/test_heads_demo.py',

@@ -51,7 +51,7 @@ def campaign_extended_grid(trials: int, output: Path | None, scheduler: str, see
 
 @campaign.command('jpdaf')
 @trials_option(100, 'Runs of 400 frames in each cell.')
-@picture_option('the errors over the frames')
+@picture_option('the figures of the paper')
 @scheduler_option
 @seed_option
 @json_option
