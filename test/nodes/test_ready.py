@@ -5,10 +5,12 @@ from pathlib import Path
 import subprocess
 import sys
 
+from limits import HANGS_S
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
+from skies import START_NS
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.evaluation.harness.managed_nodes import ACTIVE, NodeManager
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp
@@ -23,9 +25,6 @@ from startracker_ros.ros.processes import NodeProcesses
 
 BAG = Path(__file__).parents[2] / 'bags' / 'slew'
 PLAYER = Path(__file__).with_name('replaying.py')
-# Without any progress for so long something hangs.
-STALL_S = 60.0
-START_NS = 1_790_000_000_000_000_000
 CAMERA = Camera.from_fov(256, 256, 20.0)
 LOST = ('dropped', 'missing', 'while not active', 'out of order', 'without', 'before ready')
 
@@ -37,7 +36,7 @@ def play(bag, rate, early):
 
 def wait_while_it_increases(probe, count, done):
     """Wait until done() is true or count() has not increased for a long time."""
-    progress = Progress(STALL_S)
+    progress = Progress(HANGS_S)
     while not done() and not progress.is_stalled(count()):
         probe.spin_for(0.1)
 
@@ -80,9 +79,9 @@ def test_every_frame_played_into_active_nodes_is_answered(
         probe.wait(lambda: len({status.name for status in probe.statuses()}) >= 2 * len(STAGES),
                    'diagnostics of all stages')
         assert lost_frames(probe) == {}
-        assert player.wait(STALL_S) == 0
+        assert player.wait(HANGS_S) == 0
         rig.remove_probe()
-        assert set(nodes.stop(STALL_S).values()) == {0}
+        assert set(nodes.stop(HANGS_S).values()) == {0}
 
 
 def header(index):

@@ -4,18 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies import onboard_stars, SMALL_CAMERA as CAMERA
 from startracker_ros.core.attitude.estimate import estimate_attitude, SOLVERS
 from startracker_ros.core.attitude.validation import AttitudeValidator, ValidationOptions
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.rotation import (
     attitude_error, matrix_from_quaternion, quaternion_from_pointing)
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
-ONBOARD = onboard_catalog(load_catalog(), CAMERA, 2026.0, 6.0)
+ONBOARD = onboard_stars(CAMERA, 2026.0, 6.0)
 POINTING = quaternion_from_pointing(*np.radians([83.0, -1.0, 20.0]))
 
 

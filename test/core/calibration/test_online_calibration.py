@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies import onboard_stars
 from startracker_ros.core.calibration.adjustment import CalibrationError
 from startracker_ros.core.calibration.lens_filter import LensFilter, LensFrame
 from startracker_ros.core.calibration.online import OnlineCalibration, OnlineOptions
 from startracker_ros.core.calibration.tracked_frames import tracked_frame
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.maths.rotation import (
@@ -166,7 +165,7 @@ def test_an_impossible_camera_is_no_proposal():
 
 
 def test_the_centroids_of_tracks_are_measurements():
-    onboard = onboard_catalog(load_catalog(), CAMERA, 2026.7, 6.0)
+    onboard = onboard_stars(CAMERA, 2026.7, 6.0)
     centroids, hip = synthetic_field(onboard, CAMERA)
     count, none = len(hip), np.zeros(len(hip))
     rate, delay_s = np.tile([100.0, -50.0], (count, 1)), np.linspace(0, 0.02, count)

@@ -3,6 +3,7 @@
 import errno
 import gc
 from pathlib import Path
+from skies import SMALL_CAMERA as CAMERA
 import weakref
 
 import numpy as np
@@ -19,7 +20,6 @@ from startracker_ros.core.stages.tracking import make_star_tracker
 from startracker_ros.core.stored_arrays import prepare, resident_bytes
 from startracker_ros.tools.photographs import solve
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 BRIGHT = IdentificationOptions(magnitude_limit=5.0)
 NIGHT_SKY = Path(__file__).parents[2] / 'data' / 'night-sky-11deg'
 

@@ -3,18 +3,16 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from skies import CAMERA, START_NS
 from startracker_ros.core.astro.aberration import aberrate
 from startracker_ros.core.astro.earth import earth_velocity_m_s
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.orbit import CircularOrbit, orbit_frame, propagate
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.locate.location import LocationOptions
 from startracker_ros.core.locate.locator import Located, Rejected, TargetLocator
 from startracker_ros.core.locate.observer import Observer, ObserverOptions, State
 from startracker_ros.core.maths.rotation import ARCSEC
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
-START_NS = 1_790_000_000_000_000_000
 ORBITS = [CircularOrbit(7.078e6, *np.radians([30.0, 40.0, latitude])) for latitude in (58., 62.)]
 TARGET = CircularOrbit(7.468e6, *np.radians([30.5, 40.0, 60.0])).at(0.0)
 SIGMA_PX, SIGMA_RAD = 0.05, 5 * ARCSEC

@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies import CAMERA, onboard_stars
 from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.astro.observer_motion import AberrationOptions, AT_REST, observer_at
 from startracker_ros.core.astro.orbit import CircularOrbit
 from startracker_ros.core.astro.state import State
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.identification import IdentificationOptions
@@ -24,9 +22,8 @@ from startracker_ros.core.stages.pipeline import Pipeline, PipelineOptions
 
 YEAR = 2026.4
 START_NS, STEP_NS = stamp_from_epoch_year(YEAR), 10 ** 8
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
-ONBOARD = onboard_catalog(load_catalog(), CAMERA, YEAR)
-BRIGHT = onboard_catalog(load_catalog(), CAMERA, YEAR, 6.5)
+ONBOARD = onboard_stars(CAMERA, YEAR)
+BRIGHT = onboard_stars(CAMERA, YEAR, 6.5)
 
 
 def sky_of(velocity_m_s):
