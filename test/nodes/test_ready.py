@@ -50,7 +50,9 @@ def lost_frames(probe):
 
 
 @pytest.mark.parametrize('composed, rate, early, busy', [
-    (False, 1.0, 0, 0), (False, 2.0, 5, 2), (True, 2.0, 0, 2)])
+    (False, 2.0, 5, 0), (True, 2.0, 0, 0), *(
+        pytest.param(*case, marks=pytest.mark.long) for case in (
+            (False, 1.0, 0, 0), (False, 2.0, 5, 2), (True, 2.0, 0, 2)))])
 def test_every_frame_played_into_active_nodes_is_answered(
         rig, probe, tmp_path, composed, rate, early, busy):
     frames_ns = {ns_from_stamp(deserialize_message(message.data, Image).header.stamp)
