@@ -8,6 +8,7 @@ import sys
 from limits import HANGS_S
 import numpy as np
 import pytest
+from queues import deep_queues
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from skies import START_NS
@@ -64,7 +65,8 @@ def test_every_frame_played_into_active_nodes_is_answered(
         # As a user starts them: nothing is loaded yet.
         nodes = processes.enter_context(NodeProcesses(tmp_path))
         for name in (('composed_pipeline',) if composed else STAGES):
-            nodes.start(name)
+            # How many images wait is of the machine, that none is lost of the nodes.
+            nodes.start(name, deep_queues('image_raw.subscription'))
         for name in STAGES:
             probe.wait(lambda name=name: manager.state(name) == ACTIVE, f'{name} active')
         for _ in range(busy):
