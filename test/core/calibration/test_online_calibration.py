@@ -15,6 +15,7 @@ from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.maths.rotation import (
     multiply, quaternion_from_rotation_vector, random_attitude, rotate)
 from startracker_ros.core.track.tracks import Tracks
+from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
 CAMERA = Camera.from_fov(1024, 1024, 20.0)
 WIDE = Camera.from_fov(1024, 1024, 50.0)
@@ -93,8 +94,8 @@ def test_the_estimate_is_consistent():
         lens, covariance = lens_filter.at(np.nan)
         error = lens - lens_filter.lens_of(truth)
         nees.append(error @ np.linalg.solve(covariance, error))
-    # The mean of 6 chi-squares of 4 degrees.
-    assert 1.5 < np.mean(nees) < 7.5
+    low, high = mean_chi_square_bounds(4, len(nees))
+    assert low < np.mean(nees) < high, (low, np.mean(nees), high)
 
 
 def test_nothing_is_proposed_that_frames_left_out_do_not_prove():
