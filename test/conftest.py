@@ -11,8 +11,12 @@ import tempfile
 from types import ModuleType
 from typing import Any
 
-from hypothesis import settings
-import pytest
+# Before NumPy is imported. Matrices are small here: two threads of BLAS, each of which waits in a
+# loop for the other, take ten times the processor time of one.
+os.environ.update(OMP_NUM_THREADS='1', OPENBLAS_NUM_THREADS='1')
+
+from hypothesis import settings  # noqa: E402, I100
+import pytest  # noqa: E402
 
 ROOT = Path(__file__).parent
 # By the longest path that fits, unless a test is marked itself: core needs no nodes, dds starts
