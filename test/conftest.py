@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 # Before NumPy is imported. Matrices are small here: two threads of BLAS, each of which waits in a
-# loop for the other, take ten times the processor time of one.
+# loop for the other, take many times the processor time of one.
 os.environ.update(OMP_NUM_THREADS='1', OPENBLAS_NUM_THREADS='1')
 
 from hypothesis import settings  # noqa: E402, I100
