@@ -14,6 +14,9 @@ PIP_INSTALL := $(VENV)/bin/python -m pip install -q --disable-pip-version-check
 # Leftovers of a sourced ROS 2 or of another venv must not meet the wheels of this one.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONPATH PYTHONHOME
 unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
+# pip leaves byte code to the first use. Without any each process would translate NumPy, SciPy and
+# numba again: two seconds of a processor.
+unexport PYTHONDONTWRITEBYTECODE
 
 # Folders are among them, so that a deleted file counts as a change.
 SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
@@ -28,15 +31,12 @@ demo: .venv/package
 demo-closed-loop: .venv/package .venv/gnc
 	$(RUN) -m startracker_ros demo closed-loop
 
-# What a change has to pass. The demos measure what they show, so they have both cores to
-# themselves.
 PYTEST := $(RUN) -m pytest -q
 # Three workers: tests of nodes wait half of their time. The order is that of test/conftest.py.
 ON_BOTH_CORES := -n 3 --dist loadfile --no-loadscope-reorder
-DEMOS := $(addprefix test/nodes/,test_demo.py test_two_satellite_demo.py test_closed_loop_demo.py)
+# What a change has to pass.
 test: .venv/package .venv/tests .venv/gnc
-	@$(PYTEST) $(ON_BOTH_CORES) -m 'not long' test $(DEMOS:%=--ignore %); others=$$?; \
-		$(PYTEST) -m 'not long' $(DEMOS) && exit $$others
+	@$(PYTEST) $(ON_BOTH_CORES) -m 'not long' test
 
 # What neither starts nodes nor takes long, to be run after each change.
 test-core: .venv/package .venv/tests

@@ -140,14 +140,13 @@ def test_the_first_call_compiles_all_that_is_registered_in_another_process(packa
     assert not run(package, tmp_path)[2]
 
 
-@pytest.mark.parametrize('damage', [
-    lambda content: b'', lambda content: content[:-9],
-    lambda content: content[:200] + b'\0' + content[201:]])
-def test_a_damaged_file_is_not_used(package, tmp_path, damage):
+def test_a_damaged_file_is_not_used(package, tmp_path):
     folder, name, _ = run(package, tmp_path)
     file, = folder.glob(f'{name}.*')
-    file.write_bytes(damage(file.read_bytes()))
-    assert run(package, tmp_path)[2] == 1
+    content = file.read_bytes()
+    for damaged in (b'', content[:-9], content[:200] + b'\0' + content[201:]):
+        file.write_bytes(damaged)
+        assert run(package, tmp_path)[2] == 1
     assert run(package, tmp_path)[2] == 0
 
 

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from skies import NARROW_CAMERA as CAMERA, onboard_stars
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.attitude.propagate import AttitudePrediction
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.extended_grid import ExtendedGridIdentifier, RecursiveIdentifier
@@ -17,7 +16,6 @@ from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector, random_attitude)
 from startracker_ros.sim.sky.gyro import Gyro, GyroOptions
 
-CAMERA = Camera.from_fov(1024, 1024, 4.0)
 EPOCH_YEAR = 2026.5
 OPTIONS = IdentificationOptions(method='extended_grid', magnitude_limit=8.0)
 S = 1_000_000_000
@@ -25,7 +23,7 @@ S = 1_000_000_000
 
 @pytest.fixture(scope='module')
 def onboard():
-    return onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, 7.5)
+    return onboard_stars(CAMERA, EPOCH_YEAR, 7.5)
 
 
 @pytest.fixture(scope='module')

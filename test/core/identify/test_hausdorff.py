@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.distance import directed_hausdorff
+from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
@@ -18,7 +19,6 @@ from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import (
     attitude_error, quaternion_from_pointing, radec_from_unit, random_attitude)
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 EPOCH_YEAR = 2000.0
 
 
