@@ -13,6 +13,7 @@ STARTRACKER_COMPILED_LOG names.
 from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
+import gc
 from importlib import import_module
 import json
 from multiprocessing import get_context
@@ -39,6 +40,9 @@ def _work(folder: Path, modules: Iterable[str]) -> bool:
     for module in sorted(registered_modules()):
         import_module(module)
     compile_only(signatures())
+    # Little of what a compilation makes is garbage before its end.
+    gc.freeze()
+    gc.set_threshold(200_000, 50, 100)
     fork, writers = get_context('fork'), deque[Any]()
     complete = True
     for module in modules:
