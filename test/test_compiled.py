@@ -194,6 +194,21 @@ def _four_times(values: np.ndarray) -> np.ndarray:
     return _twice(_twice(values))
 
 
+@compiled
+def _times(value: float, factor: int) -> float:
+    return factor * value
+
+
+@compiled
+def _five_times(value: float) -> float:
+    return _times(value, 2) + _times(value, 3)
+
+
+def test_a_function_is_compiled_once_for_all_constants():
+    assert _five_times(3.0) == 15.0
+    assert len(_times.overloads) == 1
+
+
 def test_a_compilation_reports_the_function_that_python_calls():
     reports = []
     COMPILATIONS.listeners.append(lambda *report: reports.append(report))
