@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 from startracker_ros.tools.cli.shared import (
-    check_names, exit_1_on, finish, json_option, picture_option, scheduler_option, seed_option,
-    trials_option)
+    check_names, check_pictures, exit_1_on, finish, json_option, picture_option, scheduler_option,
+    seed_option, trials_option)
 
 
 @click.group()
@@ -72,6 +72,29 @@ def campaign_two_satellite(trials: int, output: Path | None, seed: int, as_json:
     """Locate a target by the cameras of two satellites under four sources of error."""
     from startracker_ros.evaluation.campaign.two_satellite import run_two_satellite_campaign
     finish(run_two_satellite_campaign(trials=trials, seed=seed, output=output), as_json)
+
+
+@campaign.command('papers')
+@click.option('--trials', type=click.IntRange(1), help='Trials of each campaign.  [default: as '
+              'many as the bounds of each need]')
+@click.option('--only', multiple=True, help='Campaigns to run, by name; the page has the kept '
+              'results of the others.')
+@click.option('--output', type=click.Path(path_type=Path, file_okay=False), default='papers',
+              callback=check_pictures, show_default=True,
+              help='Folder for the page, the results and the pictures.')
+@scheduler_option
+@seed_option
+@json_option
+def campaign_papers(trials: int | None, only: tuple[str, ...], output: Path, scheduler: str,
+                    seed: int, as_json: bool) -> None:
+    """Run all campaigns of papers; write a page of every table, figure and claim."""
+    from startracker_ros.evaluation.campaign.centroid import DataError
+    from startracker_ros.evaluation.campaign.papers import CAMPAIGNS, run_papers_campaign
+    check_names('campaign', only, CAMPAIGNS)
+    with exit_1_on(DataError, output=output):
+        result = run_papers_campaign(output, seed=seed, trials=trials, only=only,
+                                     scheduler=scheduler)
+    finish(result, as_json)
 
 
 @campaign.command('integrity')
