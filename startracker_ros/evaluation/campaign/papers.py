@@ -7,7 +7,7 @@ again replaces its own.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import datetime, timezone
+from datetime import datetime, UTC
 import json
 from pathlib import Path
 import re
@@ -51,8 +51,8 @@ def run_papers_campaign(folder: Path, *, seed: int, trials: int | None = None,
         pictures = folder / PICTURES / name
         pictures.mkdir(parents=True, exist_ok=True)
         result = _run(name, trials, seed, scheduler, pictures)
-        document = {**result.document, 'details': list(result.details), 'commit': _commit(), 'machine': machine(),
-                    'date': datetime.now(timezone.utc).strftime('%Y-%m-%dT%H:%M:%SZ')}
+        document = {**result.document, 'details': list(result.details), 'commit': _commit(),
+                    'machine': machine(), 'date': datetime.now(UTC).isoformat('T', 'seconds')}
         (folder / RESULTS / f'{name}.json').write_text(json.dumps(document, indent=1) + '\n')
     rows = write_page(folder)
     return Result('campaign papers', rows, {

@@ -15,13 +15,16 @@ def campaign() -> None:
 
 @campaign.command('hausdorff')
 @trials_option(200, 'Directions of each figure.')
+@picture_option('the times')
 @scheduler_option
 @seed_option
 @json_option
-def campaign_hausdorff(trials: int, scheduler: str, seed: int, as_json: bool) -> None:
+def campaign_hausdorff(trials: int, output: Path | None, scheduler: str, seed: int,
+                       as_json: bool) -> None:
     """Find sets of bright stars by their Hausdorff distance in a field of 12 deg."""
     from startracker_ros.evaluation.campaign.hausdorff import run_hausdorff_campaign
-    finish(run_hausdorff_campaign(trials=trials, seed=seed, scheduler=scheduler), as_json)
+    finish(run_hausdorff_campaign(trials=trials, seed=seed, scheduler=scheduler, output=output),
+           as_json)
 
 
 @campaign.command('quad')
@@ -37,7 +40,7 @@ def campaign_quad(trials: int, scheduler: str, seed: int, as_json: bool) -> None
 
 @campaign.command('extended-grid')
 @trials_option(10_000, 'Directions of each figure.')
-@picture_option('the two curves')
+@picture_option('each figure of the paper')
 @scheduler_option
 @seed_option
 @json_option
