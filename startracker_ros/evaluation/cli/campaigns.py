@@ -68,7 +68,7 @@ def campaign_jpdaf(trials: int, output: Path | None, scheduler: str, seed: int,
 
 @campaign.command('two-satellite')
 @trials_option(100_000, 'Draws of the figures beyond the 500 of the paper.', least=1000)
-@picture_option('the error over the baseline')
+@picture_option('the errors')
 @seed_option
 @json_option
 def campaign_two_satellite(trials: int, output: Path | None, seed: int, as_json: bool) -> None:
@@ -189,12 +189,16 @@ def campaign_soak(frames: int, seed: int, as_json: bool) -> None:
 @click.option('--images', 'folder', metavar='FOLDER',
               type=click.Path(path_type=Path, exists=True, file_okay=False),
               help='Images with a solutions.csv.  [default: night-sky-11deg of STARTRACKER_DATA]')
+@trials_option(200, 'Draws of images, with repetition.')
+@picture_option('the scatter over the threshold')
+@seed_option
 @json_option
-def campaign_centroid(folder: Path | None, as_json: bool) -> None:
+def campaign_centroid(folder: Path | None, trials: int, output: Path | None, seed: int,
+                      as_json: bool) -> None:
     """Weighted means at right and wrong thresholds on real photographs."""
     from startracker_ros.evaluation.campaign.centroid import DataError, run_centroid_campaign
     with exit_1_on(DataError):
-        result = run_centroid_campaign(folder)
+        result = run_centroid_campaign(folder, trials=trials, seed=seed, output=output)
     finish(result, as_json)
 
 
