@@ -43,12 +43,13 @@ class Photograph:
     """
     An image (H, W) and its catalogue stars, brightest first, at uv (S, 2) px.
 
-    uv is projected by camera, which has no distortion.
+    uv is projected by camera, which has no distortion, at the attitude quaternion (4,).
     """
 
     image: np.ndarray
     camera: Camera
     uv: np.ndarray
+    quaternion: np.ndarray
 
 
 def photographs(folder: Path) -> list[Photograph]:
@@ -66,9 +67,9 @@ def photographs(folder: Path) -> list[Photograph]:
         image = read_image(folder / row['file'])
         camera = Camera.from_fov(image.shape[1], image.shape[0], float(row['hfov_deg']))
         q = np.array([float(row[name]) for name in ('qx', 'qy', 'qz', 'qw')])
-        uv = camera.project(rotate(conjugate(q / np.linalg.norm(q)), direction))
-        inside = camera.contains(uv)
-        found.append(Photograph(image, camera, uv[inside]))
+        q = q / np.linalg.norm(q)
+        uv = camera.project(rotate(conjugate(q), direction))
+        found.append(Photograph(image, camera, uv[camera.contains(uv)], q))
     return found
 
 

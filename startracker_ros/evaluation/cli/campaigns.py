@@ -29,13 +29,16 @@ def campaign_hausdorff(trials: int, output: Path | None, scheduler: str, seed: i
 
 @campaign.command('quad')
 @trials_option(300, 'Frames along the orbit, and as many of the whole sky.')
+@picture_option('the angles along the orbit')
 @scheduler_option
 @seed_option
 @json_option
-def campaign_quad(trials: int, scheduler: str, seed: int, as_json: bool) -> None:
+def campaign_quad(trials: int, output: Path | None, scheduler: str, seed: int,
+                  as_json: bool) -> None:
     """Quads of stars found by k-vector in a field of 20.3 deg."""
     from startracker_ros.evaluation.campaign.quad import run_quad_campaign
-    finish(run_quad_campaign(trials=trials, seed=seed, scheduler=scheduler), as_json)
+    finish(run_quad_campaign(trials=trials, seed=seed, scheduler=scheduler, output=output),
+           as_json)
 
 
 @campaign.command('extended-grid')

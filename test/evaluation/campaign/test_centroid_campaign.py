@@ -61,7 +61,7 @@ def test_the_lens_is_taken_off():
         x = (uv - [camera.cx, camera.cy]) / camera.cx
         bent = uv + 2 * x * (x ** 2).sum(1, keepdims=True) + rng.normal(0, 1, 2)
         bent[7] = np.nan
-        images.append(Photograph(np.empty((0, 0)), camera, uv))
+        images.append(Photograph(np.empty((0, 0)), camera, uv, np.array([0.0, 0, 0, 1])))
         seen.append(bent)
     for photograph, uv in zip(images, without_lens(images, seen)):
         assert np.isnan(uv[7]).all()
