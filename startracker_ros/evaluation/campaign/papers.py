@@ -131,10 +131,10 @@ def _state(paper: Paper, claim: Claim, records: Sequence[dict], pictures: Sequen
     if not drawn or (claim.rows and not found):
         return ClaimRow(paper.name, claim.item, claim.says, 'not run', '', None)
     if False in held and claim.state != 'differs':
-        cases = ', '.join(str(record.get('case', record.get('method')))
+        cases = '; '.join(str(record.get('case', record.get('method')))
                           for record in found if record.get('holds') is False)
         return ClaimRow(paper.name, claim.item, claim.says, 'does not hold', cases, False)
-    if None in held:
+    if any('too few trials' in str(record.get('bound')) for record in found):
         return ClaimRow(paper.name, claim.item, claim.says, 'too few trials', '', None)
     return ClaimRow(paper.name, claim.item, claim.says, claim.state, claim.why, True)
 
