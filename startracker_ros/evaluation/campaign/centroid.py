@@ -186,8 +186,8 @@ class MethodRow:
 
 def _rows(scatter: dict[tuple[str, str], float]) -> Iterator[MethodRow]:
     for method in METHODS:
-        ppm = [1e6 * scatter[method, name] for name in FACTORS]
-        yield MethodRow(method, *ppm, max(ppm) / ppm[0])
+        ppm = {f'{name}_ppm': 1e6 * scatter[method, name] for name in FACTORS}
+        yield MethodRow(method, **ppm, worst_over_right=max(ppm.values()) / ppm['right_ppm'])
 
 
 def run_centroid_campaign(folder: Path | None = None, *, trials: int, seed: int,

@@ -129,20 +129,15 @@ def _frame(q: np.ndarray, velocity_m_s: np.ndarray, before: np.ndarray | None,
     apparent = replace(onboard, direction=apparent_directions(onboard.direction, vantage))
     centroids, hip = star_list(apparent, CAMERA, q, SIGMA_PX, rng)
     field = identifier.field_stars(centroids)
-    cpu_s, (star, quaternion) = cpu_timed(published, identifier, field)
-    solutions, times_s = [quaternion], [cpu_s]
-    cpu_s, initial = cpu_timed(identifier.identify, centroids)
-    solutions.append(initial.attitude and initial.attitude.quaternion)
-    times_s.append(cpu_s)
-    if before is None:
-        tracked, cpu_s = initial, np.nan
-    else:
-        cpu_s, tracked = cpu_timed(identifier.identify_near, centroids, before)
-    solutions.append(tracked.attitude and tracked.attitude.quaternion)
-    times_s.append(cpu_s)
-    cpu_s, other = cpu_timed(_pyramid().identify, centroids)
-    solutions.append(other.attitude and other.attitude.quaternion)
-    times_s.append(cpu_s)
+    published_s, (star, quaternion) = cpu_timed(published, identifier, field)
+    initial_s, initial = cpu_timed(identifier.identify, centroids)
+    tracked_s, tracked = np.nan, initial
+    if before is not None:
+        tracked_s, tracked = cpu_timed(identifier.identify_near, centroids, before)
+    pyramid_s, other = cpu_timed(_pyramid().identify, centroids)
+    times_s = published_s, initial_s, tracked_s, pyramid_s
+    solutions = [quaternion, *(found.attitude.quaternion if found.attitude is not None else None
+                               for found in (initial, tracked, other))]
     named = np.where(star >= 0, onboard.hip[star], 0)
     counts = [_right_and_wrong(named, hip[field.index]), _right_and_wrong(initial.hip, hip)]
     right, false = zip(*counts)
@@ -241,7 +236,8 @@ def _summary(case: str, frames: Frames, in_paper: bool) -> Iterator[PaperRow]:
             'stars identified': (shares[0], (f'{bound} >= 99', min(shares[0][first:]) >= 99)),
             'stars misnamed': (shares[1], (f'{bound} <= 0.1', max(shares[1][first:]) <= 0.1))
             }.items():
-        yield PaperRow(f'{case}: {name}', None, *map(float, share), '%', *judge([holds]))
+        yield PaperRow(f'{case}: {name}', None, float(share[0]), float(share[1]), '%',
+                       *judge([holds]))
     times = frames.time_ms
     tracked = np.isfinite(times[:, 2])
     for name, measure, limit in (('mean', np.mean, 72.6), ('worst', np.max, 128.6)):
