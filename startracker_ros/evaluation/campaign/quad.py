@@ -252,19 +252,23 @@ def _summary(case: str, frames: Frames, in_paper: bool) -> Iterator[PaperRow]:
             yield PaperRow(f'{case}: time, tracking mode, {name}', None, None, tracking_ms, 'ms',
                            *(judge(checks) if name == 'mean' else ('', True)))
     if tracked.any():
-        yield PaperRow(f'{case}: identified, tracking mode', paper(100), None, right[2], '%',
-                       *judge([(f'>= {least:g}', right[2] >= least)]))
-        yield PaperRow(f'{case}: wrong, tracking mode', paper(0), None, int(wrong[2]), 'frames',
-                       *judge([('= 0', wrong[2] == 0)]))
-        yield PaperRow(f'{case}: output, initial and tracking mode', '13 Hz',
-                       1e3 / float(times[:, 1].mean()), 1e3 / float(times[tracked, 2].mean()),
-                       'Hz')
-        good = np.isfinite(frames.error_rad).all(1)
-        error = frames.error_rad[good] / ARCSEC
-        for name, value in (('across', np.sqrt((error[:, :2] ** 2).mean())),
-                            ('roll', np.sqrt((error[:, 2] ** 2).mean()))):
-            yield PaperRow(f'{case}: error of QUEST, {name}, rms', None, None, float(value),
-                           'arcsec')
+        yield from _tracking_rows(case, frames, right[2], int(wrong[2]))
+
+
+def _tracking_rows(case: str, frames: Frames, right: float, wrong: int) -> Iterator[PaperRow]:
+    """Yield what tracking mode identifies, the rate of both modes, and the errors of QUEST."""
+    judge = partial(judged, trials=len(frames.stars), needed=_PAPER_TRIALS)
+    yield PaperRow(f'{case}: identified, tracking mode', 100, None, right, '%',
+                   *judge([('>= 100', right >= 100)]))
+    yield PaperRow(f'{case}: wrong, tracking mode', 0, None, wrong, 'frames',
+                   *judge([('= 0', wrong == 0)]))
+    for mode, column in (('initial', 1), ('tracking', 2)):
+        yield PaperRow(f'{case}: output, {mode} mode', '13 Hz', None,
+                       1e3 / float(np.nanmean(frames.time_ms[:, column])), 'Hz')
+    error = frames.error_rad[np.isfinite(frames.error_rad).all(1)] / ARCSEC
+    for name, columns in (('across', error[:, :2]), ('roll', error[:, 2])):
+        yield PaperRow(f'{case}: error of QUEST, {name}, rms', None, None,
+                       float(np.sqrt((columns ** 2).mean())), 'arcsec')
 
 
 def real_frames(folder: Path) -> tuple[list[PaperRow], np.ndarray]:

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 from startracker_ros.evaluation.campaign.five_stars import FiveStarStructures
-from startracker_ros.evaluation.campaign.hausdorff import (
-    CELLS, directions, FRAMES, PUBLISHED, run_hausdorff_campaign, stored_sets)
+from startracker_ros.evaluation.campaign.hausdorff import CELLS, PUBLISHED, run_hausdorff_campaign
+from startracker_ros.evaluation.campaign.hausdorff_frames import directions, FRAMES, stored_sets
 
 CELLS_TO_RUN = (('pivot', 5.5), ('segment', 6.0))
 
