@@ -140,8 +140,8 @@ _TARGET = Paper(
               why='in an orbit whose orientation is ours'),
         Claim('claim', 'attitude makes 0.90 to 0.95 of the total error, position a quarter and '
               'velocity a thirtieth of the attitude', r'target nearer',
-              why='with the target 250 km above the orbit. Where the errors are as large as the '
-                  "paper's, its own bounds give 0.966 and ours is 0.97"),
+              why="with the target nearer. Where the errors are as large as the paper's, its own "
+                  'bounds give a larger share, as does ours: see share below'),
         Claim('claim', 'linear over scales of 0.1 to 10', r'(scale \d|straight line)',
               picture='scales'),
         Claim('claim', 'near Gaussian on each axis', r'(normal \(|skewness|kurtosis)',

@@ -82,13 +82,14 @@ def _run(name: str, trials: int | None, seed: int, scheduler: str, output: Path)
 
 def _commit() -> str:
     """Return the commit of the sources, '+' where they were changed; of a package its version."""
-    where = Path(__file__).parent
+    def git(*arguments: str) -> str:
+        return subprocess.run(['git', *arguments], cwd=Path(__file__).parents[1], text=True,
+                              capture_output=True, timeout=30, check=True).stdout.strip()
+
     try:
-        done = subprocess.run(['git', 'describe', '--always', '--dirty=+', '--exclude=*'],
-                              cwd=where, capture_output=True, text=True, timeout=30, check=True)
+        return git('rev-parse', '--short', 'HEAD') + '+' * bool(git('status', '--porcelain', '.'))
     except (OSError, subprocess.SubprocessError):
         return f'{PACKAGE} {installed_version(PACKAGE)}'
-    return done.stdout.strip()
 
 
 def write_page(folder: Path) -> list[ClaimRow]:
