@@ -57,13 +57,14 @@ class Frames:
     """
     Results of F frames.
 
-    truth (F, 4) q_icrf_from_sensor; stars (F,) counts those in the image. solved, wrong and
-    time_ms (F, M) are those of METHODS; time is NaN where a mode has no frame before.
-    identified and misidentified (F, 2) count stars by the steps of the paper and by the method
-    of the node; error_rad (F, 3) is that of QUEST with apparent places, NaN where unsolved.
+    quaternion (F, 4) is q_icrf_from_sensor by QUEST with apparent places, and error_rad (F, 3)
+    its error about sensor axes, NaN where unsolved; stars (F,) counts those in the image.
+    solved, wrong and time_ms (F, M) are those of METHODS; time is NaN where a mode has no frame
+    before. identified and misidentified (F, 2) count stars by the steps of the paper and by the
+    method of the node.
     """
 
-    truth: np.ndarray
+    quaternion: np.ndarray
     stars: np.ndarray
     solved: np.ndarray
     wrong: np.ndarray
@@ -141,20 +142,17 @@ def _frame(q: np.ndarray, velocity_m_s: np.ndarray, before: np.ndarray | None,
     named = np.where(star >= 0, onboard.hip[star], 0)
     counts = [_right_and_wrong(named, hip[field.index]), _right_and_wrong(initial.hip, hip)]
     right, false = zip(*counts)
-    error_rad = np.full(3, np.nan)
+    fitted, error_rad = np.full(4, np.nan), np.full(3, np.nan)
     chosen = np.flatnonzero(tracked.hip)
     if tracked.attitude is not None:
-        try:
-            fitted = estimate_attitude(
-                CAMERA.unproject(centroids.uv[chosen]),
-                apparent.direction[onboard.index_of(tracked.hip[chosen])],
-                centroids.sigma_px[chosen] * CAMERA.pixel_rad)
-            error_rad = attitude_error(fitted.quaternion, q)
-        except AttitudeError:
-            pass
+        fitted = estimate_attitude(
+            CAMERA.unproject(centroids.uv[chosen]),
+            apparent.direction[onboard.index_of(tracked.hip[chosen])],
+            centroids.sigma_px[chosen] * CAMERA.pixel_rad).quaternion
+        error_rad = attitude_error(fitted, q)
     solved = [solution is not None for solution in solutions]
     wrong = [solution is not None and not is_correct(solution, q) for solution in solutions]
-    return ((q, len(hip), solved, wrong, [1e3 * time_s for time_s in times_s], right, false,
+    return ((fitted, len(hip), solved, wrong, [1e3 * time_s for time_s in times_s], right, false,
              error_rad), solutions[2])
 
 
@@ -355,19 +353,20 @@ def draw_angles(frames: Frames, folder: Path) -> Path:
     """Draw the angles of QUEST along the orbit, and their errors: figure 5; return the picture."""
     figure = new_figure(figsize=(9, 3.6))
     angles, errors = figure.subplots(1, 2)
-    time_s = STEP_S * np.arange(len(frames.stars))
-    boresight = matrix_from_quaternion(frames.truth)[..., 2]
-    ra_rad, dec_rad = radec_from_unit(boresight)
-    level = [quaternion_from_pointing(*pointing, 0.0)
-             for pointing in zip(map(float, ra_rad), map(float, dec_rad))]
-    roll_rad = np.array([attitude_error(q, base)[2] for q, base in zip(frames.truth, level)])
-    # The error about sensor axes is far below what this picture resolves: it has its own axes.
+    good = np.isfinite(frames.error_rad).all(1)
+    time_s = STEP_S * np.flatnonzero(good)
+    quaternion = frames.quaternion[good]
+    ra_rad, dec_rad = radec_from_unit(matrix_from_quaternion(quaternion)[..., 2])
+    # With the boresight in common, the rotation between two attitudes is the roll.
+    roll_rad = np.array([
+        attitude_error(q, quaternion_from_pointing(float(ra), float(dec), 0.0))[2]
+        for q, ra, dec in zip(quaternion, ra_rad, dec_rad)])
     for name, value in (('right ascension', ra_rad), ('declination', dec_rad),
                         ('roll', roll_rad)):
         angles.plot(time_s, np.degrees(np.unwrap(value)), label=name)
     angles.set(xlabel='time, s', ylabel='angle, deg')
     for column, name in enumerate(('about x', 'about y', 'roll')):
-        errors.plot(time_s, frames.error_rad[:, column] / ARCSEC, linewidth=0.7, label=name)
+        errors.plot(time_s, frames.error_rad[good, column] / ARCSEC, linewidth=0.7, label=name)
     errors.set(xlabel='time, s', ylabel='error of QUEST, arcsec')
     for axis in (angles, errors):
         axis.grid(alpha=0.3)
