@@ -170,7 +170,9 @@ def _result_section(name: str, document: dict, pictures: Sequence[str]) -> Itera
     yield f'| {" | ".join(columns)} |'
     yield f'|{"---|" * len(columns)}'
     for row in rows:
-        yield f'| {" | ".join(_escaped(cell_text(key, row[key])) for key in columns)} |'
+        # What has no bound holds, which says nothing.
+        shown = row if row.get('bound', True) else {**row, 'holds': None}
+        yield f'| {" | ".join(_escaped(cell_text(key, shown[key])) for key in columns)} |'
     yield ''
     yield from (f'- {key}: {_escaped(cell_text(key, value))}'
                 for key, value in conditions.items() if key not in ('trials', 'seed'))
