@@ -147,7 +147,7 @@ def _combinations(count: int) -> np.ndarray:
     return np.array(list(combinations(range(count), 4)))
 
 
-def matching_quads(pairs: 'PairDatabase | FieldPairs', directions: np.ndarray, image: np.ndarray,
+def matching_quads(pairs: PairDatabase | FieldPairs, directions: np.ndarray, image: np.ndarray,
                    sigma_rad: np.ndarray, tolerance_sigmas: float,
                    scale_error: float) -> np.ndarray:
     """

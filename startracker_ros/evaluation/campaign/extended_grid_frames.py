@@ -273,7 +273,7 @@ def triangle_votes(observed: np.ndarray, image: PredictedField, buffer_rad: floa
         return votes
     seen, members = _triangles(combined, np.arange(len(observed), len(combined)), buffer_rad)
     there, stars = _triangles(image.tangent, beyond, buffer_rad)
-    # A star beyond the edge is known; what its triangle may be told by is where it agrees.
+    # A star beyond the edge is known: there is one triangle to compare with.
     agreed = (np.abs(seen - there) <= tolerance).all(1)
     for corner, star in zip(members[agreed].ravel(), stars[agreed].ravel()):
         if corner < len(observed) and image.inside[star]:
