@@ -5,7 +5,7 @@ Toloei, Zahednamazi, Ghasemi and Mohammadi (2020) compare three such geometric s
 shapes are not printed in the paper repeated here. This is the plainest of the family that
 Zahednamazi and Toloei describe (Int. J. Eng. Trans. A 31, 2018: four or five stars, V <= 4, a
 field of 20 x 20 deg): every set of five catalogue stars that one image can hold, with all its
-sides, compared one after the other.
+sides, all of them compared, without an index.
 """
 
 from itertools import combinations

@@ -106,7 +106,8 @@ def directions(method: str, magnitude_limit: float, name: str, count: int,
     """Return the outcomes of count random directions under the named conditions."""
     identifier, pyramid = _identifier(method, magnitude_limit), _pyramid(CAMERA, magnitude_limit)
     warm, rng = np.random.default_rng(0), np.random.default_rng(seed)
-    rows = [_direction(identifier, pyramid, FRAMES[name], warm) for _ in range(_WARM_UP)]
+    for _ in range(_WARM_UP):
+        _direction(identifier, pyramid, FRAMES[name], warm)
     rows = [_direction(identifier, pyramid, FRAMES[name], rng) for _ in range(count)]
     return Outcomes(*(np.array(column) for column in zip(*rows)))
 

@@ -65,16 +65,21 @@ def run_papers_campaign(folder: Path, *, seed: int, trials: int | None = None,
 
 def _run(name: str, trials: int | None, seed: int, scheduler: str, output: Path) -> Result:
     """Run one campaign; the pictures are written to a folder."""
-    from startracker_ros.evaluation.campaign import (
-        centroid, extended_grid, hausdorff, jpdaf, quad, two_satellite)
+    # Imported here: each of them takes as long to import as all the rest.
+    from startracker_ros.evaluation.campaign.centroid import run_centroid_campaign
+    from startracker_ros.evaluation.campaign.extended_grid import run_extended_grid_campaign
+    from startracker_ros.evaluation.campaign.hausdorff import run_hausdorff_campaign
+    from startracker_ros.evaluation.campaign.jpdaf import run_jpdaf_campaign
+    from startracker_ros.evaluation.campaign.quad import run_quad_campaign
+    from startracker_ros.evaluation.campaign.two_satellite import run_two_satellite_campaign
+    parallel = {'scheduler': scheduler}
     campaigns: dict[str, tuple[Callable[..., Result], int, dict[str, Any]]] = {
-        'jpdaf': (jpdaf.run_jpdaf_campaign, 100, {'scheduler': scheduler}),
-        'hausdorff': (hausdorff.run_hausdorff_campaign, 2000, {'scheduler': scheduler}),
-        'extended-grid': (extended_grid.run_extended_grid_campaign, 10_000,
-                          {'scheduler': scheduler}),
-        'two-satellite': (two_satellite.run_two_satellite_campaign, 100_000, {}),
-        'centroid': (centroid.run_centroid_campaign, 200, {}),
-        'quad': (quad.run_quad_campaign, 300, {'scheduler': scheduler})}
+        'jpdaf': (run_jpdaf_campaign, 100, parallel),
+        'hausdorff': (run_hausdorff_campaign, 2000, parallel),
+        'extended-grid': (run_extended_grid_campaign, 10_000, parallel),
+        'two-satellite': (run_two_satellite_campaign, 100_000, {}),
+        'centroid': (run_centroid_campaign, 200, {}),
+        'quad': (run_quad_campaign, 300, parallel)}
     run, default, options = campaigns[name]
     count = max(default if trials is None else trials, _LEAST_TRIALS.get(name, 1))
     return run(trials=count, seed=seed, output=output, **options)

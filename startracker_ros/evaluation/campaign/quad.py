@@ -24,7 +24,8 @@ from startracker_ros.core.identify.quad import base_quads, matching_quads, QuadI
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, quaternion_from_pointing, radec_from_unit,
     random_attitude)
-from startracker_ros.evaluation.campaign import centroid
+from startracker_ros.evaluation.campaign.centroid import (
+    EPOCH_YEAR as NIGHT_EPOCH_YEAR, photographs)
 from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_map, split_trials
 from startracker_ros.evaluation.campaign.picture import save_picture
 from startracker_ros.io.table import Result
@@ -38,7 +39,6 @@ CAMERA = Camera.from_fov(1024, 1024, 20.3)
 OPTIONS = IdentificationOptions(method='quad', magnitude_limit=5.5, max_image_stars=100)
 SIGMA_PX = 0.5
 STEP_S = 5.0
-_NEVER = 0.0
 
 METHODS = 'as published', 'initial', 'tracking', 'pyramid'
 """The paper's steps; the method of the node, lost in space and near the frame before; a peer."""
@@ -271,10 +271,10 @@ def _tracking_rows(case: str, frames: Frames, right: float, wrong: int) -> Itera
 
 def real_frames(folder: Path) -> tuple[list[PaperRow], np.ndarray]:
     """Return the rows of real images with known attitudes, and the stars of each."""
-    images, times_ms, solved, wrong, stars = centroid.photographs(folder), [], 0, 0, []
+    images, times_ms, solved, wrong, stars = photographs(folder), [], 0, 0, []
     for image in images:
-        identifier = QuadIdentifier(image.camera, centroid.EPOCH_YEAR, replace(
-            OPTIONS, magnitude_limit=_NEVER, fov_error_percent=1.0))
+        identifier = QuadIdentifier(image.camera, NIGHT_EPOCH_YEAR, replace(
+            OPTIONS, magnitude_limit=0.0, fov_error_percent=1.0))
         identifier.warm_up()
         centroids = CentroidExtractor(ExtractionOptions(method='squared', max_stars=30)).extract(
             image.image).centroids
