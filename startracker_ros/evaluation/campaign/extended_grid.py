@@ -83,7 +83,7 @@ def run_extended_grid_campaign(*, trials: int, seed: int, scheduler: str = '',
                       'same predicted catalogue stars to choose from',
         'nearest neighbour': 'of each star in image A: the same star in C (extended) or '
                              'among the observed ones (plain) as in A. Over all frames the plain '
-                             "image is right more often than in the paper, whose two figures are "
+                             'image is right more often than in the paper, whose two figures are '
                              'those of frames of fewer than six stars: there the neighbour is '
                              'beyond the edge in every second case, and the plain grid fails',
         'times': 'process CPU time of one thread, mean; the paper used MATLAB, so its 6 ms bind '
