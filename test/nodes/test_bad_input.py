@@ -7,6 +7,7 @@ from geometry_msgs.msg import QuaternionStamped
 from limits import HANGS_S
 import numpy as np
 import pytest
+from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud, STAR_DTYPE
@@ -90,6 +91,30 @@ def test_unknown_parameter_stops_the_start(node, exit_of, tmp_path):
     assert code == 2
     assert 'unknown parameter treshold' in printed
     assert 'Traceback' not in printed
+
+
+@pytest.mark.parametrize('key', ['/star_tracker', '/**/star_tracker', '/**:\n  star_tracker'])
+def test_unknown_parameter_in_the_file_of_a_node_stops_the_start(exit_of, tmp_path, key):
+    path = tmp_path / 'own.yaml'
+    path.write_text(f'{key}: {{ros__parameters: {{min_star: 5}}}}\n')
+    code, printed = exit_of('star_tracker', {}, '--ros-args', '--params-file', str(path))
+    assert code == 2
+    assert 'unknown parameter min_star; did you mean min_stars?' in printed
+
+
+@pytest.mark.parametrize('node', ['star_tracker', 'composed_pipeline'])
+def test_unknown_parameter_for_all_nodes_is_a_warning(nodes, probe, tmp_path, node):
+    path = tmp_path / 'all.yaml'
+    path.write_text('/**:\n  ros__parameters: {robot: {radius: 0.2}, min_star: 5, max_stars: 30}\n'
+                    '/planner:\n  ros__parameters: {horizon_s: 1.0}\n')
+    nodes.start(node, extra=['--ros-args', '--params-file', str(path)])
+    values = probe.call(GetParameters, '/star_tracker/get_parameters',
+                        GetParameters.Request(names=['max_stars'])).values
+    assert [value.integer_value for value in values] == [30]
+    warnings = [line for line in (tmp_path / f'{node}.log').read_text().splitlines()
+                if 'ignored' in line and 'star_tracker' in line]
+    assert len(warnings) == 1
+    assert 'robot.radius, min_star; did you mean min_stars for min_star?' in warnings[0]
 
 
 @pytest.mark.parametrize('node, parameters, words', [
