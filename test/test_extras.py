@@ -1,4 +1,4 @@
-"""Commands without the libraries of the extras: they work, or name in one line what to install."""
+"""Without a library, or with one too old, what starts works or names in a line what to install."""
 
 import os
 from pathlib import Path
@@ -35,3 +35,30 @@ def test_a_command_without_the_extras(arguments: list[str], words: str, tmp_path
         capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == (1 if words else 0), done.stderr
     assert done.stderr.strip() == (f'startracker: {words}' if words else '')
+
+
+@pytest.mark.parametrize('module, arguments, program', [
+    ('startracker_ros', ['solve', 'image.png'], 'startracker'),
+    ('startracker_ros.ros.nodes.star_tracker', [], 'startracker_ros')])
+@pytest.mark.parametrize('found', ['0.60.0', '0.9.1'])
+def test_an_old_numba_is_named(module: str, arguments: list[str], program: str, found: str,
+                               tmp_path: Path) -> None:
+    # What is installed is told by the first of these folders on the path.
+    folder = tmp_path / f'numba-{found}.dist-info'
+    folder.mkdir()
+    (folder / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: numba\nVersion: {found}\n')
+    (tmp_path / 'image.png').touch()
+    root = Path(__file__).parents[1]
+    done = subprocess.run(
+        [sys.executable, '-m', module, *arguments], cwd=tmp_path, timeout=HANGS_S,
+        env={**os.environ, 'PYTHONPATH': f'{tmp_path}{os.pathsep}{root}'},
+        capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.strip() == (
+        f"{program}: numba {found} is too old and would fail at random: pip install "
+        "'numba>=0.61', into a virtual environment where it is of Debian")
+    check = subprocess.run(
+        [sys.executable, '-c', 'from startracker_ros.tools.doctor.install import check_compiler; '
+         'print(check_compiler().holds)'], timeout=HANGS_S, capture_output=True, text=True,
+        env={**os.environ, 'PYTHONPATH': f'{tmp_path}{os.pathsep}{root}'})
+    assert check.stdout.strip() == 'False'

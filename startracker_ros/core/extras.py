@@ -1,12 +1,30 @@
-"""Libraries of the extras in setup.py, imported where a command needs one."""
+"""Libraries that may be missing or too old, and what to install."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
+
+OLDEST_NUMBA = 0, 61
+"""With NumPy 1.26 earlier ones end a program at random: TypeError, can't unbox array."""
 
 
 class MissingLibraryError(RuntimeError):
-    """The library of an extra is not installed; the text says how to install it."""
+    """A library is not installed or too old; the text says how to install it."""
+
+
+def check_numba() -> None:
+    """Raise MissingLibraryError where numba is missing or too old."""
+    oldest = '.'.join(map(str, OLDEST_NUMBA))
+    remedy = f"pip install 'numba>={oldest}', into a virtual environment where it is of Debian"
+    try:
+        found = version('numba')
+    except PackageNotFoundError as error:
+        raise MissingLibraryError(f'numba is not installed: {remedy}') from error
+    major, minor = found.split('.')[:2]
+    if (int(major), int(minor)) < OLDEST_NUMBA:
+        raise MissingLibraryError(
+            f'numba {found} is too old and would fail at random: {remedy}')
 
 
 @contextmanager
