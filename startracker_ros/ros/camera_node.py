@@ -118,7 +118,7 @@ class CameraNode(PipelineNode):
     def get_ready(self) -> None:
         early = self.diagnostics.counts[_EARLY]
         if self.camera is None:
-            self.diagnostics.report(WARN, 'waiting for camera_info')
+            self.diagnostics.report(WARN, 'waiting for camera_info', expected=True)
         if early:
             self.diagnostics.report_event(f'{early} {_EARLY}: images that came with them are lost')
         self.on_warm()

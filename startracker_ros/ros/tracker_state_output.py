@@ -24,6 +24,7 @@ class TrackerStateOutput:
         self._node = node
         self._observer = observer
         self._forecast_ns = 0
+        self._has_tracked = False
         self._blinding: dict[str, object] = {}
         self._known: tuple[int, np.ndarray, np.ndarray] | None = None
         self._publisher = node.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
@@ -39,6 +40,7 @@ class TrackerStateOutput:
             self._blinding = self._forecast(tracker, stamp_ns)
         diagnostics = self._node.diagnostics
         level = OK if tracker.state is TrackerState.TRACKING else WARN
+        self._has_tracked |= level == OK
         values: dict[str, object] = {
             'stars_matched': tracker.stars_matched,
             'residual_px': f'{tracker.residual_px:.3f}',
@@ -63,7 +65,8 @@ class TrackerStateOutput:
             diagnostics.report(WARN, f'{tracker.state.value}: stamps err by {error_ms}: '
                                'stamp frames in the driver, at the middle of the exposure')
         else:
-            diagnostics.report(level, f'{tracker.state.value}: {tracker.reason}')
+            diagnostics.report(level, f'{tracker.state.value}: {tracker.reason}',
+                               expected=not self._has_tracked)
 
     def _forecast(self, tracker: StarTracker, stamp_ns: int) -> dict[str, object]:
         """Return the values of the blinding to come, none where the attitude is unknown."""

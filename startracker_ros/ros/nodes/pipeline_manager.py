@@ -56,6 +56,7 @@ class PipelineManagerNode(PipelineNode):
                          for name in names}
         self._pending: dict[Client, Future] = {}
         self._due_s = dict.fromkeys(names, 0.0)
+        self._all_were_active = False
         self.create_steady_timer(_TICK_S, self._tick)
 
     def rebuild(self) -> None:
@@ -73,7 +74,9 @@ class PipelineManagerNode(PipelineNode):
         self._proceed()
         serious, problems = self._bringup.problems(now_s)
         level = ERROR if serious else WARN if problems else OK
-        self.diagnostics.report(level, problems or f'all {len(self._states)} nodes are active')
+        self._all_were_active |= level == OK
+        self.diagnostics.report(level, problems or f'all {len(self._states)} nodes are active',
+                                expected=not self._all_were_active)
 
     def _proceed(self) -> None:
         """Request the next transition of each node that has one."""
