@@ -8,7 +8,7 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 from rcl_interfaces.srv import GetParameters
-from sensor_msgs.msg import CameraInfo, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud, STAR_DTYPE
 from startracker_ros.ros import qos
@@ -16,6 +16,7 @@ from startracker_ros.ros.executables import NODES
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import cloud_to_message
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import image_to_message
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
 START_NS = 1_790_000_000_000_000_000
@@ -30,6 +31,26 @@ def test_no_camera_info(nodes, probe):
     probe.wait_diagnostic('waiting for camera_info')
     # Its code is loaded already: images are received, and counted as dropped.
     probe.wait(lambda: probe.count_subscribers('image_raw'), 'the subscription of images')
+
+
+@pytest.mark.parametrize('reliability, words', [
+    ('best_effort', 'image_raw: frames are missing: with best effort the default shared memory'),
+    ('reliable', 'image_raw: frames are missing')])
+def test_a_lossy_image_topic_is_named_with_its_remedy(nodes, probe, reliability, words):
+    nodes.start('centroid_extractor', {
+        'qos_overrides./image_raw.subscription.reliability': reliability})
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
+    images = probe.advertise(Image, 'image_raw', qos.IMAGE)
+    probe.publish_until_received(info, camera_to_message(CAMERA, header(0)))
+    indices = count(1)
+
+    def send_five_and_leave_out_one():
+        # The usual interval is known after some images, three of them in a row.
+        for _ in range(5):
+            images.publish(image_to_message(np.zeros((512, 512), np.uint8), header(next(indices))))
+        next(indices)
+    probe.send_until(send_five_and_leave_out_one, lambda: probe.find_diagnostic(words), words)
+    assert bool(probe.find_diagnostic('best effort')) == (reliability == 'best_effort')
 
 
 def test_cloud_without_a_field_is_refused_by_name(nodes, probe):

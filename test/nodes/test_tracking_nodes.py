@@ -277,15 +277,21 @@ def test_tracks_alone_are_solved(nodes, probe, solver):
         age=zero.astype(np.uint16), missed=zero.astype(np.uint8), association_probability=zero,
         velocity=np.zeros((count, 2)), covariance=np.tile(np.eye(2) * 0.01, (count, 1, 1)))
     stamps_ns = itertools.count(START_NS, STEP_NS)
-    answer = probe.send_until(
-        lambda: tracks.publish(tracks_to_message(tracked, CAMERA, make_header(
-            next(stamps_ns), FRAME))),
-        lambda: probe.received['attitude_imu'], 'an attitude')[0]
+
+    def send():
+        tracks.publish(tracks_to_message(tracked, CAMERA, make_header(next(stamps_ns), FRAME)))
+    answer = probe.send_until(send, lambda: probe.received['attitude_imu'], 'an attitude')[0]
     found = tracked_attitude_from_imu(answer)
     error = attitude_error(found.attitude.quaternion, q)
     assert error @ np.linalg.solve(found.attitude.covariance_sensor, error) < 25
     # Solved from a single frame: no rate is known.
     assert answer.angular_velocity_covariance[0] == -1
+    # What nobody asked for is not advertised.
+    assert not any(probe.count_publishers(f'attitude_{frame}')
+                   for frame in ('j2000', 'itrf', 'orbit', 'body'))
+    probe.call(SetParameters, '/attitude_estimator/set_parameters', SetParameters.Request(
+        parameters=[Parameter('publish_frames', value=True).to_parameter_msg()]))
+    probe.send_until(send, lambda: probe.count_publishers('attitude_itrf'), 'a live parameter')
 
 
 def seen_by_a_spacecraft(velocity_m_s):
