@@ -44,6 +44,10 @@ else:
     # pip: entry points can only go to bin, so a wheel brings the scripts as data.
     cmdclass['install_data'] = InstallNodes
 
+# colcon, also where it asks for the data files: the setup files of a workspace put bin on PATH.
+commands = [] if {'bdist_wheel', 'editable_wheel'} & set(sys.argv) else [
+    ('bin', ['resource/startracker'])]
+
 setup(
     name=PACKAGE,
     version='0.1.0',
@@ -64,6 +68,7 @@ setup(
         (f'share/{PACKAGE}', ['package.xml']),
         (f'share/{PACKAGE}/config', sorted(glob('config/*'))),
         (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
+        *commands,
     ],
     zip_safe=False,
     # The oldest versions that the demo was run with; the tested set is requirements.txt.

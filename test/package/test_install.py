@@ -90,10 +90,11 @@ def install_with_colcon(folder: Path, *options: str) -> Install:
     output([COLCON, 'build', '--merge-install', *options], cwd=folder)
     assert {path.name for path in source.iterdir()} == set(PARTS)
     prefix = folder / 'install'
-    python_path = output(
-        ['sh', '-c', '. install/setup.sh && printf %s "$PYTHONPATH"'], cwd=folder)
+    python_path, command = output(
+        ['sh', '-c', '. install/setup.sh && echo "$PYTHONPATH" && command -v startracker'],
+        cwd=folder).splitlines()
     modules = Path(python_path.partition(os.pathsep)[0])
-    return Install('colcon', prefix, modules, prefix / LIB / 'startracker',
+    return Install('colcon', prefix, modules, Path(command),
                    environment_of(prefix, Path(sys.executable).parent, python_path),
                    symlinked='--symlink-install' in options)
 
@@ -138,6 +139,7 @@ def test_every_node_is_an_executable_of_the_package(install):
 
 
 def test_command_line_runs(install):
+    assert install.command.parent == install.prefix / 'bin'
     assert __version__ in output([install.command, '--version'], env=install.environment)
 
 
