@@ -115,7 +115,7 @@ class Diagnostics:
                 logger.info(line)
 
     def report_event(self, message: str, *, expected: bool = False) -> None:
-        """Warn once, in the next publication; the condition does not change. expected: as above."""
+        """Warn once, in the next publication; the condition does not change; expected as above."""
         if self._held:
             return
         if message not in self._events:

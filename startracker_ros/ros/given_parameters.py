@@ -1,9 +1,8 @@
 """Which parameters the arguments of a process set for a node by its own name."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -24,24 +23,35 @@ def addressed_parameters(arguments: Sequence[str], node: str) -> set[str]:
             owner, _, name = value.partition(':=')[0].rpartition(':')
             names |= {name} if owner in ('', node) else set()
         elif option == '--params-file':
-            for key, values in _sections(yaml.safe_load(Path(value).read_text())):
-                names |= set(_flat_names(values)) if key.rpartition('/')[2] == node else set()
+            for key, parameters in sections(Path(value)):
+                names |= parameters if key.rpartition('/')[2] == node else set()
     return names
 
 
-def _sections(tree: Any, key: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield the keys of a parameter file, which may be nested, with their parameters."""
-    for name, below in tree.items() if isinstance(tree, Mapping) else ():
+def sections(path: Path) -> Iterator[tuple[str, set[str]]]:
+    """Yield the keys of a parameter file, which may be nested, with the names below each."""
+    # The nodes of YAML instead of values, as launch_ros writes tags of Python.
+    yield from _sections(yaml.compose(path.read_text(), yaml.SafeLoader), '')
+
+
+def _sections(node: yaml.Node | None, key: str) -> Iterator[tuple[str, set[str]]]:
+    for name, below in _items(node):
         if name == _VALUES:
-            yield key, below
+            yield key, set(_names(below, ''))
         else:
             yield from _sections(below, f'{key}/{name}')
 
 
-def _flat_names(tree: Any, prefix: str = '') -> Iterator[str]:
+def _names(node: yaml.Node, prefix: str) -> Iterator[str]:
     """Yield the names of parameters, those of groups joined by dots."""
-    for name, below in tree.items() if isinstance(tree, Mapping) else ():
-        if isinstance(below, Mapping):
-            yield from _flat_names(below, f'{prefix}{name}.')
+    for name, below in _items(node):
+        if isinstance(below, yaml.MappingNode):
+            yield from _names(below, f'{prefix}{name}.')
         else:
             yield f'{prefix}{name}'
+
+
+def _items(node: yaml.Node | None) -> list[tuple[str, yaml.Node]]:
+    if not isinstance(node, yaml.MappingNode):
+        return []
+    return [(name.value, below) for name, below in node.value]

@@ -72,7 +72,7 @@ def why_images_are_missing(node: PipelineNode) -> str:
     if any(subscription.topic_name == name
            and subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
            for subscription in node.subscriptions):
-        return (': with best effort the default shared memory of Fast DDS loses most images: start '
-                'the camera with FASTRTPS_DEFAULT_PROFILES_FILE=<config/fastdds.xml of '
+        return (': with best effort the default shared memory of Fast DDS loses most images: '
+                'start the camera with FASTRTPS_DEFAULT_PROFILES_FILE=<config/fastdds.xml of '
                 'startracker_ros>, or reliable on both sides')
     return ''
