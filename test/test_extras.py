@@ -2,11 +2,13 @@
 
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
 from limits import HANGS_S
 import pytest
+import yaml
 
 LIBRARIES = ('Basilisk', 'dask', 'distributed', 'jinja2', 'matplotlib', 'pyarrow')
 
@@ -35,6 +37,43 @@ def test_a_command_without_the_extras(arguments: list[str], words: str, tmp_path
         capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == (1 if words else 0), done.stderr
     assert done.stderr.strip() == (f'startracker: {words}' if words else '')
+
+
+@pytest.fixture
+def without_ros(tmp_path: Path) -> dict[str, str]:
+    """Return an environment for this Python that has the hard dependencies, and no ROS 2."""
+    installed, visible = Path(yaml.__file__).parents[1], tmp_path / 'libraries'
+    visible.mkdir()
+    of_ros = {path.parents[2].name for path in installed.glob('*/msg/__init__.py')}
+    for path in installed.iterdir():
+        if path.name not in of_ros and not path.name.startswith(('rclpy', 'ros_')):
+            (visible / path.name).symlink_to(path)
+    root = Path(__file__).parents[1]
+    return {**os.environ, 'AMENT_PREFIX_PATH': '', 'PYTHONPATH': f'{visible}{os.pathsep}{root}'}
+
+
+@pytest.mark.parametrize('arguments, needs_ros', [
+    (['info', '{bag}'], False), (['export', '{bag}', '-o', '{out}'], False),
+    (['report', '{bag}', '-o', '{out}/report.html'], False),
+    (['record'], True), (['play', '{bag}'], True), (['run', 'star_tracker'], True),
+    (['demo', '--output', '{out}'], True), (['live'], True)])
+def test_without_ros(arguments: list[str], needs_ros: bool, without_ros: dict[str, str],
+                     tmp_path: Path) -> None:
+    words = [word.format(bag=Path(__file__).parents[1] / 'bags' / 'slew', out=tmp_path)
+             for word in arguments]
+    # Without the site-packages, where ROS 2 is.
+    base = Path(sys._base_executable)
+    done = subprocess.run([base, '-m', 'startracker_ros', *words], cwd=tmp_path, env=without_ros,
+                          capture_output=True, text=True, timeout=HANGS_S)
+    words = (r'startracker: this needs ROS 2, and \w+ is not installed: source the setup file of '
+             r"ROS 2, or pip install 'startracker_ros\[ros\]'")
+    assert re.fullmatch(words if needs_ros else '', done.stderr.strip())
+    assert done.returncode == (1 if needs_ros else 0)
+    if arguments[0] == 'export':
+        # Those of every frame with an attitude.
+        assert len((tmp_path / 'attitude.csv').read_text().splitlines()) == 59
+    if arguments[0] == 'report':
+        assert '96.67 %' in done.stdout
 
 
 @pytest.mark.parametrize('module, arguments, program', [

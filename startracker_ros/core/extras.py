@@ -37,6 +37,20 @@ def extra(name: str, library: str, purpose: str) -> Iterator[None]:
             f"{purpose} needs {library}: pip install 'startracker_ros[{name}]'") from error
 
 
+@contextmanager
+def with_ros() -> Iterator[None]:
+    """Turn the failed import of a package of ROS 2 into a MissingLibraryError."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or '').partition('.')[0]
+        if package != 'rclpy' and not package.endswith(('_msgs', '_interfaces')):
+            raise
+        raise MissingLibraryError(
+            f'this needs ROS 2, and {package} is not installed: source the setup file of ROS 2, '
+            "or pip install 'startracker_ros[ros]'") from error
+
+
 def new_figure(**options: Any) -> Any:
     """Return a matplotlib Figure, which saves PNG files without pyplot and without a display."""
     with extra('report', 'matplotlib', 'A picture'):
