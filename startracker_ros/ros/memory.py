@@ -5,15 +5,18 @@ import ctypes
 import os
 from pathlib import Path
 
-_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+"""Of Fast DDS 2 (Jazzy) and 3 (Kilted and later)."""
+
 _IMAGES, _LISTS = 'fastdds.xml', 'fastdds_lists.xml'
 
 
 def choose_segment(sends_images: bool) -> None:
     """Take a small segment of shared memory for a process without images; before rclpy.init()."""
-    profile = Path(os.environ.get(_VARIABLE, ''))
-    if not sends_images and profile.name == _IMAGES and profile.with_name(_LISTS).is_file():
-        os.environ[_VARIABLE] = str(profile.with_name(_LISTS))
+    for variable in () if sends_images else PROFILE_VARIABLES:
+        profile = Path(os.environ.get(variable, ''))
+        if profile.name == _IMAGES and profile.with_name(_LISTS).is_file():
+            os.environ[variable] = str(profile.with_name(_LISTS))
 
 
 def return_free_memory() -> None:

@@ -12,6 +12,7 @@ import sys
 
 from startracker_ros.core.options import yaml_value
 from startracker_ros.ros.executables import EXECUTABLES
+from startracker_ros.ros.memory import PROFILE_VARIABLES
 
 _ROOT = Path(__file__).parents[2]
 """Where the package is imported from."""
@@ -49,8 +50,10 @@ def node_environment() -> dict[str, str]:
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     if sys.prefix not in prefixes:
         prefixes.append(sys.prefix)
+    profile = next(filter(None, map(os.environ.get, PROFILE_VARIABLES)),
+                   str(share_folder() / 'config' / 'fastdds.xml'))
     defaults = {
-        'FASTRTPS_DEFAULT_PROFILES_FILE': str(share_folder() / 'config' / 'fastdds.xml'),
+        **dict.fromkeys(PROFILE_VARIABLES, profile),
         'MALLOC_MMAP_THRESHOLD_': '1073741824',
         'MALLOC_TRIM_THRESHOLD_': '1073741824',
         'MALLOC_TOP_PAD_': '67108864',

@@ -8,8 +8,8 @@ import sys
 
 from limits import HANGS_S
 import pytest
-from startracker_ros.ros.memory import choose_segment
-from startracker_ros.ros.processes import take_domain
+from startracker_ros.ros.memory import choose_segment, PROFILE_VARIABLES
+from startracker_ros.ros.processes import node_environment, take_domain
 
 PROFILE = Path(__file__).parents[2] / 'config' / 'fastdds.xml'
 SEGMENT_BYTES = 64 << 20
@@ -27,12 +27,12 @@ print(max(int(end, 16) - int(begin, 16) for begin, end in ranges))
                          ids=['shipped', 'stock'])
 def test_segment_holds_images(profile, enough):
     environment = {name: value for name, value in os.environ.items()
-                   if name != 'FASTRTPS_DEFAULT_PROFILES_FILE'}
+                   if name not in PROFILE_VARIABLES}
     environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     # A segment of a neighbour on the same domain would be mapped, and counted, too.
     environment['ROS_DOMAIN_ID'] = take_domain()
     if profile:
-        environment['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profile)
+        environment |= dict.fromkeys(PROFILE_VARIABLES, str(profile))
     done = subprocess.run([sys.executable, '-c', PROGRAM], env=environment,
                           capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == 0, done.stderr
@@ -40,16 +40,20 @@ def test_segment_holds_images(profile, enough):
     assert (int(done.stdout.split()[-1]) >= SEGMENT_BYTES) == enough
 
 
-def test_nodes_without_images_take_the_profile_with_the_smaller_segment(monkeypatch):
+@pytest.mark.parametrize('variable', PROFILE_VARIABLES)
+def test_nodes_without_images_take_the_profile_with_the_smaller_segment(monkeypatch, variable):
     small = PROFILE.with_name('fastdds_lists.xml')
     for sends_images, used in ((True, PROFILE), (False, small)):
-        monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(PROFILE))
+        monkeypatch.setenv(variable, str(PROFILE))
         choose_segment(sends_images)
-        assert os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == str(used)
+        assert os.environ[variable] == str(used)
     # A profile of the user stays.
-    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', 'mine.xml')
+    for name in PROFILE_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(variable, 'mine.xml')
     choose_segment(False)
-    assert os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == 'mine.xml'
+    assert os.environ[variable] == 'mine.xml'
+    assert {node_environment()[name] for name in PROFILE_VARIABLES} == {'mine.xml'}
     # Otherwise the two are the same.
     texts = [re.sub('(?s)<!--.*?-->', '', file.read_text(), count=1) for file in (PROFILE, small)]
     sizes = [re.search('<segment_size>(.*?)<', text).group(1) for text in texts]
