@@ -1,13 +1,14 @@
-"""The state of the star tracker on its topic and in the diagnostics."""
+"""The state of the star tracker on its topics and in the diagnostics."""
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 from startracker_ros.core.astro.exclusion import BlindingForecast, ExclusionOptions, HORIZON_S
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.track.tracker import StarTracker, TrackerState
 from startracker_ros.ros import qos
+from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
-from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.odometry_input import OdometryInput
 
 _FORECAST_NS = 1_000_000_000
@@ -18,16 +19,18 @@ class TrackerStateOutput:
     Publishes tracker_state, with the time until the head is blinded and until it is no more.
 
     The attitude of that is the newest one of tracked and hinted ones, at a constant rate since.
+    tracker_status is the same with a header: the stamp of the newest frame, zero before the first.
     """
 
-    def __init__(self, node: PipelineNode, observer: OdometryInput) -> None:
+    def __init__(self, node: CameraNode, observer: OdometryInput) -> None:
         self._node = node
         self._observer = observer
-        self._forecast_ns = 0
+        self._newest_ns = self._forecast_ns = 0
         self._has_tracked = False
         self._blinding: dict[str, object] = {}
         self._known: tuple[int, np.ndarray, np.ndarray] | None = None
-        self._publisher = node.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
+        self._state = node.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
+        self._status = node.advertise(DiagnosticArray, 'tracker_status', qos.STATE)
 
     def publish(self, tracker: StarTracker, stamp_ns: int | None = None) -> None:
         """
@@ -35,6 +38,7 @@ class TrackerStateOutput:
 
         stamp_ns is that of the newest frame, if it is new.
         """
+        self._newest_ns = stamp_ns or self._newest_ns
         if stamp_ns is not None and abs(stamp_ns - self._forecast_ns) >= _FORECAST_NS:
             self._forecast_ns = stamp_ns
             self._blinding = self._forecast(tracker, stamp_ns)
@@ -52,8 +56,11 @@ class TrackerStateOutput:
             'stamp_sigma_ms': f'{tracker.stamp_sigma_s * 1e3:.3f}',
             'reason': tracker.contradiction or tracker.reason}
         values.update(self._blinding)
-        self._publisher.publish(status_message(
-            'star_tracker: state', self._node.hardware_id, level, tracker.state.value, values))
+        status = status_message(
+            'star_tracker: state', self._node.hardware_id, level, tracker.state.value, values)
+        self._state.publish(status)
+        self._status.publish(DiagnosticArray(
+            header=make_header(self._newest_ns, self._node.sensor_frame_id), status=[status]))
         diagnostics.values.update(values)
         if tracker.contradiction:
             diagnostics.counts['contradictory frames'] += 1

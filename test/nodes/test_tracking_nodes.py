@@ -4,7 +4,7 @@ from dataclasses import replace
 import itertools
 import time
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -58,6 +58,7 @@ class Flight:
         self.probe = probe
         probe.collect(Imu, 'attitude_imu', qos.LIST)
         probe.collect(DiagnosticStatus, 'tracker_state', qos.STATE)
+        probe.collect(DiagnosticArray, 'tracker_status', STATES)
         probe.collect(PointCloud2, 'stars', qos.LIST)
         info = probe.advertise(CameraInfo, 'camera_info', qos.LIST, subscribers=3)
         probe.publish_until_received(
@@ -160,6 +161,12 @@ def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
     errors = flight.errors(answers)
     assert len(errors) == 40 and np.abs(errors).max() < 5
     assert flight.state('gyro') == 'used'
+    newest_ns = ns_from_stamp(answers[-1].header.stamp)
+    status = probe.wait(lambda: [one for one in probe.received['tracker_status'] if ns_from_stamp(
+        one.header.stamp) == newest_ns], 'the status of the last frame')[0]
+    assert status.header.frame_id == FRAME
+    assert [one.message for one in status.status] == ['TRACKING']
+    assert {'reason', 'stars_matched', 'gyro'} <= {v.key for v in status.status[0].values}
     tracked = tracked_attitude_from_imu(answers[-1])
     off = (tracked.rate_rad_s - RATE) / np.sqrt(np.diag(tracked.rate_covariance))
     assert np.abs(off).max() < 5 and np.degrees(np.sqrt(tracked.rate_covariance.max())) < 0.02
