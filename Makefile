@@ -1,4 +1,4 @@
-# make demo | demo-closed-loop | test | test-core | test-oldest | test-long | test-ros | lint | clean.
+# make demo | demo-closed-loop | test | test-core | test-oldest | test-newest | test-long | test-ros | lint | clean.
 # Needs Python 3.11 or 3.12, with ROS=kilted 3.12 or 3.13, and a package index; ROS 2 comes as wheels.
 
 ROS ?= jazzy
@@ -21,7 +21,7 @@ unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH RMW_IMPLEMENTATION
 SOURCES := pyproject.toml setup.py setup.cfg package.xml $(shell \
 	find startracker_ros config launch resource -not -path '*/__pycache__*')
 
-.PHONY: demo demo-closed-loop test test-core test-oldest test-long test-ros lint clean
+.PHONY: demo demo-closed-loop test test-core test-oldest test-newest test-long test-ros lint clean
 
 demo: $(VENV)/package
 	@echo '== demo: six nodes on the simulated sky, a minute of it once all are ready; a bag of some 320 MB in demo'
@@ -44,14 +44,15 @@ test: $(VENV)/package $(VENV)/tests $(VENV)/gnc
 test-core: $(VENV)/package $(VENV)/tests
 	@$(PYTEST) $(ON_BOTH_CORES) -m core test
 
-# The core with the oldest supported versions of what it needs, in an environment of its own.
-test-oldest: .venv-oldest/package
-	@PYTHONSAFEPATH=1 .venv-oldest/bin/python -m pytest -q $(ON_BOTH_CORES) -m core test
+# The core without ROS 2, in an environment of its own, on any processor: with the oldest supported
+# versions of what it needs, or with the newest of the package index.
+test-oldest test-newest: test-%: .venv-%/package
+	@PYTHONSAFEPATH=1 .venv-$*/bin/python -m pytest -q $(ON_BOTH_CORES) -m core test
 
-.venv-oldest/package: requirements-oldest.txt $(SOURCES)
-	"$(PYTHON)" -m venv .venv-oldest
-	.venv-oldest/bin/python -m pip install -q --disable-pip-version-check -r requirements-oldest.txt
-	.venv-oldest/bin/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation .
+.venv-%/package: requirements-%.txt $(SOURCES)
+	"$(PYTHON)" -m venv .venv-$*
+	.venv-$*/bin/python -m pip install -q --disable-pip-version-check -r requirements-$*.txt
+	.venv-$*/bin/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation .
 	@touch $@
 
 # launch_testing and the commands of ROS 2 on a full install, which is sourced; says what it leaves out.

@@ -1,8 +1,8 @@
 """
 The package in a full install of ROS 2: launch_testing and the commands of ros2.
 
-Run with the workspace sourced: `make test-ros`. What is not installed is named in one line and left
-out; status 1 where something that was run fails.
+Run with the workspace sourced: `make test-ros`. What is not installed is named in one line and
+left out; status 1 where something that was run fails.
 """
 
 from importlib.util import find_spec
@@ -13,6 +13,7 @@ import subprocess
 import sys
 
 ROOT = Path(__file__).parents[2]
+BAG = str(ROOT / 'bags' / 'slew')
 LAUNCH_FILES = sorted(path.name for path in (ROOT / 'launch').iterdir())
 LIMIT_S = 600
 
@@ -21,9 +22,9 @@ RUNS = [
     (('ros2',), ['ros2', 'pkg', 'executables', 'startracker_ros'], 'composed_pipeline'),
     *((('ros2', 'launch_ros'), ['ros2', 'launch', 'startracker_ros', name, '--show-args'],
        'params_file') for name in LAUNCH_FILES),
-    (('ros2', 'ros2bag', 'rosbag2_storage_mcap'), ['ros2', 'bag', 'info', str(ROOT / 'bags' / 'slew')],
+    (('ros2', 'ros2bag', 'rosbag2_storage_mcap'), ['ros2', 'bag', 'info', BAG],
      'tracker_state'),
-    (('startracker',), ['startracker', 'info', str(ROOT / 'bags' / 'slew')], 'tracker_state'),
+    (('startracker',), ['startracker', 'info', BAG], 'tracker_state'),
     (('launch_testing', 'launch_ros'), [
         sys.executable, '-m', 'launch_testing.launch_test',
         str(Path(__file__).with_name('launch_demo.py'))], ''),

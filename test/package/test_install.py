@@ -18,8 +18,8 @@ from startracker_ros.ros.executables import EXECUTABLES
 from startracker_ros.ros.processes import take_domain
 
 SOURCE = Path(__file__).parents[2]
-PARTS = ('LICENSE', 'config', 'launch', 'package.xml', 'pyproject.toml', 'resource', 'setup.cfg',
-         'setup.py', 'startracker_ros')
+PARTS = ('LICENSE', 'NOTICE', 'config', 'launch', 'package.xml', 'pyproject.toml', 'resource',
+         'setup.cfg', 'setup.py', 'startracker_ros')
 COLCON = Path(sysconfig.get_path('scripts')) / 'colcon'
 LIB = Path('lib', 'startracker_ros')
 SHARE = Path('share', 'startracker_ros')
@@ -128,6 +128,17 @@ def test_all_modules_and_data_are_installed(install):
     used = output(['python3', '-c', 'import startracker_ros; print(startracker_ros.__file__)'],
                   env=install.environment, cwd=install.prefix)
     assert Path(used.strip()).parents[1] == install.modules
+
+
+def test_licences_are_in_the_metadata(install):
+    if install.route != 'pip':
+        pytest.skip('colcon installs no metadata of licences')
+    folder, = install.modules.glob('startracker_ros-*.dist-info')
+    licences = {path.relative_to(folder / 'licenses').as_posix()
+                for path in (folder / 'licenses').rglob('*') if path.is_file()}
+    assert {'LICENSE', 'NOTICE'} < licences and len(licences) == 3
+    assert 'License-Expression: Apache-2.0 AND CC-BY-SA-3.0-IGO' in (
+        folder / 'METADATA').read_text()
 
 
 def test_every_node_is_an_executable_of_the_package(install):
