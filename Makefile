@@ -46,8 +46,12 @@ test-core: $(VENV)/package $(VENV)/tests
 
 # The core without ROS 2, in an environment of its own, on any processor: with the oldest supported
 # versions of what it needs, or with the newest of the package index.
-test-oldest test-newest: test-%: .venv-%/package
-	@PYTHONSAFEPATH=1 .venv-$*/bin/python -m pytest -q $(ON_BOTH_CORES) -m core test
+CORE_ALONE = @PYTHONSAFEPATH=1 $(<D)/bin/python -m pytest -q $(ON_BOTH_CORES) -m core test
+test-oldest: .venv-oldest/package
+	$(CORE_ALONE)
+
+test-newest: .venv-newest/package
+	$(CORE_ALONE)
 
 .venv-%/package: requirements-%.txt $(SOURCES)
 	"$(PYTHON)" -m venv .venv-$*

@@ -100,7 +100,7 @@ def test_the_workflow_runs_what_there_is():
     targets = (SOURCE / 'Makefile').read_text()
     libraries = workflow['jobs']['core']['strategy']['matrix']['libraries']
     for target in ('test-ros', *(f'test-{name}' for name in libraries)):
-        assert re.search(rf'^([\w-]+ )*{target}( [\w-]+)*:', targets, re.M), target
+        assert f'\n{target}:' in targets, target
 
 
 def test_the_patch_of_rosdep_keys_has_the_debian_packages_that_have_none():
