@@ -44,8 +44,8 @@ test: $(VENV)/package $(VENV)/tests $(VENV)/gnc
 test-core: $(VENV)/package $(VENV)/tests
 	@$(PYTEST) $(ON_BOTH_CORES) -m core test
 
-# The core without ROS 2, in an environment of its own, on any processor: with the oldest supported
-# versions of what it needs, or with the newest of the package index.
+# The core in an environment of its own: with the oldest supported versions of what it needs, or with
+# the newest of the package index. Messages are those of the wheels.
 CORE_ALONE = @PYTHONSAFEPATH=1 $(<D)/bin/python -m pytest -q $(ON_BOTH_CORES) -m core test
 test-oldest: .venv-oldest/package
 	$(CORE_ALONE)
@@ -53,9 +53,9 @@ test-oldest: .venv-oldest/package
 test-newest: .venv-newest/package
 	$(CORE_ALONE)
 
-.venv-%/package: requirements-%.txt $(SOURCES)
+.venv-%/package: requirements-%.txt requirements-jazzy.txt $(SOURCES)
 	"$(PYTHON)" -m venv .venv-$*
-	.venv-$*/bin/python -m pip install -q --disable-pip-version-check -r requirements-$*.txt
+	.venv-$*/bin/python -m pip install -q --disable-pip-version-check -r requirements-$*.txt -r requirements-jazzy.txt
 	.venv-$*/bin/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation .
 	@touch $@
 
