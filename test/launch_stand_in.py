@@ -12,6 +12,7 @@ import runpy
 import sys
 from types import MappingProxyType, ModuleType, SimpleNamespace
 
+from startracker_ros.ros.memory import PROFILE_VARIABLES
 import yaml
 
 SOURCE = Path(__file__).parents[1]
@@ -125,4 +126,5 @@ def install(monkeypatch, folder):
     (index / 'startracker_ros').touch()
     (folder / 'share' / 'startracker_ros').symlink_to(SOURCE)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(folder))
-    monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE', raising=False)
+    for variable in PROFILE_VARIABLES:
+        monkeypatch.delenv(variable, raising=False)

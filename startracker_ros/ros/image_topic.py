@@ -10,7 +10,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from startracker_ros.core.options import option, Options
 from startracker_ros.io.bags.layouts import image_from_message
 from startracker_ros.ros import qos
-from startracker_ros.ros.memory import PROFILE_VARIABLES
+from startracker_ros.ros.memory import profile_variable
 from startracker_ros.ros.messages.compressed_image import (
     image_from_compressed, image_to_compressed)
 from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
@@ -74,6 +74,6 @@ def why_images_are_missing(node: PipelineNode) -> str:
            and subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
            for subscription in node.subscriptions):
         return (': with best effort the default shared memory of Fast DDS loses most images: '
-                f'start the camera with {" and ".join(PROFILE_VARIABLES)} set to '
-                'config/fastdds.xml of startracker_ros, or reliable on both sides')
+                f'start the camera with {profile_variable()} set to config/fastdds.xml of '
+                'startracker_ros, or reliable on both sides')
     return ''

@@ -4,11 +4,20 @@ from contextlib import suppress
 import ctypes
 import os
 from pathlib import Path
+import sys
 
 PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 """Of Fast DDS 2 (Jazzy) and 3 (Kilted and later)."""
 
 _IMAGES, _LISTS = 'fastdds.xml', 'fastdds_lists.xml'
+
+
+def profile_variable() -> str:
+    """Return the variable that the installed Fast DDS reads; later ones warn of the older."""
+    prefixes = (*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix)
+    # The package of Fast DDS 2 is fastrtps.
+    later = any(Path(prefix, 'share', 'fastdds').is_dir() for prefix in prefixes if prefix)
+    return PROFILE_VARIABLES[later]
 
 
 def choose_segment(sends_images: bool) -> None:

@@ -12,7 +12,7 @@ import sys
 
 from startracker_ros.core.options import yaml_value
 from startracker_ros.ros.executables import EXECUTABLES
-from startracker_ros.ros.memory import PROFILE_VARIABLES
+from startracker_ros.ros.memory import profile_variable, PROFILE_VARIABLES
 
 _ROOT = Path(__file__).parents[2]
 """Where the package is imported from."""
@@ -50,10 +50,7 @@ def node_environment() -> dict[str, str]:
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     if sys.prefix not in prefixes:
         prefixes.append(sys.prefix)
-    profile = next(filter(None, map(os.environ.get, PROFILE_VARIABLES)),
-                   str(share_folder() / 'config' / 'fastdds.xml'))
     defaults = {
-        **dict.fromkeys(PROFILE_VARIABLES, profile),
         'MALLOC_MMAP_THRESHOLD_': '1073741824',
         'MALLOC_TRIM_THRESHOLD_': '1073741824',
         'MALLOC_TOP_PAD_': '67108864',
@@ -61,6 +58,8 @@ def node_environment() -> dict[str, str]:
         'OPENBLAS_NUM_THREADS': '1',
         'PYTHONSAFEPATH': '1',
     }
+    if not any(map(os.environ.get, PROFILE_VARIABLES)):
+        defaults[profile_variable()] = str(share_folder() / 'config' / 'fastdds.xml')
     return {**defaults, **os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, paths)),
             'AMENT_PREFIX_PATH': os.pathsep.join(filter(None, prefixes))}
 

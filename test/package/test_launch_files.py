@@ -10,6 +10,7 @@ import sys
 from launch_stand_in import install, Launched, SHARED, SOURCE
 import pytest
 from startracker_ros.ros.executables import EXECUTABLES, STAGES
+from startracker_ros.ros.memory import profile_variable
 
 PIPELINE = ['bag_recorder', *STAGES, 'composed_pipeline', 'pipeline_manager']
 
@@ -17,7 +18,6 @@ PIPELINE = ['bag_recorder', *STAGES, 'composed_pipeline', 'pipeline_manager']
 @pytest.fixture
 def launched(monkeypatch, tmp_path):
     install(monkeypatch, tmp_path)
-    monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE', raising=False)
     yield lambda name, **given: Launched(SOURCE / 'launch' / name, given)
     # It holds classes of the modules above.
     sys.modules.pop('startracker_ros.ros.launching', None)
@@ -40,7 +40,7 @@ def check_nodes(launch):
         assert [given for given in node['parameters'] if not isinstance(given, dict)] == (
             node['parameters'][:1] if launch.arguments['params_file'] else [])
         environment = node['additional_env']
-        assert Path(environment['FASTRTPS_DEFAULT_PROFILES_FILE']).is_file()
+        assert Path(environment[profile_variable()]).is_file()
         assert environment['MALLOC_MMAP_THRESHOLD_'] == str(1 << 30)
 
 

@@ -9,7 +9,7 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
-from startracker_ros.ros.memory import PROFILE_VARIABLES
+from startracker_ros.ros.memory import profile_variable, PROFILE_VARIABLES
 from startracker_ros.ros.processes import node_environment
 from startracker_ros.tools.doctor.check import Check
 
@@ -72,8 +72,8 @@ def check_discovery(environment: Mapping[str, str]) -> Check:
 def check_profile(environment: Mapping[str, str], *, own: bool) -> Check:
     """Return whether the profile of Fast DDS has room for images; own: plain ros2 run has it."""
     path = next(environment[name] for name in PROFILE_VARIABLES if name in environment)
-    both = ' and '.join(PROFILE_VARIABLES)
-    mend = f'unset {both}, or set them to config/fastdds.xml of the package'
+    mend = (f'unset {" and ".join(PROFILE_VARIABLES)}, or set it to config/fastdds.xml of the '
+            'package')
     try:
         root = ElementTree.parse(path).getroot()
         sizes = [int(node.text or '') for node in root.iter()
@@ -84,8 +84,7 @@ def check_profile(environment: Mapping[str, str], *, own: bool) -> Check:
         return Check('Fast DDS profile', f'{path}: shared memory too small for images', False,
                      mend)
     return Check('Fast DDS profile', path, True,
-                 '' if own else 'for plain ros2 run: export ' + ' '.join(
-                     f'{name}={path}' for name in PROFILE_VARIABLES))
+                 '' if own else f'for plain ros2 run: export {profile_variable()}={path}')
 
 
 def check_security(environment: Mapping[str, str]) -> Check:
