@@ -37,7 +37,9 @@ def start_all(nodes, probe, folder, sky_data):
                        'start_paused': True},
         'bag_recorder': {'folder': str(folder / 'bag'),
                          'exclude': ['/parameter_events', '/files/*', '*/image_annotated']},
-        'camera_calibrator': {'calibration_mode': 'propose'}}
+        'camera_calibrator': {'calibration_mode': 'propose'},
+        # Topics that are advertised on request only.
+        'attitude_estimator': {'publish_frames': True, 'body_frame_id': 'body'}}
     # Several sources of images in one namespace would be several cameras for one pipeline.
     place = {'image_publisher': 'files', 'camera_source': 'camera'}
     for node in NODES:
