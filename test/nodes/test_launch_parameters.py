@@ -97,7 +97,6 @@ def test_a_parent_sets_what_no_argument_says(started, argument, expected):
         'path': 'b', 'wait_for_camera_users': 4, 'rate': 2.0, 'loop': True,
         'start_offset_s': 3.5}),
     ('pipeline', 'pipeline_manager', {}, {'node_names': [*STAGES[::-1]]}),
-    ('pipeline', 'bag_recorder', {}, {'compression': 'zstd'}),
     ('heads', 'attitude_fusion', {'mounts_file': ''}, {'mounts_file': ''}),
     ('heads', 'attitude_fusion', {'mounts_file': 'm.yaml'}, {'mounts_file': 'm.yaml'}),
     ('two_satellites', 'target_locator', {'observer_1': 'a', 'observer_2': 'b'},
