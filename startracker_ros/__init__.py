@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from startracker_ros.tools.photographs.arrays import extract
     from startracker_ros.tools.photographs.arrays import solve
 
-__version__ = '0.1.0'
+__version__ = '1.0.0'
 
 _MODULES = {
     'Attitude': 'core.frame_result',

@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 from startracker_ros import __version__
-from startracker_ros.core.extras import MissingLibraryError
+from startracker_ros.core.extras import MissingLibraryError, with_ros
 from startracker_ros.evaluation.cli.benches import bench
 from startracker_ros.evaluation.cli.campaigns import campaign
 from startracker_ros.evaluation.cli.closed_loop import demo_closed_loop
@@ -18,10 +18,10 @@ from startracker_ros.tools.cli.telemetry import telemetry
 
 
 class _Main(click.Group):
-    """Ends every command with status 1 and one line where the library of an extra is missing."""
+    """Ends every command with status 1 and one line where a library that it needs is missing."""
 
     def invoke(self, context: click.Context) -> Any:
-        with exit_1_on(MissingLibraryError):
+        with exit_1_on(MissingLibraryError), with_ros():
             return super().invoke(context)
 
 

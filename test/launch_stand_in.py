@@ -10,8 +10,9 @@ import os
 from pathlib import Path
 import runpy
 import sys
-from types import ModuleType, SimpleNamespace
+from types import MappingProxyType, ModuleType, SimpleNamespace
 
+from startracker_ros.ros.memory import PROFILE_VARIABLES
 import yaml
 
 SOURCE = Path(__file__).parents[1]
@@ -19,7 +20,7 @@ SHARED = {'namespace', 'config', 'params_file', 'log_level', 'use_sim_time', 'co
 CLASSES = {
     'launch': ['LaunchDescription'],
     'launch.actions': ['DeclareLaunchArgument', 'GroupAction', 'IncludeLaunchDescription',
-                       'OpaqueFunction'],
+                       'LogInfo', 'OpaqueFunction', 'Shutdown', 'TimerAction'],
     'launch.conditions': ['IfCondition', 'UnlessCondition'],
     'launch.launch_description_sources': ['PythonLaunchDescriptionSource'],
     'launch.substitutions': ['LaunchConfiguration', 'PathJoinSubstitution'],
@@ -47,7 +48,10 @@ class Record:
 class Launched:
     """A launch file, executed: its arguments, its nodes, its inclusions."""
 
-    def __init__(self, path, given):
+    undeclared: dict[str, str] = {}
+    """What is given beside the arguments of the launch file."""
+
+    def __init__(self, path, given, inherited=MappingProxyType({})):
         actions = runpy.run_path(str(path))['generate_launch_description']().value
         of_kind = {kind: [action for action in actions if type(action).__name__ == kind]
                    for kind in ('DeclareLaunchArgument', 'OpaqueFunction', 'GroupAction')}
@@ -57,14 +61,18 @@ class Launched:
         assert given.keys() <= self.arguments.keys()
         self.arguments |= given
         assert self.arguments.keys() >= SHARED
-        context = SimpleNamespace(launch_configurations=self.arguments)
-        self.nodes = [node.options for action in of_kind['OpaqueFunction']
-                      for node in action.options['function'](context)]
+        context = SimpleNamespace(
+            launch_configurations={**inherited, **self.undeclared, **self.arguments})
+        made = [each for action in of_kind['OpaqueFunction']
+                for each in action.options['function'](context)]
+        self.nodes = [each.options for each in made if type(each).__name__ == 'Node']
+        self.messages = [each.options['msg'] for each in made if type(each).__name__ == 'LogInfo']
         # Each in a group of its own: its arguments would remain for what comes after.
         includes = [action.value[0] for action in of_kind['GroupAction']]
         self.included = [
             Launched(include.value.value, {
-                name: self.text(value) for name, value in include.options['launch_arguments']})
+                name: self.text(value) for name, value in include.options['launch_arguments']},
+                context.launch_configurations)
             for include in includes]
 
     def text(self, value):
@@ -79,13 +87,11 @@ class Launched:
         return value
 
     def typed(self, value):
-        """Return the value of a parameter: YAML, unless it is a string by its type."""
+        """Return the value of a parameter as launch_ros writes it: a list as a tuple."""
         if type(value).__name__ != 'ParameterValue':
-            return value
+            return tuple(value) if isinstance(value, list) else value
         text, kind = self.text(value.value), value.options['value_type']
-        converted = text if kind is str else yaml.safe_load(text)
-        assert type(converted) is kind, (text, kind)
-        return converted
+        return yaml.safe_load(text) if kind is bool else kind(text)
 
     def ros_arguments(self, node, folder, set_parameters=()):
         """Return the arguments that a node is started with, its files written into a folder."""
@@ -120,4 +126,5 @@ def install(monkeypatch, folder):
     (index / 'startracker_ros').touch()
     (folder / 'share' / 'startracker_ros').symlink_to(SOURCE)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(folder))
-    monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE', raising=False)
+    for variable in PROFILE_VARIABLES:
+        monkeypatch.delenv(variable, raising=False)

@@ -1,12 +1,14 @@
-"""Commands without the libraries of the extras: they work, or name in one line what to install."""
+"""Without a library, or with one too old, what starts works or names in a line what to install."""
 
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
 from limits import HANGS_S
 import pytest
+import yaml
 
 LIBRARIES = ('Basilisk', 'dask', 'distributed', 'jinja2', 'matplotlib', 'pyarrow')
 
@@ -35,3 +37,67 @@ def test_a_command_without_the_extras(arguments: list[str], words: str, tmp_path
         capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == (1 if words else 0), done.stderr
     assert done.stderr.strip() == (f'startracker: {words}' if words else '')
+
+
+@pytest.fixture
+def without_ros(tmp_path: Path) -> dict[str, str]:
+    """Return an environment for this Python that has the hard dependencies, and no ROS 2."""
+    installed, visible = Path(yaml.__file__).parents[1], tmp_path / 'libraries'
+    visible.mkdir()
+    of_ros = {path.parents[2].name for path in installed.glob('*/msg/__init__.py')}
+    for path in installed.iterdir():
+        if path.name not in of_ros and not path.name.startswith(('rclpy', 'ros_')):
+            (visible / path.name).symlink_to(path)
+    root = Path(__file__).parents[1]
+    return {**os.environ, 'AMENT_PREFIX_PATH': '', 'PYTHONPATH': f'{visible}{os.pathsep}{root}'}
+
+
+@pytest.mark.parametrize('arguments, needs_ros', [
+    (['info', '{bag}'], False), (['export', '{bag}', '-o', '{out}'], False),
+    (['report', '{bag}', '-o', '{out}/report.html'], False),
+    (['record'], True), (['play', '{bag}'], True), (['run', 'star_tracker'], True),
+    (['demo', '--output', '{out}'], True), (['live'], True)])
+def test_without_ros(arguments: list[str], needs_ros: bool, without_ros: dict[str, str],
+                     tmp_path: Path) -> None:
+    words = [word.format(bag=Path(__file__).parents[1] / 'bags' / 'slew', out=tmp_path)
+             for word in arguments]
+    # Without the site-packages, where ROS 2 is.
+    base = Path(sys._base_executable)
+    done = subprocess.run([base, '-m', 'startracker_ros', *words], cwd=tmp_path, env=without_ros,
+                          capture_output=True, text=True, timeout=HANGS_S)
+    words = (r'startracker: this needs ROS 2, and \w+ is not installed: source the setup file of '
+             r"ROS 2, or pip install 'startracker_ros\[ros\]'")
+    assert re.fullmatch(words if needs_ros else '', done.stderr.strip())
+    assert done.returncode == (1 if needs_ros else 0)
+    if arguments[0] == 'export':
+        # Those of every frame with an attitude.
+        assert len((tmp_path / 'attitude.csv').read_text().splitlines()) == 59
+    if arguments[0] == 'report':
+        assert '96.67 %' in done.stdout
+
+
+@pytest.mark.parametrize('module, arguments, program', [
+    ('startracker_ros', ['solve', 'image.png'], 'startracker'),
+    ('startracker_ros.ros.nodes.star_tracker', [], 'startracker_ros')])
+@pytest.mark.parametrize('found', ['0.60.0', '0.9.1'])
+def test_an_old_numba_is_named(module: str, arguments: list[str], program: str, found: str,
+                               tmp_path: Path) -> None:
+    # What is installed is told by the first of these folders on the path.
+    folder = tmp_path / f'numba-{found}.dist-info'
+    folder.mkdir()
+    (folder / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: numba\nVersion: {found}\n')
+    (tmp_path / 'image.png').touch()
+    root = Path(__file__).parents[1]
+    done = subprocess.run(
+        [sys.executable, '-m', module, *arguments], cwd=tmp_path, timeout=HANGS_S,
+        env={**os.environ, 'PYTHONPATH': f'{tmp_path}{os.pathsep}{root}'},
+        capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.strip() == (
+        f"{program}: numba {found} is too old and would fail at random: pip install "
+        "'numba>=0.61', into a virtual environment where it is of Debian")
+    check = subprocess.run(
+        [sys.executable, '-c', 'from startracker_ros.tools.doctor.install import check_compiler; '
+         'print(check_compiler().holds)'], timeout=HANGS_S, capture_output=True, text=True,
+        env={**os.environ, 'PYTHONPATH': f'{tmp_path}{os.pathsep}{root}'})
+    assert check.stdout.strip() == 'False'

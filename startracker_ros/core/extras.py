@@ -1,12 +1,30 @@
-"""Libraries of the extras in setup.py, imported where a command needs one."""
+"""Libraries that may be missing or too old, and what to install."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
+
+OLDEST_NUMBA = 0, 61
+"""With NumPy 1.26 earlier ones end a program at random: TypeError, can't unbox array."""
 
 
 class MissingLibraryError(RuntimeError):
-    """The library of an extra is not installed; the text says how to install it."""
+    """A library is not installed or too old; the text says how to install it."""
+
+
+def check_numba() -> None:
+    """Raise MissingLibraryError where numba is missing or too old."""
+    oldest = '.'.join(map(str, OLDEST_NUMBA))
+    remedy = f"pip install 'numba>={oldest}', into a virtual environment where it is of Debian"
+    try:
+        found = version('numba')
+    except PackageNotFoundError as error:
+        raise MissingLibraryError(f'numba is not installed: {remedy}') from error
+    major, minor = found.split('.')[:2]
+    if (int(major), int(minor)) < OLDEST_NUMBA:
+        raise MissingLibraryError(
+            f'numba {found} is too old and would fail at random: {remedy}')
 
 
 @contextmanager
@@ -17,6 +35,20 @@ def extra(name: str, library: str, purpose: str) -> Iterator[None]:
     except ImportError as error:
         raise MissingLibraryError(
             f"{purpose} needs {library}: pip install 'startracker_ros[{name}]'") from error
+
+
+@contextmanager
+def with_ros() -> Iterator[None]:
+    """Turn the failed import of a package of ROS 2 into a MissingLibraryError."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or '').partition('.')[0]
+        if package != 'rclpy' and not package.endswith(('_msgs', '_interfaces')):
+            raise
+        raise MissingLibraryError(
+            f'this needs ROS 2, and {package} is not installed: source the setup file of ROS 2, '
+            "or pip install 'startracker_ros[ros]'") from error
 
 
 def new_figure(**options: Any) -> Any:

@@ -32,10 +32,13 @@ from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
 from startracker_ros.core.compilation import compile_missing, CompileError, show_progress
 from startracker_ros.core.compiled_types import decode, encode
+from startracker_ros.core.extras import check_numba
 from startracker_ros.core.folders import replaced
 from startracker_ros.core.machine_code import (
     code_name, folders_to_read, machine_code_folder, missing_modules, PACKAGE, registered_modules,
     signatures)
+
+check_numba()
 
 FUNCTIONS: dict[str, Any] = {}
 """Every compiled function of the imported modules, by its full name."""

@@ -66,7 +66,8 @@ class AttitudeOutput:
             if not self._node.options(AttitudeImuOptions).attitude_imu_valid_only:
                 self._imu.publish(attitude_to_imu(None, sensor_header))
             self._diagnostics.counts['frames without attitude'] += 1
-            self._diagnostics.report(WARN, f'no attitude: {result.reason}')
+            self._diagnostics.report(WARN, f'no attitude: {result.reason}',
+                                     expected=not self._diagnostics.counts['attitudes'])
             return
         # First, as a control loop may depend on it.
         self._quaternion.publish(quaternion_to_message(attitude.quaternion, header))

@@ -27,7 +27,7 @@ class AwaitedSubscribers:
             missing = self._missing()
             if missing and now_s < self._limit_s:
                 self._node.diagnostics.report_event(
-                    f'waiting for subscribers of {", ".join(missing)}')
+                    f'waiting for subscribers of {", ".join(missing)}', expected=True)
                 return False
             self._begin_s = now_s + self._options.start_delay_s
             if missing:

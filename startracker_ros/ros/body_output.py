@@ -66,8 +66,9 @@ class BodyOutput:
             raise StartError('mount_quaternion needs the name of the body frame, body_frame_id')
         self._body_frame_id = options.body_frame_id
         self._q_body_from_sensor = mount / norm
-        self._attitude = node.advertise(QuaternionStamped, 'attitude_body', qos.LIST)
-        self._tf = self._tf_static = None
+        self._attitude = self._tf = self._tf_static = None
+        if self._body_frame_id:
+            self._attitude = node.advertise(QuaternionStamped, 'attitude_body', qos.LIST)
         if options.publish_tf:
             self._tf_message = _tf_message_type()
             self._tf = node.advertise(self._tf_message, '/tf', qos.TF)
@@ -90,7 +91,7 @@ class BodyOutput:
         frames: FrameOptions = self._node.options(FrameOptions)
         header = make_header(stamp_ns, frames.inertial_frame_id)
         quaternion, child = q_icrf_from_sensor, frames.sensor_frame_id
-        if self._body_frame_id:
+        if self._attitude is not None:
             quaternion = multiply(q_icrf_from_sensor, conjugate(self._q_body_from_sensor))
             child = self._body_frame_id
             self._attitude.publish(quaternion_to_message(quaternion, header))

@@ -119,7 +119,7 @@ class CameraNode(PipelineNode):
 
     def get_ready(self) -> None:
         if self.camera is None:
-            self.diagnostics.report(WARN, 'waiting for camera_info')
+            self.diagnostics.report(WARN, 'waiting for camera_info', expected=True)
         self.on_warm()
 
     def camera_or_drop(self) -> Camera | None:
@@ -187,9 +187,13 @@ class CameraNode(PipelineNode):
         self._topic_status.arrived(stamp_ns, missing)
         if missing:
             self.diagnostics.counts[f'{topic} missing'] += missing
-            self.diagnostics.report_event(f'{topic}: frames are missing')
+            self.diagnostics.report_event(f'{topic}: frames are missing{self.why_missing()}')
         elif ahead_s:
             self.diagnostics.report_event(f'{topic}: time went ahead by {ahead_s:.1f} s')
+
+    def why_missing(self) -> str:
+        """Return why frames of the source may be missing, and what to do, where it is known."""
+        return ''
 
     def _check_silence(self) -> None:
         if self._cadence.is_silent(time.monotonic()):

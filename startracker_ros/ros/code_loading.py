@@ -49,7 +49,7 @@ class CodeLoading:
 
     def report(self) -> None:
         """Report that the code is loaded or compiled."""
-        self._node.diagnostics.report(WARN, self.text)
+        self._node.diagnostics.report(WARN, self.text, expected=True)
         self._node.diagnostics.publish()
 
     def raise_error(self) -> None:

@@ -83,17 +83,21 @@ class Diagnostics:
     def hold(self, message: str) -> None:
         """Report why the node is not active, and nothing else until release()."""
         self._held = False
-        self.report(WARN, message)
+        self.report(WARN, message, expected=True)
         self._held = True
 
     def release(self) -> None:
         """Report again what the node reports."""
         if self._held:
             self._held = False
-            self.report(WARN, _NOTHING)
+            self.report(WARN, _NOTHING, expected=True)
 
-    def report(self, level: bytes, message: str) -> None:
-        """Set the condition; a change is logged once, repeats with other numbers are not."""
+    def report(self, level: bytes, message: str, *, expected: bool = False) -> None:
+        """
+        Set the condition; a change is logged once, repeats with other numbers are not.
+
+        expected: what every start goes through is logged as information, whatever its level.
+        """
         if self._held or (level, message) == self._condition:
             return
         self._condition = level, message
@@ -105,20 +109,23 @@ class Diagnostics:
             # One call each: rclpy allows one severity per line of code.
             if level == ERROR:
                 logger.error(line)
-            elif level == WARN:
+            elif level == WARN and not expected:
                 logger.warning(line)
             else:
                 logger.info(line)
 
-    def report_event(self, message: str) -> None:
-        """Warn once, in the next publication; the condition does not change."""
+    def report_event(self, message: str, *, expected: bool = False) -> None:
+        """Warn once, in the next publication; the condition does not change; expected as above."""
         if self._held:
             return
         if message not in self._events:
             self._events = [*self._events, message][-_MAX_EVENTS:]
         if message != self._logged_event:
             self._logged_event = message
-            self._node.get_logger().warning(message, throttle_duration_sec=1.0)
+            if expected:
+                self._node.get_logger().info(message, throttle_duration_sec=1.0)
+            else:
+                self._node.get_logger().warning(message, throttle_duration_sec=1.0)
 
     def _tick(self) -> None:
         """Publish at every second tick; report a late one."""

@@ -1,5 +1,7 @@
 """The attitude with respect to J2000, the Earth and the orbit, for users of these frames."""
 
+from typing import Any
+
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
@@ -20,15 +22,24 @@ class FramesOutput:
 
     def __init__(self, node: PipelineNode) -> None:
         self._node = node
-        self._publishers = {frame: node.advertise(QuaternionStamped, f'attitude_{frame}', qos.LIST)
-                            for frame in ('j2000', 'itrf', 'orbit')}
+        self._publishers: dict[str, Any] = {}
         self._previous: dict[str, np.ndarray] = {}
+        if node.options(ExtraFrameOptions).publish_frames:
+            self._advertise()
+
+    def _advertise(self) -> None:
+        self._publishers = {
+            frame: self._node.advertise(QuaternionStamped, f'attitude_{frame}', qos.LIST)
+            for frame in ('j2000', 'itrf', 'orbit')}
 
     def publish(self, stamp_ns: int, q_icrf_from_sensor: np.ndarray, state: State | None) -> None:
         """Publish an attitude (4,); state is the odometry of its stamp, None without."""
         options = self._node.options(ExtraFrameOptions)
         if not options.publish_frames:
             return
+        if not self._publishers:
+            # The parameter is live.
+            self._advertise()
         frames = {'j2000': gcrs_from_j2000(),
                   'itrf': gcrs_from_itrf(epoch_year_from_stamp(stamp_ns), options.ut1_utc_s)}
         if state is not None:

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from rclpy.publisher import Publisher
+from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
 from startracker_ros.core.options import option, Options
 from startracker_ros.io.bags.layouts import image_from_message
 from startracker_ros.ros import qos
+from startracker_ros.ros.memory import profile_variable
 from startracker_ros.ros.messages.compressed_image import (
     image_from_compressed, image_to_compressed)
 from startracker_ros.ros.messages.image import image_message_from_cdr, image_to_message
@@ -63,3 +65,15 @@ def subscribe_images(node: PipelineNode, on_image: Callable[[np.ndarray, Header]
     else:
         node.subscribe(Image, options.topic, lambda message: on_image(
             image_from_message(message), message.header), qos.IMAGE, decode=image_message_from_cdr)
+
+
+def why_images_are_missing(node: PipelineNode) -> str:
+    """Return what to do where images are subscribed to with best effort, otherwise nothing."""
+    name = node.resolve_topic_name(node.options(TransportOptions).topic)
+    if any(subscription.topic_name == name
+           and subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+           for subscription in node.subscriptions):
+        return (': with best effort the default shared memory of Fast DDS loses most images: '
+                f'start the camera with {profile_variable()} set to config/fastdds.xml of '
+                'startracker_ros, or reliable on both sides')
+    return ''

@@ -1,22 +1,32 @@
 """What the launch files share: their arguments, nodes with the environment of DDS, inclusion."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from functools import partial
 import os
+from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from launch.actions import (
-    DeclareLaunchArgument, GroupAction, IncludeLaunchDescription, OpaqueFunction)
+    DeclareLaunchArgument, GroupAction, IncludeLaunchDescription, LogInfo, OpaqueFunction)
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
+from startracker_ros.ros.executables import EXECUTABLES
+from startracker_ros.ros.given_parameters import sections
 from startracker_ros.ros.processes import node_environment
+import yaml
 
 PACKAGE = 'startracker_ros'
 
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0}
 """Options of a node that is started again when its process ends."""
+
+_CHECKED = 'startracker_ros_arguments_checked'
+# Of similar words, so that arguments of other launch files are hardly ever taken for ours.
+_MISSPELT = 0.85
 
 
 def shared_arguments() -> list[DeclareLaunchArgument]:
@@ -39,6 +49,40 @@ def shared_arguments() -> list[DeclareLaunchArgument]:
             for name, (default, description) in defaults.items()]
 
 
+def declared(arguments: Sequence[DeclareLaunchArgument]) -> list[Any]:
+    """Return the arguments of a launch file, and what names those that are misspelt."""
+    return [*arguments, OpaqueFunction(function=partial(
+        _name_mistakes, {argument.name for argument in arguments}))]
+
+
+def _name_mistakes(names: set[str], context: Any) -> list[LogInfo]:
+    """Name what launch would ignore: in the outermost of the launch files of this package."""
+    given = context.launch_configurations
+    if _CHECKED in given:
+        return []
+    given[_CHECKED] = 'true'
+    mistakes = [f'{name}:= is no argument of this launch file; did you mean {near}:=?'
+                for name, near in _misspelt(given, names)]
+    if params_file := given['params_file']:
+        if not os.path.isfile(params_file):
+            raise FileNotFoundError(f'params_file:={params_file}: no such file')
+        try:
+            keys = {key for key, _ in sections(Path(params_file))}
+        except yaml.YAMLError as error:
+            raise ValueError(f'params_file:={params_file} is not YAML: {error}') from error
+        mistakes += [f'params_file:={params_file}: no node {name}; did you mean {near}?'
+                     for name, near in _misspelt(
+                         {key.rpartition('/')[2] for key in keys}, EXECUTABLES)]
+    return [LogInfo(msg=f'startracker_ros: {mistake}') for mistake in mistakes]
+
+
+def _misspelt(names: Any, known: Any) -> Iterator[tuple[str, str]]:
+    """Yield the names that are like a known one, with that one."""
+    for name in sorted(set(names) - set(known)):
+        for near in get_close_matches(name, known, 1, _MISSPELT):
+            yield name, near
+
+
 def node(executable: str, *, name: str | None = None, files: Sequence[str] = (),
          arguments: Mapping[Any, tuple[str, type]] | None = None,
          parameters: Mapping[str, Any] | None = None, **options: Any) -> OpaqueFunction:
@@ -57,8 +101,6 @@ def node(executable: str, *, name: str | None = None, files: Sequence[str] = (),
         config, params_file = given['config'], given['params_file']
         if not os.path.isdir(config):
             raise FileNotFoundError(f'config:={config}: no such folder')
-        if params_file and not os.path.isfile(params_file):
-            raise FileNotFoundError(f'params_file:={params_file}: no such file')
         defaults = [path for file in files or (executable,)
                     if os.path.isfile(path := os.path.join(config, f'{file}.yaml'))]
         last = {**{parameter: ParameterValue(LaunchConfiguration(argument), value_type=kind)

@@ -5,16 +5,28 @@ import ctypes
 import mmap
 import os
 from pathlib import Path
+import sys
 
-_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+"""Of Fast DDS 2 (Jazzy) and 3 (Kilted and later)."""
+
 _IMAGES, _LISTS = 'fastdds.xml', 'fastdds_lists.xml'
+
+
+def profile_variable() -> str:
+    """Return the variable that the installed Fast DDS reads; later ones warn of the older."""
+    prefixes = (*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix)
+    # The package of Fast DDS 2 is fastrtps.
+    later = any(Path(prefix, 'share', 'fastdds').is_dir() for prefix in prefixes if prefix)
+    return PROFILE_VARIABLES[later]
 
 
 def choose_segment(sends_images: bool) -> None:
     """Take a small segment of shared memory for a process without images; before rclpy.init()."""
-    profile = Path(os.environ.get(_VARIABLE, ''))
-    if not sends_images and profile.name == _IMAGES and profile.with_name(_LISTS).is_file():
-        os.environ[_VARIABLE] = str(profile.with_name(_LISTS))
+    for variable in () if sends_images else PROFILE_VARIABLES:
+        profile = Path(os.environ.get(variable, ''))
+        if profile.name == _IMAGES and profile.with_name(_LISTS).is_file():
+            os.environ[variable] = str(profile.with_name(_LISTS))
 
 
 def return_free_memory() -> None:

@@ -310,7 +310,7 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
             PipelineNode.composition = Composition()
         for node_class in node_classes:
             nodes.append(node_class())  # type: ignore[call-arg]  # each sets its name
-        parameters.reject_unknown(nodes)
+        parameters.reject_unknown(nodes, sys.argv[1:] if args is None else args)
         if PipelineNode.composition is not None:
             PipelineNode.composition.connect()
         for node in nodes:

@@ -9,6 +9,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from startracker_ros.core.options import Option, Options
+from startracker_ros.ros.given_parameters import addressed_parameters
 from startracker_ros.ros.messages.rclpy_internals import declared_parameters, parameter_overrides
 
 
@@ -85,10 +86,18 @@ def check(classes: Sequence[type[Options]], changes: dict[str, object]) -> None:
 
 def unknown(name: str, nodes: Sequence[Node]) -> str:
     """Return what is wrong with a name that no node declares, and the closest declared one."""
-    declared = [row for node in nodes for row in declared_parameters(node) if '.' not in row]
-    near = difflib.get_close_matches(name, declared, 1)
+    near = _closest(name, nodes)
     return f'unknown parameter {name}' + (
-        f'; did you mean {near[0]}?' if near else f'; known: {", ".join(declared)}')
+        f'; did you mean {near}?' if near else f'; known: {", ".join(_declared(nodes))}')
+
+
+def _closest(name: str, nodes: Sequence[Node]) -> str:
+    """Return the declared name that is most like another, empty where none is."""
+    return next(iter(difflib.get_close_matches(name, _declared(nodes), 1)), '')
+
+
+def _declared(nodes: Sequence[Node]) -> list[str]:
+    return [name for node in nodes for name in declared_parameters(node) if '.' not in name]
 
 
 def is_current(node: Node, parameter: Parameter) -> bool:
@@ -108,14 +117,24 @@ def read(node: Node, cls: type[Options], changes: dict[str, object] | None = Non
     return cls(**{name: _from_ros(value) for name, value in values.items()})
 
 
-def reject_unknown(nodes: Sequence[Node]) -> None:
+def reject_unknown(nodes: Sequence[Node], arguments: Sequence[str]) -> None:
     """
-    Raise ParameterError for an override that no node of this process declares.
+    Raise ParameterError for a parameter of a node that no node of this process declares.
 
     A misspelt safety limit that is silently ignored is worse than a node that does not start.
+    What the arguments set for all nodes may be meant for others, and is a warning.
     """
     known = {name for node in nodes for name in parameter_overrides(node)
              if node.has_parameter(name)}
-    for name in (name for node in nodes for name in parameter_overrides(node)):
-        if not (name in known or name in _RCLPY_PARAMETERS or name.startswith('qos_overrides.')):
+    for node in nodes:
+        foreign = [name for name in parameter_overrides(node)
+                   if not (name in known or name in _RCLPY_PARAMETERS
+                           or name.startswith('qos_overrides.'))]
+        for name in set(foreign) & addressed_parameters(arguments, node.get_name()):
             raise ParameterError(unknown(name, nodes))
+        if foreign:
+            near = [f'; did you mean {found} for {name}?' for name in foreign
+                    if (found := _closest(name, nodes))]
+            node.get_logger().warning(
+                f'ignored, as set for all nodes and not known here: {", ".join(foreign)}'
+                + ''.join(near))

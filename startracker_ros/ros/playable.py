@@ -25,10 +25,20 @@ def open_playable(options: PlayOptions, *, own_clock: bool, warn: Callable[[str]
     except BagError as error:
         raise StartError(str(error)) from error
     chosen = playable_topics(bag.topics.values(), options, own_clock=own_clock, warn=warn)
+    if _images_without_camera(chosen):
+        warn(f'{options.path}: images without camera_info: the stages wait for one; publish the '
+             'calibration of the camera on camera_info (startracker calibrate finds it)')
     if bag.span_ns is None or not chosen:
         raise StartError(f'{options.path}: nothing to play among '
                          f'{", ".join(sorted(bag.topics)) or "no topics"}')
     return bag, bag.span_ns, chosen
+
+
+def _images_without_camera(topics: Iterable[BagTopic]) -> bool:
+    """Return whether images are played, and nothing says which camera took them."""
+    types = {topic.type_name for topic in topics}
+    return ('sensor_msgs/msg/CameraInfo' not in types
+            and bool(types & {'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'}))
 
 
 def held_by_latched(bag: TolerantBag, topics: Iterable[BagTopic], wanted: bool, start_ns: int

@@ -12,6 +12,7 @@ import sys
 
 from startracker_ros.core.options import yaml_value
 from startracker_ros.ros.executables import EXECUTABLES
+from startracker_ros.ros.memory import profile_variable, PROFILE_VARIABLES
 
 _ROOT = Path(__file__).parents[2]
 """Where the package is imported from."""
@@ -51,7 +52,6 @@ def node_environment() -> dict[str, str]:
     if sys.prefix not in prefixes:
         prefixes.append(sys.prefix)
     defaults = {
-        'FASTRTPS_DEFAULT_PROFILES_FILE': str(share_folder() / 'config' / 'fastdds.xml'),
         'MALLOC_ARENA_MAX': '1',
         'MALLOC_MMAP_THRESHOLD_': '1073741824',
         'MALLOC_TRIM_THRESHOLD_': '1073741824',
@@ -60,6 +60,8 @@ def node_environment() -> dict[str, str]:
         'OPENBLAS_NUM_THREADS': '1',
         'PYTHONSAFEPATH': '1',
     }
+    if not any(map(os.environ.get, PROFILE_VARIABLES)):
+        defaults[profile_variable()] = str(share_folder() / 'config' / 'fastdds.xml')
     return {**defaults, **os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, paths)),
             'AMENT_PREFIX_PATH': os.pathsep.join(filter(None, prefixes))}
 

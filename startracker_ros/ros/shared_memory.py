@@ -7,7 +7,8 @@ import re
 import time
 
 _FOLDER = Path('/dev/shm')
-_SEGMENT = re.compile('fastrtps_[0-9a-f]{16}')
+# Of Fast DDS 2 and of later ones.
+_SEGMENT = re.compile('fast(rtps|dds)_[0-9a-f]{16}')
 # A starting process creates the lock file before it locks it.
 _YOUNG_S = 10.0
 
@@ -21,7 +22,7 @@ def remove_left_behind(folder: Path = _FOLDER) -> int:
     users are left alone.
     """
     removed = 0
-    for lock_path in folder.glob('fastrtps_*_el'):
+    for lock_path in folder.glob('fast*_el'):
         segment = lock_path.with_name(lock_path.name.removesuffix('_el'))
         if not _SEGMENT.fullmatch(segment.name):
             continue

@@ -1,6 +1,6 @@
-"""The state of the star tracker on its topic and in the diagnostics."""
+"""The state of the star tracker on its topics and in the diagnostics."""
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 from startracker_ros.core.astro.exclusion import BlindingForecast, ExclusionOptions, HORIZON_S
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
@@ -8,8 +8,9 @@ from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.tracker import StarTracker, TrackerState
 from startracker_ros.ros import qos
+from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
-from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.odometry_input import OdometryInput
 
 _FORECAST_NS = 1_000_000_000
@@ -20,15 +21,18 @@ class TrackerStateOutput:
     Publishes tracker_state, with the time until the head is blinded and until it is no more.
 
     The attitude of that is the newest one of tracked and hinted ones, at a constant rate since.
+    tracker_status is the same with a header: the stamp of the newest frame, zero before the first.
     """
 
-    def __init__(self, node: PipelineNode, observer: OdometryInput) -> None:
+    def __init__(self, node: CameraNode, observer: OdometryInput) -> None:
         self._node = node
         self._observer = observer
-        self._forecast_ns = 0
+        self._newest_ns = self._forecast_ns = 0
+        self._has_tracked = False
         self._blinding: dict[str, object] = {}
         self._known: tuple[int, np.ndarray, np.ndarray] | None = None
-        self._publisher = node.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
+        self._state = node.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
+        self._status = node.advertise(DiagnosticArray, 'tracker_status', qos.STATE)
 
     def begin(self, tracker: StarTracker) -> None:
         """Publish the state of a new tracker; name the options that have no effect with it."""
@@ -46,11 +50,13 @@ class TrackerStateOutput:
 
         stamp_ns is that of the newest frame, if it is new.
         """
+        self._newest_ns = stamp_ns or self._newest_ns
         if stamp_ns is not None and abs(stamp_ns - self._forecast_ns) >= _FORECAST_NS:
             self._forecast_ns = stamp_ns
             self._blinding = self._forecast(tracker, stamp_ns)
         diagnostics = self._node.diagnostics
         level = OK if tracker.state is TrackerState.TRACKING else WARN
+        self._has_tracked |= level == OK
         values: dict[str, object] = {
             'stars_matched': tracker.stars_matched,
             'residual_px': f'{tracker.residual_px:.3f}',
@@ -62,8 +68,11 @@ class TrackerStateOutput:
             'stamp_sigma_ms': f'{tracker.stamp_sigma_s * 1e3:.3f}',
             'reason': tracker.contradiction or tracker.reason}
         values.update(self._blinding)
-        self._publisher.publish(status_message(
-            'star_tracker: state', self._node.hardware_id, level, tracker.state.value, values))
+        status = status_message(
+            'star_tracker: state', self._node.hardware_id, level, tracker.state.value, values)
+        self._state.publish(status)
+        self._status.publish(DiagnosticArray(
+            header=make_header(self._newest_ns, self._node.sensor_frame_id), status=[status]))
         diagnostics.values.update(values)
         if tracker.contradiction:
             diagnostics.counts['contradictory frames'] += 1
@@ -75,7 +84,8 @@ class TrackerStateOutput:
             diagnostics.report(WARN, f'{tracker.state.value}: stamps err by {error_ms}: '
                                'stamp frames in the driver, at the middle of the exposure')
         else:
-            diagnostics.report(level, f'{tracker.state.value}: {tracker.reason}')
+            diagnostics.report(level, f'{tracker.state.value}: {tracker.reason}',
+                               expected=not self._has_tracked)
 
     def _forecast(self, tracker: StarTracker, stamp_ns: int) -> dict[str, object]:
         """Return the values of the blinding to come, none where the attitude is unknown."""

@@ -7,7 +7,8 @@ from geometry_msgs.msg import QuaternionStamped
 from limits import HANGS_S
 import numpy as np
 import pytest
-from sensor_msgs.msg import CameraInfo, PointCloud2
+from rcl_interfaces.srv import GetParameters
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from skies import SMALL_CAMERA as CAMERA, START_NS
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud, STAR_DTYPE
 from startracker_ros.ros import qos
@@ -15,6 +16,7 @@ from startracker_ros.ros.executables import NODES
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import cloud_to_message
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.messages.image import image_to_message
 
 
 def header(index):
@@ -26,6 +28,26 @@ def test_no_camera_info(nodes, probe):
     probe.wait_diagnostic('waiting for camera_info')
     # Its code is loaded already: images are received, and counted as dropped.
     probe.wait(lambda: probe.count_subscribers('image_raw'), 'the subscription of images')
+
+
+@pytest.mark.parametrize('reliability, words', [
+    ('best_effort', 'image_raw: frames are missing: with best effort the default shared memory'),
+    ('reliable', 'image_raw: frames are missing')])
+def test_a_lossy_image_topic_is_named_with_its_remedy(nodes, probe, reliability, words):
+    nodes.start('centroid_extractor', {
+        'qos_overrides./image_raw.subscription.reliability': reliability})
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
+    images = probe.advertise(Image, 'image_raw', qos.IMAGE)
+    probe.publish_until_received(info, camera_to_message(CAMERA, header(0)))
+    indices = count(1)
+
+    def send_five_and_leave_out_one():
+        # The usual interval is known after some images, three of them in a row.
+        for _ in range(5):
+            images.publish(image_to_message(np.zeros((512, 512), np.uint8), header(next(indices))))
+        next(indices)
+    probe.send_until(send_five_and_leave_out_one, lambda: probe.find_diagnostic(words), words)
+    assert bool(probe.find_diagnostic('best effort')) == (reliability == 'best_effort')
 
 
 def test_cloud_without_a_field_is_refused_by_name(nodes, probe):
@@ -87,6 +109,30 @@ def test_unknown_parameter_stops_the_start(node, exit_of, tmp_path):
     assert code == 2
     assert 'unknown parameter treshold' in printed
     assert 'Traceback' not in printed
+
+
+@pytest.mark.parametrize('key', ['/star_tracker', '/**/star_tracker', '/**:\n  star_tracker'])
+def test_unknown_parameter_in_the_file_of_a_node_stops_the_start(exit_of, tmp_path, key):
+    path = tmp_path / 'own.yaml'
+    path.write_text(f'{key}: {{ros__parameters: {{min_star: 5}}}}\n')
+    code, printed = exit_of('star_tracker', {}, '--ros-args', '--params-file', str(path))
+    assert code == 2
+    assert 'unknown parameter min_star; did you mean min_stars?' in printed
+
+
+@pytest.mark.parametrize('node', ['star_tracker', 'composed_pipeline'])
+def test_unknown_parameter_for_all_nodes_is_a_warning(nodes, probe, tmp_path, node):
+    path = tmp_path / 'all.yaml'
+    path.write_text('/**:\n  ros__parameters: {robot: {radius: 0.2}, min_star: 5, max_stars: 30}\n'
+                    '/planner:\n  ros__parameters: {horizon_s: 1.0}\n')
+    nodes.start(node, extra=['--ros-args', '--params-file', str(path)])
+    values = probe.call(GetParameters, '/star_tracker/get_parameters',
+                        GetParameters.Request(names=['max_stars'])).values
+    assert [value.integer_value for value in values] == [30]
+    warnings = [line for line in (tmp_path / f'{node}.log').read_text().splitlines()
+                if 'ignored' in line and 'star_tracker' in line]
+    assert len(warnings) == 1
+    assert 'robot.radius, min_star; did you mean min_stars for min_star?' in warnings[0]
 
 
 @pytest.mark.parametrize('node, parameters, words', [

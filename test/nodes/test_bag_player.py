@@ -252,3 +252,13 @@ def attitudes_of(bag, topic):
             q = message.quaternion
             yield (message.header.stamp.sec * 10 ** 9 + message.header.stamp.nanosec,
                    [q.x, q.y, q.z, q.w])
+
+
+@pytest.mark.parametrize('topics, named', [
+    (('*/image_raw',), True), (('*/image_raw', '*/camera_info'), False), (('*/imu',), False)])
+def test_images_without_a_camera_are_named(nodes, probe, tmp_path, topics, named):
+    bag = Path(__file__).parents[2] / 'bags' / 'slew'
+    player = nodes.start('bag_player', {'path': str(bag), 'topics': topics, 'rate': 100.0})
+    probe.wait(lambda: player.poll() is not None, 'the end of the bag')
+    log = (tmp_path / 'bag_player.log').read_text()
+    assert (f'{bag}: images without camera_info: the stages wait for one' in log) == named

@@ -6,6 +6,7 @@ from geometry_msgs.msg import QuaternionStamped
 from limits import HANGS_S
 import numpy as np
 import pytest
+from rcl_interfaces.srv import GetParameters
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
@@ -160,6 +161,20 @@ def test_the_four_stages_take_a_camera_of_another_process(nodes, probe):
     right_attitudes(probe, 10)
     assert probe.count_subscribers('image_raw') == 1
     assert probe.count_subscribers('centroids') == 0
+
+
+def test_remaps_and_parameters_of_one_node(nodes, probe):
+    """A remapped topic stays within the process; one that no node publishes comes over DDS."""
+    arguments = ['--ros-args', '-p', 'star_tracker:min_stars:=6', '-r', 'star_tracker:imu:=gyro',
+                 '-r', 'tracks:=my_tracks']
+    nodes.start('composed_pipeline', extra=['--', *STAGES[2:], *arguments])
+    values = [probe.call(GetParameters, f'/{node}/get_parameters', GetParameters.Request(
+        names=['min_stars'])).values[0].integer_value for node in STAGES[2:]]
+    assert values == [6, 4]
+    probe.wait(lambda: probe.count_subscribers('gyro'), 'the gyro')
+    assert probe.count_subscribers('imu') == 0
+    assert probe.count_publishers('my_tracks') == 1
+    assert not probe.count_subscribers('my_tracks') + probe.count_subscribers('tracks')
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [

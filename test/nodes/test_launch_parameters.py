@@ -13,6 +13,7 @@ from lifecycle_msgs.srv import ChangeState
 import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
+from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.processes import node_command
 
 DEPTH = 'qos_overrides./trk/image_raw.subscription.depth'
@@ -90,7 +91,12 @@ def test_a_parent_sets_what_no_argument_says(started, argument, expected):
 
 
 @pytest.mark.parametrize('name, executable, given, expected', [
-    ('replay', 'bag_player', {'bag': '2024'}, {'path': '2024', 'wait_limit_s': 300.0}),
+    ('replay', 'bag_player', {'bag': '2024'}, {
+        'path': '2024', 'wait_limit_s': 300.0, 'rate': 1.0, 'loop': False, 'start_offset_s': 0.0}),
+    ('replay', 'bag_player', {'bag': 'b', 'rate': '2', 'loop': 'true', 'start_offset': '3.5'}, {
+        'path': 'b', 'wait_for_camera_users': 4, 'rate': 2.0, 'loop': True,
+        'start_offset_s': 3.5}),
+    ('pipeline', 'pipeline_manager', {}, {'node_names': [*STAGES[::-1]]}),
     ('heads', 'attitude_fusion', {'mounts_file': ''}, {'mounts_file': ''}),
     ('heads', 'attitude_fusion', {'mounts_file': 'm.yaml'}, {'mounts_file': 'm.yaml'}),
     ('two_satellites', 'target_locator', {'observer_1': 'a', 'observer_2': 'b'},
@@ -101,3 +107,19 @@ def test_the_arguments_of_each_launch_file(started, mine, name, executable, give
     # Not configured: the files that the parameters name are not there.
     launch = launch_file(name, params_file=mine(f'/**/{executable}', autostart=False), **given)
     assert started(launch, executable, f'/trk/{executable}', list(expected)) == expected
+
+
+@pytest.mark.parametrize('namespace, before', [
+    ('', ''), ('/trk', '/trk'), ('fleet/trk', '/fleet/trk')])
+@pytest.mark.parametrize('executable', ['star_tracker', 'composed_pipeline'])
+def test_a_folder_of_files_in_each_namespace(started, tmp_path, executable, namespace, before):
+    folder = tmp_path / 'mine'
+    folder.mkdir()
+    for stage in STAGES:
+        text = (SOURCE / 'config' / f'{stage}.yaml').read_text()
+        (folder / f'{stage}.yaml').write_text(text.replace('max_stars: 40', 'max_stars: 33'))
+    launch = launch_file('pipeline', config=str(folder), namespace=namespace, log_level='debug')
+    values = started(launch, executable, f'{before}/star_tracker', ['max_stars', 'autostart'])
+    assert values == {'max_stars': 33, 'autostart': False}
+    # The argument log_level.
+    assert '[DEBUG]' in (tmp_path / f'{executable}.log').read_text()

@@ -3,6 +3,8 @@
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import GetParameters
+from startracker_ros.ros.executables import STAGES
+from startracker_ros.ros.processes import node_command, parameter_arguments
 
 NODES = ('attitude_estimator', 'target_locator')
 NAMESPACE = 'trk'
@@ -53,3 +55,27 @@ def test_nodes_are_brought_up_and_again_after_they_were_killed(nodes, probe):
     # The heartbeat continues beside other requests.
     assert probe.call(GetParameters, f'/{NAMESPACE}/{NODES[0]}/get_parameters',
                       GetParameters.Request(names=['autostart'])).values
+
+
+def test_a_second_manager_is_named(nodes, probe):
+    nodes.start('attitude_estimator', {'autostart': False})
+    for name in ('first', 'second'):
+        assert not probe.find_diagnostic('another lifecycle manager')
+        nodes.run(name, node_command('pipeline_manager', parameter_arguments(
+            {'node_names': ['attitude_estimator'], 'response_timeout_s': 1.0})))
+        probe.wait_diagnostic('all 1 nodes are active')
+    probe.wait_diagnostic('another lifecycle manager has attitude_estimator, too')
+
+
+def test_a_healthy_start_logs_no_warning(nodes, probe, tmp_path):
+    for node in STAGES:
+        nodes.start(node, {'autostart': False})
+    nodes.start('pipeline_manager')
+    nodes.start('sky_simulator', {'wait_for_camera_users': len(STAGES), 'frames_ahead': 1,
+                                  'width': 512, 'height': 512, 'fov_deg': 12.0})
+    probe.wait_diagnostic('publishing attitude')
+    probe.wait_diagnostic('TRACKING')
+    lines = [line for log in tmp_path.glob('*.log') for line in log.read_text().splitlines()]
+    assert any('ACQUIRING' in line for line in lines)
+    # Of a machine that is busy with something else.
+    assert [line for line in lines if '[WARN]' in line and 'busy or stopped' not in line] == []

@@ -26,7 +26,8 @@ VARIANTS = {
     'sky_simulator': ({}, {'motion': 'topic'}),
     'camera_calibrator': ({}, {'calibration_mode': 'apply'}),
     'star_identifier': ({}, {'method': 'extended_grid'}),
-    'attitude_estimator': ({'source': 'tracks'}, {'source': 'stars'})}
+    'attitude_estimator': ({'source': 'tracks'}, {'source': 'stars'},
+                           {'publish_frames': True, 'body_frame_id': 'body'})}
 
 
 def profiles(file: str) -> dict[str, dict[tuple[str, str], set[str]]]:

@@ -3,6 +3,7 @@
 import fcntl
 import os
 
+import pytest
 from startracker_ros.ros.shared_memory import remove_left_behind
 
 
@@ -14,16 +15,18 @@ def make(folder, name, age_s):
     return lock
 
 
-def test_segments_of_the_dead_are_removed(tmp_path):
-    living = make(tmp_path, 'fastrtps_0123456789abcdef', 100)
-    make(tmp_path, 'fastrtps_1123456789abcdef', 100)
-    make(tmp_path, 'fastrtps_2123456789abcdef', 1)
-    make(tmp_path, 'fastrtps_port7411', 100)
+# Of Fast DDS 2 and 3.
+@pytest.mark.parametrize('prefix', ['fastrtps', 'fastdds'])
+def test_segments_of_the_dead_are_removed(tmp_path, prefix):
+    living = make(tmp_path, f'{prefix}_0123456789abcdef', 100)
+    make(tmp_path, f'{prefix}_1123456789abcdef', 100)
+    make(tmp_path, f'{prefix}_2123456789abcdef', 1)
+    make(tmp_path, f'{prefix}_port7411', 100)
     (tmp_path / 'another').touch()
     with open(living) as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         assert remove_left_behind(tmp_path) == 1000
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        'another', 'fastrtps_0123456789abcdef', 'fastrtps_0123456789abcdef_el',
-        'fastrtps_2123456789abcdef', 'fastrtps_2123456789abcdef_el',
-        'fastrtps_port7411', 'fastrtps_port7411_el']
+        'another', f'{prefix}_0123456789abcdef', f'{prefix}_0123456789abcdef_el',
+        f'{prefix}_2123456789abcdef', f'{prefix}_2123456789abcdef_el',
+        f'{prefix}_port7411', f'{prefix}_port7411_el']

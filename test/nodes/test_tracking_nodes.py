@@ -4,7 +4,7 @@ from dataclasses import replace
 import itertools
 import time
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -53,6 +53,7 @@ class Flight:
         self.probe = probe
         probe.collect(Imu, 'attitude_imu', qos.LIST)
         probe.collect(DiagnosticStatus, 'tracker_state', qos.STATE)
+        probe.collect(DiagnosticArray, 'tracker_status', STATES)
         probe.collect(PointCloud2, 'stars', qos.LIST)
         info = probe.advertise(CameraInfo, 'camera_info', qos.LIST, subscribers=3)
         probe.publish_until_received(
@@ -155,6 +156,12 @@ def test_a_gyro_is_used_and_the_tracks_are_checked(nodes, probe):
     errors = flight.errors(answers)
     assert len(errors) == 40 and np.abs(errors).max() < 5
     assert flight.state('gyro') == 'used'
+    newest_ns = ns_from_stamp(answers[-1].header.stamp)
+    status = probe.wait(lambda: [one for one in probe.received['tracker_status'] if ns_from_stamp(
+        one.header.stamp) == newest_ns], 'the status of the last frame')[0]
+    assert status.header.frame_id == FRAME
+    assert [one.message for one in status.status] == ['TRACKING']
+    assert {'reason', 'stars_matched', 'gyro'} <= {v.key for v in status.status[0].values}
     tracked = tracked_attitude_from_imu(answers[-1])
     off = (tracked.rate_rad_s - RATE) / np.sqrt(np.diag(tracked.rate_covariance))
     assert np.abs(off).max() < 5 and np.degrees(np.sqrt(tracked.rate_covariance.max())) < 0.02
@@ -272,15 +279,21 @@ def test_tracks_alone_are_solved(nodes, probe, solver):
         age=zero.astype(np.uint16), missed=zero.astype(np.uint8), association_probability=zero,
         velocity=np.zeros((count, 2)), covariance=np.tile(np.eye(2) * 0.01, (count, 1, 1)))
     stamps_ns = itertools.count(START_NS, STEP_NS)
-    answer = probe.send_until(
-        lambda: tracks.publish(tracks_to_message(tracked, CAMERA, make_header(
-            next(stamps_ns), FRAME))),
-        lambda: probe.received['attitude_imu'], 'an attitude')[0]
+
+    def send():
+        tracks.publish(tracks_to_message(tracked, CAMERA, make_header(next(stamps_ns), FRAME)))
+    answer = probe.send_until(send, lambda: probe.received['attitude_imu'], 'an attitude')[0]
     found = tracked_attitude_from_imu(answer)
     error = attitude_error(found.attitude.quaternion, q)
     assert error @ np.linalg.solve(found.attitude.covariance_sensor, error) < 25
     # Solved from a single frame: no rate is known.
     assert answer.angular_velocity_covariance[0] == -1
+    # What nobody asked for is not advertised.
+    assert not any(probe.count_publishers(f'attitude_{frame}')
+                   for frame in ('j2000', 'itrf', 'orbit', 'body'))
+    probe.call(SetParameters, '/attitude_estimator/set_parameters', SetParameters.Request(
+        parameters=[Parameter('publish_frames', value=True).to_parameter_msg()]))
+    probe.send_until(send, lambda: probe.count_publishers('attitude_itrf'), 'a live parameter')
 
 
 def seen_by_a_spacecraft(velocity_m_s):

@@ -8,8 +8,8 @@ import sys
 
 from limits import HANGS_S
 import pytest
-from startracker_ros.ros.memory import choose_segment
-from startracker_ros.ros.processes import take_domain
+from startracker_ros.ros.memory import choose_segment, profile_variable, PROFILE_VARIABLES
+from startracker_ros.ros.processes import node_environment, take_domain
 
 PROFILE = Path(__file__).parents[2] / 'config' / 'fastdds.xml'
 SEGMENT_BYTES = 64 << 20
@@ -18,7 +18,8 @@ PROGRAM = """
 import rclpy
 rclpy.init()
 node = rclpy.create_node('profile_probe')
-ranges = [line.split()[0].split('-') for line in open('/proc/self/maps') if '/fastrtps_' in line]
+maps = [line.split() for line in open('/proc/self/maps') if '/dev/shm/fast' in line]
+ranges = [words[0].split('-') for words in maps]
 print(max(int(end, 16) - int(begin, 16) for begin, end in ranges))
 """
 
@@ -27,12 +28,12 @@ print(max(int(end, 16) - int(begin, 16) for begin, end in ranges))
                          ids=['shipped', 'stock'])
 def test_segment_holds_images(profile, enough):
     environment = {name: value for name, value in os.environ.items()
-                   if name != 'FASTRTPS_DEFAULT_PROFILES_FILE'}
+                   if name not in PROFILE_VARIABLES}
     environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     # A segment of a neighbour on the same domain would be mapped, and counted, too.
     environment['ROS_DOMAIN_ID'] = take_domain()
     if profile:
-        environment['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profile)
+        environment[profile_variable()] = str(profile)
     done = subprocess.run([sys.executable, '-c', PROGRAM], env=environment,
                           capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == 0, done.stderr
@@ -40,16 +41,21 @@ def test_segment_holds_images(profile, enough):
     assert (int(done.stdout.split()[-1]) >= SEGMENT_BYTES) == enough
 
 
-def test_nodes_without_images_take_the_profile_with_the_smaller_segment(monkeypatch):
+@pytest.mark.parametrize('variable', PROFILE_VARIABLES)
+def test_nodes_without_images_take_the_profile_with_the_smaller_segment(monkeypatch, variable):
     small = PROFILE.with_name('fastdds_lists.xml')
     for sends_images, used in ((True, PROFILE), (False, small)):
-        monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(PROFILE))
+        monkeypatch.setenv(variable, str(PROFILE))
         choose_segment(sends_images)
-        assert os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == str(used)
+        assert os.environ[variable] == str(used)
     # A profile of the user stays.
-    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', 'mine.xml')
+    for name in PROFILE_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(variable, 'mine.xml')
     choose_segment(False)
-    assert os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == 'mine.xml'
+    assert os.environ[variable] == 'mine.xml'
+    environment = node_environment()
+    assert [environment[name] for name in PROFILE_VARIABLES if name in environment] == ['mine.xml']
     # Otherwise the two are the same.
     texts = [re.sub('(?s)<!--.*?-->', '', file.read_text(), count=1) for file in (PROFILE, small)]
     sizes = [[int(re.search(f'<{name}>(.*?)<', text).group(1))

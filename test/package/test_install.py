@@ -18,8 +18,8 @@ from startracker_ros.ros.executables import EXECUTABLES
 from startracker_ros.ros.processes import take_domain
 
 SOURCE = Path(__file__).parents[2]
-PARTS = ('LICENSE', 'config', 'launch', 'package.xml', 'pyproject.toml', 'resource', 'setup.cfg',
-         'setup.py', 'startracker_ros')
+PARTS = ('LICENSE', 'NOTICE', 'config', 'launch', 'package.xml', 'pyproject.toml', 'resource',
+         'setup.cfg', 'setup.py', 'startracker_ros')
 COLCON = Path(sysconfig.get_path('scripts')) / 'colcon'
 LIB = Path('lib', 'startracker_ros')
 SHARE = Path('share', 'startracker_ros')
@@ -90,10 +90,11 @@ def install_with_colcon(folder: Path, *options: str) -> Install:
     output([COLCON, 'build', '--merge-install', *options], cwd=folder)
     assert {path.name for path in source.iterdir()} == set(PARTS)
     prefix = folder / 'install'
-    python_path = output(
-        ['sh', '-c', '. install/setup.sh && printf %s "$PYTHONPATH"'], cwd=folder)
+    python_path, command = output(
+        ['sh', '-c', '. install/setup.sh && echo "$PYTHONPATH" && command -v startracker'],
+        cwd=folder).splitlines()
     modules = Path(python_path.partition(os.pathsep)[0])
-    return Install('colcon', prefix, modules, prefix / LIB / 'startracker',
+    return Install('colcon', prefix, modules, Path(command),
                    environment_of(prefix, Path(sys.executable).parent, python_path),
                    symlinked='--symlink-install' in options)
 
@@ -130,6 +131,17 @@ def test_all_modules_and_data_are_installed(install):
     assert Path(used.strip()).parents[1] == install.modules
 
 
+def test_licences_are_in_the_metadata(install):
+    if install.route != 'pip':
+        pytest.skip('colcon installs no metadata of licences')
+    folder, = install.modules.glob('startracker_ros-*.dist-info')
+    licences = {path.relative_to(folder / 'licenses').as_posix()
+                for path in (folder / 'licenses').rglob('*') if path.is_file()}
+    assert {'LICENSE', 'NOTICE'} < licences and len(licences) == 3
+    assert 'License-Expression: Apache-2.0 AND CC-BY-SA-3.0-IGO' in (
+        folder / 'METADATA').read_text()
+
+
 def test_every_node_is_an_executable_of_the_package(install):
     scripts = {path.name for path in (install.prefix / LIB).iterdir()}
     assert scripts == set(EXECUTABLES) | ({'startracker'} if install.route == 'colcon' else set())
@@ -139,6 +151,7 @@ def test_every_node_is_an_executable_of_the_package(install):
 
 
 def test_command_line_runs(install):
+    assert install.command.parent == install.prefix / 'bin'
     assert __version__ in output([install.command, '--version'], env=install.environment)
 
 

@@ -10,6 +10,7 @@ import sys
 from launch_stand_in import install, Launched, SHARED, SOURCE
 import pytest
 from startracker_ros.ros.executables import EXECUTABLES, STAGES
+from startracker_ros.ros.memory import profile_variable
 
 PIPELINE = ['bag_recorder', *STAGES, 'composed_pipeline', 'pipeline_manager']
 
@@ -17,7 +18,6 @@ PIPELINE = ['bag_recorder', *STAGES, 'composed_pipeline', 'pipeline_manager']
 @pytest.fixture
 def launched(monkeypatch, tmp_path):
     install(monkeypatch, tmp_path)
-    monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE', raising=False)
     yield lambda name, **given: Launched(SOURCE / 'launch' / name, given)
     # It holds classes of the modules above.
     sys.modules.pop('startracker_ros.ros.launching', None)
@@ -40,7 +40,7 @@ def check_nodes(launch):
         assert [given for given in node['parameters'] if not isinstance(given, dict)] == (
             node['parameters'][:1] if launch.arguments['params_file'] else [])
         environment = node['additional_env']
-        assert Path(environment['FASTRTPS_DEFAULT_PROFILES_FILE']).is_file()
+        assert Path(environment[profile_variable()]).is_file()
         assert environment['MALLOC_MMAP_THRESHOLD_'] == str(1 << 30)
 
 
@@ -76,8 +76,8 @@ def test_a_source_with_the_pipeline(launched, name, source, record):
     assert pipeline.arguments['record'] == record
 
 
-GIVEN = {'namespace': '/trk', 'params_file': __file__, 'log_level': 'debug',
-         'use_sim_time': 'true', 'composed': 'true', 'manager': 'false'}
+GIVEN = {'namespace': '/trk', 'params_file': str(SOURCE / 'config' / 'star_tracker.yaml'),
+         'log_level': 'debug', 'use_sim_time': 'true', 'composed': 'true', 'manager': 'false'}
 
 
 @pytest.mark.parametrize('name', ['camera', 'demo', 'heads', 'replay', 'two_satellites'])
@@ -130,6 +130,35 @@ def test_replay_is_the_pipeline_behind_a_bag(launched):
     pipeline, = launch.included
     assert [node['executable'] for node in pipeline.nodes] == PIPELINE
     assert pipeline.arguments['namespace'] == '/trk'
+
+
+def test_replay_ends_with_the_bag(launched):
+    player, = launched('replay.launch.py').nodes
+    timer, = player['on_exit']
+    assert [type(action).__name__ for action in timer.options['actions']] == ['Shutdown']
+
+
+def test_what_is_misspelt_is_named_once(launched, monkeypatch, tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('/trk/star_traker: {ros__parameters: {min_stars: 5}}\n'
+                    '/planner: {ros__parameters: {horizon_s: 5.0}}\n'
+                    '/**: {ros__parameters: {use_sim_time: true}}\n')
+    launch = launched('replay.launch.py', params_file=str(path))
+    assert launch.messages == [f'startracker_ros: params_file:={path}: no node star_traker; '
+                               'did you mean star_tracker?']
+    assert not any(each.messages for each in launch.included)
+    # launch itself passes on what no launch file declares.
+    monkeypatch.setattr(Launched, 'undeclared', {'startoffset': '5', 'map': 'moon.yaml'})
+    assert launched('replay.launch.py').messages == [
+        'startracker_ros: startoffset:= is no argument of this launch file; did you mean '
+        'start_offset:=?']
+
+
+def test_a_file_that_is_not_yaml_is_named(launched, tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('a: [')
+    with pytest.raises(ValueError, match=f'params_file:={path} is not YAML'):
+        launched('pipeline.launch.py', params_file=str(path))
 
 
 @pytest.mark.parametrize('argument', ['config', 'params_file'])

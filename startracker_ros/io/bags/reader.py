@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,13 +18,22 @@ from startracker_ros.io.bags.storage import BagFile, open_file
 
 
 class BagMessage(NamedTuple):
-    """A message as recorded: serialized data, time of receipt (log) and of sending (publish)."""
+    """
+    A message as recorded: serialized data, time of receipt (log) and of sending (publish).
+
+    definition: the schema of its type in the bag, None where there is none.
+    """
 
     topic: str
     type_name: str
     data: bytes
     log_time_ns: int
     publish_time_ns: int
+    definition: Schema | None = None
+
+    def decoded(self) -> Any:
+        """Return the message as decode() does, by the definition in the bag if need be."""
+        return decode(self.type_name, self.data, self.definition)
 
 
 @dataclass(frozen=True)
@@ -81,7 +90,7 @@ def read_messages(bag: Path, *, topics: Sequence[str] = (), start_ns: int = 0,
                         report(problem)
                         continue
                 yield BagMessage(record.channel.topic, _name(record.schema), data,
-                                 record.log_time_ns, record.publish_time_ns)
+                                 record.log_time_ns, record.publish_time_ns, record.schema)
 
 
 def read_topics(bag: Path, *, tolerant: bool = False, report: Callable[[str], None] = _ignore
@@ -97,13 +106,18 @@ def read_topics(bag: Path, *, tolerant: bool = False, report: Callable[[str], No
     return topics
 
 
-def decode(type_name: str, cdr: bytes) -> Any:
+def decode(type_name: str, cdr: bytes, definition: Schema | None = None) -> Any:
     """
     Return a message with the fields of its type as attributes; BagError if that fails.
 
-    The type is the installed one. Byte arrays are bytes, other arrays lists.
+    The type is the installed one, and without ROS 2 that of a definition. Byte arrays are bytes,
+    other arrays lists.
     """
-    decoder = _decoder(type_name)
+    decoder = _installed_decoder(type_name)
+    if decoder is None:
+        if definition is None or not definition.data:
+            raise BagError(f'{type_name} is not installed, and the bag does not define it')
+        decoder = _decoder_of_bag(type_name, definition.encoding, definition.data)
     try:
         return decoder(cdr)
     except DECODING_ERRORS as error:
@@ -111,13 +125,27 @@ def decode(type_name: str, cdr: bytes) -> Any:
 
 
 @cache
-def _decoder(type_name: str) -> Callable[[bytes], Any]:
+def _installed_decoder(type_name: str) -> Callable[[bytes], Any] | None:
+    """Return the decoder of an installed type, None where it is not installed."""
     schema = message_schema(type_name)
-    decoder = DecoderFactory().decoder_for(
-        'cdr', Schema(id=1, name=type_name, encoding=schema.encoding, data=schema.text.encode()))
+    return _decoder(type_name, schema.encoding, schema.text.encode())
+
+
+@lru_cache(maxsize=64)
+def _decoder_of_bag(type_name: str, encoding: str, text: bytes) -> Callable[[bytes], Any]:
+    try:
+        decoder = _decoder(type_name, encoding, text)
+    # A definition of anybody may make the parser raise anything.
+    except Exception as error:
+        raise BagError(f'{type_name}: the definition in the bag is none: {error}') from error
     if decoder is None:
-        raise BagError(f'{type_name} is not installed')
+        raise BagError(f'{type_name}: a definition as {encoding!r} cannot be read')
     return decoder
+
+
+def _decoder(type_name: str, encoding: str, text: bytes) -> Callable[[bytes], Any] | None:
+    return DecoderFactory().decoder_for(
+        'cdr', Schema(id=1, name=type_name, encoding=encoding, data=text))
 
 
 def read_span_ns(bag: Path) -> tuple[int, int] | None:

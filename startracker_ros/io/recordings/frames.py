@@ -9,8 +9,7 @@ import numpy as np
 from startracker_ros.core.stages.annotate import stretch
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.layouts import image_from_message, MessageError
-from startracker_ros.io.bags.reader import decode, read_messages
-from startracker_ros.io.recordings.loading import TOPIC_TYPES
+from startracker_ros.io.bags.reader import read_messages
 from startracker_ros.io.recordings.recording import Recording
 
 COUNT = 4
@@ -61,7 +60,7 @@ def read_frame(bag: Path, recording: Recording, index: int) -> np.ndarray | None
     stamp_ns, received_ns = int(images.stamp_ns[index]), int(images.received_ns[index])
     for record in read_messages(bag, topics=(recording.full_name('image_raw'),),
                                 start_ns=received_ns, tolerant=not recording.complete):
-        message = decode(TOPIC_TYPES['image_raw'], record.data)
+        message = record.decoded()
         if message.header.stamp.sec * 10 ** 9 + message.header.stamp.nanosec == stamp_ns:
             return image_from_message(message)
     return None

@@ -10,7 +10,7 @@ from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.layouts import (
     camera_from_message, CENTROID_DTYPE, MessageError, read_cloud, STAR_DTYPE, TRACK_DTYPE)
-from startracker_ros.io.bags.reader import BagMessage, BagTopic, decode, read_messages, read_topics
+from startracker_ros.io.bags.reader import BagMessage, BagTopic, read_messages, read_topics
 from startracker_ros.io.recordings.recording import (
     Clouds, DiagnosticRecord, full_name, Recording, TopicTimes)
 
@@ -140,7 +140,7 @@ class _Reader:
             else:
                 # What is no number shows in the checks of the handlers.
                 with np.errstate(all='ignore'):
-                    handler(decode(type_name, message.data), message)
+                    handler(message.decoded(), message)
         except (BagError, MessageError, CameraError) as error:
             count, first = self._problems.get(message.topic, (0, str(error)))
             self._problems[message.topic] = count + 1, first

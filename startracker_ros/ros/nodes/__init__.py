@@ -1,6 +1,15 @@
 """One module per executable: declare, convert, call the core, publish."""
 
 import gc
+import sys
+
+from startracker_ros.core.extras import check_numba, MissingLibraryError
+
+# Here, as the import of a node fails without it.
+try:
+    check_numba()
+except MissingLibraryError as error:
+    sys.exit(f'startracker_ros: {error}')
 
 # Next to nothing of what a node imports is garbage: to look through it again and again would
 # take a tenth of the start.

@@ -16,7 +16,8 @@ from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode, EARLY
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.image_topic import subscribe_images, TransportOptions
+from startracker_ros.ros.image_topic import (
+    subscribe_images, TransportOptions, why_images_are_missing)
 from startracker_ros.ros.messages.clouds import (
     bodies_from_message, centroids_to_message, predictions_from_message)
 from startracker_ros.ros.messages.image import image_to_message
@@ -60,6 +61,9 @@ class CentroidExtractorNode(CameraNode):
             self.get_logger().info(
                 f'{early} {EARLY}: images of before are missing if their source did not wait')
         subscribe_images(self, self._on_image)
+
+    def why_missing(self) -> str:
+        return why_images_are_missing(self)
 
     def _on_predicted(self, message: PointCloud2) -> None:
         camera = self.camera_or_drop()

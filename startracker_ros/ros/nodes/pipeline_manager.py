@@ -56,6 +56,8 @@ class PipelineManagerNode(PipelineNode):
                          for name in names}
         self._pending: dict[Client, Future] = {}
         self._due_s = dict.fromkeys(names, 0.0)
+        self._all_were_active = False
+        self._alone_s = time.monotonic()
         self.create_steady_timer(_TICK_S, self._tick)
 
     def rebuild(self) -> None:
@@ -71,9 +73,22 @@ class PipelineManagerNode(PipelineNode):
                 # A response that is late or lost does not hold up the next request.
                 self._request(name, client, GetState.Request())
         self._proceed()
+        self._check_alone(now_s)
         serious, problems = self._bringup.problems(now_s)
         level = ERROR if serious else WARN if problems else OK
-        self.diagnostics.report(level, problems or f'all {len(self._states)} nodes are active')
+        self._all_were_active |= level == OK
+        self.diagnostics.report(level, problems or f'all {len(self._states)} nodes are active',
+                                expected=not self._all_were_active)
+
+    def _check_alone(self, now_s: float) -> None:
+        """Report another manager, which has a client of its own for as long as it runs."""
+        others = [name for name in self._changes if self.count_clients(f'{name}/change_state') > 1]
+        if not others:
+            self._alone_s = now_s
+        elif now_s - self._alone_s > self.options(ManagerOptions).response_timeout_s:
+            self.diagnostics.report_event(
+                f'another lifecycle manager has {", ".join(others)}, too: end one of the two, or '
+                'launch with manager:=false')
 
     def _proceed(self) -> None:
         """Request the next transition of each node that has one."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 import os
 from pathlib import Path
 import sys
@@ -60,6 +61,8 @@ def check_pictures(context: click.Context, option: click.Parameter, folder: Path
 def become_node(node: str, arguments: Sequence[str]) -> NoReturn:
     """Replace this process by that of a node; KeyError for an unknown name."""
     from startracker_ros.ros.processes import node_command, node_environment
+    if find_spec('rclpy') is None:
+        raise ModuleNotFoundError(name='rclpy')
     command = node_command(node, arguments)
     os.execve(command[0], command, node_environment())
 

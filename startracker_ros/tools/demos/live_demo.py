@@ -19,7 +19,7 @@ from sensor_msgs.msg import CameraInfo, Imu
 from startracker_ros.core.extras import MissingLibraryError
 from startracker_ros.core.machine_code import missing_modules
 from startracker_ros.io.bags.layouts import ns_from_stamp
-from startracker_ros.io.bags.reader import BagMessage, decode, read_messages
+from startracker_ros.io.bags.reader import BagMessage, read_messages
 from startracker_ros.ros import qos
 from startracker_ros.ros.probe import Progress
 from startracker_ros.ros.processes import HarnessError, module_command, node_environment
@@ -260,5 +260,5 @@ def read_stamped(bag: Path, topics: Sequence[str], start_ns: int = 0
                  ) -> Iterator[tuple[BagMessage, int, Any]]:
     """Yield the messages of topics in a bag: as recorded, stamp in ns, decoded."""
     for record in read_messages(bag, topics=topics, start_ns=start_ns):
-        message = decode(record.type_name, record.data)
+        message = record.decoded()
         yield record, ns_from_stamp(message.header.stamp), message

@@ -9,10 +9,10 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
+from startracker_ros.ros.memory import profile_variable, PROFILE_VARIABLES
 from startracker_ros.ros.processes import node_environment
 from startracker_ros.tools.doctor.check import Check
 
-_PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 _RANGES = ('SUBNET', 'LOCALHOST', 'OFF', 'SYSTEM_DEFAULT')
 # Ports of higher domains are those that Linux gives to others.
 _LAST_DOMAIN = 101
@@ -27,7 +27,7 @@ def check_dds() -> Iterator[Check]:
     yield check_middleware(environment)
     yield check_domain(environment)
     yield check_discovery(environment)
-    yield check_profile(environment, own=_PROFILE in os.environ)
+    yield check_profile(environment, own=any(name in os.environ for name in PROFILE_VARIABLES))
     yield check_security(environment)
     if _SHARED_MEMORY.is_dir():
         yield check_shared_memory(shutil.disk_usage(_SHARED_MEMORY).free)
@@ -71,8 +71,9 @@ def check_discovery(environment: Mapping[str, str]) -> Check:
 
 def check_profile(environment: Mapping[str, str], *, own: bool) -> Check:
     """Return whether the profile of Fast DDS has room for images; own: plain ros2 run has it."""
-    path = environment[_PROFILE]
-    mend = f'unset {_PROFILE}, or set it to config/fastdds.xml of the package'
+    path = next(environment[name] for name in PROFILE_VARIABLES if name in environment)
+    mend = (f'unset {" and ".join(PROFILE_VARIABLES)}, or set it to config/fastdds.xml of the '
+            'package')
     try:
         root = ElementTree.parse(path).getroot()
         sizes = [int(node.text or '') for node in root.iter()
@@ -83,7 +84,7 @@ def check_profile(environment: Mapping[str, str], *, own: bool) -> Check:
         return Check('Fast DDS profile', f'{path}: shared memory too small for images', False,
                      mend)
     return Check('Fast DDS profile', path, True,
-                 '' if own else f'for plain ros2 run: export {_PROFILE}={path}')
+                 '' if own else f'for plain ros2 run: export {profile_variable()}={path}')
 
 
 def check_security(environment: Mapping[str, str]) -> Check:

@@ -7,6 +7,7 @@ from pathlib import Path
 import shutil
 import sys
 
+from startracker_ros.core.extras import check_numba, MissingLibraryError, OLDEST_NUMBA
 from startracker_ros.ros.executables import EXECUTABLES
 from startracker_ros.tools.doctor.check import Check
 
@@ -24,6 +25,7 @@ def check_install() -> Iterator[Check]:
     """Yield the checks of what is installed."""
     yield check_python()
     yield check_packages(PACKAGES)
+    yield check_compiler()
     prefixes = [prefix for prefix in (
         *os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix) if prefix]
     yield from check_ament(prefixes)
@@ -55,6 +57,17 @@ def check_packages(packages: Sequence[tuple[str, str]]) -> Check:
         return Check('packages', '; '.join(broken), False,
                      'pip install -r requirements.txt, or source the setup file of ROS 2')
     return Check('packages', ', '.join(versions))
+
+
+def check_compiler() -> Check:
+    """Return whether numba is new enough."""
+    try:
+        check_numba()
+    except MissingLibraryError as error:
+        finding, _, remedy = str(error).partition(': ')
+        return Check('numba', finding, False, remedy)
+    return Check('numba', f'{metadata.version("numba")}, needs '
+                          f'{".".join(map(str, OLDEST_NUMBA))} or later')
 
 
 def check_ament(prefixes: Sequence[str]) -> Iterator[Check]:

@@ -7,7 +7,7 @@ import numpy as np
 from startracker_ros.core.maths.rotation import (
     ARCSEC, conjugate, multiply, rotation_vector_from_quaternion)
 from startracker_ros.io.bags.layouts import ns_from_stamp
-from startracker_ros.io.bags.reader import decode, read_messages, read_topics
+from startracker_ros.io.bags.reader import read_messages, read_topics
 from startracker_ros.io.recordings.loading import HEADS_TOPIC, is_fusion
 from startracker_ros.io.recordings.recording import full_name
 
@@ -76,7 +76,7 @@ def load_heads(bag: Path, namespace: str = '', *, tolerant: bool = False
     found: list[dict[str, str]] = []
     for record in read_messages(bag, topics=(full_name(namespace, HEADS_TOPIC),),
                                 tolerant=tolerant):
-        message = decode(record.type_name, record.data)
+        message = record.decoded()
         changed_ns.append(ns_from_stamp(message.header.stamp))
         found.append({status.hardware_id: status.message for status in message.status})
     names = list(dict.fromkeys(name for one in found for name in one))
@@ -96,7 +96,7 @@ def _attitudes(bag: Path, topic: str, tolerant: bool) -> dict[int, np.ndarray]:
     """Return the quaternions (4,) of a topic by stamp."""
     found = {}
     for record in read_messages(bag, topics=(topic,), tolerant=tolerant):
-        message = decode(record.type_name, record.data)
+        message = record.decoded()
         found[ns_from_stamp(message.header.stamp)] = _quaternion(message.quaternion)
     return found
 
@@ -106,7 +106,7 @@ def _mounts(bag: Path, topic: str, body: dict[int, np.ndarray], head: dict[int, 
     """Return the mounts of a topic; the truth is that of body and head at the same stamp."""
     stamps, quaternions, covariances, truths = [], [], [], []
     for record in read_messages(bag, topics=(topic,), tolerant=tolerant):
-        message = decode(record.type_name, record.data)
+        message = record.decoded()
         stamp_ns = ns_from_stamp(message.header.stamp)
         stamps.append(stamp_ns)
         quaternions.append(_quaternion(message.pose.pose.orientation))

@@ -8,7 +8,7 @@ import numpy as np
 from startracker_ros.core.astro.orbit import orbit_frame
 from startracker_ros.core.extras import new_figure
 from startracker_ros.core.stages.annotate import annotate
-from startracker_ros.io.bags.reader import decode, read_messages
+from startracker_ros.io.bags.reader import read_messages
 from startracker_ros.tools.figures.correctness import WRONG_SIGMAS
 from startracker_ros.tools.figures.rows import DemoRow
 from startracker_ros.tools.report.picture import draw_error
@@ -64,7 +64,7 @@ def load_target(bag: Path, observers: tuple[str, str]) -> TargetRecording:
     position, covariance, truth = {}, {}, {}
     truths = [f'/{name}/truth/target' for name in observers]
     for record in read_messages(bag, topics=('/target/position', *truths, *stamps)):
-        message = decode(record.type_name, record.data)
+        message = record.decoded()
         stamp_ns = message.header.stamp.sec * 10 ** 9 + message.header.stamp.nanosec
         if record.topic == '/target/position':
             position[stamp_ns] = _xyz(message.pose.pose.position)

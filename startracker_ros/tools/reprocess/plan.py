@@ -13,8 +13,7 @@ from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.folder import find_files
 from startracker_ros.io.bags.layouts import camera_from_message, MessageError
-from startracker_ros.io.bags.reader import (
-    BagTopic, decode, read_blocks_ns, read_messages, read_topics)
+from startracker_ros.io.bags.reader import BagTopic, read_blocks_ns, read_messages, read_topics
 from startracker_ros.tools.reprocess.remote import fetch, is_url
 
 IMAGE = 'sensor_msgs/msg/Image'
@@ -226,7 +225,7 @@ def _cameras(bag: Path, topic: str, topics: Mapping[str, BagTopic]
     found: list[tuple[int, Camera]] = []
     for message in read_messages(bag, topics=(topic,), tolerant=True):
         found.append((message.log_time_ns,
-                      camera_from_message(decode(message.type_name, message.data))))
+                      camera_from_message(message.decoded())))
         if topics[topic].message_count > _SPARSE:
             break
     if not found:

@@ -20,7 +20,7 @@ from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.layouts import (
     camera_from_message, CENTROID_DTYPE, image_from_message, MessageError, ns_from_stamp,
     read_cloud)
-from startracker_ros.io.bags.reader import BagMessage, decode, read_messages
+from startracker_ros.io.bags.reader import BagMessage, read_messages
 from startracker_ros.io.bags.telemetry import state_from_odometry, unit_quaternion
 from startracker_ros.tools.reprocess.frame_fit import fit_frame, FrameFit, Stars
 from startracker_ros.tools.reprocess.leftovers import Leftovers
@@ -210,7 +210,7 @@ class _DecodeError(BagError):
 
 def _decoded(message: BagMessage) -> Any:
     try:
-        return decode(message.type_name, message.data)
+        return message.decoded()
     except BagError as error:
         raise _DecodeError(str(error)) from error
 

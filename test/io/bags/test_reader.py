@@ -2,8 +2,10 @@
 
 from pathlib import Path
 import shutil
+from typing import Any
 
 from hypothesis import given, settings, strategies as st
+from mcap.records import Schema
 from mcap.writer import Writer
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
 from startracker_ros.io.bags.errors import BagError, UnfinishedBagError
 from startracker_ros.io.bags.info import describe
-from startracker_ros.io.bags.reader import BagTopic, decode, read_messages, read_topics
+from startracker_ros.io.bags.reader import BagMessage, BagTopic, decode, read_messages, read_topics
 from startracker_ros.io.bags.writer import BagOptions, BagWriter
 
 TYPE = 'geometry_msgs/msg/QuaternionStamped'
@@ -179,6 +181,21 @@ def assert_same(store: Typestore, ours: object, theirs: object) -> None:
 def test_decoded_fields_are_those_of_rosbags(store: Typestore, samples: dict[str, bytes]) -> None:
     for type_name, cdr in samples.items():
         assert_same(store, decode(type_name, cdr), store.deserialize_cdr(cdr, type_name))
+
+
+def test_a_type_that_is_not_installed_is_read_by_the_definition_in_the_bag() -> None:
+    def definition(text: bytes, encoding: str = 'ros2msg') -> Schema:
+        return Schema(id=1, name='no_msgs/msg/Such', encoding=encoding, data=text)
+
+    def message(defined: Schema) -> Any:
+        return BagMessage('/such', 'no_msgs/msg/Such', b'\x00\x01\x00\x00\x07\x00\x00\x00', 0, 0,
+                          defined).decoded()
+    assert message(definition(b'int32 x')).x == 7
+    for text in (b'int32', b'no_msgs/Other x', b'no_msgs/Such x', b'\xff\xfe', b'int32[ x'):
+        with pytest.raises(BagError, match='no_msgs/msg/Such|8 bytes'):
+            message(definition(text))
+    with pytest.raises(BagError, match="a definition as 'ros2idl' cannot be read"):
+        message(definition(b'struct Such {};', 'ros2idl'))
 
 
 def test_what_cannot_be_decoded(samples: dict[str, bytes]) -> None:
