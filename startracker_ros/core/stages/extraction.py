@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import (
-    CentroidExtractor, Extraction, ExtractionOptions)
+    CentroidExtractor, Extraction, ExtractionOptions, Searched)
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.core.options import option, Options
@@ -114,8 +114,8 @@ class ExtractionStage:
 
     def reset(self) -> None:
         """Forget the images before: the next one is searched as a whole."""
-        self.extractor.reset()
         self.directed = False
+        self._searched: Searched | None = None
         self._stamp_ns = 0
         self._searched_ns: int | None = None
         self._seen_share = 1.0
@@ -149,7 +149,6 @@ class ExtractionStage:
             self._start = self._extract_unpredicted(image, lost)
             return self._start
         self._unpredicted = 0
-        self.extractor.most_stars = self._max_stars
         expected = _Expected.at(stamp_ns, predicted, image.shape, interval_s)
         if self._start is not None:
             self._learn_exposure(self._start, expected)
@@ -169,15 +168,16 @@ class ExtractionStage:
             self.directed = True
             return near
         self._searched_ns = stamp_ns
-        spoilt, known = self.extractor.spoilt, None if unknown else streak
-        searched = self.extractor.extract(image, known)
+        before, known = self._searched, None if unknown else streak
+        searched = self._search(image, known)
         if _contradicts(searched):
             # The motion has changed since the prediction: the image shows which it is.
-            searched, known, near, unknown = self.extractor.extract(image), None, None, True
+            searched, known, near, unknown = self._search(image), None, None, True
         if unknown and searched.streak is not None and not expected.agrees(searched.streak):
             return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
                             'direction than the stars move')
-        if near is not None and self.extractor.spoilt != spoilt:
+        if (near is not None and before is not None and self._searched is not None
+                and self._searched.spoilt != before.spoilt):
             near = self._near(image, expected, streak)
         return self._joined(image, searched, near, expected, known)
 
@@ -185,13 +185,23 @@ class ExtractionStage:
         """Return the stars of an image: more of them, the longer the star tracker is lost."""
         self._unpredicted *= lost
         doublings = min(self._unpredicted // IMAGES_TO_ACQUIRE, 10)
-        self.extractor.most_stars = min(self._max_stars << doublings, self._max_stars_lost)
         self._unpredicted += 1
-        return self.extractor.extract(image)
+        return self._search(image, None, min(self._max_stars << doublings, self._max_stars_lost))
+
+    def _search(self, image: np.ndarray, streak: Streak | None = None, most_stars: int = 0
+                ) -> Extraction:
+        """Return the stars of the whole image."""
+        extraction, self._searched = self.extractor.search(
+            image, streak, self._searched, most_stars=most_stars)
+        return extraction
 
     def _near(self, image: np.ndarray, expected: _Expected, streak: Streak) -> Extraction | None:
         """Measure stars and targets near where they are expected."""
-        return self.extractor.extract_near(image, expected.uv, expected.radius_px, streak)
+        if self._searched is None or not self._searched.fits(image):
+            return None
+        extraction, self._searched = self.extractor.search_near(
+            image, expected.uv, expected.radius_px, self._searched, streak)
+        return extraction
 
     def _has_stars(self, near: Extraction, expected: _Expected) -> bool:
         """Return whether as many of the predicted stars are seen as in the image searched last."""
@@ -203,7 +213,7 @@ class ExtractionStage:
         """Return the stars of a searched image; what was measured near the predictions stays."""
         if near is None or expected.stars_seen(near.centroids) < LEAST_PREDICTED:
             if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
-                extraction, streak = self.extractor.extract(image), None
+                extraction, streak = self._search(image), None
             self._learn(extraction, expected, streak)
             return extraction
         self._learn(near, expected, near.streak)
