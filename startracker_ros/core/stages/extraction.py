@@ -99,7 +99,9 @@ class ExtractionStage:
     """
     Extracts the centroids of images, near the predictions of a star tracker where it has any.
 
-    The exposure time is learnt from the length of the streaks in the images that are searched.
+    The exposure time is learnt from the length of the streaks in the images that are searched. A
+    streak that the motion does not explain and that is the same in two images is the shape of the
+    stars: an astigmatic lens draws it, however the camera moves.
     directed is whether the last image was not searched as a whole.
     """
 
@@ -122,6 +124,8 @@ class ExtractionStage:
         self._exposure_s = 0.0
         self._point_speed_px_s = 0.0
         self._exposure_stars = 0
+        self._shape: Streak | None = None
+        self._unexplained: Streak | None = None
         self._start: Extraction | None = None
         self._unpredicted = 0
         self._stale_rows = StaleRows()
@@ -151,13 +155,15 @@ class ExtractionStage:
         self._unpredicted = 0
         expected = _Expected.at(stamp_ns, predicted, image.shape, interval_s)
         if self._start is not None:
-            self._learn_exposure(self._start, expected)
+            self._learn_shown(self._start, expected)
             self._start = None
         moved_px = expected.speed_px_s * (stamp_ns - predicted.stamp_ns) * 1e-9
         if repeated and moved_px > REPEATED_PX:
             return _refused('repeated', 'the image is that of the frame before, though the stars '
                             f'have moved {moved_px:.1f} px')
         streak = expected.motion.scaled(self._exposure_s)
+        if self._shape is not None:
+            streak = self._shape.joined(streak)
         unknown = (self._exposure_s == 0 and moved_px > SHORTEST_PX
                    and expected.speed_px_s > FASTER * self._point_speed_px_s)
         near = None if unknown else self._near(image, expected, streak)
@@ -172,10 +178,16 @@ class ExtractionStage:
         searched = self._search(image, known)
         if _contradicts(searched):
             # The motion has changed since the prediction: the image shows which it is.
-            searched, known, near, unknown = self._search(image), None, None, True
-        if unknown and searched.streak is not None and not expected.agrees(searched.streak):
-            return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
-                            'direction than the stars move')
+            searched, known, near = self._search(image), None, None
+            unknown = moved_px > SHORTEST_PX
+        if known is None or known.longest_px() < SHORTEST_PX:
+            self._learn_shown(searched, expected)
+            if self._shape is not None:
+                near = None
+            elif (unknown and searched.streak is not None
+                    and not expected.agrees(searched.streak)):
+                return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
+                                'direction than the stars move')
         if (near is not None and before is not None and self._searched is not None
                 and self._searched.spoilt != before.spoilt):
             near = self._near(image, expected, streak)
@@ -233,10 +245,24 @@ class ExtractionStage:
         if len(extraction.centroids) < LEAST_PREDICTED:
             return
         self._seen_share = expected.stars_seen(extraction.centroids) / expected.stars
-        if extraction.streak is None:
+        if extraction.streak is None or (self._shape is not None and not self._exposure_s):
             self._point_speed_px_s = max(self._point_speed_px_s, expected.speed_px_s)
         elif streak is None or not self._exposure_s:
             self._learn_exposure(extraction, expected)
+
+    def _learn_shown(self, extraction: Extraction, expected: _Expected) -> None:
+        """Learn exposure time and shape of the stars from an image that shows its streak itself."""
+        if extraction.centroids.common_error.any():
+            return
+        shown, before = extraction.streak, self._unexplained
+        self._shape = self._unexplained = None
+        if shown is None or expected.exposure_s(shown):
+            self._learn_exposure(extraction, expected)
+            return
+        self._unexplained = shown
+        if before is not None and shown.is_close(before):
+            # A time that was learnt from the shape of the stars is none.
+            self._shape, self._exposure_s, self._exposure_stars = shown, 0.0, 0
 
     def _learn_exposure(self, extraction: Extraction, expected: _Expected) -> None:
         """
