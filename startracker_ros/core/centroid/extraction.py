@@ -36,7 +36,7 @@ from startracker_ros.core.centroid.psf import FLUX
 from startracker_ros.core.centroid.quota import brightest
 from startracker_ros.core.centroid.rejection import Rejections
 from startracker_ros.core.centroid.spots import (
-    BRIGHT_SPOTS, explained_spots, find_spots, near_positions, with_spots)
+    BRIGHT_SPOTS, explained_spots, find_spots, with_near_spots, with_spots)
 from startracker_ros.core.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.core.centroid.streak_fit import streaks_at
 from startracker_ros.core.centroid.streak_search import estimate_streak, search_streaks
@@ -251,8 +251,7 @@ class CentroidExtractor:
             rejections.add('faint', uv[~found])
             centroids = self._measure(frame, peaks, sigma_px, rejections)[0]
             if before.any_shape:
-                centroids = with_spots(centroids, near_positions(
-                    find_spots(frame.image), uv, radius_px), most)
+                centroids = with_near_spots(centroids, find_spots(frame.image), uv, radius_px)
             streak = None
         else:
             centroids = measure_streaks(frame, uv, streak, sigma_px, self._threshold.sigmas,

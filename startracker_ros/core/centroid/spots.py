@@ -78,10 +78,11 @@ def fitted_where_close(spots: Centroids, fitted: Centroids) -> Centroids:
     return Centroids(uv, spots.flux, spots.snr, sigma_px)
 
 
-def near_positions(spots: Centroids, uv: np.ndarray, radius_px: np.ndarray) -> Centroids:
-    """Return the spots within radius_px (K,) of one of the positions uv (K, 2)."""
+def with_near_spots(stars: Centroids, spots: Centroids, uv: np.ndarray, radius_px: np.ndarray
+                    ) -> Centroids:
+    """Return fitted stars and the spots beside them within radius_px (K,) of positions uv (K, 2)."""
     distance = np.linalg.norm(spots.uv[:, None] - uv, axis=-1)
-    return spots.select((distance < radius_px).any(axis=1))
+    return _joined(stars, _others(spots.select((distance < radius_px).any(axis=1)), stars))
 
 
 def explained_spots(spots: Centroids, stars: Centroids, reach_px: float = 0.0) -> int:
@@ -100,14 +101,22 @@ def with_spots(stars: Centroids, spots: Centroids, most: int) -> Centroids:
     FAINTEST_SHARE of the fitted ones do not reach. Half of the list of `most` stars is left to
     these.
     """
-    if not len(spots):
-        return stars
-    if len(stars):
-        distance = np.linalg.norm(spots.uv[:, None] - stars.uv, axis=-1).min(axis=1)
-        spots = spots.select(distance > _SAME_PX)
+    spots = _others(spots, stars)
     short = max(BRIGHT_SPOTS - len(stars), 0)
     faintest = np.quantile(stars.flux, FAINTEST_SHARE) if len(stars) else 0.0
     bright = (spots.flux > faintest) | (np.arange(len(spots)) < short)
-    spots = spots.select(bright).select(slice(max(most // 2, most - len(stars))))
+    return _joined(stars, spots.select(bright).select(slice(max(most // 2, most - len(stars)))))
+
+
+def _others(spots: Centroids, stars: Centroids) -> Centroids:
+    """Return the spots that are none of the stars."""
+    if not len(stars):
+        return spots
+    distance = np.linalg.norm(spots.uv[:, None] - stars.uv, axis=-1)
+    return spots.select(distance.min(axis=1) > _SAME_PX)
+
+
+def _joined(stars: Centroids, spots: Centroids) -> Centroids:
+    """Return both, brightest first."""
     joined = stars.joined(spots)
     return joined.select(np.argsort(-joined.flux, kind='stable'))
