@@ -188,9 +188,14 @@ class ExtractionStage:
                     and not expected.agrees(searched.streak)):
                 return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
                                 'direction than the stars move')
-        if (near is not None and before is not None and self._searched is not None
-                and self._searched.spoilt != before.spoilt):
-            near = self._near(image, expected, streak)
+        if near is not None and before is not None and self._searched is not None:
+            spoilt = self._searched.spoilt
+            if (expected.stars_seen(searched.centroids)
+                    < LEAST_SHARE * expected.stars_seen(near.centroids)):
+                # What fills the list is of another width: debris, which is no measure of stars.
+                self._searched = before._replace(spoilt=spoilt)
+            if spoilt != before.spoilt:
+                near = self._near(image, expected, streak)
         return self._joined(image, searched, near, expected, known)
 
     def _extract_unpredicted(self, image: np.ndarray, lost: bool) -> Extraction:
