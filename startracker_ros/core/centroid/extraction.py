@@ -178,13 +178,15 @@ class CentroidExtractor:
 
     def search(self, image: np.ndarray, streak: Streak | None = None,
                before: Searched | None = None, *, most_stars: int = 0,
-               points_only: bool = False) -> tuple[Extraction, Searched | None]:
+               points_only: bool = False, narrow: bool = False
+               ) -> tuple[Extraction, Searched | None]:
         """
         Return the stars of image (H, W) uint8 or uint16; ValueError for anything else.
 
         streak is the motion of the exposure where it is known, before the last image of this
         camera that was searched, most_stars the number of stars, 0 for that of the options.
-        Only points are searched where points_only. The second result is `before` of the next
+        Only points are searched where points_only, and those of the narrowest spots where narrow
+        too. The second result is `before` of the next
         image.
         """
         check_image(image)
@@ -205,7 +207,7 @@ class CentroidExtractor:
         taken_out, rejections = Rejections(), Rejections()
         frame, spoilt = self._clean(frame, before, taken_out)
         frame, sigma_px, known = self._match_filter(
-            frame, KnownWidth() if before is None else before.known.older())
+            frame, KnownWidth() if before is None or narrow else before.known.older(), narrow)
         rejections.add('disc', frame.search.discs)
         rejections.add('line', frame.search.lines)
         any_shape = False
@@ -321,21 +323,22 @@ class CentroidExtractor:
         return prepare(_readable(image), frame.kernel.sigma_px, self._threshold,
                        pixel_noise(image) if spoilt.hits else 0.0), spoilt
 
-    def _match_filter(self, frame: Frame, known: KnownWidth) -> tuple[Frame, float, KnownWidth]:
+    def _match_filter(self, frame: Frame, known: KnownWidth, narrow: bool
+                      ) -> tuple[Frame, float, KnownWidth]:
         """Return the frame, filtered anew if the filter does not match, and the PSF sigma."""
         if not frame.search.found:
             return frame, self._options.psf_sigma_px or FILTER_SIGMA_PX, known
-        sigma_px, known = self._width(frame, known)
+        sigma_px, known = self._width(frame, known, narrow)
         if 1 / FILTER_RATIO < sigma_px / frame.kernel.sigma_px < FILTER_RATIO:
             return frame, sigma_px, known
         frame = prepare(frame.image, float(np.clip(sigma_px, *FILTER_RANGE_PX)), self._threshold)
-        return frame, *self._width(frame, known)
+        return frame, *self._width(frame, known, narrow)
 
-    def _width(self, frame: Frame, known: KnownWidth) -> tuple[float, KnownWidth]:
+    def _width(self, frame: Frame, known: KnownWidth, narrow: bool) -> tuple[float, KnownWidth]:
         """Return the PSF sigma: where a frame does not show it, the one that is known."""
         if self._options.psf_sigma_px:
             return self._options.psf_sigma_px, known
-        width_px, certain = measure_width(frame)
+        width_px, certain = measure_width(frame, narrow)
         if certain:
             known = KnownWidth(width_px)
         return known.sigma_px or width_px, known

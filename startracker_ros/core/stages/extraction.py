@@ -24,6 +24,7 @@ REPEATED_PX = 0.5  # motion from which on an equal image is that of the frame be
 MAX_ASTRAY, MAX_ASTRAY_PX = 0.5, 2.0  # of a streak, across the motion of the stars
 MAX_EXPOSURE = 1.2  # of the interval between images, with the error of its estimate
 IMAGES_TO_ACQUIRE = 2  # a star tracker needs the identifications of two
+WIDE_PX = 1.6  # PSF sigma beyond which spots may be debris
 FASTER = 2.0  # times the speed at which stars were points: they may be streaks
 
 
@@ -128,6 +129,7 @@ class ExtractionStage:
         self._unexplained: Streak | None = None
         self._start: Extraction | None = None
         self._unpredicted = 0
+        self._narrow = False
         self._stale_rows = StaleRows()
 
     def extract(self, stamp_ns: int, image: np.ndarray,
@@ -202,14 +204,20 @@ class ExtractionStage:
         """Return the stars of an image: more of them, the longer the star tracker is lost."""
         self._unpredicted *= lost
         doublings = min(self._unpredicted // IMAGES_TO_ACQUIRE, 10)
+        if not self._unpredicted % IMAGES_TO_ACQUIRE:
+            # What is wide may be debris out of focus: every other time the narrowest are used.
+            self._narrow = not self._narrow and self._unpredicted > 0 and (
+                self._start is not None and self._start.psf_sigma_px > WIDE_PX)
         self._unpredicted += 1
-        return self._search(image, None, min(self._max_stars << doublings, self._max_stars_lost))
+        return self._search(image, None, min(self._max_stars << doublings, self._max_stars_lost),
+                            self._narrow)
 
-    def _search(self, image: np.ndarray, streak: Streak | None = None, most_stars: int = 0
-                ) -> Extraction:
+    def _search(self, image: np.ndarray, streak: Streak | None = None, most_stars: int = 0,
+                narrow: bool = False) -> Extraction:
         """Return the stars of the whole image."""
         extraction, self._searched = self.extractor.search(
-            image, streak, self._searched, most_stars=most_stars)
+            image, streak, self._searched, most_stars=most_stars, points_only=narrow,
+            narrow=narrow)
         return extraction
 
     def _near(self, image: np.ndarray, expected: _Expected, streak: Streak) -> Extraction | None:
