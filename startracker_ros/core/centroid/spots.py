@@ -80,7 +80,7 @@ def fitted_where_close(spots: Centroids, fitted: Centroids) -> Centroids:
 
 def with_near_spots(stars: Centroids, spots: Centroids, uv: np.ndarray, radius_px: np.ndarray
                     ) -> Centroids:
-    """Return fitted stars and the spots beside them within radius_px (K,) of positions uv (K, 2)."""
+    """Return fitted stars and other spots within radius_px (K,) of positions uv (K, 2)."""
     distance = np.linalg.norm(spots.uv[:, None] - uv, axis=-1)
     return _joined(stars, _others(spots.select((distance < radius_px).any(axis=1)), stars))
 

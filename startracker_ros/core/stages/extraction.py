@@ -264,7 +264,7 @@ class ExtractionStage:
             self._learn_exposure(extraction, expected)
 
     def _learn_shown(self, extraction: Extraction, expected: _Expected) -> None:
-        """Learn exposure time and shape of the stars from an image that shows its streak itself."""
+        """Learn exposure time and shape of the stars from the streak that an image shows."""
         if extraction.centroids.common_error.any():
             return
         shown, before = extraction.streak, self._unexplained
