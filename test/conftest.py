@@ -59,6 +59,7 @@ LONGEST = (
     'nodes/test_bad_input.py',
     'nodes/test_composition.py',
     'pipeline/test_solve.py',
+    'pipeline/test_aberrated_stars.py',
     'identify/test_identifier.py',
     'reprocess/test_reprocess.py',
     'track/test_tracker.py',

@@ -186,8 +186,7 @@ class CentroidExtractor:
         streak is the motion of the exposure where it is known, before the last image of this
         camera that was searched, most_stars the number of stars, 0 for that of the options.
         Only points are searched where points_only, and those of the narrowest spots where narrow
-        too. The second result is `before` of the next
-        image.
+        too. The second result is `before` of the next image.
         """
         check_image(image)
         height, width = image.shape
@@ -229,7 +228,7 @@ class CentroidExtractor:
                 Searched(frame, sigma_px, known, spoilt, any_shape))
 
     def search_near(self, image: np.ndarray, uv: np.ndarray, radius_px: np.ndarray,
-                    before: Searched, streak: Streak | None = None, *, most_stars: int = 0
+                    before: Searched, streak: Streak | None = None
                     ) -> tuple[Extraction, Searched]:
         """
         Return the stars of image (H, W) within radius_px (K,) of predicted positions uv (K, 2).
@@ -239,7 +238,6 @@ class CentroidExtractor:
         `before` of the next image.
         """
         check_image(image)
-        most = most_stars or self._options.max_stars
         clean = (image if before.spoilt == NOT_SPOILT else
                  cleaned(image, before.frame.mesh, before.spoilt, before.sigma_px)[0])
         frame, rejections = replace(before.frame, image=_readable(clean)), Rejections()
@@ -249,7 +247,7 @@ class CentroidExtractor:
                                       radius_px)
             if not before.spoilt.hits and are_hits(frame, peaks, sigma_px):
                 before = before._replace(spoilt=before.spoilt._replace(hits=True))
-                return self.search_near(image, uv, radius_px, before, streak, most_stars=most)
+                return self.search_near(image, uv, radius_px, before, streak)
             rejections.add('faint', uv[~found])
             centroids = self._measure(frame, peaks, sigma_px, rejections)[0]
             if before.any_shape:
@@ -258,7 +256,8 @@ class CentroidExtractor:
         else:
             centroids = measure_streaks(frame, uv, streak, sigma_px, self._threshold.sigmas,
                                         rejections)
-        return self._result(centroids, frame, sigma_px, most, rejections, streak), before
+        return self._result(centroids, frame, sigma_px, self._options.max_stars, rejections,
+                            streak), before
 
     def warm_up(self) -> None:
         """Compile or load all compiled functions, so that the first image is not delayed."""
