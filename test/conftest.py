@@ -71,6 +71,7 @@ LONGEST = (
     'nodes/test_composition.py',
     'core/stages/test_photographs.py',
     'core/stages/test_solve.py',
+    'core/stages/test_aberrated_stars.py',
     'tools/report/test_page.py',
     'core/centroid/test_extraction.py',
     'evaluation/campaign/test_jpdaf_campaign.py',

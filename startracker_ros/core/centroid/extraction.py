@@ -11,10 +11,14 @@ Star image to centroids, with a reason for every spot left out.
    or by the one on which the spots agree (streak_search.py).
 5. Points after wider filters, if many spots are no stars: a narrow one cuts defocused rings.
 
-Once an image was searched, extract_near() measures stars at known positions only.
+6. Spots of any shape (spots.py) beside the points, if these are still not most of the bright
+   spots: no point, streak or disc describes an aberrated or clipped star, but its light is there.
+
+Once an image was searched, search_near() measures stars at known positions only.
 """
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.centroid.background import over_image, pixel_noise
@@ -31,6 +35,8 @@ from startracker_ros.core.centroid.pointing_error import pointing_error
 from startracker_ros.core.centroid.psf import FLUX
 from startracker_ros.core.centroid.quota import brightest
 from startracker_ros.core.centroid.rejection import Rejections
+from startracker_ros.core.centroid.spots import (
+    BRIGHT_SPOTS, explained_spots, find_spots, with_near_spots, with_spots)
 from startracker_ros.core.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.core.centroid.streak_fit import streaks_at
 from startracker_ros.core.centroid.streak_search import estimate_streak, search_streaks
@@ -47,6 +53,9 @@ MISSHAPEN, MISSHAPEN_SHARE = ('elongated', 'too_wide', 'not_fitted'), 0.5  # for
 WHOLE_STARS, WHOLE_RATIO = (4, 10), 2.0  # as many as were found have more light, if whole
 SPARE_PEAKS = 2  # peaks fitted per star wanted, as some will be rejected
 MOST_COMPARED = 40  # stars, the brightest, in the search for an error that all share
+MISSED_SHARE, LEAST_MISSED = 0.1, 2  # misshapen spots for each star, and at least
+WIDTH_IMAGES = 60  # searched ones, for which a width stays known
+STREAK_SHARE = 0.5  # of the brightest spots in an image of streaks
 LEAST_ELONGATED = 4  # spots that may be streaks of stars,
 ELONGATED_SHARE = 0.15  # if there are so many for each star
 
@@ -111,12 +120,45 @@ class Extraction:
         return 0.0 if self.streak is None else self.streak.length_px
 
 
+class KnownWidth(NamedTuple):
+    """PSF sigma in px that an image showed with certainty, 0 for none, some images ago."""
+
+    sigma_px: float = 0.0
+    images: int = 0
+
+    def older(self) -> 'KnownWidth':
+        """Return what is known of it in the next image."""
+        return KnownWidth() if self.images >= WIDTH_IMAGES else self._replace(
+            images=self.images + 1)
+
+
+class Searched(NamedTuple):
+    """
+    What a searched image leaves for those after it.
+
+    frame is that image with its background, sigma_px the PSF sigma of its stars, known the last
+    one that was certain; spoilt is what was taken out of it; any_shape is whether it has stars
+    that no point describes.
+    """
+
+    frame: Frame
+    sigma_px: float
+    known: KnownWidth
+    spoilt: Spoilt
+    any_shape: bool = False
+
+    def fits(self, image: np.ndarray) -> bool:
+        """Return whether an image has the size and the type of the one that was searched."""
+        before = self.frame.image
+        return bool(before.shape == image.shape and before.dtype == image.dtype)
+
+
 class CentroidExtractor:
     """
     Finds the stars of mono8 and mono16 images.
 
-    extract() is a pure function of image and options; extract_near() measures with the
-    background and the width of the last image that was searched, without what spoilt that one.
+    extract() is a pure function of image and options. search() and search_near() are so too;
+    what an image leaves for those after it is passed in and returned.
     """
 
     def __init__(self, options: ExtractionOptions = ExtractionOptions(),
@@ -128,87 +170,94 @@ class CentroidExtractor:
         self._segmentation = Segmentation(fixed_dn, options.threshold == 'iterative', factor)
         up = options.readout_direction == 'up'
         self._line_time_s = options.line_time_us * (-1e-6 if up else 1e-6)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the images before."""
-        self._reference: tuple[Frame, float] | None = None
-        self._certain_width_px = 0.0
-        self.spoilt = NOT_SPOILT
-        self.most_stars = self._options.max_stars
 
     def extract(self, image: np.ndarray, streak: Streak | None = None, *,
                 points_only: bool = False) -> Extraction:
+        """Return the stars of image (H, W) as search() does, of an image without any before."""
+        return self.search(image, streak, points_only=points_only)[0]
+
+    def search(self, image: np.ndarray, streak: Streak | None = None,
+               before: Searched | None = None, *, most_stars: int = 0,
+               points_only: bool = False, narrow: bool = False
+               ) -> tuple[Extraction, Searched | None]:
         """
         Return the stars of image (H, W) uint8 or uint16; ValueError for anything else.
 
-        streak is the motion of the exposure where it is known. Streaks and wide stars are not
-        searched where points_only.
+        streak is the motion of the exposure where it is known, before the last image of this
+        camera that was searched, most_stars the number of stars, 0 for that of the options.
+        Only points are searched where points_only, and those of the narrowest spots where narrow
+        too. The second result is `before` of the next image.
         """
         check_image(image)
         height, width = image.shape
         if min(height, width) < MIN_SIDE_PX:
             return _none('too_small', f'image of {width} x {height} px, '
-                         f'at least {MIN_SIDE_PX} px a side are needed')
+                         f'at least {MIN_SIDE_PX} px a side are needed'), before
+        if before is not None and not before.fits(image):
+            before = None
         image = _readable(image)
         frame = prepare(image, self._options.psf_sigma_px or FILTER_SIGMA_PX, self._threshold)
         if frame.blank:
-            return _none('blank', f'all pixels are {image[0, 0]} DN')
+            return _none('blank', f'all pixels are {image[0, 0]} DN'), before
         if frame.saturated:
             return _none('saturated', f'most pixels are at full scale, {frame.full_scale_dn:g} DN',
-                         frame)
+                         frame), before
+        most = most_stars or self._options.max_stars
         taken_out, rejections = Rejections(), Rejections()
-        frame, sigma_px = self._match_filter(self._clean(frame, taken_out))
+        frame, spoilt = self._clean(frame, before, taken_out)
+        frame, sigma_px, known = self._match_filter(
+            frame, KnownWidth() if before is None or narrow else before.known.older(), narrow)
         rejections.add('disc', frame.search.discs)
         rejections.add('line', frame.search.lines)
+        any_shape = False
         if streak is None or streak.longest_px() < SHORTEST_PX:
-            (centroids, smeared), streak = self._search(frame, sigma_px, rejections), None
-            smeared |= _many_elongated(len(centroids), rejections)
-            if smeared and not points_only:
-                centroids, sigma_px, rejections, streak = self._as_streaks(
-                    frame, centroids, sigma_px, rejections)
-            misshapen = streak is None and _mostly_misshapen(len(centroids), rejections)
-            if misshapen and not points_only:
-                frame, centroids, sigma_px, rejections = self._as_wide(
-                    frame, centroids, sigma_px, rejections)
+            streak = None
+            centroids, smeared = self._points(frame, sigma_px, most, rejections)
+            if not points_only:
+                smeared |= _many_elongated(len(centroids), rejections)
+                frame, centroids, sigma_px, rejections, streak, any_shape = self._other_shapes(
+                    frame, centroids, sigma_px, most, rejections, smeared)
         else:
-            sigma_px = sigma_px if self._reference is None else self._reference[1]
-            centroids = self._search_streaks(frame, streak, sigma_px, rejections)
+            sigma_px = sigma_px if before is None else before.sigma_px
+            centroids = self._search_streaks(frame, streak, sigma_px, most, rejections)
         if not len(centroids) and frame.search.too_many:
-            if self._reference is not None:
-                self._reference = frame, self._reference[1]
-            return _none('too_many', f'{frame.search.found} peaks: noise, not stars', frame)
-        self._reference = frame, sigma_px
+            return (_none('too_many', f'{frame.search.found} peaks: noise, not stars', frame),
+                    before and before._replace(frame=frame, known=known, spoilt=spoilt))
         rejections.include(taken_out)
-        return self._result(centroids, frame, sigma_px, rejections, streak)
+        return (self._result(centroids, frame, sigma_px, most, rejections, streak),
+                Searched(frame, sigma_px, known, spoilt, any_shape))
 
-    def extract_near(self, image: np.ndarray, uv: np.ndarray, radius_px: np.ndarray,
-                     streak: Streak | None = None) -> Extraction | None:
+    def search_near(self, image: np.ndarray, uv: np.ndarray, radius_px: np.ndarray,
+                    before: Searched, streak: Streak | None = None
+                    ) -> tuple[Extraction, Searched]:
         """
         Return the stars of image (H, W) within radius_px (K,) of predicted positions uv (K, 2).
 
-        None if no image of this size and type has been searched yet.
+        before is the last image that was searched, of the same size and type; it gives
+        background and width, and its contamination is taken out here too. The second result is
+        `before` of the next image.
         """
         check_image(image)
-        if (self._reference is None or self._reference[0].image.shape != image.shape
-                or self._reference[0].image.dtype != image.dtype):
-            return None
-        before, sigma_px = self._reference
-        clean = (image if self.spoilt == NOT_SPOILT
-                 else cleaned(image, before.mesh, self.spoilt, sigma_px)[0])
-        frame, rejections = replace(before, image=_readable(clean)), Rejections()
+        clean = (image if before.spoilt == NOT_SPOILT else
+                 cleaned(image, before.frame.mesh, before.spoilt, before.sigma_px)[0])
+        frame, rejections = replace(before.frame, image=_readable(clean)), Rejections()
+        sigma_px = before.sigma_px
         if streak is None or streak.longest_px() < SHORTEST_PX:
             peaks, found = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
                                       radius_px)
-            if not self.spoilt.hits and are_hits(frame, peaks, sigma_px):
-                self.spoilt = self.spoilt._replace(hits=True)
-                return self.extract_near(image, uv, radius_px, streak)
+            if not before.spoilt.hits and are_hits(frame, peaks, sigma_px):
+                before = before._replace(spoilt=before.spoilt._replace(hits=True))
+                return self.search_near(image, uv, radius_px, before, streak)
             rejections.add('faint', uv[~found])
-            return self._result(self._measure(frame, peaks, sigma_px, rejections)[0], frame,
-                                sigma_px, rejections, None)
-        centroids = measure_streaks(frame, uv, streak, sigma_px, self._threshold.sigmas,
-                                    rejections)
-        return self._result(centroids, frame, sigma_px, rejections, streak)
+            centroids = self._measure(frame, peaks, sigma_px, rejections)[0]
+            if before.any_shape:
+                centroids = with_near_spots(centroids, find_spots(frame.image), uv, radius_px)
+            streak = None
+        else:
+            centroids = measure_streaks(frame, uv, streak, sigma_px, self._threshold.sigmas,
+                                        rejections)
+        return self._result(centroids, frame, sigma_px, self._options.max_stars, rejections,
+                            streak), before
 
     def warm_up(self) -> None:
         """Compile or load all compiled functions, so that the first image is not delayed."""
@@ -221,16 +270,16 @@ class CentroidExtractor:
         for kind in (np.uint8, np.uint16):
             frame = image.clip(0, 255).astype(kind)
             self.extract(frame, streak)
-            self.extract(frame)
-            self.extract_near(frame, stars.astype(float), np.full(3, 3.0))
+            _, searched = self.search(frame)
+            if searched is not None:
+                self.search_near(frame, stars.astype(float), np.full(3, 3.0), searched)
             clear = prepare(_readable(frame), FILTER_SIGMA_PX, self._threshold)
             cleaned(clear.image, clear.mesh, Spoilt(hits=True), FILTER_SIGMA_PX)
-        self.reset()
 
-    def _result(self, centroids: Centroids, frame: Frame, sigma_px: float,
+    def _result(self, centroids: Centroids, frame: Frame, sigma_px: float, most: int,
                 rejections: Rejections, streak: Streak | None) -> Extraction:
         """Return the brightest centroids, with the delays of their rows."""
-        order = np.argsort(-centroids.flux, kind='stable')[:self.most_stars]
+        order = np.argsort(-centroids.flux, kind='stable')[:most]
         centroids = centroids.select(order)
         if self._line_time_s:
             middle = (frame.image.shape[0] - 1) / 2
@@ -259,39 +308,41 @@ class CentroidExtractor:
         return pointing_error(
             frame.image, frame.mesh, frame.full_scale_dn, stars, streak is not None)
 
-    def _clean(self, frame: Frame, rejections: Rejections) -> Frame:
-        """Return the frame, searched anew without what spoils the image."""
-        self.spoilt = find_spoilt(frame)
-        if self.spoilt == NOT_SPOILT:
-            return frame
+    def _clean(self, frame: Frame, before: Searched | None, rejections: Rejections
+               ) -> tuple[Frame, Spoilt]:
+        """Return the frame, searched anew without what spoils the image, and what that is."""
+        spoilt = find_spoilt(frame)
+        if spoilt == NOT_SPOILT:
+            return frame, spoilt
         rejections.add('disc', frame.search.discs)
         rejections.add('line', frame.search.lines)
-        sigma_px = FILTER_SIGMA_PX if self._reference is None else self._reference[1]
-        image, hits = cleaned(frame.image, frame.mesh, self.spoilt, sigma_px)
+        sigma_px = FILTER_SIGMA_PX if before is None else before.sigma_px
+        image, hits = cleaned(frame.image, frame.mesh, spoilt, sigma_px)
         rejections.add('hot_pixel', hits)
         return prepare(_readable(image), frame.kernel.sigma_px, self._threshold,
-                       pixel_noise(image) if self.spoilt.hits else 0.0)
+                       pixel_noise(image) if spoilt.hits else 0.0), spoilt
 
-    def _match_filter(self, frame: Frame) -> tuple[Frame, float]:
-        """Return the width (px) of the stars and the frame, filtered anew if it does not match."""
+    def _match_filter(self, frame: Frame, known: KnownWidth, narrow: bool
+                      ) -> tuple[Frame, float, KnownWidth]:
+        """Return the frame, filtered anew if the filter does not match, and the PSF sigma."""
         if not frame.search.found:
-            return frame, self._options.psf_sigma_px or FILTER_SIGMA_PX
-        sigma_px = self._width_px(frame)
+            return frame, self._options.psf_sigma_px or FILTER_SIGMA_PX, known
+        sigma_px, known = self._width(frame, known, narrow)
         if 1 / FILTER_RATIO < sigma_px / frame.kernel.sigma_px < FILTER_RATIO:
-            return frame, sigma_px
+            return frame, sigma_px, known
         frame = prepare(frame.image, float(np.clip(sigma_px, *FILTER_RANGE_PX)), self._threshold)
-        return frame, self._width_px(frame)
+        return frame, *self._width(frame, known, narrow)
 
-    def _width_px(self, frame: Frame) -> float:
-        """Return the width of the stars: where a frame does not show it, that of those before."""
+    def _width(self, frame: Frame, known: KnownWidth, narrow: bool) -> tuple[float, KnownWidth]:
+        """Return the PSF sigma: where a frame does not show it, the one that is known."""
         if self._options.psf_sigma_px:
-            return self._options.psf_sigma_px
-        width_px, certain = measure_width(frame)
+            return self._options.psf_sigma_px, known
+        width_px, certain = measure_width(frame, narrow)
         if certain:
-            self._certain_width_px = width_px
-        return self._certain_width_px or width_px
+            known = KnownWidth(width_px)
+        return known.sigma_px or width_px, known
 
-    def _search(self, frame: Frame, sigma_px: float, rejections: Rejections
+    def _points(self, frame: Frame, sigma_px: float, most: int, rejections: Rejections
                 ) -> tuple[Centroids, bool]:
         """Return the stars among the peaks of the frame, and whether all are smeared."""
         peaks = frame.search.peaks
@@ -302,9 +353,10 @@ class CentroidExtractor:
         single = is_single(frame.image, peaks.uv, peaks.level)
         peaks = peaks.select(rejections.reject(
             peaks.uv, hot_pixel=hit & single, cosmic_ray=hit))
-        chosen, others = self._brightest(peaks, frame.image.shape), Rejections()
+        chosen = peaks.select(brightest(peaks.uv, frame.image.shape, SPARE_PEAKS * most))
+        others = Rejections()
         centroids, smeared = self._measure(frame, chosen, sigma_px, others)
-        if len(centroids) < self.most_stars / 2 and len(chosen.uv) < len(peaks.uv):
+        if len(centroids) < most / 2 and len(chosen.uv) < len(peaks.uv):
             # What is no star fills the list of the brightest: all peaks are fitted.
             others = Rejections()
             centroids, smeared = self._measure(frame, peaks, sigma_px, others)
@@ -316,43 +368,51 @@ class CentroidExtractor:
         return measure_points(frame, peaks, sigma_px, self._threshold.sigmas,
                               self._options.method, self._segmentation, rejections)
 
-    def _as_streaks(self, frame: Frame, points: Centroids, sigma_px: float,
-                    rejections: Rejections
-                    ) -> tuple[Centroids, float, Rejections, Streak | None]:
-        """Return the stars as streaks, their width and motion, unless points explain more."""
-        found = estimate_streak(frame.image, frame.mesh, frame.noise_dn, frame.full_scale_dn,
-                                FILTER_SIGMA_PX)
-        if found is not None:
-            others = Rejections()
-            streaks = self._search_streaks(frame, *found, others)
-            if len(streaks) > max(LEAST_ELONGATED, len(points) / 2):
-                return streaks, found[1], others, found[0]
-        return points, sigma_px, rejections, None
+    def _other_shapes(self, frame: Frame, points: Centroids, sigma_px: float, most: int,
+                      rejections: Rejections, smeared: bool
+                      ) -> tuple[Frame, Centroids, float, Rejections, Streak | None, bool]:
+        """
+        Return frame, stars, their width and motion where other shapes than points explain more.
 
-    def _as_wide(self, frame: Frame, points: Centroids, sigma_px: float, rejections: Rejections
-                 ) -> tuple[Frame, Centroids, float, Rejections]:
+        The last result is whether spots of any shape are among the stars.
+        """
+        spots = None
+        if smeared:
+            found = estimate_streak(frame.image, frame.mesh, frame.noise_dn, frame.full_scale_dn,
+                                    FILTER_SIGMA_PX)
+            if found is not None:
+                spots, others = find_spots(frame.image), Rejections()
+                streaks = self._search_streaks(frame, *found, most, others)
+                if (len(streaks) > max(LEAST_ELONGATED, len(points) / 2)
+                        and _shows_streaks(spots, points, streaks, found[0].longest_px())):
+                    return frame, streaks, found[1], others, found[0], False
+        if _mostly_misshapen(len(points), rejections):
+            frame, points, sigma_px, rejections = self._as_wide(
+                frame, points, sigma_px, most, rejections)
+        if not _misses_spots(len(points), rejections):
+            return frame, points, sigma_px, rejections, None, False
+        spots = find_spots(frame.image) if spots is None else spots
+        return (frame, with_spots(points, spots, most), sigma_px, rejections, None, True)
+
+    def _as_wide(self, frame: Frame, points: Centroids, sigma_px: float, most: int,
+                 rejections: Rejections) -> tuple[Frame, Centroids, float, Rejections]:
         """Return frame and stars after the filter whose stars have the most light."""
         for filter_px in () if self._options.psf_sigma_px else WIDE_FILTERS_PX:
             wide, others = prepare(frame.image, filter_px, self._threshold), Rejections()
             width_px, _ = measure_width(wide)
-            stars, _ = self._search(wide, width_px, others)
-            rank = int(np.clip(len(points), *WHOLE_STARS))
-            if _light(stars, rank) > WHOLE_RATIO * _light(points, rank):
+            stars, _ = self._points(wide, width_px, most, others)
+            if _have_more_light(stars, points):
                 frame, points, sigma_px, rejections = wide, stars, width_px, others
         return frame, points, sigma_px, rejections
 
-    def _search_streaks(self, frame: Frame, streak: Streak, sigma_px: float,
+    def _search_streaks(self, frame: Frame, streak: Streak, sigma_px: float, most: int,
                         rejections: Rejections) -> Centroids:
         """Return the stars of a smeared frame."""
         found = search_streaks(frame.image, over_image(frame.mesh.level, frame.image.shape),
                                streak, sigma_px, self._threshold.sigmas)
-        chosen = brightest(found, frame.image.shape, SPARE_PEAKS * self.most_stars)
+        chosen = brightest(found, frame.image.shape, SPARE_PEAKS * most)
         return measure_streaks(frame, found[chosen], streak, sigma_px, self._threshold.sigmas,
                                rejections)
-
-    def _brightest(self, peaks: Peaks, shape: tuple[int, ...]) -> Peaks:
-        """Return the peaks that are fitted, brightest first."""
-        return peaks.select(brightest(peaks.uv, shape, SPARE_PEAKS * self.most_stars))
 
 
 def _many_elongated(stars: int, rejections: Rejections) -> bool:
@@ -366,6 +426,26 @@ def _mostly_misshapen(stars: int, rejections: Rejections) -> bool:
     """Return whether so many spots have another shape that the stars may be pieces too."""
     misshapen = sum(rejections.counts.get(reason, 0) for reason in MISSHAPEN)
     return misshapen > max(MISSHAPEN_SHARE * stars, LEAST_ELONGATED)
+
+
+def _misses_spots(stars: int, rejections: Rejections) -> bool:
+    """Return whether so many spots have another shape that stars may be among them."""
+    missed = sum(rejections.counts.get(reason, 0) for reason in MISSHAPEN)
+    return missed > max(MISSED_SHARE * stars, LEAST_MISSED)
+
+
+def _shows_streaks(spots: Centroids, points: Centroids, streaks: Centroids, longest_px: float
+                   ) -> bool:
+    """Return whether streaks explain most of the brightest spots, and no fewer than points."""
+    explained = explained_spots(spots, streaks, longest_px / 2)
+    return (explained >= explained_spots(spots, points)
+            and explained > STREAK_SHARE * min(len(spots), BRIGHT_SPOTS))
+
+
+def _have_more_light(others: Centroids, stars: Centroids) -> bool:
+    """Return whether others are whole where stars are pieces, by the star of a rank."""
+    rank = int(np.clip(len(stars), *WHOLE_STARS))
+    return _light(others, rank) > WHOLE_RATIO * _light(stars, rank)
 
 
 def _light(stars: Centroids, rank: int) -> float:

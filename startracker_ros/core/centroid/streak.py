@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 SHORTEST_PX = 1.0  # a shorter streak is fitted as a point
+CLOSE_SHARE, CLOSE_PX = 0.3, 0.5  # of the length, by which the estimates of one streak differ
 
 
 class Streak(NamedTuple):
@@ -39,6 +40,25 @@ class Streak(NamedTuple):
         """Return the streak of an exposure that is longer by a factor."""
         return self._replace(u_px=factor * self.u_px, v_px=factor * self.v_px,
                              roll=factor * self.roll)
+
+    def is_close(self, other: 'Streak') -> bool:
+        """Return whether another streak is the same, or its opposite, but for its error."""
+        here, there = np.array(self[:2]), np.array(other[:2])
+        distance = min(np.linalg.norm(here - there), np.linalg.norm(here + there))
+        return bool(distance < max(CLOSE_SHARE * self.length_px, CLOSE_PX))
+
+    def joined(self, other: 'Streak') -> 'Streak':
+        """
+        Return the streak of images that are moved along both, by their second moments.
+
+        What both spread across it is left to the PSF; the roll is that of the longer one.
+        """
+        moments = np.outer(self[:2], self[:2]) + np.outer(other[:2], other[:2])
+        (least, most), axes = np.linalg.eigh(moments)
+        u_px, v_px = np.sqrt(most - least) * axes[:, 1]
+        longer = max(self, other, key=lambda streak: streak.length_px)
+        sign = np.sign(u_px * longer.u_px + v_px * longer.v_px)
+        return longer._replace(u_px=float(sign * u_px), v_px=float(sign * v_px))
 
     def longest_px(self) -> float:
         """Return the length in the farthest corner of an image whose middle is (u0, v0)."""

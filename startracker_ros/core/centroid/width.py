@@ -1,5 +1,6 @@
 """Width of the star images of a frame."""
 
+from functools import partial
 from statistics import median
 
 import numpy as np
@@ -18,24 +19,27 @@ ENOUGH_STARS, STAR_SHARE = 3, 0.5  # of the spots, whose median is the width
 MAX_ERROR = 0.25  # relative, of the width of a star that counts
 NARROWEST_PX = 0.3  # of such a star in the middle of its pixel no other one has a share
 ITERATIONS = 4
+NARROW_QUANTILE = 0.1
 
 
-def measure_width(frame: Frame) -> tuple[float, bool]:
+def measure_width(frame: Frame, narrow: bool = False) -> tuple[float, bool]:
     """
     Return the median width (1 sigma, px) of the brightest stars, and whether it is certain.
 
     It is when a Gaussian explains most of the spots: others may be hits. Without any spot it is
-    the width of the filter that found the peaks.
+    the width of the filter that found the peaks. Where narrow it is that of the narrowest stars,
+    as most may be debris out of focus.
     """
+    typical = partial(np.quantile, q=NARROW_QUANTILE) if narrow else median
     widths, stars, peaks = [], [], frame.search.peaks
     for first in range(0, min(len(peaks.uv), MAX_BATCHES * BATCH), BATCH):
         width, explained = _widths(frame, peaks.select(slice(first, first + BATCH)))
         widths += width.tolist()
         stars += width[explained].tolist()
-        if len(stars) >= max(ENOUGH_STARS, STAR_SHARE * len(widths)):
+        if not narrow and len(stars) >= max(ENOUGH_STARS, STAR_SHARE * len(widths)):
             return median(stars), True
     if len(stars) >= ENOUGH_STARS:
-        return median(stars), False
+        return float(typical(stars)), False
     return median(widths[:BATCH]) if widths else frame.kernel.sigma_px, False
 
 

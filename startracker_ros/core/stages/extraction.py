@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import (
-    CentroidExtractor, Extraction, ExtractionOptions)
+    CentroidExtractor, Extraction, ExtractionOptions, Searched)
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.core.options import option, Options
@@ -24,6 +24,7 @@ REPEATED_PX = 0.5  # motion from which on an equal image is that of the frame be
 MAX_ASTRAY, MAX_ASTRAY_PX = 0.5, 2.0  # of a streak, across the motion of the stars
 MAX_EXPOSURE = 1.2  # of the interval between images, with the error of its estimate
 IMAGES_TO_ACQUIRE = 2  # a star tracker needs the identifications of two
+WIDE_PX = 1.6  # PSF sigma beyond which spots may be debris
 FASTER = 2.0  # times the speed at which stars were points: they may be streaks
 
 
@@ -99,7 +100,9 @@ class ExtractionStage:
     """
     Extracts the centroids of images, near the predictions of a star tracker where it has any.
 
-    The exposure time is learnt from the length of the streaks in the images that are searched.
+    The exposure time is learnt from the length of the streaks in the images that are searched. A
+    streak that the motion does not explain and that is the same in two images is the shape of the
+    stars: an astigmatic lens draws it, however the camera moves.
     directed is whether the last image was not searched as a whole.
     """
 
@@ -114,16 +117,19 @@ class ExtractionStage:
 
     def reset(self) -> None:
         """Forget the images before: the next one is searched as a whole."""
-        self.extractor.reset()
         self.directed = False
+        self._searched: Searched | None = None
         self._stamp_ns = 0
         self._searched_ns: int | None = None
         self._seen_share = 1.0
         self._exposure_s = 0.0
         self._point_speed_px_s = 0.0
         self._exposure_stars = 0
+        self._shape: Streak | None = None
+        self._unexplained: Streak | None = None
         self._start: Extraction | None = None
         self._unpredicted = 0
+        self._narrow = False
         self._stale_rows = StaleRows()
 
     def extract(self, stamp_ns: int, image: np.ndarray,
@@ -149,16 +155,17 @@ class ExtractionStage:
             self._start = self._extract_unpredicted(image, lost)
             return self._start
         self._unpredicted = 0
-        self.extractor.most_stars = self._max_stars
         expected = _Expected.at(stamp_ns, predicted, image.shape, interval_s)
         if self._start is not None:
-            self._learn_exposure(self._start, expected)
+            self._learn_shown(self._start, expected)
             self._start = None
         moved_px = expected.speed_px_s * (stamp_ns - predicted.stamp_ns) * 1e-9
         if repeated and moved_px > REPEATED_PX:
             return _refused('repeated', 'the image is that of the frame before, though the stars '
                             f'have moved {moved_px:.1f} px')
         streak = expected.motion.scaled(self._exposure_s)
+        if self._shape is not None:
+            streak = self._shape.joined(streak)
         unknown = (self._exposure_s == 0 and moved_px > SHORTEST_PX
                    and expected.speed_px_s > FASTER * self._point_speed_px_s)
         near = None if unknown else self._near(image, expected, streak)
@@ -169,29 +176,57 @@ class ExtractionStage:
             self.directed = True
             return near
         self._searched_ns = stamp_ns
-        spoilt, known = self.extractor.spoilt, None if unknown else streak
-        searched = self.extractor.extract(image, known)
+        before, known = self._searched, None if unknown else streak
+        searched = self._search(image, known)
         if _contradicts(searched):
             # The motion has changed since the prediction: the image shows which it is.
-            searched, known, near, unknown = self.extractor.extract(image), None, None, True
-        if unknown and searched.streak is not None and not expected.agrees(searched.streak):
-            return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
-                            'direction than the stars move')
-        if near is not None and self.extractor.spoilt != spoilt:
-            near = self._near(image, expected, streak)
+            searched, known, near = self._search(image), None, None
+            unknown = moved_px > SHORTEST_PX
+        if known is None or known.longest_px() < SHORTEST_PX:
+            self._learn_shown(searched, expected)
+            if self._shape is not None:
+                near = None
+            elif (unknown and searched.streak is not None
+                    and not expected.agrees(searched.streak)):
+                return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
+                                'direction than the stars move')
+        if near is not None and before is not None and self._searched is not None:
+            spoilt = self._searched.spoilt
+            if (expected.stars_seen(searched.centroids)
+                    < LEAST_SHARE * expected.stars_seen(near.centroids)):
+                # What fills the list is of another width: debris, which is no measure of stars.
+                self._searched = before._replace(spoilt=spoilt)
+            if spoilt != before.spoilt:
+                near = self._near(image, expected, streak)
         return self._joined(image, searched, near, expected, known)
 
     def _extract_unpredicted(self, image: np.ndarray, lost: bool) -> Extraction:
         """Return the stars of an image: more of them, the longer the star tracker is lost."""
         self._unpredicted *= lost
         doublings = min(self._unpredicted // IMAGES_TO_ACQUIRE, 10)
-        self.extractor.most_stars = min(self._max_stars << doublings, self._max_stars_lost)
+        if not self._unpredicted % IMAGES_TO_ACQUIRE:
+            # What is wide may be debris out of focus: every other time the narrowest are used.
+            self._narrow = not self._narrow and self._unpredicted > 0 and (
+                self._start is not None and self._start.psf_sigma_px > WIDE_PX)
         self._unpredicted += 1
-        return self.extractor.extract(image)
+        return self._search(image, None, min(self._max_stars << doublings, self._max_stars_lost),
+                            self._narrow)
+
+    def _search(self, image: np.ndarray, streak: Streak | None = None, most_stars: int = 0,
+                narrow: bool = False) -> Extraction:
+        """Return the stars of the whole image."""
+        extraction, self._searched = self.extractor.search(
+            image, streak, self._searched, most_stars=most_stars, points_only=narrow,
+            narrow=narrow)
+        return extraction
 
     def _near(self, image: np.ndarray, expected: _Expected, streak: Streak) -> Extraction | None:
         """Measure stars and targets near where they are expected."""
-        return self.extractor.extract_near(image, expected.uv, expected.radius_px, streak)
+        if self._searched is None or not self._searched.fits(image):
+            return None
+        extraction, self._searched = self.extractor.search_near(
+            image, expected.uv, expected.radius_px, self._searched, streak)
+        return extraction
 
     def _has_stars(self, near: Extraction, expected: _Expected) -> bool:
         """Return whether as many of the predicted stars are seen as in the image searched last."""
@@ -203,7 +238,7 @@ class ExtractionStage:
         """Return the stars of a searched image; what was measured near the predictions stays."""
         if near is None or expected.stars_seen(near.centroids) < LEAST_PREDICTED:
             if len(extraction.centroids) < LEAST_PREDICTED and self._exposure_s:
-                extraction, streak = self.extractor.extract(image), None
+                extraction, streak = self._search(image), None
             self._learn(extraction, expected, streak)
             return extraction
         self._learn(near, expected, near.streak)
@@ -223,10 +258,24 @@ class ExtractionStage:
         if len(extraction.centroids) < LEAST_PREDICTED:
             return
         self._seen_share = expected.stars_seen(extraction.centroids) / expected.stars
-        if extraction.streak is None:
+        if extraction.streak is None or (self._shape is not None and not self._exposure_s):
             self._point_speed_px_s = max(self._point_speed_px_s, expected.speed_px_s)
         elif streak is None or not self._exposure_s:
             self._learn_exposure(extraction, expected)
+
+    def _learn_shown(self, extraction: Extraction, expected: _Expected) -> None:
+        """Learn exposure time and shape of the stars from the streak that an image shows."""
+        if extraction.centroids.common_error.any():
+            return
+        shown, before = extraction.streak, self._unexplained
+        self._shape = self._unexplained = None
+        if shown is None or expected.exposure_s(shown):
+            self._learn_exposure(extraction, expected)
+            return
+        self._unexplained = shown
+        if before is not None and shown.is_close(before):
+            # A time that was learnt from the shape of the stars is none.
+            self._shape, self._exposure_s, self._exposure_stars = shown, 0.0, 0
 
     def _learn_exposure(self, extraction: Extraction, expected: _Expected) -> None:
         """

@@ -2,25 +2,32 @@
 Photographs with known answers: ours beside tetra3rs and cedar-solve, detection times solver.
 
 Each solver is told the field of view with an error of up to 5 %, drawn for each image. Every
-solver gets the stars of every detection. `ours` with `ours` is what `startracker solve` does.
+solver gets the stars of every detection: `nodes` is the list that nodes and `solve --camera` use,
+`ours` the longest of those that `startracker solve` tries. brightest_percent is the share of the
+twelve brightest catalogue stars of each image that `startracker solve` solved that a list has.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 import sys
 import tempfile
 
 import numpy as np
+from scipy.spatial import cKDTree
 from startracker_ros.core.calibration.learnt_lens import learn_lens
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.deep import camera_catalog
+from startracker_ros.core.catalog.onboard import onboard_catalog
 from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.centroid.photograph import Detections
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.ladder import LadderIdentifier
 from startracker_ros.core.maths.rotation import rotate
 from startracker_ros.core.stages.photograph import PhotographSolver
+from startracker_ros.core.stages.solution import Solution
 from startracker_ros.evaluation.bench.corpus import View
 from startracker_ros.evaluation.bench.peers import CEDAR, Cedar, Tetra3rs
 from startracker_ros.evaluation.bench.photographs import (
@@ -32,7 +39,10 @@ from startracker_ros.tools.figures.timing import cpu_timed
 FOV_ERROR = 0.05
 _MAX_STARS = 60
 _OPTIONS = IdentificationOptions(fov_error_percent=100 * FOV_ERROR)
-OURS, TETRA3RS, WHOLE = 'ours', 'tetra3rs', 'startracker solve'
+OURS, NODES, TETRA3RS, WHOLE = 'ours', 'nodes', 'tetra3rs', 'startracker solve'
+BRIGHTEST = 12
+_EDGE_PX = 5.0  # of a catalogue star that has to be in an image
+_NEAR_SHARE = 0.006  # of the width of the image: what a fitted lens leaves
 
 Lists = list[Centroids]
 Found = tuple[np.ndarray | None, float]
@@ -51,6 +61,7 @@ class RealSkyRow:
     silent: int
     median_ms: float
     p99_ms: float
+    brightest_percent: float | None = None
 
 
 def told_camera(image: Photograph, rng: np.random.Generator) -> Camera:
@@ -62,6 +73,30 @@ def told_camera(image: Photograph, rng: np.random.Generator) -> Camera:
 def detect_ours(image: np.ndarray) -> Centroids:
     """Return the longest of our lists of stars."""
     return max(Detections(image), key=len, default=Centroids.empty())
+
+
+def detect_for_nodes(image: np.ndarray) -> Centroids:
+    """Return the list that nodes use."""
+    return CentroidExtractor().extract(image).centroids
+
+
+def brightest_stars(solution: Solution, epoch_year: float) -> np.ndarray:
+    """Return the px (N, 2) of the BRIGHTEST catalogue stars of an image, none if unsolved."""
+    if solution.sky is None:
+        return np.empty((0, 2))
+    camera = solution.camera
+    onboard = onboard_catalog(camera_catalog(camera), camera, epoch_year)
+    uv = solution.sky.pixels(onboard.direction)
+    return uv[camera.contains(uv, _EDGE_PX)][:BRIGHTEST]
+
+
+def share_found(bright: Sequence[np.ndarray], lists: Lists, width: int) -> float:
+    """Return the percentage of stars (N, 2) px of images that their lists have."""
+    distances = [cKDTree(found.uv).query(uv)[0] for uv, found in zip(bright, lists)
+                 if len(uv) and len(found)]
+    total = sum(map(len, bright))
+    near = sum(np.count_nonzero(distance < _NEAR_SHARE * width) for distance in distances)
+    return 100 * float(near) / total if total else float('nan')
 
 
 def detect_tetra3rs(image: np.ndarray) -> Centroids:
@@ -91,16 +126,19 @@ def solve_ours(ladder: LadderIdentifier, told: Camera, centroids: Centroids
     return None
 
 
-def _whole(images: Sequence[Photograph], cameras: Sequence[Camera]) -> list[Found]:
-    """Return what `startracker solve` does with images, databases built beforehand."""
-    found = []
+def _whole(images: Sequence[Photograph], cameras: Sequence[Camera]
+           ) -> tuple[list[Found], list[np.ndarray]]:
+    """Return what `startracker solve` does with images, and the brightest stars of each."""
+    found, bright = [], []
     for image, told in zip(images, cameras):
         solver = PhotographSolver(told, image.epoch_year, _OPTIONS)
+        # Databases are built beforehand.
         solver.solve(image.image)
         time_s, solution = cpu_timed(solver.solve, image.image)
         found.append((None if solution.quaternion is None else
                       rotate(solution.quaternion, [0.0, 0.0, 1.0]), time_s))
-    return found
+        bright.append(brightest_stars(solution, image.epoch_year))
+    return found, bright
 
 
 def _ours(images: Sequence[Photograph], cameras: Sequence[Camera], lists: Lists) -> list[Found]:
@@ -150,10 +188,10 @@ def run_real_sky_bench(folders: Sequence[Path], *, seed: int = 1, cedar_python: 
             chosen = [k for k, image in enumerate(images)
                       if (image.group, image.image.shape) == group]
             group_images, group_cameras = [images[k] for k in chosen], [cameras[k] for k in chosen]
-            whole = _whole(group_images, group_cameras)
+            whole, bright = _whole(group_images, group_cameras)
             ours.update(zip(chosen, whole))
             for row in chain([_row(group_images, WHOLE, OURS, whole)],
-                             _group_rows(group_images, group_cameras, cedar)):
+                             _group_rows(group_images, group_cameras, bright, cedar)):
                 print(row, file=sys.stderr, flush=True)
                 rows.append(row)
         rows.append(_row(images, WHOLE, OURS, [ours[k] for k in range(len(images))], 'all'))
@@ -166,11 +204,12 @@ def run_real_sky_bench(folders: Sequence[Path], *, seed: int = 1, cedar_python: 
         **peer_versions(TETRA3RS), CEDAR: version, 'seed': seed})
 
 
-def _group_rows(images: Sequence[Photograph], cameras: Sequence[Camera], cedar: Cedar | None
-                ) -> Iterator[RealSkyRow]:
+def _group_rows(images: Sequence[Photograph], cameras: Sequence[Camera],
+                bright: Sequence[np.ndarray], cedar: Cedar | None) -> Iterator[RealSkyRow]:
     """Yield the rows of the images of one camera, each when it is measured."""
     detections: dict[str, list[tuple[float, Centroids]]] = {
-        OURS: [cpu_timed(detect_ours, image.image) for image in images]}
+        OURS: [cpu_timed(detect_ours, image.image) for image in images],
+        NODES: [cpu_timed(detect_for_nodes, image.image) for image in images]}
     solvers: dict[str, Callable[[Lists], list[Found]]] = {
         OURS: lambda lists: _ours(images, cameras, lists)}
     if installed_version(TETRA3RS):
@@ -184,10 +223,11 @@ def _group_rows(images: Sequence[Photograph], cameras: Sequence[Camera], cedar: 
         solvers[CEDAR] = lambda lists: cedar.directions(view, cameras, lists)
     for detection, seen in detections.items():
         detect_s, lists = [list(column) for column in zip(*seen)]
+        share = share_found(bright, lists, cameras[0].width)
         for name, solve in solvers.items():
             found = [(direction, time_s + more_s)
                      for (direction, time_s), more_s in zip(solve(lists), detect_s)]
-            yield _row(images, detection, name, found)
+            yield replace(_row(images, detection, name, found), brightest_percent=share)
 
 
 def _row(images: Sequence[Photograph], detection: str, solver: str, found: Sequence[Found],

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from startracker_ros.core.astro.constants import EARTH_RADIUS_M
@@ -103,6 +104,11 @@ def _spots(number: int) -> ImageCondition:
                           clean_frames=CLEAN_FRAMES)
 
 
+def _debris(number: int, sigma_px: float, **when: Any) -> ImageCondition:
+    return ImageCondition(artefacts=ArtefactOptions(debris=number, debris_sigma_px=sigma_px),
+                          needed_percent=95.0, **when)
+
+
 def _trails(number: int) -> ImageCondition:
     return ImageCondition(artefacts=ArtefactOptions(trails=number))
 
@@ -136,6 +142,9 @@ IMAGE_CONDITIONS = {
     'start with 100 spots': ImageCondition(
         artefacts=ArtefactOptions(star_like_spots=100), start=True, frames=START_FRAMES,
         needed_percent=95.0),
+    'debris, 150 of 3 px': _debris(150, 3.0, clean_frames=CLEAN_FRAMES),
+    'debris, 300 points': _debris(300, 0.8, clean_frames=CLEAN_FRAMES),
+    'start with debris, 150 of 3 px': _debris(150, 3.0, start=True, frames=2 * START_FRAMES),
     'Moon in the field': ImageCondition(
         detector=DetectorOptions(blooming=True),
         artefacts=ArtefactOptions(moon_e=40_000.0, moon_distance_deg=2.0)),

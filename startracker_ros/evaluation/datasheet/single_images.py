@@ -16,6 +16,7 @@ from functools import cache
 import numpy as np
 from scipy.spatial import cKDTree
 from startracker_ros.core.catalog.deep import camera_catalog
+from startracker_ros.core.centroid.extraction import Searched
 from startracker_ros.core.centroid.streak import Streak
 from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, multiply, quaternion_from_rotation_vector, random_attitude, rotate)
@@ -94,13 +95,13 @@ def _field_errors(instrument: Instrument, pipeline: StarTracker, noisy: SkySimul
         stamp_ns = START_NS + second * 10 ** 9
         pipeline.motion.add_state(stamp_ns, frame.state.geocentric)
         if not shift:
-            extraction = pipeline.extraction.extractor.extract(frame.image)
+            extraction, searched = pipeline.extraction.extractor.search(frame.image)
             found, _ = pipeline.identification.identify(stamp_ns, extraction.centroids)
-            if found.attitude is None:
-                return (*errors, False)
+        if searched is None or found.attitude is None:
+            return (*errors, False)
         errors[:2, shift] = _errors_of_shift(
             pipeline, stamp_ns, frame, clean.frame(float(second)).image,
-            _streak(instrument, frame.state.rate_rad_s))
+            _streak(instrument, frame.state.rate_rad_s), searched)
         errors[2, shift] = np.diag(attitude_bound(
             instrument.lens, instrument.detector, frame.stars.uv,
             frame.flux_dn * instrument.detector.gain_e_per_dn, frame.state.rate_rad_s))
@@ -127,16 +128,16 @@ def _predicted_stars(pipeline: StarTracker, stamp_ns: int, q: np.ndarray
 
 
 def _errors_of_shift(pipeline: StarTracker, stamp_ns: int, frame: Frame, clean: np.ndarray,
-                     streak: Streak) -> np.ndarray:
+                     streak: Streak, searched: Searched) -> np.ndarray:
     """Return the errors (2, 3) by noise and without it: of the same stars, with equal weights."""
     truth, extractor = frame.state.q_icrf_from_sensor, pipeline.extraction.extractor
     expected_px, hip = _predicted_stars(pipeline, stamp_ns, truth)
     radius_px = np.full(len(expected_px), _NEAR_PX)
-    measured = [extractor.extract_near(image, expected_px, radius_px, streak)
-                for image in (frame.image, clean)]
-    if any(each is None or not len(each.centroids) for each in measured):
+    noisy, exact = (
+        extractor.search_near(image, expected_px, radius_px, searched, streak)[0].centroids
+        for image in (frame.image, clean))
+    if not (len(noisy) and len(exact)):
         return _NO_ERRORS
-    noisy, exact = (each.centroids for each in measured if each is not None)
     distance_px, index = (np.stack(columns) for columns in zip(*(
         cKDTree(each.uv).query(expected_px) for each in (noisy, exact))))
     both = (distance_px < _MATCH_PX).all(axis=0)

@@ -27,6 +27,16 @@ class ArtefactOptions(Options):
     star_like_spot_magnitudes: tuple[float, float] = option(
         (3.0, 7.0), 'V of the false stars: uniform between brightest and faintest', unit='mag',
         low=-10.0, high=15.0)
+    debris: int = option(
+        0, 'particles that drift across the image together: dust and chips of a spacecraft; one '
+        'that leaves the image comes back on the other side', low=0, high=10000)
+    debris_magnitudes: tuple[float, float] = option(
+        (2.0, 5.0), 'V of the particles: uniform between brightest and faintest', unit='mag',
+        low=-10.0, high=15.0)
+    debris_sigma_px: float = option(3.0, 'sigma of the image of a particle: near ones are out of '
+                                    'focus', unit='px', low=0.3, high=20.0)
+    debris_drift_px_s: tuple[float, float] = option(
+        (30.0, 15.0), 'their motion along u and v', unit='px/s', low=-10000.0, high=10000.0)
     ghost_ratio: float = option(
         0.0, 'flux of the ghost of each star, mirrored at the optical axis, relative to the '
         'star', low=0.0, high=1.0)
@@ -97,13 +107,14 @@ class Artefacts:
     What one image contains besides the light of its stars.
 
     trails (N, 4): a point u, v in px of each centre line and its unit direction along u, v.
-    A torn frame has the rows from torn_row on, 0 for none, of the frame before. spots, ghosts
-    and second_images are numbers of point sources in the image. Those of a torn frame are of
-    the upper part.
+    A torn frame has the rows from torn_row on, 0 for none, of the frame before. spots, debris,
+    ghosts and second_images are numbers of sources in the image. Those of a torn frame are of the
+    upper part.
     """
 
     trails: np.ndarray = field(default_factory=NO_TRAILS.copy)
     spots: int = 0
+    debris: int = 0
     ghosts: int = 0
     second_images: int = 0
     cosmic_ray_hits: int = 0
@@ -123,8 +134,9 @@ class Artefacts:
         shaking = self.shaking
         x, y, rms = np.array([*shaking.mean_rad, shaking.rms_rad]) / ARCSEC
         return {
-            'trails': len(self.trails), 'star_like_spots': self.spots, 'ghosts': self.ghosts,
-            'second_images': self.second_images, 'cosmic_ray_hits': self.cosmic_ray_hits,
+            'trails': len(self.trails), 'star_like_spots': self.spots, 'debris': self.debris,
+            'ghosts': self.ghosts, 'second_images': self.second_images,
+            'cosmic_ray_hits': self.cosmic_ray_hits,
             **self.defects.counts(), 'torn_row': self.torn_row,
             'repeated': int(self.repeated), 'stamp_offset_s': self.stamp_offset_s,
             'mean_pointing_x_arcsec': float(x), 'mean_pointing_y_arcsec': float(y),
@@ -144,6 +156,16 @@ def draw_spots(camera: Camera, options: ArtefactOptions, rng: np.random.Generato
     brightest, faintest = sorted(options.star_like_spot_magnitudes)
     return false_stars(_uniform_pixels(camera, options.star_like_spots, rng),
                        rng.uniform(brightest, faintest, options.star_like_spots))
+
+
+def draw_debris(camera: Camera, options: ArtefactOptions, rng: np.random.Generator,
+                time_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return uv (N, 2) px and V (N,) of the particles at a time, the same for the same rng."""
+    brightest, faintest = sorted(options.debris_magnitudes)
+    uv = _uniform_pixels(camera, options.debris, rng) + 0.5
+    moved = uv + np.multiply(options.debris_drift_px_s, time_s)
+    return (moved % [camera.width, camera.height] - 0.5,
+            rng.uniform(brightest, faintest, options.debris))
 
 
 def _uniform_pixels(camera: Camera, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -233,12 +233,14 @@ class Detector:
 
     def expose(self, uv: np.ndarray, magnitude: np.ndarray, rng: np.random.Generator,
                weight: np.ndarray | float = 1.0, trails: np.ndarray = NO_TRAILS,
-               bodies: BodyLight | None = None) -> int:
+               bodies: BodyLight | None = None,
+               debris: tuple[np.ndarray, np.ndarray] | None = None) -> int:
         """
-        Expose the sensor to stars at uv (N, 2) px, trails (M, 4) and bright bodies.
+        Expose the sensor to stars at uv (N, 2) px, trails (M, 4), bright bodies and debris.
 
         weight (N,) is the fraction of the exposure that each contributes: a moving star is
-        several points whose weights add up to 1. Returns the number of cosmic-ray hits.
+        several points whose weights add up to 1. debris has uv (K, 2) px
+        and V (K,). Returns the number of cosmic-ray hits.
         """
         light_e, artefacts = self._light_e, self._artefacts
         np.copyto(light_e, self._background_e)
@@ -250,6 +252,11 @@ class Detector:
                                      self.flux_e(magnitude) * weight)
         near = self._camera.contains(uv, -self.margin_px)
         add_starlight(*self._gaussians(uv[near], electrons[near]), star_response, light_e)
+        if debris is not None:
+            particles, magnitudes = debris
+            add_starlight(particles, self.flux_e(magnitudes),
+                          np.full(len(particles), artefacts.debris_sigma_px), star_response,
+                          light_e)
         if len(trails):
             add_trails(trails, artefacts.trail_peak_e, artefacts.trail_sigma_px, star_response,
                        light_e)

@@ -130,6 +130,7 @@ PICTURES = {
         corner=(0, 0), size_px=1024, overlay=True),
     'trails': _whole({'trails': 3}),
     'star_like_spots': Picture({'star_like_spots': 100}, corner=(342, 342), size_px=340),
+    'debris': Picture({'debris': 150}, corner=(342, 342), size_px=340),
     'moon': _whole({'moon_e': 40000.0, 'moon_distance_deg': 2.0, 'blooming': True}),
     'earth_limb': _whole({'earth_e': 3000.0, 'earth_angle_deg': 70.0}, 3000.0),
     'proton_storm': Picture({'cosmic_ray_hits_cm2_s': 3e5}),

@@ -8,7 +8,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.sim.sky.artefacts import (
-    ArtefactOptions, Artefacts, draw_spots, draw_trails, NO_TRAILS)
+    ArtefactOptions, Artefacts, draw_debris, draw_spots, draw_trails, NO_TRAILS)
 from startracker_ros.sim.sky.bright_bodies import BrightBodies, BrightBodyOptions
 from startracker_ros.sim.sky.detector import Detector, DetectorOptions
 from startracker_ros.sim.sky.exposure import image_paths
@@ -21,7 +21,7 @@ from startracker_ros.sim.sky.sources import Sky, SkyOptions
 from startracker_ros.sim.sky.target import Target, TargetOptions
 
 # Streams of random numbers.
-_FRAMES, _GYRO, _NAVIGATION, _ARTEFACTS, _TRANSFER, _STAMPS = range(6)
+_FRAMES, _GYRO, _NAVIGATION, _ARTEFACTS, _TRANSFER, _STAMPS, _DEBRIS = range(7)
 
 
 @dataclass(frozen=True)
@@ -130,16 +130,18 @@ class SkySimulator:
             weight = np.append(weight, np.ones(spots))
         rng = self._rng(_FRAMES, time_ns)
         taken_s = time_s - offset_s
+        debris = draw_debris(self._camera, options, self._rng(_DEBRIS), taken_s) if (
+            options.debris) else None
         bodies = self._bodies.light(
             self._epoch_year + taken_s / YEAR_S, self._motion.at(taken_s))
-        hits = detector.expose(uv, magnitude, rng, weight, trails, bodies)
+        hits = detector.expose(uv, magnitude, rng, weight, trails, bodies, debris)
         stars = scene.select(detector.visible(scene.uv, bodies))
         ghosts, second_images = self._copies(scene)
         shaking = STILL
         if isinstance(self._motion, ShakenMotion) and detector.options.motion_smear:
             shaking = self._motion.shaking(time_s - offset_s, detector.options.exposure_s)
-        artefacts = Artefacts(trails=trails, spots=spots, ghosts=ghosts,
-                              second_images=second_images, cosmic_ray_hits=hits,
+        artefacts = Artefacts(trails=trails, spots=spots, debris=options.debris,
+                              ghosts=ghosts, second_images=second_images, cosmic_ray_hits=hits,
                               defects=detector.defects, stamp_offset_s=offset_s, shaking=shaking)
         return Frame(detector.read(rng), self._motion.at(time_s), stars,
                      detector.flux_dn(stars.magnitude), artefacts)

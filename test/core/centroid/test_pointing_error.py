@@ -72,10 +72,11 @@ def test_a_uniform_streak_has_no_common_error_and_a_hooked_one_has():
     streak = Streak(8.0, 4.0, 0.0, 127.5, 127.5)
     extractor = CentroidExtractor()
     # The width of the stars is that of an image without motion.
-    extractor.extract(image_of((np.zeros((1, 2)), np.ones(1)), np.random.default_rng(2))[0])
+    still, _ = image_of((np.zeros((1, 2)), np.ones(1)), np.random.default_rng(2))
+    _, searched = extractor.search(still)
     for path, moved in ((uniform, False), (hooked, True)):
         image, uv = image_of(path, np.random.default_rng(3))
-        centroids = extractor.extract(image, streak).centroids
+        centroids = extractor.search(image, streak, searched)[0].centroids
         assert len(centroids) >= 8
         assert centroids.common.any() == moved
     error = fitted_less_mean(centroids, uv)

@@ -66,10 +66,10 @@ def test_errors_along_and_across_a_streak_are_those_of_its_covariance():
 def test_a_known_streak_needs_no_search_of_the_image():
     frame = taken((2.0, -1.0, 0.3))
     extractor = CentroidExtractor()
-    whole = extractor.extract(frame.image)
+    whole, searched = extractor.search(frame.image)
     predicted = frame.stars.uv[frame.stars.magnitude < 6.5]
-    near = extractor.extract_near(frame.image, predicted, np.full(len(predicted), 3.0),
-                                  whole.streak)
+    near, _ = extractor.search_near(frame.image, predicted, np.full(len(predicted), 3.0),
+                                    searched, whole.streak)
     matched, error = residuals(near, frame)
     assert matched.all() and len(near.centroids) > 0.6 * len(predicted)
     assert np.sqrt((error ** 2).mean()) < 0.5
@@ -94,14 +94,15 @@ def test_chance_does_not_reject_faint_streaks():
 def test_points_near_predictions_are_those_of_the_search():
     frame = taken((0.01, 0.0, 0.0))
     extractor = CentroidExtractor()
-    assert extractor.extract_near(frame.image, frame.stars.uv, np.ones(len(frame.stars))) is None
-    whole = extractor.extract(frame.image)
+    whole, searched = extractor.search(frame.image)
     predicted = whole.centroids.uv + 0.7
-    near = extractor.extract_near(frame.image, predicted, np.full(len(predicted), 2.5))
+    near, _ = extractor.search_near(frame.image, predicted, np.full(len(predicted), 2.5),
+                                    searched)
     distance = np.linalg.norm(near.centroids.uv[:, None] - whole.centroids.uv, axis=-1)
     assert len(near.centroids) > 0.9 * len(whole.centroids)
     assert np.median(distance.min(axis=1)) < 0.02
-    empty = extractor.extract_near(frame.image, np.array([[100.5, 100.5]]) + 0.0, np.ones(1))
+    empty, _ = extractor.search_near(frame.image, np.array([[100.5, 100.5]]), np.ones(1),
+                                     searched)
     assert len(empty.centroids) <= 1
 
 

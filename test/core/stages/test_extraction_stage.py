@@ -164,10 +164,11 @@ def test_hits_and_their_tracks_do_not_change_the_width_of_the_stars():
         detector_options=DetectorOptions(cosmic_ray_hits_cm2_s=hits / area_cm2 / 0.1), seed=1)
         for hits in (0, 400))
     extractor = CentroidExtractor(ExtractionOptions())
-    width_px = extractor.extract(clear.frame(1.0).image).psf_sigma_px
+    found, searched = extractor.search(clear.frame(1.0).image)
+    width_px = found.psf_sigma_px
     for index in range(10):
-        assert extractor.extract(storm.frame(1.1 + index / 10).image).psf_sigma_px == (
-            pytest.approx(width_px, rel=0.2))
+        found, searched = extractor.search(storm.frame(1.1 + index / 10).image, before=searched)
+        assert found.psf_sigma_px == pytest.approx(width_px, rel=0.2)
 
 
 def test_three_hundred_false_spots_do_not_end_tracking():
@@ -184,3 +185,25 @@ def test_three_hundred_false_spots_do_not_end_tracking():
     results = [(result, frame) for _, result, frame in run(25, (0.1, 0.1, 0.0), change=spot)]
     published = [pair for pair in results[8:] if pair[0].attitude is not None]
     assert len(published) >= 16 and max(over_bound(*pair) for pair in published) < 1
+
+
+DEBRIS = ArtefactOptions(debris=60, debris_sigma_px=2.5)
+
+
+def test_debris_out_of_focus_that_enters_does_not_end_tracking():
+    """In the one image a second that is searched as a whole, bright particles fill the list."""
+    drifting = SkySimulator(CAMERA, turning((0.1, 0.1, 0.0)), load_catalog(), 2026.5,
+                            artefact_options=DEBRIS, frame_rate_hz=10.0)
+
+    def enter(index, image):
+        return drifting.frame(1 + index / 10).image if index >= 6 else image
+
+    results = [(result, frame) for _, result, frame in run(26, (0.1, 0.1, 0.0), change=enter)]
+    published = [pair for pair in results[6:] if pair[0].attitude is not None]
+    assert len(published) >= 19 and max(over_bound(*pair) for pair in published) < 1
+
+
+def test_stars_among_debris_out_of_focus_are_acquired_within_two_seconds():
+    results = [(result, frame) for _, result, frame in run(20, (0.1, 0.1, 0.0), artefacts=DEBRIS)]
+    published = [pair for pair in results if pair[0].attitude is not None]
+    assert len(published) >= 12 and max(over_bound(*pair) for pair in published) < 1

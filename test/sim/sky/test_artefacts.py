@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.sim.sky.artefacts import ArtefactOptions, draw_spots, draw_trails
+from startracker_ros.sim.sky.artefacts import ArtefactOptions, draw_debris, draw_spots, draw_trails
 from startracker_ros.sim.sky.blooming import bloom
 from startracker_ros.sim.sky.cosmic_rays import add_cosmic_rays
 from startracker_ros.sim.sky.detector import Detector, DetectorOptions
@@ -39,6 +39,22 @@ def test_a_trail_is_a_gaussian_across_and_even_along(angle_deg):
     length_px = min(256 / max(abs(np.cos(angle)), 1e-9), 192 / max(abs(np.sin(angle)), 1e-9))
     flux = 3000 * 1.5 * np.sqrt(2 * np.pi)
     assert image.sum() / flux > 0.6 * length_px
+
+
+def test_debris_drifts_together_and_has_its_own_width():
+    options = ArtefactOptions(debris=40, debris_sigma_px=3.0, debris_drift_px_s=(20.0, -10.0))
+    first, later = (draw_debris(CAMERA, options, np.random.default_rng(5), time_s)
+                    for time_s in (0.0, 1.5))
+    np.testing.assert_array_equal(first[1], later[1])
+    moved = (later[0] - first[0]) % [CAMERA.width, CAMERA.height]
+    np.testing.assert_allclose(moved, np.tile([30.0, CAMERA.height - 15.0], (40, 1)))
+    assert CAMERA.contains(later[0]).all()
+    detector, rng = Detector(CAMERA, EXACT, options, seed=1), np.random.default_rng(1)
+    detector.expose(*NO_STARS, rng, debris=(np.array([[100.0, 80.0]]), np.array([4.0])))
+    image = detector.read(rng) * EXACT.gain_e_per_dn
+    u = np.arange(CAMERA.width)
+    assert image.sum() == pytest.approx(detector.flux_e(4.0), rel=0.01)
+    assert (image * (u - 100) ** 2).sum() / image.sum() == pytest.approx(9 + 1 / 12, rel=0.02)
 
 
 def test_trails_are_random_but_those_of_their_generator():

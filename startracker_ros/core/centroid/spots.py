@@ -1,0 +1,122 @@
+"""
+Spots of any shape: all light above the background that is connected.
+
+Coma, trails, colour mosaics, clipping and compression give stars shapes that no model has. Every
+connected spot of the smoothed image above the threshold may be a star, the brightest ones first,
+unless it is as large as a cloud or a building. Its position is the centre of its light, with an
+error that follows its size.
+"""
+
+import cv2
+import numpy as np
+from startracker_ros.core.centroid.background import measure_background, over_image
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.connected import connected_spots
+from startracker_ros.core.centroid.quota import brightest
+from startracker_ros.core.centroid.smoothing import gaussian_kernel
+
+MAX_STARS = 60
+BRIGHT_SPOTS, FAINTEST_SHARE = 12, 0.25
+_FILTER_SIGMA_PX = 1.0
+_THRESHOLD_SIGMAS = 5.0
+# Least height above the background: quantised and clipped backgrounds have no noise to measure.
+_LEAST_DN = 1.5
+_MAX_SIDE_PX = 30.0  # of a spot, in an image of 1024 px; no star is as large
+_REFERENCE_PX = 1024
+_SAME_PX = 1.5  # a fitted position this close to the centre of the light is of the same star
+_SIZE_SHARE = 0.2  # of the size of a spot that its centre is off, beyond noise
+
+
+def find_spots(image: np.ndarray) -> Centroids:
+    """Return the connected spots of an image (H, W), the brightest first."""
+    height, width = image.shape
+    mesh = measure_background(image, gaussian_kernel(_FILTER_SIGMA_PX))
+    light = image.astype(np.float32)
+    light -= over_image(mesh.level, image.shape)
+    smooth = cv2.GaussianBlur(light, (0, 0), _FILTER_SIGMA_PX)
+    threshold = over_image(np.maximum(_THRESHOLD_SIGMAS * mesh.noise, _LEAST_DN), image.shape)
+    pixel = np.flatnonzero(smooth > threshold)
+    v, u = np.divmod(pixel, width)
+    spot, count = connected_spots(u, v, width, height)
+    light, noise = smooth.ravel()[pixel].astype(float), threshold.ravel()[pixel]
+    largest = _MAX_SIDE_PX * max(1.0, max(image.shape) / _REFERENCE_PX)
+    total = np.bincount(spot, light, count)
+    chosen = np.flatnonzero(_sides(spot, count, u, v) <= largest)
+    centre = np.stack([np.bincount(spot, light * x, count) / total for x in (u, v)], -1)
+    chosen = chosen[np.argsort(-total[chosen], kind='stable')]
+    # Letters and lit windows are bright and close together.
+    chosen = chosen[brightest(centre[chosen], image.shape, MAX_STARS)]
+    square = np.bincount(spot, light * ((u - centre[spot, 0]) ** 2
+                                        + (v - centre[spot, 1]) ** 2), count) / total / 2
+    size = np.sqrt(square + 1 / 12)
+    variance = np.bincount(spot, (noise / _THRESHOLD_SIGMAS) ** 2, count)
+    snr = total / np.sqrt(variance)
+    sigma_px = np.hypot(size / np.maximum(snr, 1), _SIZE_SHARE * size)
+    return Centroids(centre[chosen], total[chosen], snr[chosen], sigma_px[chosen])
+
+
+def _sides(spot: np.ndarray, count: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return the longer side (count,) in px of each spot, of pixels u, v of spot (N,)."""
+    longer = np.zeros(count)
+    for x in (u, v):
+        low, high = np.full(count, x.max(initial=0)), np.zeros(count, int)
+        np.minimum.at(low, spot, x)
+        np.maximum.at(high, spot, x)
+        longer = np.maximum(longer, high - low + 1)
+    return longer
+
+
+def fitted_where_close(spots: Centroids, fitted: Centroids) -> Centroids:
+    """Return the spots, with position and error of the fitted stars at their centres."""
+    if not len(fitted):
+        return spots
+    distance = np.linalg.norm(spots.uv[:, None] - fitted.uv, axis=-1)
+    nearest = distance.argmin(axis=1)
+    same = distance[np.arange(len(spots)), nearest] < _SAME_PX
+    uv, sigma_px = spots.uv.copy(), spots.sigma_px.copy()
+    uv[same], sigma_px[same] = fitted.uv[nearest[same]], fitted.sigma_px[nearest[same]]
+    return Centroids(uv, spots.flux, spots.snr, sigma_px)
+
+
+def with_near_spots(stars: Centroids, spots: Centroids, uv: np.ndarray, radius_px: np.ndarray
+                    ) -> Centroids:
+    """Return fitted stars and other spots within radius_px (K,) of positions uv (K, 2)."""
+    distance = np.linalg.norm(spots.uv[:, None] - uv, axis=-1)
+    return _joined(stars, _others(spots.select((distance < radius_px).any(axis=1)), stars))
+
+
+def explained_spots(spots: Centroids, stars: Centroids, reach_px: float = 0.0) -> int:
+    """Return how many of the BRIGHT_SPOTS brightest spots have a star closer than reach_px."""
+    if not len(stars):
+        return 0
+    distance = np.linalg.norm(spots.uv[:BRIGHT_SPOTS, None] - stars.uv, axis=-1)
+    return int(np.count_nonzero((distance < reach_px + _SAME_PX).any(axis=1)))
+
+
+def with_spots(stars: Centroids, spots: Centroids, most: int) -> Centroids:
+    """
+    Return fitted stars and the bright spots that are none of them, brightest first.
+
+    Faint spots are mostly no stars: as soon as there are BRIGHT_SPOTS, the limit is the flux that
+    FAINTEST_SHARE of the fitted ones do not reach. Half of the list of `most` stars is left to
+    these.
+    """
+    spots = _others(spots, stars)
+    short = max(BRIGHT_SPOTS - len(stars), 0)
+    faintest = np.quantile(stars.flux, FAINTEST_SHARE) if len(stars) else 0.0
+    bright = (spots.flux > faintest) | (np.arange(len(spots)) < short)
+    return _joined(stars, spots.select(bright).select(slice(max(most // 2, most - len(stars)))))
+
+
+def _others(spots: Centroids, stars: Centroids) -> Centroids:
+    """Return the spots that are none of the stars."""
+    if not len(stars):
+        return spots
+    distance = np.linalg.norm(spots.uv[:, None] - stars.uv, axis=-1)
+    return spots.select(distance.min(axis=1) > _SAME_PX)
+
+
+def _joined(stars: Centroids, spots: Centroids) -> Centroids:
+    """Return both, brightest first."""
+    joined = stars.joined(spots)
+    return joined.select(np.argsort(-joined.flux, kind='stable'))
