@@ -194,15 +194,15 @@ def end_all(nodes, folder):
 
 
 def documented(column):
-    """Return the topics of each node in a column of the table in the README."""
-    rows = [line.split('|')[1:] for line in (ROOT / 'README.md').read_text().splitlines()
+    """Return the topics of each node in a column of the table in docs/nodes.md."""
+    rows = [line.split('|')[1:] for line in (ROOT / 'docs' / 'nodes.md').read_text().splitlines()
             if line.startswith('| `')]
     return {cells[0].strip(' `'): set(re.findall('`([a-z0-9_/]+)`', cells[column]))
             for cells in rows if cells[0].strip(' `') in NODES}
 
 
 def check_topics_and_reset(probe, places, folder):
-    """Check that every node has the topics of the README, and forgets its state on request."""
+    """Check that every node has the topics of its document, and forgets its state on request."""
     publishes, subscribes = documented(2), documented(1)
     assert publishes.keys() == subscribes.keys() == set(NODES)
     for node, place in places.items():
