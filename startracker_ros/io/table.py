@@ -81,14 +81,17 @@ def show(result: Result, as_json: bool, wide: bool = False) -> None:
     layout = fit([_column(name, rows) for name in names],
                  console.width if console.is_terminal and not wide else FILE_WIDTH,
                  drop=console.is_terminal and not wide)
-    console.print(result.name, style='italic', soft_wrap=True)
-    for line in layout.lines(box.HEAVY_HEAD.substitute(console.options)):
-        console.print(line, soft_wrap=True)
     remarks = {key: _text(key, value) for key, value in conditions.items()}
     if layout.left_out:
         remarks = {'not shown': f'{", ".join(layout.left_out)}; all with --wide', **remarks}
-    for key, text in remarks.items():
-        console.print(f'  {key}: {text}', soft_wrap=not console.is_terminal)
+    # rich would end the process where nobody reads any more.
+    with console.capture() as text:
+        console.print(result.name, style='italic', soft_wrap=True)
+        for line in layout.lines(box.HEAVY_HEAD.substitute(console.options)):
+            console.print(line, soft_wrap=True)
+        for key, remark in remarks.items():
+            console.print(f'  {key}: {remark}', soft_wrap=not console.is_terminal)
+    print(text.get(), end='')
 
 
 def _column(name: str, rows: Sequence[Mapping[str, object]]) -> Column:

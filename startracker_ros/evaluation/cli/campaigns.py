@@ -3,12 +3,13 @@
 from pathlib import Path
 
 import click
+from startracker_ros.tools.cli.outcome import Commands, exit_1_on
 from startracker_ros.tools.cli.shared import (
-    check_names, exit_1_on, finish, json_option, picture_option, scheduler_option, seed_option,
+    check_names, finish, json_option, picture_option, scheduler_option, seed_option,
     trials_option)
 
 
-@click.group()
+@click.group(cls=Commands)
 def campaign() -> None:
     """Repeat the published tables, the paper's figure beside ours."""
 

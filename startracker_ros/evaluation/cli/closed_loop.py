@@ -3,7 +3,8 @@
 from pathlib import Path
 
 import click
-from startracker_ros.tools.cli.shared import exit_1_on, finish, json_option, seed_option
+from startracker_ros.tools.cli.outcome import exit_1_on
+from startracker_ros.tools.cli.shared import finish, json_option, seed_option
 
 
 @click.command('closed-loop')

@@ -7,9 +7,10 @@ from typing import Any
 import click
 from startracker_ros.core.extras import new_figure
 from startracker_ros.evaluation.datasheet.design_options import DesignOptions
+from startracker_ros.io.output import check_output
+from startracker_ros.tools.cli.outcome import exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    exit_1_on, finish, json_option, print_result, scheduler_option, seed_option, trials_option,
-    usage_error_on)
+    finish, json_option, print_result, scheduler_option, seed_option, trials_option)
 
 
 @click.command()
@@ -39,7 +40,7 @@ def datasheet(camera_file: Path | None, optics_file: Path | None, quick: bool, o
     with exit_1_on(CalibrationError, output=output):
         # Before the long work, not after it.
         new_figure()
-        output.touch()
+        check_output(output)
         result = run_datasheet(lens, detector, output, seed=seed,
                                effort=QUICK if quick else FULL, scheduler=scheduler)
     if not as_json:

@@ -16,6 +16,7 @@ from startracker_ros.evaluation.datasheet.instrument import Instrument
 from startracker_ros.evaluation.datasheet.published import PUBLISHED
 from startracker_ros.evaluation.datasheet.rows import SheetRow, SplitErrors
 from startracker_ros.evaluation.datasheet.sky_coverage import SkyFields, star_counts
+from startracker_ros.io.output import write_output
 from startracker_ros.tools.report.template import content_policy, resource, template
 
 _PACKAGE = 'startracker_ros.evaluation.datasheet'
@@ -46,7 +47,7 @@ def write_page(output: Path, sheet: SheetPage) -> None:
         published=PUBLISHED, pictures=[*_pictures(sheet)],
         sections=[(name, [*rows]) for name, rows in groupby(
             sheet.rows, key=lambda row: row.section)])
-    output.write_text(text, encoding='utf-8')
+    write_output(output, text)
 
 
 def _number(value: float | None) -> str:

@@ -4,8 +4,9 @@ from pathlib import Path
 import sys
 
 import click
+from startracker_ros.tools.cli.outcome import exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    become_node, exit_1_on, json_option, namespace_option, print_result, usage_error_on)
+    become_node, json_option, namespace_option, print_result)
 
 
 @click.command()

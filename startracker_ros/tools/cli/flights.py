@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import click
+from startracker_ros.tools.cli.outcome import exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    exit_1_on, json_option, print_result, scheduler_option, seed_option, usage_error_on)
+    json_option, print_result, scheduler_option, seed_option)
 
 workers_option = click.option('--workers', type=click.IntRange(1, 256), default=None,
                               help='Processes of this machine.  [default: one for each core]')

@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import Any
 
 import click
+from startracker_ros.tools.cli.outcome import Commands, exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    become_node, exit_1_on, finish, json_option, print_result, seed_option, usage_error_on)
+    become_node, finish, json_option, print_result, seed_option)
 
 
 @click.command(context_settings={'ignore_unknown_options': True, 'help_option_names': []})
@@ -19,7 +20,7 @@ def run(node: str, arguments: tuple[str, ...]) -> None:
     become_node(node, arguments)
 
 
-@click.group(invoke_without_command=True)
+@click.group(cls=Commands, invoke_without_command=True)
 @click.option('--output', type=click.Path(path_type=Path, file_okay=False), default='demo',
               show_default=True, help='Folder for bag, picture and logs.')
 @click.option('--seconds', type=click.FloatRange(5, 3600), default=60.0, show_default=True,

@@ -7,7 +7,8 @@ import sys
 from typing import Any, TYPE_CHECKING, TypeVar
 
 import click
-from startracker_ros.tools.cli.shared import exit_1_on, json_option, print_result, usage_error_on
+from startracker_ros.tools.cli.outcome import exit_1_on, usage_error_on
+from startracker_ros.tools.cli.shared import json_option, print_result
 
 if TYPE_CHECKING:
     from startracker_ros.tools.photographs.occasion import Standpoint

@@ -1,7 +1,6 @@
-"""What the commands share: options, and exit status."""
+"""What the commands share: options, and the printing of results."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 import os
 from pathlib import Path
 import sys
@@ -76,34 +75,6 @@ def finish(result: 'Result', as_json: bool) -> None:
     print_result(result, as_json)
     if not result.holds:
         sys.exit(1)
-
-
-def _fail(message: str) -> None:
-    """End with status 1: the work failed."""
-    click.echo(f'startracker: {message}', err=True)
-    sys.exit(1)
-
-
-@contextmanager
-def usage_error_on(*errors: type[Exception]) -> Iterator[None]:
-    """End with status 2, wrong use, on these errors."""
-    try:
-        yield
-    except errors as error:
-        raise click.UsageError(str(error)) from error
-
-
-@contextmanager
-def exit_1_on(*errors: type[Exception], output: Path | None = None) -> Iterator[None]:
-    """End with status 1 on these errors, and on errors of the system while writing output."""
-    try:
-        yield
-    except errors as error:
-        _fail(str(error))
-    except OSError as error:
-        if output is None:
-            raise
-        _fail(f'{output}: {error.strerror}')
 
 
 def check_names(kind: str, named: Iterable[str], known: Iterable[str]) -> None:

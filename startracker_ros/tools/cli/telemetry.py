@@ -3,13 +3,14 @@
 from pathlib import Path
 
 import click
-from startracker_ros.tools.cli.shared import exit_1_on, finish, json_option
+from startracker_ros.tools.cli.outcome import Commands, exit_1_on
+from startracker_ros.tools.cli.shared import finish, json_option
 
 _apid_option = click.option('--apid', type=click.IntRange(0, 2046), default=100,
                             show_default=True, help='Of the space packets.')
 
 
-@click.group()
+@click.group(cls=Commands)
 def telemetry() -> None:
     """Packets of telemetry_bridge: decode a capture, describe them in XTCE."""
 

@@ -13,6 +13,7 @@ from startracker_ros.core.stages.sky_marks import (
     mark_bodies, mark_figures, mark_named_stars, mark_scale)
 from startracker_ros.core.stages.solution import Solution
 from startracker_ros.io.images.images import Photograph
+from startracker_ros.io.output import output_folder, write_output
 
 
 @dataclass(frozen=True)
@@ -27,12 +28,12 @@ class Outputs:
         if self.annotate_folder is not None:
             picture = annotated(photograph.image, solution.centroids.uv,
                                 solution.identification.hip, solution.sky, year, solution.bodies)
-            self.annotate_folder.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(self.annotate_folder / f'{name}.png'), picture[..., ::-1])
+            # In memory: OpenCV reports a full disk on stderr alone.
+            content = cv2.imencode('.png', picture[..., ::-1])[1].tobytes()
+            write_output(output_folder(self.annotate_folder) / f'{name}.png', content)
         if self.wcs_folder is not None and solution.sky is not None:
-            self.wcs_folder.mkdir(parents=True, exist_ok=True)
-            (self.wcs_folder / f'{name}.wcs').write_bytes(
-                image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up))
+            write_output(output_folder(self.wcs_folder) / f'{name}.wcs',
+                         image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up))
 
 
 def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMapping | None,

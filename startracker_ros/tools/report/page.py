@@ -14,6 +14,7 @@ import numpy as np
 from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.catalog.deep import star_name
 from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.output import write_output
 from startracker_ros.io.recordings.frames import frame_pictures, FramePicture
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.io.recordings.recording import Recording
@@ -40,7 +41,7 @@ def write_report(bag: Path, output: Path, namespace: str | None = None) -> Resul
     if not bag.exists():
         raise BagError(f'{bag} does not exist')
     panels = Panels(load_recording(bag, namespace))
-    output.write_text(render_page(bag, panels), encoding='utf-8')
+    write_output(output, render_page(bag, panels))
     rows = [{'case': name, 'ours': value} for name, value in panels.key_figures().items()]
     problems = {'problem' if index == 0 else f'problem {index + 1}': problem
                 for index, problem in enumerate(panels.recording.problems)}

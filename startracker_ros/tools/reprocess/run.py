@@ -12,6 +12,7 @@ from rich.progress import (
     BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn)
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.export.tables import load_parquet_writer
+from startracker_ros.io.output import output_folder, write_output
 from startracker_ros.io.table import Result
 from startracker_ros.io.workers import cluster, completed
 from startracker_ros.tools.reprocess.metadata import write_metadata
@@ -224,5 +225,5 @@ def _text(error: Exception) -> str:
 
 
 def _write_json(path: Path, content: object) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(content, indent=1, default=str) + '\n')
+    output_folder(path.parent)
+    write_output(path, json.dumps(content, indent=1, default=str) + '\n')

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.extras import new_figure
+from startracker_ros.io.output import write_output
 from startracker_ros.io.table import Result
 from startracker_ros.tools.reprocess.compare import extremes
 from startracker_ros.tools.reprocess.runs import open_run
@@ -55,8 +56,7 @@ def trend(folder: Path, page: Path | None, orbit_s: float) -> Result:
     maps = [one for tracker in run.trackers for one in width_maps(run, tracker)]
     rows += _width_rows(maps)
     if page is not None:
-        page.parent.mkdir(parents=True, exist_ok=True)
-        page.write_text(trend_page(folder.name, found, rows, stars, pixels, maps))
+        write_output(page, trend_page(folder.name, found, rows, stars, pixels, maps))
     return Result('trend', rows, {
         'orbit_s': orbit_s, 'steps': sum(len(search.steps) for _, search in found),
         'stars with a fault': ', '.join(
