@@ -17,13 +17,15 @@ class Result:
     Rows of one command, and the conditions under which they were made.
 
     A row is a dataclass or a mapping, all with the same columns. details are columns of the
-    JSON document that the table leaves out.
+    JSON document that the table leaves out; notes are what people read behind conditions, as
+    their units.
     """
 
     name: str
     rows: Sequence[Any]
     conditions: Mapping[str, object] = field(default_factory=dict)
     details: Sequence[str] = ()
+    notes: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def records(self) -> list[dict[str, object]]:
@@ -81,7 +83,8 @@ def show(result: Result, as_json: bool, wide: bool = False) -> None:
     layout = fit([_column(name, rows) for name in names],
                  console.width if console.is_terminal and not wide else FILE_WIDTH,
                  drop=console.is_terminal and not wide)
-    remarks = {key: _text(key, value) for key, value in conditions.items()}
+    remarks = {key: f'{_text(key, value)} {result.notes.get(key, "")}'.rstrip()
+               for key, value in conditions.items()}
     if layout.left_out:
         remarks = {'not shown': f'{", ".join(layout.left_out)}; all with --wide', **remarks}
     # rich would end the process where nobody reads any more.
@@ -95,5 +98,12 @@ def show(result: Result, as_json: bool, wide: bool = False) -> None:
 
 
 def _column(name: str, rows: Sequence[Mapping[str, object]]) -> Column:
-    return Column(name, [_text(name, row[name]) for row in rows],
+    return Column(name, [_text(name, None if _says_nothing(name, row) else row[name])
+                         for row in rows],
                   any(isinstance(row[name], (int, float)) for row in rows))
+
+
+def _says_nothing(name: str, row: Mapping[str, object]) -> bool:
+    """Return whether a row holds only as nothing bounds it, or a solved image gives a reason."""
+    return (name == 'holds' and row[name] is True and row.get('bound') == ''
+            or name == 'reason' and row.get('solved') is True)

@@ -8,7 +8,7 @@ from startracker_ros.tools.cli.shared import finish, json_option, seed_option
 
 
 @click.command('closed-loop')
-@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
               default='demo_closed_loop', show_default=True,
               help='Folder for bag, pictures, report page and logs.')
 @seed_option

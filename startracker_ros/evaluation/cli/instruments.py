@@ -19,7 +19,7 @@ from startracker_ros.tools.cli.shared import (
 @click.option('--optics', 'optics_file', type=click.Path(path_type=Path),
               help='YAML with options of the detector of sky_simulator: PSF, exposure, noise.')
 @click.option('--quick', is_flag=True, help='Simulate little: a minute, wide intervals.')
-@click.option('--output', type=click.Path(path_type=Path, dir_okay=False),
+@click.option('-o', '--output', type=click.Path(path_type=Path, dir_okay=False),
               default='datasheet.html', show_default=True, help='The page.')
 @scheduler_option
 @seed_option

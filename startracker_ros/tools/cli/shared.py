@@ -33,7 +33,8 @@ scheduler_option = click.option('--scheduler', default='', metavar='ADDRESS',
                                 help='Dask cluster to use instead of the cores of this machine.')
 namespace_option = click.option('--namespace', metavar='NAME',
                                 help='Of the star tracker.  [default: the only one in the bag]')
-seed_option = click.option('--seed', type=click.IntRange(0), default=1, show_default=True)
+seed_option = click.option('--seed', type=click.IntRange(0), default=1, show_default=True,
+                           help='Of all random numbers: the same ones give the same result.')
 
 
 def trials_option(default: int, what: str, *, least: int = 1) -> Callable[[_Command], _Command]:
@@ -44,7 +45,7 @@ def trials_option(default: int, what: str, *, least: int = 1) -> Callable[[_Comm
 
 def picture_option(what: str) -> Callable[[_Command], _Command]:
     """Return the option --output of a command that draws a picture into that folder."""
-    return click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+    return click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
                         callback=_check_pictures, help=f'Folder for a picture of {what}.')
 
 

@@ -42,10 +42,12 @@ def write_report(bag: Path, output: Path, namespace: str | None = None) -> Resul
         raise BagError(f'{bag} does not exist')
     panels = Panels(load_recording(bag, namespace))
     write_output(output, render_page(bag, panels))
-    rows = [{'case': name, 'ours': value} for name, value in panels.key_figures().items()]
+    rows = [{'case': name, 'ours': figure.text, 'value': figure.value, 'unit': figure.unit,
+             'p95': figure.p95} for name, figure in panels.key_figures().items()]
     problems = {'problem' if index == 0 else f'problem {index + 1}': problem
                 for index, problem in enumerate(panels.recording.problems)}
-    return Result('report', rows, {'page': str(output), **problems})
+    return Result('report', rows, {'page': str(output), **problems},
+                  details=('value', 'unit', 'p95'))
 
 
 def render_page(bag: Path, panels: Panels) -> str:
