@@ -65,6 +65,7 @@ LONGEST = (
     'evaluation/datasheet/test_datasheet.py',
     'core/track/test_attitude_model.py',
     'core/calibration/test_calibrate_command.py',
+    'test_manners.py',
     'evaluation/bench/test_identification_bench.py',
 )
 NOT_RUN = pytest.StashKey[str]()

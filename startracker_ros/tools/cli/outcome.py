@@ -28,6 +28,10 @@ class FailedError(click.ClickException):
         click.echo(f'startracker: {self.message}', file=file, err=True)
 
 
+class _NoReaderError(Exception):
+    """Nobody reads the output any more."""
+
+
 class Commands(click.Group):
     """A group of commands, each listed with the whole of its first sentence."""
 
@@ -42,6 +46,13 @@ class Commands(click.Group):
 class Main(Commands):
     """The group of all commands, where every one of them ends."""
 
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError as error:
+            # click would end with status 1.
+            raise _NoReaderError from error
+
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None,
              complete_var: str | None = None, standalone_mode: bool = True,
              windows_expand_args: bool = True, **extra: Any) -> Any:
@@ -53,7 +64,7 @@ class Main(Commands):
             finally:
                 # Here, where a reader that has left is no error.
                 sys.stdout.flush()
-        except BrokenPipeError:
+        except (BrokenPipeError, _NoReaderError):
             # The interpreter flushes once more when it ends.
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             sys.exit(BROKEN_PIPE)

@@ -8,6 +8,7 @@ from typing import Any, NoReturn, TYPE_CHECKING, TypeVar
 
 import click
 from startracker_ros.core.extras import new_figure
+from startracker_ros.io.output import output_folder
 
 if TYPE_CHECKING:
     from startracker_ros.io.table import Result
@@ -51,9 +52,10 @@ def picture_option(what: str) -> Callable[[_Command], _Command]:
 
 def _check_pictures(context: click.Context, option: click.Parameter, folder: Path | None
                     ) -> Path | None:
-    """Fail before a long campaign, not after it, where matplotlib is missing."""
+    """Fail before a long campaign, not after it, where matplotlib or the folder is missing."""
     if folder is not None:
         new_figure()
+        output_folder(folder)
     return folder
 
 
