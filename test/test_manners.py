@@ -16,6 +16,7 @@ import cv2
 from limits import HANGS_S
 import pytest
 from startracker_ros.__main__ import main
+from startracker_ros.commands_page import PAGE, page_text
 
 ROOT = Path(__file__).parents[1]
 BAG = str(ROOT / 'bags' / 'slew')
@@ -105,10 +106,16 @@ def test_without_arguments_the_usage_is_shown(names):
     assert done.exit_code == 2 and done.stderr.startswith('Usage: ')
 
 
+def test_the_reference_of_the_commands_is_current():
+    assert (ROOT / PAGE).read_text() == page_text(), \
+        'run python -m startracker_ros.commands_page'
+
+
 def test_solve_without_arguments_shows_examples():
     examples = startracker('solve').stderr.split('Examples:\n')[1].splitlines()
     assert len(examples) == 3
-    assert all(line.strip().startswith('startracker solve ') and len(line) < 80 for line in examples)
+    assert all(line.strip().startswith('startracker solve ') for line in examples)
+    assert max(map(len, examples)) < 80
 
 
 def test_a_node_lists_its_parameters():

@@ -92,8 +92,8 @@ def test_a_narrow_terminal_gets_all_figures_as_paragraphs(capsys, monkeypatch, r
 
 
 def test_what_says_nothing_is_not_shown(capsys, monkeypatch):
-    rows = [{'case': 'a', 'bound': '', 'holds': True}, {'case': 'b', 'bound': '< 1', 'holds': True}]
-    result = Result('x', rows)
+    result = Result('x', [{'case': 'a', 'bound': '', 'holds': True},
+                          {'case': 'b', 'bound': '< 1', 'holds': True}])
     lines = table_of(printed(capsys, monkeypatch, result, 80))
     assert lines[3].split()[-2] == '-' and lines[4].split()[-2] == 'yes'
     assert result.records[0]['holds'] is True

@@ -59,8 +59,8 @@ class Main(Commands):
         words = sys.argv[1:] if args is None else [*args]
         try:
             try:
-                status = super().main(words, prog_name, complete_var, False, windows_expand_args,
-                                      **extra)
+                status = super().main(words, prog_name, complete_var, standalone_mode=False,
+                                      windows_expand_args=windows_expand_args, **extra)
             finally:
                 # Here, where a reader that has left is no error.
                 sys.stdout.flush()
@@ -90,7 +90,8 @@ class Main(Commands):
 
     def _name_of(self, words: Sequence[str]) -> str:
         """Return the name of the command that was called, as `campaign jpdaf`."""
-        command, names = self, []
+        command: click.Command = self
+        names = []
         for word in words:
             if isinstance(command, click.Group) and word in command.commands:
                 command = command.commands[word]

@@ -74,9 +74,9 @@ def _compare(a: Run, b: Run, tracker: str) -> tuple[CompareRow, np.ndarray, np.n
     keys_a, keys_b = _frame_keys(*tables)
     _, i, j = np.intersect1d(keys_a, keys_b, return_indices=True)
     if not len(i):
-        bags = [', '.join(sorted(set(table[BAG]))) or 'nothing' for table in tables]
-        raise BagError(f'{tracker}: the runs have no frame in common: one is of {bags[0]}, the '
-                       f'other of {bags[1]}')
+        of_a, of_b = (', '.join(sorted(set(table[BAG]))) or 'nothing' for table in tables)
+        raise BagError(f'{tracker}: the runs have no frame in common: one is of {of_a}, the '
+                       f'other of {of_b}')
     order = np.argsort(tables[0]['stamp_ns'][i], kind='stable')
     i, j = i[order], j[order]
     stamps, bags = tables[0]['stamp_ns'][i], tables[0][BAG][i]
