@@ -11,6 +11,7 @@ import tempfile
 from types import ModuleType
 from typing import Any
 
+from browser import browser_page, find_chromium, Page
 from hypothesis import settings
 import pytest
 
@@ -73,15 +74,10 @@ COMPILED = pytest.StashKey[str]()
 LOG = 'STARTRACKER_COMPILED_LOG'
 
 
-def _has_chromium() -> bool:
-    from browser import find_chromium
-    return find_chromium() is not None
-
-
 # By the fixture that needs it: whether it is there, and how to get it.
 NEEDS = {
-    'page': (_has_chromium,
-             'of the report page, which need Chromium: apt-get install chromium'),
+    'page': (lambda: find_chromium() is not None,
+             'of pages, which need Chromium: apt-get install chromium'),
     'basilisk': (lambda: find_spec('Basilisk') is not None,
                  'of the closed loop, which need Basilisk: '
                  'pip install --no-deps -r requirements-gnc.txt'),
@@ -96,6 +92,13 @@ settings.load_profile('startracker')
 def sky_data() -> Path:
     """Return the folder of real star images with known attitudes."""
     return ROOT / 'data'
+
+
+@pytest.fixture(scope='session')
+def page() -> Iterator[Page]:
+    """Return a tab of headless Chromium; tests that use it do not run where there is none."""
+    with browser_page() as page:
+        yield page
 
 
 class InThisProcess:

@@ -219,8 +219,10 @@ def test_the_page_of_trends_is_small_and_has_no_script(finished_run, tmp_path):
         assert row['size'] == pytest.approx(np.sqrt(0.5), abs=5 * row['sigma'])
         assert 0 < row['sigma'] < 0.05
     page = (tmp_path / 'trend.html').read_text()
-    assert 'alt="width of star images"' in page
-    assert len(page) < 1_000_000 and '<script' not in page and 'data:image/png' in page
+    assert 'alt="width of star images over the image [px, 1 sigma]"' in page
+    # Three minutes: no empty axes of years.
+    assert 'head_1 focal length: too little data, 2 bins of a minute' in page
+    assert len(page) < 1_000_000 and '<script' not in page and 'data:image/svg+xml' in page
     with pytest.raises(BagError, match='no finished run'):
         trend(tmp_path, tmp_path / 'trend.html', 5800.0)
 
