@@ -42,10 +42,9 @@ def write_page(output: Path, sheet: SheetPage) -> None:
     for name, group in groupby(lines_of(sheet.rows), key=lambda line: line.section):
         # Those at several rates, then those without one: no empty columns.
         lines = [*group]
-        for chosen in ([line for line in lines if None not in line.rows],
-                       [line for line in lines if None in line.rows]):
-            if chosen:
-                sections.append((name, rates_of(chosen), chosen))
+        tables = ([line for line in lines if None not in line.rows],
+                  [line for line in lines if None in line.rows])
+        sections.append((name, [(rates_of(chosen), chosen) for chosen in tables if chosen]))
     text = page.render(
         title=f'Data sheet: {np.degrees(lens.fov_x_rad):.3g} deg, {lens.width} x {lens.height} px',
         style=style, policy=content_policy(style), conditions=sheet.conditions,
