@@ -285,6 +285,18 @@ def test_a_capture_without_a_packet_is_a_failure(folder):
     assert 'not one packet' in done.stderr
 
 
+def test_an_annotated_picture_says_what_it_shows(folder):
+    (folder / 'bad.png').write_text('not an image')
+    cv2.imwrite('dark.png', cv2.imread(IMAGES[0], cv2.IMREAD_GRAYSCALE) // 255)
+    startracker('solve', IMAGES[0], 'dark.png', 'bad.png', '--fov-deg', '11.4', '--annotate', '.')
+    shown, image = cv2.imread(f'{Path(IMAGES[0]).stem}.png'), cv2.imread(IMAGES[0])
+    assert shown.shape[1] == image.shape[1] and shown.shape[0] > image.shape[0] + 40
+    # Two lines of text or more, the keys in the colours of the circles, blue first.
+    strip = shown[image.shape[0]:].reshape(-1, 3)
+    for colour in ((120, 230, 90), (60, 190, 255), (235, 235, 235)):
+        assert (abs(strip.astype(int) - colour).max(axis=1) < 30).sum() > 20
+
+
 def test_calibrate_takes_a_folder_as_solve_does(folder):
     for path in IMAGES:
         cv2.imwrite(str(folder / Path(path).name), cv2.imread(path, cv2.IMREAD_UNCHANGED))

@@ -27,6 +27,8 @@ from startracker_ros.tools.report.template import content_policy, resource, temp
 
 _LEVELS = {0: ('OK', 'good'), 1: ('WARN', 'warn'), 2: ('ERROR', 'bad'), 3: ('STALE', 'other')}
 _NAMED_STARS = 12
+# Width of six digits of a number, in sizes of a mark.
+_NAME_SIZES = 11.0
 _PACKAGE = 'startracker_ros.tools.report'
 _LISTED = 60
 
@@ -66,7 +68,7 @@ def render_page(bag: Path, panels: Panels) -> str:
     page = template(_PACKAGE, 'page.html.j2', degrees=np.degrees, utc=utc, levels=_LEVELS,
                     listed=_LISTED)
     return page.render(
-        title=f'Star tracker: {bag.resolve().name}', policy=content_policy(style, script),
+        title=f'Star tracker: {_bag_name(bag)}', policy=content_policy(style, script),
         style=style, script=script,
         data=json_block(data), panels=panels, recording=recording, groups=groups, states=states,
         heads=head_rows,
@@ -77,6 +79,12 @@ def render_page(bag: Path, panels: Panels) -> str:
                  for name, count, *values in panels.latency_rows()],
         frames=[_frame(panels, picture) for picture in pictures], why_no_frames=why_no_frames,
         diagnostics=diagnostics_table(recording), topics=_topics(panels))
+
+
+def _bag_name(bag: Path) -> str:
+    """Return the name of a bag, with that of its folder where it is just called bag."""
+    bag = bag.resolve()
+    return f'{bag.parent.name}/{bag.name}' if bag.stem in ('bag', 'bag_0') else bag.name
 
 
 def json_block(data: Any) -> str:
@@ -101,20 +109,24 @@ def _frame(panels: Panels, picture: FramePicture) -> dict[str, Any]:
     names = marks.dtype.names or ()
     hips = marks['hip'] if 'hip' in names else np.zeros(len(marks), int)
     named = set(np.argsort(-marks['flux'])[:_NAMED_STARS].tolist())
-    shown = []
+    shown, size = [], max(picture.width, picture.height) / 100
     for index, row in enumerate(marks):
         hip = int(hips[index])
         missed = 'missed' in names and row['missed'] > 0
         words = f'{star_name(hip)}, V {row["magnitude"]:.2f}' if hip else 'not identified'
+        u, v = float(row['u']) + 0.5, float(row['v']) + 0.5
+        # Left of a star at the right edge, below the upper edge: no number is cut.
+        left = u + (1.6 + _NAME_SIZES) * size > picture.width
         shown.append({
-            'u': float(row['u']) + 0.5, 'v': float(row['v']) + 0.5,
+            'u': u, 'v': v, 'anchor': 'end' if left else 'start',
+            'x': u - 1.6 * size if left else u + 1.6 * size, 'y': max(v, 3 * size),
             'kind': 'mark lost' if missed else 'mark known' if hip else 'mark',
             'words': words + (', not seen in this frame' if missed else ''),
             'name': str(hip) if hip and index in named else ''})
     known = int(np.count_nonzero(hips))
     return {
         'picture': picture, 'time_s': (picture.stamp_ns - panels.start_ns) / 1e9,
-        'size_px': max(picture.width, picture.height) / 100, 'marks': shown,
+        'size_px': size, 'marks': shown,
         'words': f'{len(marks)} {picture.source}, {known} identified' if picture.source else
                  'the bag holds no stars of this frame'}
 

@@ -21,6 +21,8 @@ STAGES = {
 Panel = dict[str, Any]
 # With fewer frames than this the figure is marked.
 _MOST_FRAMES_PERCENT = 90.0
+# Times that leave the figure, over those that 95 % of the frames take.
+_SPIKE = 2.5
 
 
 class KeyFigure(NamedTuple):
@@ -224,8 +226,13 @@ class Panels:
         series = [self.series(name, 'line', stamps, spent, 3) for name, stamps, spent in (
             (name, *self.recording.stage_ms(*ends)) for name, ends in STAGES.items())
             if len(stamps)]
+        times = [spent for ends in STAGES.values()
+                 if len(spent := self.recording.stage_ms(*ends)[1])]
+        limit = _SPIKE * max((float(np.percentile(spent, 95)) for spent in times), default=0.0)
+        # One spike would flatten all else.
+        spiky = any(spent.max() > limit for spent in times)
         return [{'id': 'latency', 'title': 'latency', 'unit': 'ms', 'series': series,
-                 'zero': True}]
+                 'zero': True, 'range': [0.0, round(limit, 3)] if spiky else None}]
 
     def latency_rows(self) -> list[tuple[str, int, float, float, float]]:
         """Return stage, frames, median, 95 % and longest ms of each stage in the bag."""
