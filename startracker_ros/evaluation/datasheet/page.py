@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -59,13 +60,13 @@ def _pictures(sheet: SheetPage) -> Iterator[tuple[str, str]]:
     """Yield captions and pictures."""
     for axis in AXES:
         yield (f'Error of a single image {axis} over the rate, 1 sigma',
-               chart(lambda figure, axis=axis: _draw_errors(figure, sheet, axis)))
+               chart(partial(_draw_errors, sheet=sheet, axis=axis)))
     yield (f'Stars to V {sheet.limit:.2f} in each of {len(sheet.fields.stars)} random fields over '
            'right ascension, which grows to the left from -180 deg at the right edge to 180 deg, '
            'and declination; crosses: not identified from one image',
-           chart(lambda figure: _draw_sky(figure, sheet)))
+           chart(partial(_draw_sky, sheet=sheet)))
     yield ('Sky with enough stars over the magnitude limit',
-           chart(lambda figure: _draw_coverage(figure, sheet)))
+           chart(partial(_draw_coverage, sheet=sheet)))
 
 
 def _draw_errors(figure: Any, sheet: SheetPage, axis: str) -> None:

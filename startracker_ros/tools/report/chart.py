@@ -25,6 +25,7 @@ def chart(draw: Callable[[Any], object], size_in: tuple[float, float] = _SIZE_IN
     colours = {name: (light, dark) for name, light, dark in _COLOUR.findall(
         resource('startracker_ros.tools.report', 'page.css'))}
     ink, faint, rule = (colours[name][0] for name in ('ink', 'faint', 'rule'))
+    lines = [colours[f'c{number}'][0] for number in range(5)]
     content = BytesIO()
     with matplotlib.rc_context({
             'svg.fonttype': 'none', 'svg.hashsalt': 'startracker', 'font.size': 10,
@@ -32,8 +33,7 @@ def chart(draw: Callable[[Any], object], size_in: tuple[float, float] = _SIZE_IN
             'axes.edgecolor': faint, 'xtick.color': faint, 'ytick.color': faint,
             'axes.facecolor': 'none', 'legend.frameon': False, 'legend.fontsize': 9,
             'axes.grid': True, 'grid.color': rule, 'axes.formatter.useoffset': False,
-            'axes.prop_cycle': matplotlib.cycler(color=[
-                colours[f'c{number}'][0] for number in range(5)])}):
+            'axes.prop_cycle': f'cycler("color", {lines})'}):
         figure = new_figure(figsize=size_in)
         figure.patch.set_alpha(0)
         draw(figure)

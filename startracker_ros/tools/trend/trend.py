@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -115,11 +116,11 @@ def trend_page(name: str, found: Sequence[tuple[Series, StepSearch]], rows: Sequ
     style = resource('startracker_ros.tools.report', 'page.css')
     shown = [(series, search) for series, search in found if len(series.stamp_ns) >= _LEAST_BINS]
     pictures = [(f'{series.name} [{series.unit}]', chart(
-        lambda figure, series=series, steps=search.steps: _draw(figure, series, steps)))
+        partial(_draw, series=series, steps=search.steps)))
         for series, search in shown]
     if maps:
         pictures.append(('width of star images over the image [px, 1 sigma]',
-                         chart(lambda figure: _draw_maps(figure, maps))))
+                         chart(partial(_draw_maps, maps=maps))))
     stamps = np.concatenate([series.stamp_ns for series, _ in found] or [np.empty(0)])
     return template('startracker_ros.tools.trend', 'page.html.j2').render(
         title=f'Trend of {name}', style=style, policy=content_policy(style),
