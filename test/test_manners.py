@@ -17,6 +17,7 @@ from limits import HANGS_S
 import pytest
 from startracker_ros.__main__ import main
 from startracker_ros.commands_page import PAGE, page_text
+from startracker_ros.io.workers import cluster
 
 ROOT = Path(__file__).parents[1]
 BAG = str(ROOT / 'bags' / 'slew')
@@ -249,6 +250,14 @@ def test_a_process_ends_by_ctrl_c_without_a_traceback(folder):
         _, stderr = solve.communicate(timeout=HANGS_S)
     assert solve.returncode == 130
     assert stderr.strip() == 'startracker: stopped'
+
+
+def test_workers_leave_ctrl_c_to_the_command():
+    with cluster(1) as client:
+        pid, = client.run(os.getpid).values()
+        status = Path('/proc', str(pid), 'status').read_text()
+        assert int(re.search(r'SigBlk:\s*(\w+)', status)[1], 16) & 1 << signal.SIGINT - 1
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
 def test_a_reader_that_leaves_is_no_traceback():

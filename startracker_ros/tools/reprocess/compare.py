@@ -85,6 +85,8 @@ def _compare(a: Run, b: Run, tracker: str) -> tuple[CompareRow, np.ndarray, np.n
     qa, qb = quaternions[0][i], quaternions[1][j]
     difference = attitude_error(qb[both], qa[both]) / ARCSEC
     same = both & (qa == qb).all(axis=1)
+    # Not the rounding of a product.
+    difference[same[both]] = 0.0
     divergent = np.flatnonzero((in_a != in_b) | both & ~same)
     errors = [a.vectors(table, 'error_{}_arcsec')[index]
               for table, index in zip(tables, (i, j))]
