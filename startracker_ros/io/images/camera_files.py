@@ -28,13 +28,13 @@ def load_camera(path: str | Path) -> Camera:
         raise CameraError(f'camera file {path}: {error.strerror}') from error
     except CameraError as error:
         raise CameraError(f'camera file {path}: {error}') from error
-    except KeyError as error:
-        raise CameraError(f'camera file {path}: not a ROS camera calibration: {error.args[0]} is '
-                          'missing') from error
-    except (IndexError, TypeError, ValueError, OverflowError) as error:
-        raise CameraError(f'camera file {path}: not a ROS camera calibration: it needs '
-                          'image_width, image_height, camera_matrix, distortion_model and '
-                          'distortion_coefficients as YAML') from error
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
+        reason = (f'{error.args[0]} is missing' if isinstance(error, KeyError) else
+                  str(error) if isinstance(error, ValueError) else
+                  'it needs image_width, image_height, camera_matrix, distortion_model and '
+                  'distortion_coefficients as YAML')
+        raise CameraError(
+            f'camera file {path}: not a ROS camera calibration: {reason}') from error
 
 
 def is_wcs(path: str | Path) -> bool:

@@ -29,7 +29,8 @@ def record(topics: tuple[str, ...], output: Path | None, exclude: tuple[str, ...
     parameters = {'compression': compression, 'max_file_size_mb': max_file_size_mb,
                   'max_file_duration_s': max_file_duration_s}
     if output is not None:
-        if output_folder(output.absolute().parent) and output.is_dir() and any(output.iterdir()):
+        output_folder(output.absolute().parent)
+        if output.is_dir() and any(output.iterdir()):
             raise FailedError(f'{output}: the folder is not empty')
         parameters['folder'] = str(output)
     if topics:

@@ -16,7 +16,7 @@ from typing import Any
 import click
 from startracker_ros.core.extras import MissingLibraryError
 
-FAILED, WRONG_USE, INTERRUPTED, BROKEN_PIPE = 1, 2, 130, 141
+FAILED, INTERRUPTED, BROKEN_PIPE = 1, 130, 141
 
 
 class FailedError(click.ClickException):
@@ -57,6 +57,9 @@ class Main(Commands):
              complete_var: str | None = None, standalone_mode: bool = True,
              windows_expand_args: bool = True, **extra: Any) -> Any:
         words = sys.argv[1:] if args is None else [*args]
+        if not standalone_mode:
+            return super().main(words, prog_name, complete_var, standalone_mode=False,
+                                windows_expand_args=windows_expand_args, **extra)
         try:
             try:
                 status = super().main(words, prog_name, complete_var, standalone_mode=False,
