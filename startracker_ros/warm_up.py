@@ -10,10 +10,14 @@ others is compiled at its first time, and appended to the file that the environm
 STARTRACKER_COMPILED_LOG names.
 """
 
+from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
+import gc
 from importlib import import_module
 import json
+from multiprocessing import get_context
+import os
 from pathlib import Path
 import sys
 from typing import Any
@@ -26,11 +30,21 @@ from startracker_ros.core.machine_code import (
 from startracker_ros.core.machine_code_cache import compile_only, FUNCTIONS, key_of, save
 
 
-def _work(folder: Path, modules: Iterable[str]) -> None:
-    """Compile the registered functions of modules and write their files, printing each name."""
+def _work(folder: Path, modules: Iterable[str]) -> bool:
+    """
+    Compile the registered functions of modules, print their names, return whether files are there.
+
+    This process translates what many modules call only once. Forked processes have all of it, and
+    make the machine code of a module meanwhile.
+    """
     for module in sorted(registered_modules()):
         import_module(module)
     compile_only(signatures())
+    # Little of what a compilation makes is garbage before its end.
+    gc.freeze()
+    gc.set_threshold(200_000, 50, 100)
+    fork, writers = get_context('fork'), deque[Any]()
+    complete = True
     for module in modules:
         results: dict[str, Any] = {}
         for name, calls in calls_of(module).items():
@@ -43,7 +57,25 @@ def _work(folder: Path, modules: Iterable[str]) -> None:
                     print(f'{SIGNATURES.name}: {name}: {str(error).splitlines()[0]}', flush=True)
                     continue
                 results[key_of(name, arguments)] = FUNCTIONS[name].overloads[arguments]
-        save(folder / code_name(module), results)
+        if len(writers) >= (os.cpu_count() or 1):
+            complete &= _ended(writers.popleft())
+        writers.append(fork.Process(target=_write, args=(folder / code_name(module), results)))
+        writers[-1].start()
+    for writer in writers:
+        complete &= _ended(writer)
+    return complete
+
+
+def _write(path: Path, results: dict[str, Any]) -> None:
+    try:
+        save(path, results)
+    except OSError as error:
+        print(f'{error.strerror}: {error.filename}', flush=True)
+
+
+def _ended(writer: Any) -> bool:
+    writer.join()
+    return writer.exitcode == 0
 
 
 def _add(log: Path) -> None:
@@ -65,11 +97,7 @@ def _add(log: Path) -> None:
 def main(arguments: list[str] = sys.argv[1:]) -> int:
     """Compile what is missing; see the top of the file."""
     if arguments[:1] == ['--worker']:
-        try:
-            _work(Path(arguments[1]), arguments[2:])
-        except OSError as error:
-            print(f'{error.strerror}: {error.filename}', flush=True)
-        return 0
+        return 0 if _work(Path(arguments[1]), arguments[2:]) else 1
     if arguments[:1] == ['--add']:
         _add(Path(arguments[1]))
         return 0

@@ -1,15 +1,12 @@
-"""All registered functions compiled at once, by processes of their own."""
+"""All registered functions compiled at once, by a process of their own."""
 
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 import fcntl
 import os
 from pathlib import Path
-from queue import Empty, Queue
 import subprocess
 import sys
-from threading import Thread
 import time
 
 from startracker_ros.core.machine_code import (
@@ -17,7 +14,6 @@ from startracker_ros.core.machine_code import (
 
 _WORKER = 'STARTRACKER_COMPILES'
 _LOCK_PERIOD_S = 0.5
-_POLL_S = 0.1
 
 Report = Callable[[str, int, int], None]
 """Called with the function that is compiled now, how many of how many are done; '' at the end."""
@@ -52,57 +48,24 @@ def compile_missing(report: Report, folder: Path | None = None) -> None:
 def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
     names = {module: list(calls_of(module)) for module in modules}
     count, done, errors = sum(map(len, names.values())), 0, []
-    command = [sys.executable, '-m', f'{PACKAGE}.warm_up', '--worker', str(folder)]
-    workers = [
-        subprocess.Popen([*command, *share],
-                         env={**os.environ, _WORKER: '1'}, stdin=subprocess.DEVNULL,
-                         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        for share in _shares(names)]
+    command = [sys.executable, '-m', f'{PACKAGE}.warm_up', '--worker', str(folder), *names]
+    worker = subprocess.Popen(
+        command, env={**os.environ, _WORKER: '1'}, stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
-        for line in _lines(workers):
+        for line in worker.stdout or ():
             if line.startswith(PACKAGE):
-                report(line, done, count)
+                report(line.strip(), done, count)
                 done += 1
             else:
-                errors.append(line)
-        errors += [f'a compiling process ended with status {worker.returncode}'
-                   for worker in workers if worker.wait() != 0]
+                errors.append(line.strip())
+        if worker.wait():
+            errors.append(f'the compiling process ended with status {worker.returncode}')
     finally:
-        for worker in workers:
-            worker.terminate()
-            worker.wait()
+        worker.terminate()
+        worker.wait()
     if errors:
         raise CompileError(f'compiled code is not complete: {errors[-1]}')
-
-
-def _lines(workers: Iterable[subprocess.Popen]) -> Iterator[str]:
-    """Yield what processes print, in the order in which it comes."""
-    lines: Queue[str] = Queue()
-    threads = [Thread(target=_forward, args=(worker, lines), daemon=True) for worker in workers]
-    for thread in threads:
-        thread.start()
-    while any(thread.is_alive() for thread in threads) or not lines.empty():
-        with suppress(Empty):
-            yield lines.get(timeout=_POLL_S)
-
-
-def _forward(worker: subprocess.Popen, lines: Queue) -> None:
-    for line in worker.stdout or ():
-        lines.put(line.strip())
-
-
-def _shares(names: dict[str, list[str]]) -> list[list[str]]:
-    """Return the modules of each worker, those of a package together: they share functions."""
-    def functions(modules: list[str]) -> int:
-        return sum(len(names[module]) for module in modules)
-
-    packages = defaultdict(list)
-    for module in names:
-        packages[module.split('.')[1]].append(module)
-    shares: list[list[str]] = [[] for _ in range(min(os.cpu_count() or 1, len(packages)))]
-    for package in sorted(packages.values(), key=functions, reverse=True):
-        min(shares, key=functions).extend(package)
-    return shares
 
 
 @contextmanager

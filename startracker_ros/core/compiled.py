@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from numba import njit
+from numba.core.types import unliteral
 from startracker_ros.core.machine_code_cache import MachineCodeCache
 
 _Function = TypeVar('_Function', bound=Callable)
@@ -25,9 +26,16 @@ def _compiler(**options: Any) -> Callable[[_Function], _Function]:
         dispatcher = jit(function)
         # With NUMBA_DISABLE_JIT it is the function itself.
         if hasattr(dispatcher, '_cache'):
+            dispatcher.get_call_template = _without_literals(dispatcher.get_call_template)
             dispatcher._cache = MachineCodeCache(dispatcher)
         return dispatcher
     return compile_with_cache
+
+
+def _without_literals(template: Callable) -> Callable:
+    """Compile a function once for integers, not again for each constant that it is called with."""
+    return lambda args, kws: template(
+        [unliteral(one) for one in args], {name: unliteral(one) for name, one in kws.items()})
 
 
 compiled = _compiler()

@@ -181,11 +181,11 @@ def key_of(name: str, types: Iterable[Any]) -> str:
 
 def save(path: Path, functions: dict[str, Any]) -> None:
     """Write functions by key to a file, all or nothing; OSError where that fails."""
-    context = cpu_target.target_context
-    codegen = context.codegen()
-    module = llvm.parse_assembly(str(codegen._create_empty_module(path.stem)))
-    for result in functions.values():
-        module.link_in(result.library._final_module, preserve=True)
+    codegen = cpu_target.target_context.codegen()
+    library = codegen.create_library(path.stem)
+    module = library._final_module
+    for part in dict.fromkeys(part for result in functions.values() for part in _parts(result)):
+        module.link_in(part._final_module, preserve=True)
     # Unique, since names of numba count what a process has compiled.
     suffix = f'.{hashlib.sha256(path.name.encode()).hexdigest()[:16]}'
     visible = {name for result in functions.values() for name in (
@@ -205,11 +205,23 @@ def save(path: Path, functions: dict[str, Any]) -> None:
     saved = {key: serialize.dumps(_saved(result, environments, suffix))
              for key, result in functions.items()}
     module.verify()
+    if _COMPILE_ONLY:
+        library._optimize_final_module()
     payload = pickle.dumps((saved, codegen._tm.emit_object(module)))
     with replaced(path) as file:
         file.write(hashlib.sha256(payload).digest() + payload)
         file.flush()
         os.fsync(file.fileno())
+
+
+def _parts(result: Any) -> list[Any]:
+    """Return the libraries that hold the code of a function and of those that it calls."""
+    found = [result.library]
+    if _COMPILE_ONLY:
+        for library in found:
+            found += [one for one in dict.fromkeys(library._linking_libraries)
+                      if one not in found]
+    return found
 
 
 def _needs_loaded(result: Any) -> bool:
@@ -219,7 +231,8 @@ def _needs_loaded(result: Any) -> bool:
 
 
 def _saved(result: Any, names: Iterable[str], suffix: str) -> _Saved:
-    used = {value.name for value in result.library._final_module.global_variables}
+    used = {value.name for part in _parts(result)
+            for value in part._final_module.global_variables}
     found = [(name, lookup_environment(name)) for name in names if name in used]
     descriptor = result.fndesc
     descriptor.typemap = descriptor.calltypes = None
@@ -279,7 +292,18 @@ def compile_only(names: Iterable[str]) -> None:
     context.get_executable = no_executable
     codegen = context.codegen()
     codegen._add_module = lambda module: None
-    codegen._library_class._finalize_specific = lambda library: None
+    codegen._library_class.finalize = _finalize
+
+
+def _finalize(library: Any) -> None:
+    """Leave a function as it is, and inline and optimise once, in the file that it is saved in."""
+    for part in library._linking_libraries:
+        library._reload_init.update(part._reload_init)
+    for function in library._final_module.functions:
+        # Several functions may bring the same help of numba.
+        if not function.is_declaration and function.linkage == llvm.Linkage.external:
+            function.linkage = llvm.Linkage.weak_odr
+    library._finalized = True
 
 
 @cache

@@ -97,6 +97,11 @@ class Options:
         for row in self.table():
             object.__setattr__(self, row.name, row.check(getattr(self, row.name)))
 
+    @property
+    def changed(self) -> list[str]:
+        """Return the names of the options that are not the default."""
+        return [row.name for row in self.table() if getattr(self, row.name) != row.default]
+
     @classmethod
     def table(cls) -> tuple[Option, ...]:
         """Return the rows of this class, in the order of definition."""

@@ -34,6 +34,12 @@ class Result:
                 for row in self.rows]
 
     @property
+    def document(self) -> dict[str, object]:
+        """Return the JSON document of --json."""
+        return {'name': self.name, 'conditions': _plain_values(self.conditions),
+                'rows': self.records}
+
+    @property
     def holds(self) -> bool:
         """Return whether all rows hold, as one without a bound, holds missing or None, does."""
         return all(record.get('holds') in (None, True) for record in self.records)
@@ -52,7 +58,7 @@ def _plain(value: object) -> object:
     return value
 
 
-def _text(name: str, value: object) -> str:
+def cell_text(name: str, value: object) -> str:
     """Return a plain value as a cell of a column."""
     if value is None:
         return '-'
@@ -73,17 +79,17 @@ def show(result: Result, as_json: bool, wide: bool = False) -> None:
     The details are in the JSON document only. A terminal shows as many columns as fit, all with
     wide. A pipe or a file receives all.
     """
-    rows, conditions = result.records, _plain_values(result.conditions)
     if as_json:
-        print(json.dumps({'name': result.name, 'conditions': conditions, 'rows': rows}))
+        print(json.dumps(result.document))
         return
+    rows, conditions = result.records, _plain_values(result.conditions)
     # Texts are data: brackets and colons in them are no markup.
     console = Console(markup=False, emoji=False, highlight=False)
     names = [name for name in (rows[0] if rows else ()) if name not in result.details]
     layout = fit([_column(name, rows) for name in names],
                  console.width if console.is_terminal and not wide else FILE_WIDTH,
                  drop=console.is_terminal and not wide)
-    remarks = {key: f'{_text(key, value)} {result.notes.get(key, "")}'.rstrip()
+    remarks = {key: f'{cell_text(key, value)} {result.notes.get(key, "")}'.rstrip()
                for key, value in conditions.items()}
     if layout.left_out:
         remarks = {'not shown': f'{", ".join(layout.left_out)}; all with --wide', **remarks}
@@ -98,7 +104,7 @@ def show(result: Result, as_json: bool, wide: bool = False) -> None:
 
 
 def _column(name: str, rows: Sequence[Mapping[str, object]]) -> Column:
-    return Column(name, [_text(name, None if _says_nothing(name, row) else row[name])
+    return Column(name, [cell_text(name, None if _says_nothing(name, row) else row[name])
                          for row in rows],
                   any(isinstance(row[name], (int, float)) for row in rows))
 

@@ -19,7 +19,9 @@ from startracker_ros.ros.memory import return_free_memory
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.topic_status import TopicStatus
 
-_EARLY = 'camera_info before ready'
+EARLY = 'camera_info before ready'
+"""Counts camera_info of the time in which the code is loaded."""
+
 _DROPPED = 'dropped without camera_info'
 
 
@@ -116,11 +118,8 @@ class CameraNode(PipelineNode):
                        while_inactive=True)
 
     def get_ready(self) -> None:
-        early = self.diagnostics.counts[_EARLY]
         if self.camera is None:
             self.diagnostics.report(WARN, 'waiting for camera_info')
-        if early:
-            self.diagnostics.report_event(f'{early} {_EARLY}: images that came with them are lost')
         self.on_warm()
 
     def camera_or_drop(self) -> Camera | None:
@@ -206,7 +205,7 @@ class CameraNode(PipelineNode):
             self._waits_for_camera = False
             raise
         if not self.is_loaded:
-            self.diagnostics.counts[_EARLY] += 1
+            self.diagnostics.counts[EARLY] += 1
         epoch_year = epoch_year_from_stamp(ns_from_stamp(message.header.stamp))
         newest = self if self._setup is None else self._setup
         if newest.camera is not None and camera != newest.camera:

@@ -39,8 +39,9 @@ def node_environment() -> dict[str, str]:
     Return this process's environment with what the nodes need; variables that are set stay.
 
     Nodes import the same package as this process. Images need a larger shared-memory segment
-    than the default one, and 2 MiB buffers without page faults. Threads of NumPy would compete
-    with the nodes for the cores.
+    than the default one, and 2 MiB buffers without page faults. Of what threads have freed, the
+    C library gives back all only where they share one arena. Threads of NumPy would compete with
+    the nodes for the cores.
     """
     root = str(_ROOT)
     paths = os.environ.get('PYTHONPATH', '').split(os.pathsep)
@@ -51,6 +52,7 @@ def node_environment() -> dict[str, str]:
         prefixes.append(sys.prefix)
     defaults = {
         'FASTRTPS_DEFAULT_PROFILES_FILE': str(share_folder() / 'config' / 'fastdds.xml'),
+        'MALLOC_ARENA_MAX': '1',
         'MALLOC_MMAP_THRESHOLD_': '1073741824',
         'MALLOC_TRIM_THRESHOLD_': '1073741824',
         'MALLOC_TOP_PAD_': '67108864',

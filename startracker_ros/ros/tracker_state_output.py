@@ -3,7 +3,9 @@
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from startracker_ros.core.astro.exclusion import BlindingForecast, ExclusionOptions, HORIZON_S
+from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.tracker import StarTracker, TrackerState
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
@@ -27,6 +29,16 @@ class TrackerStateOutput:
         self._blinding: dict[str, object] = {}
         self._known: tuple[int, np.ndarray, np.ndarray] | None = None
         self._publisher = node.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
+
+    def begin(self, tracker: StarTracker) -> None:
+        """Publish the state of a new tracker; name the options that have no effect with it."""
+        options = self._node.options(TrackerOptions)
+        gyro = self._node.options(GyroErrorOptions)
+        ignored = options.ignored + ([] if options.reads_gyro else gyro.changed)
+        if ignored:
+            self._node.diagnostics.report_event(
+                f'no effect with model = {options.model}: {", ".join(ignored)}')
+        self.publish(tracker)
 
     def publish(self, tracker: StarTracker, stamp_ns: int | None = None) -> None:
         """

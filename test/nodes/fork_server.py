@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import ctypes
 import gc
 from importlib import import_module
+import inspect
 import json
 import os
 from pathlib import Path
@@ -150,6 +151,13 @@ def _load() -> None:
     from startracker_ros.ros.executables import EXECUTABLES
     for module in EXECUTABLES.values():
         import_module(module)
+    # What rclpy does at the first use: it finds the module of each line that logs among all of
+    # them, and imports the C code of each type.
+    inspect.getframeinfo(inspect.currentframe())
+    for name in [name for name in sys.modules if name.endswith(('.msg', '.srv'))]:
+        for value in vars(sys.modules[name]).values():
+            if hasattr(value, '__import_type_support__'):
+                value.__import_type_support__()
     # Threads are missing in what is forked: the two of the tracing that rclpy is linked with are
     # idle, those of OpenCV would be waited for.
     threads = cv2.getNumThreads()

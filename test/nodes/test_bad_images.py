@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
-from startracker_ros.core.camera.model import Camera
+from skies import SMALL_CAMERA as CAMERA, START_NS
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
@@ -13,9 +13,6 @@ from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_to_message
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
-
-CAMERA = Camera.from_fov(512, 512, 12.0)
-START_NS = 1_790_000_000_000_000_000
 
 
 def header(index):

@@ -8,16 +8,13 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from startracker_ros.core.camera.model import Camera
+from skies import SMALL_CAMERA as CAMERA, START_NS
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud, STAR_DTYPE
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import NODES
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import cloud_to_message
 from startracker_ros.ros.messages.header import make_header
-
-CAMERA = Camera.from_fov(512, 512, 12.0)
-START_NS = 1_790_000_000_000_000_000
 
 
 def header(index):

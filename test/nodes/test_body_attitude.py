@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
+from skies import onboard_stars
 from startracker_ros.core.centroid.synthetic_field import (
     synthetic_field, WARM_UP_CAMERA as CAMERA, WARM_UP_EPOCH_YEAR)
 from startracker_ros.ros import qos
@@ -35,7 +34,7 @@ def test_the_body_has_the_attitude_of_the_sensor_turned_by_the_mount(nodes, prob
     for topic in ('attitude', 'attitude_body'):
         probe.wait(lambda topic=topic: probe.count_publishers(topic), f'the publisher of {topic}')
     centroids, hip = synthetic_field(
-        onboard_catalog(load_catalog(), CAMERA, WARM_UP_EPOCH_YEAR), CAMERA)
+        onboard_stars(CAMERA, WARM_UP_EPOCH_YEAR), CAMERA)
     stamps_ns = count(STAMP_NS, 100_000_000)
 
     def both():

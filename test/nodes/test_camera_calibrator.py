@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2, Temperature
 from sensor_msgs.srv import SetCameraInfo
+from skies import onboard_stars, START_NS
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.rotation import (
     multiply, quaternion_from_rotation_vector, random_attitude)
@@ -23,8 +22,7 @@ from startracker_ros.ros.messages.header import make_header
 from std_srvs.srv import Trigger
 
 CAMERA = Camera.from_fov(1024, 768, 15.0)
-ONBOARD = onboard_catalog(load_catalog(), CAMERA, 2026.7, 6.5)
-START_NS = 1_790_000_000_000_000_000
+ONBOARD = onboard_stars(CAMERA, 2026.7, 6.5)
 
 
 def call(probe, name):

@@ -7,10 +7,9 @@ import subprocess
 import sys
 
 import cv2
+from foreign_reader import messages_by_topic, stamp_ns
 import numpy as np
 import pytest
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import get_typestore, Stores
 from scipy.spatial.transform import Rotation
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud
 from startracker_ros.ros.executables import STAGES
@@ -57,59 +56,49 @@ def test_the_start_names_the_nodes_that_are_ready(demo):
         assert any(line.endswith(f'] {node}: ready') for line in lines[:first_frame]), progress
 
 
-def messages_of(output, topic):
-    with AnyReader([output / 'bag'],
-                   default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-        connections = [c for c in reader.connections if c.topic == topic]
-        assert connections, f'no {topic} in {[c.topic for c in reader.connections]}'
-        return [reader.deserialize(raw, connection.msgtype)
-                for connection, _, raw in reader.messages(connections)]
+@pytest.fixture(scope='module')
+def messages(demo):
+    return messages_by_topic(demo[0] / 'bag')
 
 
-def test_the_bag_holds_every_message_of_every_frame(demo):
-    output, _, _ = demo
+def test_the_bag_holds_every_message_of_every_frame(messages):
     stamps = {}
     for topic in ('/image_raw', '/centroids', '/tracks', '/truth/attitude',
                   '/truth/stars', '/truth/odometry', '/attitude_imu'):
-        stamps[topic] = sorted(m.header.stamp.sec * 10 ** 9 + m.header.stamp.nanosec
-                               for m in messages_of(output, topic))
+        stamps[topic] = sorted(stamp_ns(m) for m in messages[topic])
         assert len(stamps[topic]) == FRAMES, topic
         assert stamps[topic] == stamps['/image_raw'], topic
     # The camera is told before the first image, too.
-    told = {m.header.stamp.sec * 10 ** 9 + m.header.stamp.nanosec
-            for m in messages_of(output, '/camera_info')}
+    told = {stamp_ns(m) for m in messages['/camera_info']}
     assert told >= set(stamps['/image_raw'])
-    gyro_ns = [m.header.stamp.sec * 10 ** 9 + m.header.stamp.nanosec
-               for m in messages_of(output, '/imu')]
+    gyro_ns = [stamp_ns(m) for m in messages['/imu']]
     # From when the recorder has found the topic, which on a busy machine takes a while.
     assert abs(gyro_ns[-1] - stamps['/image_raw'][-1]) <= 1
     assert np.abs(np.diff(gyro_ns) - 10_000_000).max() <= 1
-    assert messages_of(output, '/tracker_state')[-1].message == 'TRACKING'
-    assert messages_of(output, '/diagnostics')
+    assert messages['/tracker_state'][-1].message == 'TRACKING'
+    assert messages['/diagnostics']
 
 
-def test_half_of_the_images_at_least_are_not_searched_as_a_whole(demo):
+def test_half_of_the_images_at_least_are_not_searched_as_a_whole(messages):
     """Although the recorder subscribes to the target."""
-    output, _, _ = demo
-    assert not any(m.width for m in messages_of(output, '/target_centroid'))
+    assert not any(m.width for m in messages['/target_centroid'])
     directed = [read_cloud(m, CENTROID_DTYPE)['directed'].any()
-                for m in messages_of(output, '/centroids')]
+                for m in messages['/centroids']]
     assert sum(directed) > FRAMES / 2
 
 
-def test_attitudes_agree_with_the_truth(demo):
-    """Judged by SciPy and rosbags alone."""
-    output, document, _ = demo
-    truth = {m.header.stamp.nanosec + m.header.stamp.sec * 10 ** 9: m.quaternion
-             for m in messages_of(output, '/truth/attitude')}
+def test_attitudes_agree_with_the_truth(demo, messages):
+    """By SciPy and rosbags alone."""
+    _, document, _ = demo
+    truth = {stamp_ns(m): m.quaternion for m in messages['/truth/attitude']}
     errors, previous = [], None
-    for message in messages_of(output, '/attitude'):
+    for message in messages['/attitude']:
         q = message.quaternion
         ours = np.array([q.x, q.y, q.z, q.w])
         if previous is not None:
             assert ours @ previous > 0, 'the sign of the quaternion jumped'
         previous = ours
-        t = truth[message.header.stamp.nanosec + message.header.stamp.sec * 10 ** 9]
+        t = truth[stamp_ns(message)]
         error = Rotation.from_quat([t.x, t.y, t.z, t.w]).inv() * Rotation.from_quat(ours)
         errors.append(np.degrees(error.as_rotvec()) * 3600)
         assert message.header.frame_id == 'icrf'

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from queues import deep_queues
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
+from skies import FRAME, NARROW_CAMERA as CAMERA, onboard_stars, START_NS
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
@@ -22,9 +20,6 @@ from startracker_ros.ros.messages.clouds import centroids_from_message, centroid
 from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
 
-CAMERA = Camera.from_fov(1024, 1024, 4.0)
-FRAME = 'star_tracker_optical_frame'
-START_NS = 1_790_000_000_000_000_000
 EPOCH_YEAR = 2026.7
 OPTIONS = {'method': 'extended_grid', 'magnitude_limit': 7.5}
 
@@ -117,7 +112,7 @@ class Sky:
         self.centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
         self.imu = probe.advertise(Imu, 'imu', qos.LIST)
         probe.wait(lambda: probe.count_publishers('stars'), 'stars offered')
-        onboard = onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, 7.5)
+        onboard = onboard_stars(CAMERA, EPOCH_YEAR, 7.5)
         rng = np.random.default_rng(2)
         self.stars = star_list(onboard, CAMERA, random_attitude(rng), 0.1, rng)[0]
         assert len(self.stars) >= 8

@@ -35,8 +35,7 @@ def start_all(nodes, probe, folder, sky_data):
         'image_publisher': {'path': str(sky_data / 'night-sky-11deg'), 'wait_for_subscribers': 1},
         'bag_player': {'path': str(GOLDEN_BAG), 'topics': ['/truth/attitude'],
                        'start_paused': True},
-        'bag_recorder': {'folder': str(folder / 'bag'),
-                         'exclude': ['/parameter_events', '/files/*', '*/image_annotated']},
+        'bag_recorder': {'folder': str(folder / 'bag'), 'topics': ['/image_raw', '/attitude']},
         'camera_calibrator': {'calibration_mode': 'propose'}}
     # Several sources of images in one namespace would be several cameras for one pipeline.
     place = {'image_publisher': 'files', 'camera_source': 'camera'}

@@ -7,6 +7,7 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
+from skies import START_NS
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector, random_attitude)
 from startracker_ros.io.bags.layouts import ns_from_stamp
@@ -16,7 +17,6 @@ from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.odometry import motion_to_odometry
 
 SENSOR = 'star_tracker_optical_frame'
-START_NS = 1_790_000_000_000_000_000
 STEP_NS = 200_000_000
 # Messages that wait for the probe: several images are published at once.
 MANY = 100

@@ -5,10 +5,13 @@ from pathlib import Path
 import subprocess
 import sys
 
+from limits import HANGS_S
 import numpy as np
 import pytest
+from queues import deep_queues
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
+from skies import START_NS
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.evaluation.harness.managed_nodes import ACTIVE, NodeManager
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp
@@ -23,9 +26,6 @@ from startracker_ros.ros.processes import NodeProcesses
 
 BAG = Path(__file__).parents[2] / 'bags' / 'slew'
 PLAYER = Path(__file__).with_name('replaying.py')
-# Without any progress for so long something hangs.
-STALL_S = 60.0
-START_NS = 1_790_000_000_000_000_000
 CAMERA = Camera.from_fov(256, 256, 20.0)
 LOST = ('dropped', 'missing', 'while not active', 'out of order', 'without', 'before ready')
 
@@ -37,7 +37,7 @@ def play(bag, rate, early):
 
 def wait_while_it_increases(probe, count, done):
     """Wait until done() is true or count() has not increased for a long time."""
-    progress = Progress(STALL_S)
+    progress = Progress(HANGS_S)
     while not done() and not progress.is_stalled(count()):
         probe.spin_for(0.1)
 
@@ -51,7 +51,9 @@ def lost_frames(probe):
 
 
 @pytest.mark.parametrize('composed, rate, early, busy', [
-    (False, 1.0, 0, 0), (False, 2.0, 5, 2), (True, 2.0, 0, 2)])
+    (False, 2.0, 5, 0), (True, 2.0, 0, 0), *(
+        pytest.param(*case, marks=pytest.mark.long) for case in (
+            (False, 1.0, 0, 0), (False, 2.0, 5, 2), (True, 2.0, 0, 2)))])
 def test_every_frame_played_into_active_nodes_is_answered(
         rig, probe, tmp_path, composed, rate, early, busy):
     frames_ns = {ns_from_stamp(deserialize_message(message.data, Image).header.stamp)
@@ -63,7 +65,8 @@ def test_every_frame_played_into_active_nodes_is_answered(
         # As a user starts them: nothing is loaded yet.
         nodes = processes.enter_context(NodeProcesses(tmp_path))
         for name in (('composed_pipeline',) if composed else STAGES):
-            nodes.start(name)
+            # How many images wait is of the machine, that none is lost of the nodes.
+            nodes.start(name, deep_queues('image_raw.subscription'))
         for name in STAGES:
             probe.wait(lambda name=name: manager.state(name) == ACTIVE, f'{name} active')
         for _ in range(busy):
@@ -80,9 +83,9 @@ def test_every_frame_played_into_active_nodes_is_answered(
         probe.wait(lambda: len({status.name for status in probe.statuses()}) >= 2 * len(STAGES),
                    'diagnostics of all stages')
         assert lost_frames(probe) == {}
-        assert player.wait(STALL_S) == 0
+        assert player.wait(HANGS_S) == 0
         rig.remove_probe()
-        assert set(nodes.stop(STALL_S).values()) == {0}
+        assert set(nodes.stop(HANGS_S).values()) == {0}
 
 
 def header(index):

@@ -6,7 +6,8 @@ import pytest
 from startracker_ros.evaluation.campaign.resources import growth
 from startracker_ros.evaluation.campaign.soak import rows_of
 from startracker_ros.evaluation.harness.soak import NODES, Soak
-FRAMES = 200
+# Half of a turn.
+FRAMES = 100
 
 
 @pytest.fixture(scope='module')
@@ -14,8 +15,8 @@ def result(tmp_path_factory):
     """Return what frames through the nodes showed, with several samples on the way."""
     folder = tmp_path_factory.mktemp('soak')
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('startracker_ros.evaluation.harness.soak.LOOP_FRAMES', FRAMES)
-        patch.setattr('startracker_ros.evaluation.harness.soak._SAMPLE_PERIOD_S', 0.1)
+        patch.setattr('startracker_ros.evaluation.harness.soak.LOOP_FRAMES', 2 * FRAMES)
+        patch.setattr('startracker_ros.evaluation.harness.soak._SAMPLE_PERIOD_S', 0.2)
         with Soak(folder, seed=3) as soak:
             return soak.run(FRAMES)
 

@@ -8,7 +8,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from startracker_ros.core.camera.model import Camera
+from skies import CAMERA, START_NS
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import ARCSEC, quaternion_from_matrix
 from startracker_ros.io.bags.layouts import ns_from_stamp
@@ -20,8 +20,6 @@ from startracker_ros.ros.messages.odometry import motion_to_odometry
 from startracker_ros.ros.processes import node_command, node_environment, parameter_arguments
 from visualization_msgs.msg import MarkerArray
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
-START_NS = 1_790_000_000_000_000_000
 TARGET = np.array([7.45e6, 2.1e5, 3e4])
 ONBOARD = np.array([[7.07e6, 0.0, 0.0], [7.05e6, 4.9e5, 1e3]])
 VELOCITY = np.array([0.0, 7.5e3, 0.0])

@@ -10,6 +10,7 @@ import pytest
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, Temperature
+from skies import FRAME
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.track.tracks import TrackedAttitude
 from startracker_ros.io.telemetry import nos3, space_packet
@@ -20,7 +21,6 @@ from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.rig import Rig
 
 START_NS, STEP_NS = 1_790_000_000_000_000_001, 100_000_000
-FRAME = 'star_tracker_optical_frame'
 Q = np.array([0.1826, -0.3651, 0.5477, 0.7303]) / np.linalg.norm([0.1826, -0.3651, 0.5477, 0.7303])
 SIGMA = np.array([1e-6, 2e-6, 3e-5])
 RATE = np.array([0.01, -0.02, 0.03])

@@ -13,13 +13,11 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
+from skies import CAMERA, FRAME, onboard_stars, START_NS
 from startracker_ros.core.astro.aberration import apparent_directions, vantage_near_earth
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.orbit import CircularOrbit, orbit_frame
 from startracker_ros.core.astro.state import State
-from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.rotation import (
@@ -36,11 +34,8 @@ from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.odometry import state_to_odometry
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
-ONBOARD = onboard_catalog(load_catalog(), CAMERA, 2026.7, 6.5)
-START_NS = 1_790_000_000_000_000_000
+ONBOARD = onboard_stars(CAMERA, 2026.7, 6.5)
 STEP_NS = 100_000_000
-FRAME = 'star_tracker_optical_frame'
 RATE = np.radians([0.05, 0.3, 0.1])
 CHECK_NS = 1_000_000_000
 STATES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -1,17 +1,14 @@
 """Two star trackers and a locator, end to end: twelve processes and a bag."""
 
 import json
-import os
-import subprocess
-import sys
 
+from click.testing import CliRunner
 import cv2
+from foreign_reader import messages_by_topic, stamp_ns
 import numpy as np
 import pytest
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import get_typestore, Stores
+from startracker_ros.__main__ import main
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud
-from startracker_ros.ros.processes import take_domain
 
 FRAMES = 24
 
@@ -20,25 +17,15 @@ FRAMES = 24
 def demo(tmp_path_factory):
     """Run the demo for twelve seconds of sky time."""
     output = tmp_path_factory.mktemp('demo') / 'two'
-    done = subprocess.run(
-        [sys.executable, '-m', 'startracker_ros', 'demo', 'two-satellite', '--seconds',
-         str(FRAMES / 2), '--output', str(output), '--json'],
-        env={**os.environ, 'ROS_DOMAIN_ID': take_domain()},
-        capture_output=True, text=True, timeout=600)
-    assert done.returncode == 0, done.stdout + done.stderr
+    done = CliRunner().invoke(main, [
+        'demo', 'two-satellite', '--seconds', str(FRAMES / 2), '--output', str(output), '--json'])
+    assert done.exit_code == 0, done.output
     return output, json.loads(done.stdout.splitlines()[-1])
 
 
-def stamp(message):
-    return message.header.stamp.sec * 10 ** 9 + message.header.stamp.nanosec
-
-
-def messages_of(output, topic):
-    with AnyReader([output / 'bag'],
-                   default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-        return [reader.deserialize(raw, connection.msgtype)
-                for connection, _, raw in reader.messages(
-                    [c for c in reader.connections if c.topic == topic])]
+@pytest.fixture(scope='module')
+def messages(demo):
+    return messages_by_topic(demo[0] / 'bag')
 
 
 def xyz(vector):
@@ -53,34 +40,33 @@ def test_every_row_holds(demo):
     assert rows['wrong positions']['ours'] == 0
 
 
-def test_positions_agree_with_the_truth(demo):
-    """Judged by rosbags alone; cameras take turns, and the truth of both is one."""
-    output, document = demo
-    truth = {stamp(m): xyz(m.pose.pose.position)
-             for m in messages_of(output, '/tracker_1/truth/target')}
-    other = messages_of(output, '/tracker_2/truth/target')
-    assert len(truth) == FRAMES and not truth.keys() & {stamp(m) for m in other}
-    before = max(ns for ns in truth if ns < stamp(other[5]))
-    step_s = (stamp(other[5]) - before) * 1e-9
+def test_positions_agree_with_the_truth(demo, messages):
+    """By rosbags alone; cameras take turns, and the truth of both is one."""
+    _, document = demo
+    truth = {stamp_ns(m): xyz(m.pose.pose.position)
+             for m in messages['/tracker_1/truth/target']}
+    other = messages['/tracker_2/truth/target']
+    assert len(truth) == FRAMES and not truth.keys() & {stamp_ns(m) for m in other}
+    before = max(ns for ns in truth if ns < stamp_ns(other[5]))
+    step_s = (stamp_ns(other[5]) - before) * 1e-9
     expected = truth[before] + step_s * xyz(other[5].twist.twist.linear)
     assert np.linalg.norm(xyz(other[5].pose.pose.position) - expected) < 1.0
-    positions = messages_of(output, '/target/position')
+    positions = messages['/target/position']
     assert len(positions) >= FRAMES / 2
-    errors = [np.linalg.norm(xyz(m.pose.pose.position) - truth[stamp(m)]) for m in positions]
+    errors = [np.linalg.norm(xyz(m.pose.pose.position) - truth[stamp_ns(m)]) for m in positions]
     printed = {row['case']: row['ours'] for row in document['rows']}
     assert printed['error of the position, rms'] == pytest.approx(
         np.sqrt(np.mean(np.square(errors))), rel=1e-6)
     assert max(errors) < 100
-    lines = messages_of(output, '/target/line_of_sight')
-    assert [stamp(m.markers[0]) for m in lines] == [stamp(m) for m in positions]
+    lines = messages['/target/line_of_sight']
+    assert [stamp_ns(m.markers[0]) for m in lines] == [stamp_ns(m) for m in positions]
 
 
-def test_the_target_is_found_in_images_that_are_not_searched_as_a_whole(demo):
-    output, _ = demo
+def test_the_target_is_found_in_images_that_are_not_searched_as_a_whole(messages):
     for name in ('tracker_1', 'tracker_2'):
-        directed = {stamp(m) for m in messages_of(output, f'/{name}/centroids')
+        directed = {stamp_ns(m) for m in messages[f'/{name}/centroids']
                     if read_cloud(m, CENTROID_DTYPE)['directed'].any()}
-        found = {stamp(m) for m in messages_of(output, f'/{name}/target_centroid') if m.width}
+        found = {stamp_ns(m) for m in messages[f'/{name}/target_centroid'] if m.width}
         assert len(directed & found) >= 3
 
 

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
+from skies import FRAME, onboard_stars
 from startracker_ros.core.centroid.synthetic_field import (
     synthetic_field, WARM_UP_CAMERA as CAMERA, WARM_UP_EPOCH_YEAR)
 from startracker_ros.io.bags.layouts import ns_from_stamp
@@ -17,7 +16,6 @@ from startracker_ros.ros.messages.header import make_header
 import yaml
 
 START_NS, STEP_NS = 1_790_000_000_000_000_000, 100_000_000
-FRAME = 'star_tracker_optical_frame'
 IDENTIFIED = (True, False, False, True)
 EXAMPLE = Path(__file__).parents[2] / 'docs' / 'examples' / 'robot_localization.yaml'
 
@@ -32,7 +30,7 @@ def test_frames_without_an_attitude_are_held_back_on_request(nodes, probe, valid
     probe.publish_until_received(info, camera_to_message(CAMERA, make_header(START_NS, FRAME)))
     probe.wait(lambda: probe.count_publishers('attitude_imu'), 'the publisher')
     centroids, hip = synthetic_field(
-        onboard_catalog(load_catalog(), CAMERA, WARM_UP_EPOCH_YEAR), CAMERA)
+        onboard_stars(CAMERA, WARM_UP_EPOCH_YEAR), CAMERA)
     zeros = np.zeros(len(hip))
     clouds = [stars_to_message(
         centroids, hip if identified else np.zeros_like(hip), zeros, zeros, CAMERA,

@@ -52,6 +52,7 @@ def test_nodes_without_images_take_the_profile_with_the_smaller_segment(monkeypa
     assert os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == 'mine.xml'
     # Otherwise the two are the same.
     texts = [re.sub('(?s)<!--.*?-->', '', file.read_text(), count=1) for file in (PROFILE, small)]
-    sizes = [re.search('<segment_size>(.*?)<', text).group(1) for text in texts]
-    assert int(sizes[1]) < int(sizes[0])
-    assert texts[0].replace(sizes[0], sizes[1]) == texts[1]
+    sizes = [[int(re.search(f'<{name}>(.*?)<', text).group(1))
+              for name in ('maxMessageSize', 'segment_size')] for text in texts]
+    assert sizes[1] < sizes[0] and all(message < segment for message, segment in sizes)
+    assert len({re.sub('<(maxMessageSize|segment_size)>.*?<', '', text) for text in texts}) == 1

@@ -98,7 +98,8 @@ def install_with_colcon(folder: Path, *options: str) -> Install:
                    symlinked='--symlink-install' in options)
 
 
-@pytest.fixture(scope='module', params=['pip', 'colcon', 'colcon --symlink-install'])
+@pytest.fixture(scope='module', params=[
+    'pip', 'colcon', pytest.param('colcon --symlink-install', marks=pytest.mark.long)])
 def install(request, tmp_path_factory) -> Iterator[Install]:
     folder = tmp_path_factory.mktemp('install')
     if request.param == 'pip':

@@ -20,12 +20,13 @@ UNSAFE_CALLS = {
 SAFE_LOADERS = {'yaml.SafeLoader', 'yaml.CSafeLoader'}
 # Modules named by a table in the code or, in message_types.py, by data that is checked below.
 MAY_IMPORT_BY_NAME = {
-    'ros/messages/message_types.py', 'ros/node.py', 'doctor/install.py', 'bench/centroid.py',
-    'bench/jpda.py',
+    'ros/messages/message_types.py', 'ros/node.py', 'tools/doctor/install.py',
+    'evaluation/bench/centroid.py',
+    'evaluation/bench/jpda.py',
     # Names of the package, out of signatures.json, which is installed with it.
-    '__init__.py', 'compiled_types.py', 'warm_up.py',
+    '__init__.py', 'core/compiled_types.py', 'warm_up.py',
     # Names beside the machine code that is run.
-    'machine_code_cache.py'}
+    'core/machine_code_cache.py'}
 # What it unpickles lies beside machine code in the same file, which is run anyway.
 MACHINE_CODE = 'startracker_ros/core/machine_code_cache.py'
 

@@ -14,14 +14,19 @@ FALSE_ALARM = 1e-3
 """False-alarm probability of the chi-square test of the residuals. Scaling the covariance of
 every frame by its residuals would make it too large on average, by a quarter for four stars."""
 
+UNUSED_SOLVER = (
+    'attitude_estimator.solver = {} has no effect on the attitude of a star tracker: set '
+    'star_tracker.solver, with another model than attitude')
+
 
 @dataclass(frozen=True)
 class ValidationOptions(Options):
     """The solver, and the limits that an attitude must keep to be published."""
 
     solver: str = option(
-        'quest', 'quest, davenport and svd find the same best fit of all stars, triad takes the '
-        'two that determine the attitude best',
+        'quest', 'solver of stars of single frames and of tracks without tracked_attitude, which '
+        'star_tracker solves by its own: quest, davenport and svd find the same best fit of all '
+        'stars, triad takes the two that determine the attitude best',
         choices=SOLVERS, live=True)
     min_stars: int = option(
         4, 'fewest stars of a trusted attitude; three or fewer leave no room to notice a wrong '

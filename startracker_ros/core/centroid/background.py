@@ -54,6 +54,9 @@ def measure_background(image: np.ndarray, kernel: Kernel) -> Mesh:
     """
     height, width = image.shape
     rows, columns = max(1, round(height / TILE_PX)), max(1, round(width / TILE_PX))
+    # As images out of DDS: it is compiled for these only.
+    image = image.view()
+    image.flags.writeable = False
     return Mesh(*_measure(image, kernel, rows, columns),
                 (rows / height, columns / width))
 

@@ -22,7 +22,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import camera_catalog, load_deep_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.core.identify.ladder import Attempt, Rung, UncalibratedPyramid
+from startracker_ros.core.identify.ladder import Attempt, Step, UncalibratedPyramid
 
 FOV_ERROR = 0.05
 """Tolerance of the focal length of each field."""
@@ -40,7 +40,7 @@ _WIDTH, _HEIGHT = 1024, 768
 COARSEST_PIXEL_DEG = 0.3
 """Larger pixels resolve no stars."""
 
-_RUNGS = (Rung(1.0), Rung(1.0, pixel_ratio=0.5), Rung(0.2), Rung(1.0, pixel_ratio=2.0))
+_STEPS = (Step(1.0), Step(1.0, pixel_ratio=0.5), Step(0.2), Step(1.0, pixel_ratio=2.0))
 # A search that succeeds mostly does so within a millisecond or two.
 _PASSES_S, _TIME_LIMIT_S, _MIRRORED_LIMIT_S = (0.0015, 0.004), 2.0, 0.6
 
@@ -52,8 +52,8 @@ def _half_tangents() -> np.ndarray:
 
 
 _TANGENTS = _half_tangents()
-# Mirrored images are named as such: the first rung alone.
-ATTEMPTS = _LISTS * (len(_RUNGS) + 1) * len(_TANGENTS)
+# Mirrored images are named as such: the first step alone.
+ATTEMPTS = _LISTS * (len(_STEPS) + 1) * len(_TANGENTS)
 """Identifications of one image at most, each of which may be wrong by chance."""
 
 
@@ -77,7 +77,7 @@ class BlindIdentifier:
         self._deep = cache(load_deep_catalog)
         self._databases: dict[int, _BlindPyramid] = {}
         self._shape = (0, 0)
-        self._identifiers: dict[tuple[int, Rung], _BlindPyramid] = {}
+        self._identifiers: dict[tuple[int, Step], _BlindPyramid] = {}
 
     def identify(self, lists: Iterable[Centroids], shape: tuple[int, int], likely_deg: float
                  ) -> Iterator[Attempt]:
@@ -86,29 +86,29 @@ class BlindIdentifier:
 
         likely_deg is the field of view of the long side that is searched first.
         """
-        yield from self._identify(lists, shape, likely_deg, _RUNGS, _TIME_LIMIT_S)
+        yield from self._identify(lists, shape, likely_deg, _STEPS, _TIME_LIMIT_S)
 
     def identify_mirrored(self, lists: Iterable[Centroids], shape: tuple[int, int],
                           likely_deg: float) -> Iterator[Attempt]:
         """Yield the results of a quick search in lists that are flipped from left to right."""
-        yield from self._identify(lists, shape, likely_deg, _RUNGS[:1], _MIRRORED_LIMIT_S)
+        yield from self._identify(lists, shape, likely_deg, _STEPS[:1], _MIRRORED_LIMIT_S)
 
     def _identify(self, lists: Iterable[Centroids], shape: tuple[int, int], likely_deg: float,
-                  rungs: Sequence[Rung], left_s: float) -> Iterator[Attempt]:
+                  steps: Sequence[Step], left_s: float) -> Iterator[Attempt]:
         if shape != self._shape:
             self._shape, self._identifiers = shape, {}
         order = np.argsort(np.abs(np.log(_TANGENTS / np.tan(np.radians(likely_deg) / 2))))
         likely, others = order[:_LIKELY_FIELDS], order[_LIKELY_FIELDS:]
-        first = [*product(rungs[:2], likely)]
-        all_of_them = chain(first, product(rungs[:1], others), product(rungs[2:], likely),
-                            product(rungs[1:], others))
+        first = [*product(steps[:2], likely)]
+        all_of_them = chain(first, product(steps[:1], others), product(steps[2:], likely),
+                            product(steps[1:], others))
         short_s, long_s = _PASSES_S
-        for time_s, (rung, field) in chain(product([short_s], first),
+        for time_s, (step, field) in chain(product([short_s], first),
                                            product([long_s], all_of_them)):
             nominal = _camera(shape, _TANGENTS[field])
             if np.degrees(nominal.pixel_rad) > COARSEST_PIXEL_DEG:
                 continue
-            identifier = self._identifier(int(field), rung, nominal)
+            identifier = self._identifier(int(field), step, nominal)
             identifier.prepare()
             for centroids in islice(lists, _LISTS):
                 start_s = time.thread_time()
@@ -118,11 +118,11 @@ class BlindIdentifier:
                 if left_s < 0:
                     return
 
-    def _identifier(self, field: int, rung: Rung, nominal: Camera) -> _BlindPyramid:
-        key = field, rung
+    def _identifier(self, field: int, step: Step, nominal: Camera) -> _BlindPyramid:
+        key = field, step
         if key not in self._identifiers:
-            camera = replace(nominal, fy=nominal.fy * rung.pixel_ratio)
-            options = replace(self._options, sigma_floor_px=rung.sigma_floor_px)
+            camera = replace(nominal, fy=nominal.fy * step.pixel_ratio)
+            options = replace(self._options, sigma_floor_px=step.sigma_floor_px)
             self._identifiers[key] = self._database(field).with_camera(camera, options)
         return self._identifiers[key]
 

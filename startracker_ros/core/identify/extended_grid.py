@@ -33,6 +33,11 @@ _MIN_STARS = 2
 # Share of its cells that a pattern must have in common. At 0.35 px and 0.2 mag 99 % of the right
 # ones have 0.6 or more, 99 % of the wrong ones 0.23 or less.
 _MIN_SHARED = 1 / 3
+# The catalogue stars are taken up to these magnitudes about the limit of the image. Of stars next
+# to it some are in one of both only, and the nearest of them gives a grid its direction. Rows
+# "grid, one limit" of campaign extended-grid show what one limit loses at 0.2 mag of noise; five
+# limits gain nothing more.
+_LIMITS_MAG = (-0.2, 0.0, 0.2)
 # Limit of the tangent plane of a very wide extended field.
 _MAX_HALF_FIELD_RAD = np.radians(75.0)
 
@@ -57,19 +62,20 @@ class PredictedField:
     The catalogue stars of the extended field at the predicted attitude, brightest first.
 
     star (M,) are catalogue indices; tangent (M, 2) is x / z, y / z in the sensor frame;
-    inside (M,) bool is True within the image, near (M,) also where the error of the prediction
-    may have moved a star of the image.
+    magnitude (M,) ascends; inside (M,) bool is True within the image, near (M,) also where the
+    error of the prediction may have moved a star of the image.
     """
 
     star: np.ndarray
     tangent: np.ndarray
+    magnitude: np.ndarray
     inside: np.ndarray
     near: np.ndarray
 
     def select(self, chosen: np.ndarray | slice) -> 'PredictedField':
         """Return the stars of a mask (M,), of indices or of a slice."""
-        return PredictedField(self.star[chosen], self.tangent[chosen], self.inside[chosen],
-                              self.near[chosen])
+        return PredictedField(self.star[chosen], self.tangent[chosen], self.magnitude[chosen],
+                              self.inside[chosen], self.near[chosen])
 
     def brightest(self, observed: int) -> 'PredictedField':
         """
@@ -80,6 +86,12 @@ class PredictedField:
         beyond = np.flatnonzero(self.inside)[observed:]
         count = beyond[0] if len(beyond) else len(self.star)
         return self.select(slice(count))
+
+    def about_limit(self, observed: int) -> list['PredictedField']:
+        """Return the brightest stars to limits about that of an image of observed stars."""
+        limit = self.brightest(observed).magnitude.max(initial=-np.inf)
+        return [self.select(slice(np.searchsorted(self.magnitude, limit + offset, 'right')))
+                for offset in _LIMITS_MAG]
 
 
 class ExtendedGridIdentifier(PyramidIdentifier):
@@ -143,25 +155,39 @@ class ExtendedGridIdentifier(PyramidIdentifier):
         tangent = direction[:, :2] / direction[:, 2:]
         within = (np.abs(tangent) <= self._half_field).all(1)
         uv = self.camera.project(direction[within])
-        return PredictedField(near[within], tangent[within], self.camera.contains(uv),
+        return PredictedField(near[within], tangent[within], self.onboard.magnitude[near[within]],
+                              self.camera.contains(uv),
                               self.camera.contains(uv, -self._cell / self.camera.pixel_rad))
 
     def recognise(self, observed: np.ndarray, predicted: PredictedField) -> np.ndarray:
+        """Return for each observed star (N, 2) the row of the predicted star, -1 for none."""
+        image = predicted.brightest(len(observed))
+        return self.match(observed, image.tangent[~image.inside],
+                          predicted.about_limit(len(observed)))
+
+    def match(self, observed: np.ndarray, beyond: np.ndarray, images: list[PredictedField]
+              ) -> np.ndarray:
         """
         Return for each observed star (N, 2) the row of the predicted star, -1 for none.
 
-        It is the star whose pattern over A has most cells in common with that of the observed
-        one over C, provided that these are enough and that no other observed star has more in
-        common with it.
+        The combined image C is that of the observed stars and of those beyond the edge (K, 2).
+        images are A to one or several limits. The star is the one whose pattern over one of
+        these has most cells in common with that of the observed star over C, provided that
+        these are enough and that no other observed star has more in common with it.
         """
-        image = predicted.brightest(len(observed))
-        known = np.flatnonzero(image.inside)
-        if not len(known):
+        deepest = max(images, key=lambda image: len(image.star))
+        known = np.flatnonzero(deepest.inside)
+        if not len(known) or not len(observed):
             return np.full(len(observed), -1)
-        combined = np.concatenate([observed, image.tangent[~image.inside]])
-        pattern, _ = self.patterns(combined, np.arange(len(observed)))
-        catalogue, _ = self.patterns(image.tangent, known)
-        common = pattern @ catalogue.T
+        pattern, _ = self.patterns(np.concatenate([observed, beyond]), np.arange(len(observed)))
+        common = np.zeros((len(observed), len(known)))
+        for image in images:
+            # The images are of the same stars in the same order, up to their limit.
+            reference = known[:np.searchsorted(known, len(image.star))]
+            if len(reference):
+                catalogue, _ = self.patterns(image.tangent, reference)
+                shared = common[:, :len(reference)]
+                np.maximum(shared, pattern @ catalogue.T, out=shared)
         best = common.argmax(1)
         star = np.arange(len(observed))
         enough = common[star, best] >= _MIN_SHARED * pattern.sum(1)

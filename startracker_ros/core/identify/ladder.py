@@ -1,10 +1,10 @@
 """
 Identification of images of an uncalibrated camera: one lens model after the other.
 
-Each rung is an identification with an error of the lens (sigma_floor_px), a depth of the
+Each step is an identification with an error of the lens (sigma_floor_px), a depth of the
 catalogue, a ratio of the pixel sides and a radial distortion. The first ones solve most images:
 an ideal lens with an error of a pixel. The last ones allow for stars far from where an ideal lens
-has them. A rung accepts a candidate when its false-alarm probability is below false_alarm_max over
+has them. A step accepts a candidate when its false-alarm probability is below false_alarm_max over
 the number of attempts, so that all together are as strict as one identification. The lens is
 then fitted (calibration/learnt_lens.py), so near misses reject nothing here.
 """
@@ -22,7 +22,7 @@ from startracker_ros.core.identify.identification import Identification, Identif
 from startracker_ros.core.identify.pyramid import BrightLevel, PyramidIdentifier
 
 
-class Rung(NamedTuple):
+class Step(NamedTuple):
     """
     A lens model: error, depth of the catalogue beyond the automatic limit, fy / fx, k1.
 
@@ -37,20 +37,20 @@ class Rung(NamedTuple):
     bright: bool = False
 
 
-RUNGS = (
-    Rung(1.0), Rung(1.0, bright=True), Rung(2.0), Rung(0.2), Rung(0.5, 0.7), Rung(1.0, 0.7),
-    Rung(4.0), Rung(1.0, 0.7, pixel_ratio=0.5), Rung(1.0, 0.7, pixel_ratio=2.0), Rung(2.0, 0.7),
-    Rung(2.0, k1=-0.2), Rung(2.0, 0.7, pixel_ratio=0.935), Rung(2.0, 0.7, pixel_ratio=1.07),
-    Rung(4.0, k1=0.15), Rung(4.0, k1=-0.35), Rung(0.5, 1.3), Rung(1.0, 1.3),
-    Rung(4.0, pixel_ratio=1.07, k1=-0.2), Rung(4.0, pixel_ratio=0.935, k1=-0.2))
+STEPS = (
+    Step(1.0), Step(1.0, bright=True), Step(2.0), Step(0.2), Step(0.5, 0.7), Step(1.0, 0.7),
+    Step(4.0), Step(1.0, 0.7, pixel_ratio=0.5), Step(1.0, 0.7, pixel_ratio=2.0), Step(2.0, 0.7),
+    Step(2.0, k1=-0.2), Step(2.0, 0.7, pixel_ratio=0.935), Step(2.0, 0.7, pixel_ratio=1.07),
+    Step(4.0, k1=0.15), Step(4.0, k1=-0.35), Step(0.5, 1.3), Step(1.0, 1.3),
+    Step(4.0, pixel_ratio=1.07, k1=-0.2), Step(4.0, pixel_ratio=0.935, k1=-0.2))
 # A search that succeeds mostly does so within a millisecond.
 _PASSES_S = (0.001, 0.004, 0.02, 0.1)
 _BRIGHT = BrightLevel(stars_per_field=10.0, image_stars=10, triangles=60)
-# Mirrored images are named as such: the first rungs, each list of stars once.
-_MIRRORED_RUNGS, _MIRRORED_S = RUNGS[:4], 0.004
+# Mirrored images are named as such: the first steps, each list of stars once.
+_MIRRORED_STEPS, _MIRRORED_S = STEPS[:4], 0.004
 # No chip is as long: such an image has every other row, or binned ones, or is cropped.
 _LONG, _CHIP = 2.0, 4 / 3
-ATTEMPTS = LISTS * (len(RUNGS) + 1 + len(_MIRRORED_RUNGS))
+ATTEMPTS = LISTS * (len(STEPS) + 1 + len(_MIRRORED_STEPS))
 """Identifications of one image at most, each of which may be wrong by chance."""
 
 
@@ -81,15 +81,15 @@ class LadderIdentifier:
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions()) -> None:
-        """Databases are built when the first rung of their depth is reached."""
+        """Databases are built when the first step of their depth is reached."""
         self.camera = camera
         self._epoch_year = epoch_year
         self._options = replace(options, false_alarm_max=options.false_alarm_max / ATTEMPTS)
-        self._rungs: dict[Rung, PyramidIdentifier] = {}
+        self._steps: dict[Step, PyramidIdentifier] = {}
         self._databases: dict[float, PyramidIdentifier] = {}
         ratio = chip_ratio(camera.width, camera.height)
-        self._order = RUNGS if ratio is None else (
-            RUNGS[0], Rung(1.0, 0.7, pixel_ratio=ratio, bright=True), *RUNGS[1:])
+        self._order = STEPS if ratio is None else (
+            STEPS[0], Step(1.0, 0.7, pixel_ratio=ratio, bright=True), *STEPS[1:])
 
     @property
     def magnitude_limit(self) -> float:
@@ -98,41 +98,41 @@ class LadderIdentifier:
 
     def identify(self, lists: Iterable[Centroids]) -> Iterator[Attempt]:
         """
-        Yield the result of each rung with each of the lists of centroids of one image.
+        Yield the result of each step with each of the lists of centroids of one image.
 
         Searches that were interrupted are repeated with more time, until time_limit_s is over.
         The first pass is of the first two lists.
         """
         left_s = self._options.time_limit_s
         # A list is made when it is first used: most images need only the first one.
-        searches: Iterable[tuple[Rung, Centroids]] = (
-            (rung, centroids) for rung in self._order for centroids in islice(lists, 2))
+        searches: Iterable[tuple[Step, Centroids]] = (
+            (step, centroids) for step in self._order for centroids in islice(lists, 2))
         for number, time_s in enumerate(_PASSES_S):
             waiting = []
-            for rung, centroids in searches:
+            for step, centroids in searches:
                 if left_s < time_s:
                     return
-                attempt, spent_s = self._search(rung, centroids, time_s)
+                attempt, spent_s = self._search(step, centroids, time_s)
                 left_s -= spent_s
                 if attempt is not None:
                     yield attempt
                     if attempt.identification.status == 'time_limit':
-                        waiting.append((rung, centroids))
+                        waiting.append((step, centroids))
             if not number:
                 waiting += product(self._order, islice(lists, 2, None))
             searches = waiting
 
     def identify_mirrored(self, lists: Iterable[Centroids]) -> Iterator[Attempt]:
         """Yield the results of a quick search in lists that are flipped from left to right."""
-        for rung, centroids in product(_MIRRORED_RUNGS, lists):
-            attempt, _ = self._search(rung, centroids, _MIRRORED_S)
+        for step, centroids in product(_MIRRORED_STEPS, lists):
+            attempt, _ = self._search(step, centroids, _MIRRORED_S)
             if attempt is not None:
                 yield attempt
 
-    def _search(self, rung: Rung, centroids: Centroids, time_s: float
+    def _search(self, step: Step, centroids: Centroids, time_s: float
                 ) -> tuple[Attempt | None, float]:
         """Return the result of a search of a limited time, and its time in s."""
-        identifier = self._identifier(rung)
+        identifier = self._identifier(step)
         if identifier is None:
             return None, 0.0
         identifier.prepare()
@@ -140,18 +140,18 @@ class LadderIdentifier:
         found = identifier.identify_within(centroids, time_s)
         return Attempt(found, identifier, centroids, self.camera), time.thread_time() - start_s
 
-    def _identifier(self, rung: Rung) -> PyramidIdentifier | None:
-        """Return the identifier of a rung, None for a lens that folds the image."""
-        if rung not in self._rungs:
-            camera = self._camera(rung)
+    def _identifier(self, step: Step) -> PyramidIdentifier | None:
+        """Return the identifier of a step, None for a lens that folds the image."""
+        if step not in self._steps:
+            camera = self._camera(step)
             if camera is None:
                 return None
-            options = replace(self._options, sigma_floor_px=rung.sigma_floor_px)
-            database = self._database(rung.deeper_mag)
-            if rung.bright:
+            options = replace(self._options, sigma_floor_px=step.sigma_floor_px)
+            database = self._database(step.deeper_mag)
+            if step.bright:
                 database = database.with_bright_level(_BRIGHT)
-            self._rungs[rung] = database.with_camera(camera, options)
-        return self._rungs[rung]
+            self._steps[step] = database.with_camera(camera, options)
+        return self._steps[step]
 
     def _database(self, deeper_mag: float) -> PyramidIdentifier:
         if deeper_mag not in self._databases:
@@ -163,15 +163,15 @@ class LadderIdentifier:
                 self.camera, self._epoch_year, options)
         return self._databases[deeper_mag]
 
-    def _camera(self, rung: Rung) -> Camera | None:
-        """Return the camera with pixel ratio and distortion of a rung, of the same width."""
+    def _camera(self, step: Step) -> Camera | None:
+        """Return the camera with pixel ratio and distortion of a step, of the same width."""
         camera = self.camera
         # Of the edge of the image in undistorted coordinates, with this distortion.
-        edge = 1 + rung.k1 * camera.radius(camera.fov_x_rad / 2) ** 2
+        edge = 1 + step.k1 * camera.radius(camera.fov_x_rad / 2) ** 2
         if edge <= 0:
             return None
         try:
-            return replace(camera, fx=camera.fx / edge, fy=camera.fy / edge * rung.pixel_ratio,
-                           distortion=(camera.distortion[0] + rung.k1, *camera.distortion[1:]))
+            return replace(camera, fx=camera.fx / edge, fy=camera.fy / edge * step.pixel_ratio,
+                           distortion=(camera.distortion[0] + step.k1, *camera.distortion[1:]))
         except CameraError:
             return None

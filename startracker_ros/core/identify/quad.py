@@ -9,6 +9,7 @@ at once.
 """
 
 from collections.abc import Iterator
+from copy import copy
 from functools import lru_cache, partial
 from itertools import combinations
 
@@ -17,12 +18,13 @@ from startracker_ros.core.attitude.davenport import davenport
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.stars import StarCatalog
+from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.cache import cached_pairs
 from startracker_ros.core.identify.identification import (
-    CandidateIdentifier, Candidates, FieldStars, IdentificationOptions)
+    CandidateIdentifier, Candidates, FieldStars, Identification, IdentificationOptions)
 from startracker_ros.core.identify.pairs import PairDatabase
 from startracker_ros.core.identify.verification import MAX_VERIFIED, Verifier
-from startracker_ros.core.maths.rotation import matrix_from_quaternion
+from startracker_ros.core.maths.rotation import matrix_from_quaternion, rotate
 
 # The relative noise of shorter sides is too large to be of use.
 _MIN_SEPARATION_PX = 20.0
@@ -33,6 +35,8 @@ _FAINTER_TRUST = 0.9
 # A quad that fits so many catalogue quads is no evidence and is skipped to save time.
 _MAX_QUADS = 1000
 _MAX_JOINED = 500_000
+# Radius of a predicted field over that of the image: the image may have moved by a tenth of it.
+_PREDICTED_FIELD = 1.1
 _SIDES = tuple(combinations(range(4), 2))
 _TRIPLES = np.array(list(combinations(range(4), 3)))
 
@@ -49,8 +53,25 @@ class QuadIdentifier(CandidateIdentifier):
         super().__init__(camera, epoch_year, options, catalog)
         self.verifier: QuadVerifier = QuadVerifier(camera, self.onboard, options.tolerance_sigmas,
                                                    self.scale_error)
-        self.pairs = cached_pairs(self.onboard, _MIN_SEPARATION_PX * camera.pixel_rad,
-                                  2 * camera.corner_angle_rad * (1 + self.scale_error))
+        self.pairs: PairDatabase | FieldPairs = cached_pairs(
+            self.onboard, _MIN_SEPARATION_PX * camera.pixel_rad,
+            2 * camera.corner_angle_rad * (1 + self.scale_error))
+
+    def identify_near(self, centroids: Centroids, quaternion: np.ndarray) -> Identification:
+        """
+        Return which stars the centroids are, near an attitude (4,).
+
+        That is the tracking mode of the paper, in which the frame before predicts it. Quads are
+        searched among the stars of the field about it; where that identifies nothing, among
+        those of the whole sky.
+        """
+        near = self.onboard.within(rotate(quaternion, [0.0, 0.0, 1.0]),
+                                   _PREDICTED_FIELD * self.camera.corner_angle_rad)
+        near = near[~self.onboard.crowded[near]]
+        tracking = copy(self)
+        tracking.pairs = FieldPairs(near, self.onboard.direction[near])
+        found = tracking.identify(centroids)
+        return found if found.attitude is not None else self.identify(centroids)
 
     def candidates(self, field: FieldStars) -> Iterator[Candidates]:
         """Yield the catalogue quads that fit one image quad after the other."""
@@ -59,6 +80,24 @@ class QuadIdentifier(CandidateIdentifier):
                                    field.sigma_rad[base], self.options.tolerance_sigmas,
                                    self.scale_error)
             yield Candidates(base, self.pairs.star[quads])
+
+
+class FieldPairs:
+    """All pairs of the stars of one predicted field, by separation, as PairDatabase has them."""
+
+    def __init__(self, star: np.ndarray, direction: np.ndarray) -> None:
+        """Sort the pairs of stars (S,), catalogue indices, with their unit vectors (S, 3)."""
+        self.star, self.direction = star, direction
+        first, second = np.triu_indices(len(star), 1)
+        separation = _angle(direction[first], direction[second])
+        order = np.argsort(separation)
+        self.separation, self._pairs = separation[order], np.stack([first, second])[:, order]
+
+    def between(self, low_rad: float, high_rad: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pairs of a separation in both orders: stars a (M,) and b (M,)."""
+        found = slice(*np.searchsorted(self.separation, [low_rad, high_rad]))
+        first, second = self._pairs[:, found]
+        return np.concatenate([first, second]), np.concatenate([second, first])
 
 
 class QuadVerifier(Verifier):
@@ -108,7 +147,7 @@ def _combinations(count: int) -> np.ndarray:
     return np.array(list(combinations(range(count), 4)))
 
 
-def matching_quads(pairs: PairDatabase, directions: np.ndarray, image: np.ndarray,
+def matching_quads(pairs: PairDatabase | FieldPairs, directions: np.ndarray, image: np.ndarray,
                    sigma_rad: np.ndarray, tolerance_sigmas: float,
                    scale_error: float) -> np.ndarray:
     """

@@ -148,7 +148,7 @@ def _search_band(level: PairLevel, sky: SkyGrid, triangle: ImageTriangle, band: 
                          or triple_product(direction, a, b, c) * triangle.volume > 0)):
                 tested[0] += 1
                 steps += _SUPPORT_STEPS
-                found = support(sky, weights, reach, star[a], star[b], star[c],
+                found = support(sky, weights, reach, int(star[a]), int(star[b]), int(star[c]),
                                 max(votes[-1], votes[0] // 3))
                 _keep(best, votes, star[a], star[b], star[c], found)
                 if found == SUPPORTERS:

@@ -134,7 +134,8 @@ class Verifier:
         candidates so far.
         """
         seen = plane_points(self.data.equidistant, image)
-        result = verify(self.data, seen, sigma_rad, np.asarray(base), np.asarray(star), tested)
+        result = verify(self.data, seen, sigma_rad, np.asarray(base), np.asarray(star, np.int32),
+                        tested)
         attitude = None
         if result.false_alarm < 1:
             quaternion, covariance, residual_rad, chi2 = fit(

@@ -6,7 +6,7 @@ from typing import Any
 
 from startracker_ros.core.astro.observer_motion import AberrationOptions
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
-from startracker_ros.core.attitude.validation import ValidationOptions
+from startracker_ros.core.attitude.validation import UNUSED_SOLVER, ValidationOptions
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.centroid.extraction import ExtractionOptions
 from startracker_ros.core.identify.identification import IdentificationOptions
@@ -14,6 +14,7 @@ from startracker_ros.core.options import Options, unknown_option
 from startracker_ros.core.stages.extraction import SearchOptions
 from startracker_ros.core.stages.identification import CheckOptions
 from startracker_ros.core.track.options import TrackerOptions
+
 
 @dataclass(frozen=True)
 class StarTrackerOptions:
@@ -95,7 +96,10 @@ def options_of_keywords(keywords: Mapping[str, Any]) -> StarTrackerOptions:
             if f'{node}.{name}' not in KNOWN:
                 raise ParameterError(f'{node}: {unknown_option(name, _names(node))}')
             values[f'{node}.{name}'] = value
-    return options_of_nodes(values)
+    options = options_of_nodes(values)
+    if options.validation.solver not in (ValidationOptions.solver, options.tracker.solver):
+        raise ParameterError(UNUSED_SOLVER.format(options.validation.solver))
+    return options
 
 
 def _everywhere(name: str) -> list[str]:

@@ -5,65 +5,126 @@ import math
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeError, AttitudeEstimate
+from startracker_ros.core.attitude.gyro import Gyro
 from startracker_ros.core.attitude.result import with_common_error
-from startracker_ros.core.centroid.centroids import Centroids, round_errors
-from startracker_ros.core.track.association import associate
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.track.attitude_model import GYRO_SILENCE_S
 from startracker_ros.core.track.jpdaf import predict, update
+from startracker_ros.core.track.measured_roll import rolled
 from startracker_ros.core.track.model import FrameUpdate, rate_between, StarModel
 from startracker_ros.core.track.motion_models import (
     body_rate, constant_velocity, coordinated_turn, image_jacobian, POSITION, turn_curvature,
     VELOCITY)
 from startracker_ros.core.track.neighbourhood import propagated, star_neighbourhood
+from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.rotation_fit import fit_rotation, OUTLIER_SIGMA, RotationFit
+from startracker_ros.core.track.star_association import associate_stars
 from startracker_ros.core.track.start import Start
 
 
 class IndependentStarsModel(StarModel):
     """A filter of position and velocity on the image for each star (JPDAF)."""
 
+    def __init__(self, camera: Camera, sky: ApparentCatalog, options: TrackerOptions, gyro: Gyro
+                 ) -> None:
+        super().__init__(camera, sky, options)
+        self._gyro = gyro
+        self._centre = np.array([camera.cx, 0.0, camera.cy, 0.0])
+
     def start(self, start: Start) -> None:
         self._stamp_ns = start.frame.stamp_ns
         self.rate_rad_s, self.rate_covariance = start.rate, start.rate_covariance
+        self._roll_rad_s = self._measured_roll(self._stamp_ns - 1, self._stamp_ns)
+        self._roll_acceleration_rad_s2 = np.radians(self._options.roll_acceleration_deg_s2)
         acceleration_rad_s2 = np.radians(self._options.acceleration_deg_s2)
         self._acceleration_px_s2 = (acceleration_rad_s2 * self._camera.fx,
                                     acceleration_rad_s2 * self._camera.fy)
 
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
-        self._predict((stamp_ns - self._stamp_ns) * 1e-9)
+        self._predict(stamp_ns)
         self._stamp_ns = stamp_ns
         unassociated = self._update(frame)
         fit = self._fit()
         if fit is None or not fit.is_good(
                 int(np.count_nonzero(self.bank.confirmed)), self._options.min_stars,
                 self._options.max_residual_px):
+            if self.uses_gyro and not self.is_dark(frame):
+                self.gyro_trouble = ('the stars are not where the roll of imu has them: is it in '
+                                     'rad/s and on the axes of the sensor?')
             return FrameUpdate(False, fit, unassociated)
         self._estimate_rate(fit)
         fit = replace(fit, attitude=with_common_error(
             fit.attitude, frame.common_error, self._camera))
         return FrameUpdate(True, fit, unassociated)
 
-    def _predict(self, dt_s: float) -> None:
+    def _predict(self, stamp_ns: int) -> None:
         bank, is_turn = self.bank, self._options.model == 'coordinated_turn'
+        dt_s = (stamp_ns - self._stamp_ns) * 1e-9
+        roll_before, roll = self._rolls(stamp_ns)
+        rate_rad_s = self.rate_rad_s - [0.0, 0.0, roll_before]
         if is_turn:
             # The image turns against the body. Density for the same change of velocity per step.
             u, v = self._acceleration_px_s2
             transition, noise = coordinated_turn(
-                dt_s, -self.rate_rad_s[2], (u * math.sqrt(dt_s), v * math.sqrt(dt_s)))
+                dt_s, -rate_rad_s[2], (u * math.sqrt(dt_s), v * math.sqrt(dt_s)))
         else:
             transition, noise = constant_velocity(dt_s, self._acceleration_px_s2)
-        state, covariance = predict(bank.state, bank.covariance, transition,
-                                    self._noise_factors()[:, None, None] * noise)
+        if self.uses_gyro:
+            transition = (rolled(self._camera, roll, dt_s) @ transition
+                          @ rolled(self._camera, -roll_before, 0.0))
+        noise = self._noise_factors()[:, None, None] * (noise + self._roll_noise(dt_s))
+        state, covariance = predict(bank.state - self._centre, bank.covariance, transition, noise)
+        state += self._centre
         if not is_turn:
-            state += turn_curvature(self._camera, bank.uv, self.rate_rad_s, dt_s)
+            state += turn_curvature(self._camera, bank.uv, rate_rad_s, dt_s)
+        self.rate_rad_s = rate_rad_s + [0.0, 0.0, roll]
         bank = replace(bank, state=state, covariance=covariance)
         self.bank = bank.select(self._camera.contains(bank.uv))
 
+    def _rolls(self, stamp_ns: int) -> tuple[float, float]:
+        """
+        Return the measured roll rates, rad/s, that the velocities contain and will contain.
+
+        Zero where none is measured: then the roll is part of the motion that the model predicts.
+        """
+        before, self._roll_rad_s = self._roll_rad_s, self._measured_roll(self._stamp_ns, stamp_ns)
+        self.uses_gyro = self._roll_rad_s is not None
+        self.gyro_trouble = ('' if self.uses_gyro or not self._options.roll_by_gyro else
+                             'no rates of imu: roll_by_gyro has no effect')
+        if self._roll_rad_s is None:
+            return 0.0, 0.0
+        return self._roll_rad_s if before is None else before, self._roll_rad_s
+
+    def _measured_roll(self, from_ns: int, to_ns: int) -> float | None:
+        """Return the mean body rate z between two times by a gyro, None without one."""
+        if not self._options.roll_by_gyro or self._gyro.silent_s(to_ns) > GYRO_SILENCE_S:
+            return None
+        return float(self._gyro.mean_rate(from_ns, to_ns)[0][2])
+
+    def _roll_noise(self, dt_s: float) -> np.ndarray:
+        """Return the process noise (N, 4, 4) of a roll of the camera, and that of the gyro."""
+        camera, velocity = self._camera, self._roll_acceleration_rad_s2 * dt_s
+        position = velocity * dt_s / 2
+        roll = np.outer([position, velocity], [position, velocity])
+        if self.uses_gyro:
+            roll[0, 0] += self._gyro.noise_density * dt_s
+        x, y = (self.bank.uv - self._centre[POSITION]).T
+        along = np.stack([y * camera.fx / camera.fy, -x * camera.fy / camera.fx], 1)
+        return np.einsum('na,nb,ij->naibj', along, along, roll).reshape(-1, 4, 4)
+
     def _update(self, frame: Centroids) -> np.ndarray:
         """Update the tracks by a frame; return the mask (M,) of its centroids in no gate."""
-        bank, variance = self.bank, self.sigma_px(frame) ** 2
-        probability, unassociated = associate(
-            np.ascontiguousarray(bank.uv), np.ascontiguousarray(bank.uv_covariance),
-            np.ascontiguousarray(frame.uv), round_errors(variance), self._detection)
+        bank, sigma_px = self.bank, self.sigma_px(frame)
+        variance = sigma_px ** 2
+        confirmed = None
+        if self._options.sna_confirmation:
+            confirmed = star_neighbourhood(
+                self._camera, bank.uv, self._sky.direction(bank.star_index), frame.uv, sigma_px)
+        probability, unassociated = associate_stars(
+            bank.uv, bank.uv_covariance, frame.uv, variance, self._detection,
+            self._options.association, confirmed)
         state, covariance = update(bank.state, bank.covariance, frame.uv, variance, probability)
         self.bank = bank.associated(
             bank.uv, probability, frame, variance, state, covariance)
@@ -81,12 +142,15 @@ class IndependentStarsModel(StarModel):
         """
         bank = self.bank
         information = np.sum(1 / bank.variance[bank.confirmed])
-        return np.maximum(1.0, bank.variance * information)
+        # The attitude by TRIAD is that of two tracks.
+        most = 2.0 if self._options.solver == 'triad' else np.inf
+        return np.clip(bank.variance * information, 1.0, most)
 
     def _fit(self) -> RotationFit | None:
         try:
             return fit_rotation(self._camera, self._sky.direction(self.bank.star_index),
-                                self.bank.uv, self.bank.sigma_uv, self.bank.detected)
+                                self.bank.uv, self.bank.sigma_uv, self.bank.detected,
+                                self._options.solver)
         except AttitudeError:
             return None
 
@@ -104,8 +168,8 @@ class NeighbourhoodModel(IndependentStarsModel):
         super().start(start)
         self._fitted = start.frame.stamp_ns, start.frame.attitude
 
-    def _predict(self, dt_s: float) -> None:
-        bank = self.bank
+    def _predict(self, stamp_ns: int) -> None:
+        bank, dt_s = self.bank, (stamp_ns - self._stamp_ns) * 1e-9
         state, covariance = bank.state.copy(), bank.covariance.copy()
         state[:, POSITION] = propagated(self._camera, bank.uv, self.rate_rad_s, dt_s)
         covariance[:, ::2, ::2] += dt_s ** 2 * covariance[:, 1::2, 1::2]

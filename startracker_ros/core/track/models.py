@@ -15,4 +15,4 @@ def make_model(camera: Camera, sky: ApparentCatalog, options: TrackerOptions, gy
     if options.model == 'attitude':
         return AttitudeModel(camera, sky, options, gyro)
     model = NeighbourhoodModel if options.model == 'sna' else IndependentStarsModel
-    return model(camera, sky, options)
+    return model(camera, sky, options, gyro)

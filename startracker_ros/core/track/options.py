@@ -2,10 +2,27 @@
 
 from dataclasses import dataclass
 
+from startracker_ros.core.attitude.result import SOLVERS
 from startracker_ros.core.catalog.deep import DEEP_LIMIT
 from startracker_ros.core.options import option, Options
 
-MODELS = ('attitude', 'constant_velocity', 'coordinated_turn', 'sna')
+JPDAF_MODELS = ('constant_velocity', 'coordinated_turn')
+MODELS = ('attitude', *JPDAF_MODELS, 'sna')
+
+ASSOCIATIONS = ('poisson', 'diffuse', 'normalised')
+"""
+Factors of phi false centroids in a joint event: lambda^phi of a Poisson process of density lambda;
+phi! / V^phi of a density that is not known, with the area V of all gates; or none, where the
+matrix of all sums is normalised by rows and columns at once.
+"""
+
+_MODELS_OF = {
+    'solver': (*JPDAF_MODELS, 'sna'), 'association': JPDAF_MODELS,
+    'sna_confirmation': JPDAF_MODELS, 'roll_by_gyro': JPDAF_MODELS}
+"""The models in which an option has an effect: in the others its default is required."""
+
+_OF_FILTERS = ('acceleration_deg_s2', 'roll_acceleration_deg_s2', 'detection_probability',
+               'gate_probability')
 
 
 @dataclass(frozen=True)
@@ -16,6 +33,20 @@ class TrackerOptions(Options):
         'attitude', 'attitude: one rotation moves all stars; constant_velocity and '
         'coordinated_turn: a filter for each star (JPDAF); sna: no filter, each star where it '
         'was measured (star neighbourhood approach)', choices=MODELS)
+    solver: str = option(
+        'quest', 'solver of the attitude, of all models but attitude: quest, davenport and svd '
+        'find the same best fit of all stars, triad takes the two that determine it best',
+        choices=SOLVERS)
+    association: str = option(
+        'poisson', 'false centroids in the joint events, of constant_velocity and '
+        'coordinated_turn: poisson, with the density of those in no gate; diffuse, of unknown '
+        'density (phi! / V^phi); normalised, without such a factor', choices=ASSOCIATIONS)
+    sna_confirmation: bool = option(
+        False, 'associate only centroids that the star neighbourhood approach confirms, of '
+        'constant_velocity and coordinated_turn')
+    roll_by_gyro: bool = option(
+        False, 'predict the roll of the image by imu, of constant_velocity and '
+        'coordinated_turn: jitter about the boresight is measured and no noise')
     magnitude_limit: float = option(
         DEEP_LIMIT, 'faintest catalogue stars that are followed, V; beyond 9 only fields below '
         '4 deg have stars', unit='mag', low=0.0, high=DEEP_LIMIT)
@@ -28,8 +59,8 @@ class TrackerOptions(Options):
         0.005, 'process noise, 1 sigma of the angular acceleration; more follows manoeuvres '
         'faster, less filters better', unit='deg/s^2', low=1e-6, high=100.0)
     roll_acceleration_deg_s2: float = option(
-        0.005, 'the same about the boresight, for the model attitude: a camera that shakes in '
-        'roll keeps its boresight filtered', unit='deg/s^2', low=1e-6, high=100.0)
+        0.005, 'the same about the boresight: a camera that shakes in roll keeps its boresight '
+        'filtered', unit='deg/s^2', low=1e-6, high=100.0)
     sigma_floor_px: float = option(
         0.01, 'lower limit of the 1-sigma error of a centroid per axis', unit='px',
         low=1e-4, high=10.0, live=True)
@@ -59,3 +90,22 @@ class TrackerOptions(Options):
     max_gap_s: float = option(
         5.0, 'longest time without stars that is bridged, and longest between the two '
         'identifications of a start', unit='s', low=0.01, high=600.0, live=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.changed:
+            models = _MODELS_OF.get(name, MODELS)
+            if self.model not in models:
+                raise ValueError(
+                    f'{name} = {getattr(self, name)!r} has no effect with model = '
+                    f'{self.model!r}: it is an option of {", ".join(models)}')
+
+    @property
+    def ignored(self) -> list[str]:
+        """Return the options that are not the default and have no effect without a filter."""
+        return [name for name in self.changed if self.model == 'sna' and name in _OF_FILTERS]
+
+    @property
+    def reads_gyro(self) -> bool:
+        """Return whether the rates of a gyro have an effect."""
+        return self.model == 'attitude' or self.roll_by_gyro

@@ -47,12 +47,13 @@ class RotationFit:
 
 
 def fit_rotation(camera: Camera, icrf: np.ndarray, uv: np.ndarray, sigma_px: np.ndarray,
-                 candidate: np.ndarray) -> RotationFit:
+                 candidate: np.ndarray, solver: str = 'quest') -> RotationFit:
     """
     Return the attitude of the candidates (N,) without outliers, and the residuals of all stars.
 
     icrf (N, 3), uv (N, 2) px, sigma_px (N,) per axis. One outlier is removed
-    at a time, the worst: it biases the fit. AttitudeError when too few are left.
+    at a time, the worst: it biases the fit. Outliers and residuals are those of the best fit of
+    all stars, the attitude is that of the solver. AttitudeError when too few are left.
     """
     sensor = camera.unproject(uv)
     sigma_rad = sigma_px * camera.pixel_rad
@@ -66,6 +67,9 @@ def fit_rotation(camera: Camera, icrf: np.ndarray, uv: np.ndarray, sigma_px: np.
         normalised = np.where(np.isfinite(normalised), normalised / scale, np.inf)
         worst = np.argmax(np.where(inlier, normalised, 0))
         if normalised[worst] <= OUTLIER_SIGMA:
+            if solver != 'quest':
+                attitude = estimate_attitude(
+                    sensor[inlier], icrf[inlier], sigma_rad[inlier], solver)
             return RotationFit(attitude, normalised, float(scale), inlier,
                                float(np.sqrt(np.mean(distance[inlier] ** 2))))
         inlier[worst] = False

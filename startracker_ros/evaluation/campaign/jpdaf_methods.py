@@ -1,32 +1,33 @@
-"""The attitude of each frame of a run by SNA, JPDAF and the coupled filter."""
+"""The attitude of each frame of a run by SNA, and by the filters of the star tracker."""
 
-from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from startracker_ros.core.attitude.estimate import estimate_attitude
+from startracker_ros.core.attitude.estimate import AttitudeEstimate, estimate_attitude
 from startracker_ros.core.catalog.onboard import OnboardCatalog
-from startracker_ros.core.centroid.centroids import Centroids, round_errors
+from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
-from startracker_ros.core.track.association import (
-    event_weights, gate_size, gated_density, joint_probabilities)
-from startracker_ros.core.track.jpdaf import predict, update
-from startracker_ros.core.track.motion_models import (
-    constant_velocity, coordinated_turn, image_jacobian, POSITION, VELOCITY)
 from startracker_ros.core.track.neighbourhood import propagated, star_neighbourhood
-from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.options import ASSOCIATIONS, TrackerOptions
 from startracker_ros.core.track.tracker import StarTracker
 from startracker_ros.evaluation.campaign.jpdaf_runs import (
-    BLOCK_S, CAMERA, Cell, DETECTION_PROBABILITY, DT_S, FALSE_POINTS, FRAMES, ORBIT_RATE_RAD_S,
-    RATE_SIGMA_RAD_S, Run, STARS)
+    BLOCK_S, CAMERA, Cell, DETECTION_PROBABILITY, DT_S, FRAMES, ORBIT_RATE_RAD_S, Run, STARS)
 
-METHODS = 'SNA', 'JPDAF, TRIAD', 'JPDAF, optimal', 'attitude-coupled'
-COUPLED = METHODS[-1]
-CLUTTER_PX2 = FALSE_POINTS / (CAMERA.width * CAMERA.height)
-GATE_PROBABILITY = 1 - 1e-9
-"""Close to 1: the jitter makes jumps far in the tails of a Gaussian of their variance."""
+AS_PUBLISHED = {'solver': 'triad', 'sna_confirmation': True, 'association': 'diffuse',
+                'roll_by_gyro': True}
+"""The options of the method of the paper, as in config/paper_jpdaf.yaml."""
 
-LEAST_DEG_S2 = 1e-6
-"""The smallest acceleration that the tracker accepts: a constant rate."""
+METHODS = {
+    'JPDAF, TRIAD': {'solver': 'triad'}, 'JPDAF, optimal': {},
+    'attitude-coupled': {'model': 'attitude'}}
+"""Options of filters that do not know the jitter."""
+
+VARIANTS = {
+    f'{association}{", confirmed by SNA" if confirmation else ""}': {
+        **AS_PUBLISHED, 'association': association, 'sna_confirmation': confirmation}
+    for association in ASSOCIATIONS for confirmation in (False, True)}
+
+_LEAST_DEG_S2 = 1e-6
 
 
 def velocity_changes(cell: Cell) -> tuple[float, float]:
@@ -63,157 +64,114 @@ def body_changes(cell: Cell) -> tuple[float, float]:
     return across, velocity_changes(cell)[1]
 
 
-def star_model(cell: Cell) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
-    """Return the transition (4, 4) of a star, and its process noise (N, 4, 4) at uv (N, 2)."""
-    steady, roll = velocity_changes(cell)
-
-    def model(velocity_change: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-        change_u, change_v = velocity_change
-        if cell.motion == 'linear':
-            return constant_velocity(DT_S, (change_u / DT_S, change_v / DT_S))
-        return coordinated_turn(DT_S, -ORBIT_RATE_RAD_S,
-                                (change_u / np.sqrt(DT_S), change_v / np.sqrt(DT_S)))
-
-    transition, steady_noise = model((steady, steady))
-    rolling = model((0.0, roll))[1]
-
-    def noise(uv: np.ndarray) -> np.ndarray:
-        # A roll moves the star at (x, y) from the centre along (-y, x).
-        turn = np.zeros((len(uv), 4, 4))
-        x, y = (uv - [CAMERA.cx, CAMERA.cy]).T[..., None]
-        turn[:, [0, 1], [0, 1]] = turn[:, [2, 3], [2, 3]] = x
-        turn[:, [2, 3], [0, 1]] = y
-        turn[:, [0, 1], [2, 3]] = -y
-        return steady_noise + turn @ rolling @ np.swapaxes(turn, 1, 2)
-
-    return transition, noise
-
-
-def track_stars(state: np.ndarray, covariance: np.ndarray, frames: Sequence[np.ndarray],
-                sigma_px: float, transition: np.ndarray,
-                noise: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return states (F + 1, N, 4) and covariances, the start and after each frame (M, 2) px."""
-    gate = gate_size(GATE_PROBABILITY)
-    states, covariances = [state], [covariance]
-    for uv in frames:
-        state, covariance = predict(state, covariance, transition, noise(state[:, POSITION]))
-        variance = np.full(len(uv), sigma_px ** 2)
-        density = gated_density(state[:, POSITION], covariance[:, ::2, ::2], uv,
-                                round_errors(variance), gate)
-        probability = joint_probabilities(event_weights(
-            density, DETECTION_PROBABILITY, GATE_PROBABILITY, CLUTTER_PX2))
-        state, covariance = update(state, covariance, uv, variance, probability)
-        states.append(state)
-        covariances.append(covariance)
-    return np.stack(states), np.stack(covariances)
-
-
-def _jpdaf(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Return filtered positions (F, 4, 2) px and their sigma (F, 4) per axis."""
-    rate_variance = np.full(3, RATE_SIGMA_RAD_S ** 2)
-    # Uniform in +-jitter.
-    rate_variance[2] += np.radians(run.cell.jitter_deg_s) ** 2 / 3
-    jacobian = image_jacobian(CAMERA, CAMERA.unproject(run.start))
-    state = np.empty((STARS, 4))
-    state[:, POSITION], state[:, VELOCITY] = run.start, jacobian @ run.start_rate_rad_s
-    covariance = np.zeros((STARS, 4, 4))
-    covariance[:, POSITION, POSITION] = run.cell.variance_px2
-    covariance[:, 1::2, 1::2] = (jacobian * rate_variance) @ np.swapaxes(jacobian, 1, 2)
-    states, covariances = track_stars(state, covariance, run.centroids[1:], run.cell.sigma_px,
-                                      *star_model(run.cell))
-    variance = (covariances[..., 0, 0] + covariances[..., 2, 2]) / 2
-    return states[..., POSITION], np.sqrt(variance)
-
-
-def _neighbourhood(run: Run) -> np.ndarray:
+def tracker_options(cell: Cell, chosen: dict) -> TrackerOptions:
     """
-    Return the index (F, 4) of the centroid that SNA assigns to each star, -1 for none.
+    Return the options of the star tracker in a cell, with those of a method.
 
-    The body rate is the true one; a missed star is propagated.
+    The process noise is that of the changes by the rule, of the jitter only where it is unknown.
+    """
+    if chosen.get('roll_by_gyro'):
+        cell = replace(cell, jitter_deg_s=0.0)
+    if chosen.get('model') == 'attitude':
+        across, roll = body_changes(cell)
+    else:
+        steady, roll = velocity_changes(cell)
+        across = steady / CAMERA.fx
+    model = {'linear': 'constant_velocity', 'turning': 'coordinated_turn'}[cell.motion]
+    accelerations = np.maximum(np.degrees([across, roll]) / DT_S, _LEAST_DEG_S2)
+    return TrackerOptions(
+        max_stars=STARS, min_stars=STARS - 1, detection_probability=DETECTION_PROBABILITY,
+        acceleration_deg_s2=accelerations[0], roll_acceleration_deg_s2=accelerations[1],
+        **{'model': model, **chosen})
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """
+    Attitudes (F, 4) with their covariances (F, 3, 3), and places (F, 4, 2) of the stars in px.
+
+    NaN where a star has none; fixed (F,) is whether a frame has an attitude of its own, not that
+    of the frame before turned at its rate.
+    """
+
+    quaternion: np.ndarray
+    covariance: np.ndarray
+    uv: np.ndarray
+    fixed: np.ndarray
+
+
+def track(run: Run, options: TrackerOptions, with_gyro: bool = False) -> Estimate:
+    """
+    Return the estimate of the star tracker, which knows nothing but what a node receives.
+
+    Frames are identified until it tracks; the first one has the attitude of its identification.
+    """
+    numbers = np.arange(1, STARS + 1, dtype=np.int32)
+    tracker = StarTracker(CAMERA, OnboardCatalog(
+        numbers, run.icrf, np.full(STARS, 4.0), *np.zeros((2, STARS), bool)), options)
+    attitudes, covariances, fixed = [], [], []
+    places = np.full((FRAMES, STARS, 2), np.nan)
+    rate = run.gyro_rad_s[0]
+    for k, (uv, seen) in enumerate(zip(run.centroids, run.seen)):
+        stamp_ns = round((k + 1) * DT_S * 1e9)
+        if with_gyro and k:
+            tracker.add_rate(stamp_ns, run.gyro_rad_s[k - 1])
+        frame = _centroids(run, uv)
+        tracks = tracker.update(stamp_ns, frame)
+        if tracks is not None and len(tracks):
+            places[k, tracks.hip[tracks.hip > 0] - 1] = tracks.uv[tracks.hip > 0]
+        visible = seen >= 0
+        if tracker.state != 'TRACKING':
+            hip = np.zeros(len(uv), np.int32)
+            hip[seen[visible]] = numbers[visible]
+            tracker.identified(stamp_ns, frame, hip)
+        fixed.append(tracker.attitude is not None)
+        if tracker.attitude is not None:
+            attitude, rate = tracker.attitude.attitude, tracker.attitude.rate_rad_s
+        elif not k:
+            attitude = _estimate(run, uv[seen[visible]], run.icrf[visible], 'quest')
+        else:
+            attitude = replace(attitude, quaternion=multiply(
+                attitude.quaternion, quaternion_from_rotation_vector(rate * DT_S)))
+        attitudes.append(attitude.quaternion)
+        covariances.append(attitude.covariance_sensor)
+    return Estimate(np.stack(attitudes), np.stack(covariances), places, np.array(fixed))
+
+
+def star_neighbourhood_estimate(run: Run) -> Estimate:
+    """
+    Return the estimate of SNA, which knows the true body rate: the positions that it measured.
+
+    TRIAD of three stars or more: two may be next to each other, and the error of one such
+    attitude would dominate a run. A missed star is propagated.
     """
     uv_stars = run.start
-    assigned = [run.seen[0]]
+    attitude = _estimate(run, uv_stars, run.icrf, 'triad')
+    quaternions, places, fixed = [attitude.quaternion], [uv_stars], [True]
     for rate, uv in zip(run.rate_rad_s, run.centroids[1:]):
         uv_stars = propagated(CAMERA, uv_stars, rate, DT_S)
         index = star_neighbourhood(CAMERA, uv_stars, run.icrf, uv,
                                    np.full(len(uv), run.cell.sigma_px))
-        uv_stars[index >= 0] = uv[index[index >= 0]]
-        assigned.append(index)
-    return np.stack(assigned)
-
-
-def _star_neighbourhood_attitudes(run: Run) -> np.ndarray:
-    """
-    Return the attitudes (F, 4) of SNA: TRIAD, or the true body rate with fewer than three stars.
-
-    Two stars may be next to each other: the error of one such attitude would dominate a run.
-    """
-    quaternions = []
-    for k, (index, uv) in enumerate(zip(_neighbourhood(run), run.centroids)):
         found = index >= 0
-        if found.sum() >= 3:
-            quaternion = _attitude(uv[index[found]], run.icrf[found], np.ones(found.sum()),
-                                   'triad')
+        uv_stars[found] = uv[index[found]]
+        places.append(np.where(found[:, None], uv_stars, np.nan))
+        fixed.append(found.sum() >= 3)
+        if fixed[-1]:
+            attitude = _estimate(run, uv_stars[found], run.icrf[found], 'triad')
+            quaternions.append(attitude.quaternion)
         else:
-            quaternion = multiply(quaternion, quaternion_from_rotation_vector(
-                run.rate_rad_s[k - 1] * DT_S))
-        quaternions.append(quaternion)
-    return np.stack(quaternions)
+            quaternions.append(multiply(
+                quaternions[-1], quaternion_from_rotation_vector(rate * DT_S)))
+    return Estimate(np.stack(quaternions), np.empty((0, 3, 3)), np.stack(places),
+                    np.array(fixed))
 
 
-def _coupled(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return the attitudes (F, 4) of the tracker with one filter, and their covariances.
-
-    It is initialised by two identified frames, which give the rate; frames of too few stars are
-    propagated by the rate.
-    """
-    numbers = np.arange(1, STARS + 1, dtype=np.int32)
-    across, roll = np.degrees(body_changes(run.cell)) / DT_S
-    tracker = StarTracker(
-        CAMERA, OnboardCatalog(numbers, run.icrf, np.full(STARS, 4.0),
-                               *np.zeros((2, STARS), bool)),
-        TrackerOptions(model='attitude', max_stars=STARS, min_stars=STARS - 1,
-                       acceleration_deg_s2=max(across, LEAST_DEG_S2),
-                       roll_acceleration_deg_s2=max(roll, LEAST_DEG_S2),
-                       detection_probability=DETECTION_PROBABILITY))
-    quaternions, covariances = [], []
-    started, rate = False, run.start_rate_rad_s
-    for k, (uv, seen) in enumerate(zip(run.centroids, run.seen)):
-        stamp_ns = round((k + 1) * DT_S * 1e9)
-        frame = Centroids(uv=uv, flux=np.ones(len(uv)), snr=np.full(len(uv), 30.0),
-                          sigma_px=np.full(len(uv), run.cell.sigma_px))
-        tracker.update(stamp_ns, frame)
-        visible = seen >= 0
-        if not started:
-            hip = np.zeros(len(uv), np.int32)
-            hip[seen[visible]] = numbers[visible]
-            tracker.identified(stamp_ns, frame, hip)
-        if tracker.attitude is not None:
-            started, attitude, rate = True, tracker.attitude.attitude, tracker.attitude.rate_rad_s
-            quaternion, covariance = attitude.quaternion, attitude.covariance_sensor
-        elif not started and visible.sum() >= 2:
-            attitude = estimate_attitude(
-                CAMERA.unproject(uv[seen[visible]]), run.icrf[visible],
-                np.full(visible.sum(), run.cell.sigma_px * CAMERA.pixel_rad))
-            quaternion, covariance = attitude.quaternion, attitude.covariance_sensor
-        else:
-            quaternion = multiply(quaternion, quaternion_from_rotation_vector(rate * DT_S))
-        quaternions.append(quaternion)
-        covariances.append(covariance)
-    return np.stack(quaternions), np.stack(covariances)
+def _centroids(run: Run, uv: np.ndarray) -> Centroids:
+    return Centroids(uv=uv, flux=np.ones(len(uv)), snr=np.full(len(uv), 30.0),
+                     sigma_px=np.full(len(uv), run.cell.sigma_px))
 
 
-def attitudes(run: Run) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return the quaternions (F, 4) of each of METHODS, and the covariances of the last."""
-    positions, sigma_px = _jpdaf(run)
-    filtered = [np.stack([_attitude(uv, run.icrf, sigma, solver)
-                          for uv, sigma in zip(positions, sigma_px)])
-                for solver in ('triad', 'quest')]
-    coupled, covariance = _coupled(run)
-    return [_star_neighbourhood_attitudes(run), *filtered, coupled], covariance
-
-
-def _attitude(uv: np.ndarray, icrf: np.ndarray, sigma_px: np.ndarray, solver: str) -> np.ndarray:
-    return estimate_attitude(CAMERA.unproject(uv), icrf, sigma_px * CAMERA.pixel_rad,
-                             solver).quaternion
+def _estimate(run: Run, uv: np.ndarray, icrf: np.ndarray, solver: str
+              ) -> AttitudeEstimate:
+    return estimate_attitude(CAMERA.unproject(uv), icrf, np.full(
+        len(uv), run.cell.sigma_px * CAMERA.pixel_rad), solver)

@@ -16,6 +16,7 @@ from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import (
     conjugate, matrix_from_quaternion, quaternion_from_pointing, radec_from_unit, rotate)
+from startracker_ros.sim.sky.gyro import Gyro, GyroOptions
 from startracker_ros.sim.sky.motion import RollJitter, SteadyMotion
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
@@ -28,8 +29,8 @@ ORBIT_RATE_RAD_S = 2 * np.pi / (90 * 60)
 BLOCK_S = 1.0
 DETECTION_PROBABILITY = 0.99
 FALSE_POINTS = 100
-RATE_SIGMA_RAD_S = np.radians(0.01)
-"""1 sigma of the body rate at the start, about each axis, in addition to the jitter."""
+GYRO = GyroOptions()
+"""Errors of the rates that measure the jitter."""
 
 _MARGIN_PX = 2.0
 
@@ -76,7 +77,7 @@ class Run:
     The truth of one run, its four stars and its centroids.
 
     quaternion (F, 4) and rate_rad_s (F, 3) are the truth at each frame; icrf (4, 3) the
-    stars; start_rate_rad_s (3,) the initial estimate of the rate; seen (F, 4) the
+    stars; gyro_rad_s (F - 1, 3) the measured mean rates between the frames; seen (F, 4) the
     index of each star among the centroids of a frame, -1 where it is missing; centroids
     holds (M, 2) px of each frame.
     """
@@ -85,7 +86,7 @@ class Run:
     quaternion: np.ndarray
     rate_rad_s: np.ndarray
     icrf: np.ndarray
-    start_rate_rad_s: np.ndarray
+    gyro_rad_s: np.ndarray
     seen: np.ndarray
     centroids: list[np.ndarray]
 
@@ -93,6 +94,12 @@ class Run:
     def start(self) -> np.ndarray:
         """Return the stars (4, 2) px of the first frame, identified lost in space."""
         return self.centroids[0][self.seen[0]]
+
+    @property
+    def uv(self) -> np.ndarray:
+        """Return the true places (F, 4, 2) of the stars in px."""
+        # Row vectors times R are R^T d: the directions on sensor axes.
+        return CAMERA.project(self.icrf @ matrix_from_quaternion(self.quaternion))
 
 
 @cache
@@ -104,7 +111,7 @@ def make_run(cell: Cell, rng: np.random.Generator) -> Run:
     """Return a run over the four brightest stars that stay in the image, anywhere in the orbit."""
     onboard = _onboard()
     while True:
-        quaternion, rate, steady_rate = _motion(cell, rng)
+        quaternion, rate = _motion(cell, rng)
         axes = matrix_from_quaternion(quaternion)
         near = onboard.within(axes[FRAMES // 2, :, 2], CAMERA.corner_angle_rad)
         icrf = onboard.direction[near[~onboard.crowded[near]]]
@@ -114,13 +121,15 @@ def make_run(cell: Cell, rng: np.random.Generator) -> Run:
         if len(chosen) == STARS:
             break
     seen, centroids = sightings(uv[:, chosen], cell.sigma_px, rng)
-    start_rate = steady_rate + rng.normal(0, RATE_SIGMA_RAD_S, 3)
-    return Run(cell, quaternion, rate, icrf[chosen], start_rate, seen, centroids)
+    gyro = Gyro(GYRO, rng=rng)
+    # The rate of a frame holds until the next one, up to the turn of the axes in that time.
+    measured = np.stack([gyro.measure(each, DT_S) for each in rate[:-1]])
+    return Run(cell, quaternion, rate, icrf[chosen], measured, seen, centroids)
 
 
-def _motion(cell: Cell, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _motion(cell: Cell, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return attitudes and body rates of the frames, and the rate (3,) without jitter.
+    Return attitudes and body rates of the frames.
 
     The camera keeps its attitude to the orbit. Along the orbit normal the image turns about its
     centre; to the zenith the stars run on nearly straight lines.
@@ -135,7 +144,7 @@ def _motion(cell: Cell, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarra
                         np.radians(cell.jitter_deg_s), BLOCK_S, int(rng.integers(2 ** 32)))
     states = [motion.at(k * DT_S) for k in range(FRAMES)]
     return (np.stack([state.q_icrf_from_sensor for state in states]),
-            np.stack([state.rate_rad_s for state in states]), steady_rate)
+            np.stack([state.rate_rad_s for state in states]))
 
 
 def sightings(uv: np.ndarray, sigma_px: float, rng: np.random.Generator

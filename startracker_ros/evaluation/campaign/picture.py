@@ -10,5 +10,5 @@ if TYPE_CHECKING:
 def save_picture(figure: 'Figure', path: Path) -> Path:
     """Write a figure as PNG, its folder made where it is missing; return the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
+    figure.savefig(path, dpi=90)
     return path

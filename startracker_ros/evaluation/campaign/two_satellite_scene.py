@@ -20,9 +20,9 @@ from startracker_ros.core.maths.rotation import (
     ARCSEC, matrix_from_quaternion, quaternion_from_rotation_vector)
 
 # Not printed in the paper; with these its figures come out, see docs/target.md.
-ALTITUDE_KM, INCLINATION_DEG, NODE_DEG, MIDDLE_DEG = 700.0, 30.0, 40.0, 60.0
-TARGET_ABOVE_KM = 390.0
-CAMERA = Camera.from_fov(2048, 2048, 6.0)
+# The target is in the direction of Y, the orbit normal next to X: the worst axis and the best.
+ALTITUDE_KM, INCLINATION_DEG, NODE_DEG, MIDDLE_DEG = 700.0, 98.2, 85.0, 10.0
+CAMERA_PX = 2048
 SEPARATION_DEG = 4.0
 
 
@@ -65,6 +65,7 @@ class Observer:
     position_m and velocity_m_s (3,); body_from_camera (3, 3); uv (2,) px of the target.
     """
 
+    camera: Camera
     position_m: np.ndarray
     velocity_m_s: np.ndarray
     body_from_camera: np.ndarray
@@ -74,7 +75,7 @@ class Observer:
         """Return positions (N, 3) and directions (N, 3) measured with errors (N, 11)."""
         position_m = self.position_m + error[:, :3]
         frame = orbit_frame(position_m, self.velocity_m_s + error[:, 3:6])
-        body = CAMERA.unproject(self.uv + error[:, 9:]) @ self.body_from_camera.T
+        body = self.camera.unproject(self.uv + error[:, 9:]) @ self.body_from_camera.T
         turn = matrix_from_quaternion(quaternion_from_rotation_vector(error[:, 6:9]))
         return position_m, (frame @ turn @ body[..., None])[..., 0]
 
@@ -90,15 +91,33 @@ class Observer:
 
 @dataclass(frozen=True)
 class Scene:
-    """Two satellites separation_deg apart in one orbit, and the target above their middle."""
+    """
+    Two satellites separation_deg apart in one orbit, and the target above their middle.
+
+    By default the errors are as large as the paper's. In PROPORTIONS, nearer and with a coarser
+    camera, their ratios are the paper's as well.
+    """
 
     separation_deg: float = SEPARATION_DEG
+    target_above_km: float = 390.0
+    field_deg: float = 6.0
+
+    @property
+    def camera(self) -> Camera:
+        """Return the camera of both satellites."""
+        return Camera.from_fov(CAMERA_PX, CAMERA_PX, self.field_deg)
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Return radial, along and cross track (3, 3) of the middle, columns in ICRF."""
+        # Axes of the orbit frame: ahead, against the orbit normal, down.
+        return orbit_frame(*self._state(0.0))[:, [2, 0, 1]] * [-1, 1, -1]
 
     @cached_property
     def target_m(self) -> np.ndarray:
         """Return the position (3,) of the target."""
         position_m, _ = self._state(0.0)
-        return position_m * (1 + TARGET_ABOVE_KM * 1e3 / np.linalg.norm(position_m))
+        return position_m * (1 + self.target_above_km * 1e3 / np.linalg.norm(position_m))
 
     @cached_property
     def observers(self) -> tuple[Observer, Observer]:
@@ -119,8 +138,9 @@ class Scene:
         z = axis / np.linalg.norm(axis)
         y = np.cross(z, [0.0, 1.0, 0.0])
         y = y / np.linalg.norm(y)
-        camera = np.stack([np.cross(y, z), y, z], -1)
-        return Observer(position_m, velocity_m_s, camera, CAMERA.project(line @ camera))
+        body = np.stack([np.cross(y, z), y, z], -1)
+        return Observer(self.camera, position_m, velocity_m_s, body,
+                        self.camera.project(line @ body))
 
     def draw(self, errors: tuple[Errors, Errors], count: int, seed: int, *,
              weighted: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -141,8 +161,7 @@ class Scene:
             1e-6)
         if not (status == LOCATED).all():
             raise RuntimeError(f'{np.count_nonzero(status != LOCATED)} draws without a position')
-        # Axes of the orbit frame: ahead, against the orbit normal, down.
-        axes = orbit_frame(*self._state(0.0))[:, [2, 0, 1]] * [-1, 1, -1]
+        axes = self.axes
         return (located_m - self.target_m) @ axes, axes.T @ covariance_m2 @ axes
 
     def noise_free_m(self, *, weighted: bool) -> float:
@@ -151,3 +170,6 @@ class Scene:
         located = locate(first.line_of_sight(ALL), second.line_of_sight(ALL), LocationOptions(
             solution='weighted' if weighted else 'least_squares'))
         return float(np.linalg.norm(located.position_m - self.target_m))
+
+
+PROPORTIONS = Scene(target_above_km=250.0, field_deg=9.3)

@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 from startracker_ros.tools.cli.outcome import Commands, exit_1_on
 from startracker_ros.tools.cli.shared import (
-    check_names, finish, json_option, picture_option, scheduler_option, seed_option,
-    trials_option)
+    check_names, check_pictures, finish, json_option, picture_option, scheduler_option,
+    seed_option, trials_option)
 
 
 @click.group(cls=Commands)
@@ -16,29 +16,35 @@ def campaign() -> None:
 
 @campaign.command('hausdorff')
 @trials_option(200, 'Directions of each figure.')
+@picture_option('the times')
 @scheduler_option
 @seed_option
 @json_option
-def campaign_hausdorff(trials: int, scheduler: str, seed: int, as_json: bool) -> None:
+def campaign_hausdorff(trials: int, output: Path | None, scheduler: str, seed: int,
+                       as_json: bool) -> None:
     """Find sets of bright stars by their Hausdorff distance in a field of 12 deg."""
     from startracker_ros.evaluation.campaign.hausdorff import run_hausdorff_campaign
-    finish(run_hausdorff_campaign(trials=trials, seed=seed, scheduler=scheduler), as_json)
+    finish(run_hausdorff_campaign(trials=trials, seed=seed, scheduler=scheduler, output=output),
+           as_json)
 
 
 @campaign.command('quad')
 @trials_option(300, 'Frames along the orbit, and as many of the whole sky.')
+@picture_option('the angles along the orbit')
 @scheduler_option
 @seed_option
 @json_option
-def campaign_quad(trials: int, scheduler: str, seed: int, as_json: bool) -> None:
+def campaign_quad(trials: int, output: Path | None, scheduler: str, seed: int,
+                  as_json: bool) -> None:
     """Quads of stars found by k-vector in a field of 20.3 deg."""
     from startracker_ros.evaluation.campaign.quad import run_quad_campaign
-    finish(run_quad_campaign(trials=trials, seed=seed, scheduler=scheduler), as_json)
+    finish(run_quad_campaign(trials=trials, seed=seed, scheduler=scheduler, output=output),
+           as_json)
 
 
 @campaign.command('extended-grid')
 @trials_option(10_000, 'Directions of each figure.')
-@picture_option('the two curves')
+@picture_option('each figure of the paper')
 @scheduler_option
 @seed_option
 @json_option
@@ -52,7 +58,7 @@ def campaign_extended_grid(trials: int, output: Path | None, scheduler: str, see
 
 @campaign.command('jpdaf')
 @trials_option(100, 'Runs of 400 frames in each cell.')
-@picture_option('the errors over the frames')
+@picture_option('the figures of the paper')
 @scheduler_option
 @seed_option
 @json_option
@@ -66,13 +72,36 @@ def campaign_jpdaf(trials: int, output: Path | None, scheduler: str, seed: int,
 
 @campaign.command('two-satellite')
 @trials_option(100_000, 'Draws of the figures beyond the 500 of the paper.', least=1000)
-@picture_option('the error over the baseline')
+@picture_option('the errors')
 @seed_option
 @json_option
 def campaign_two_satellite(trials: int, output: Path | None, seed: int, as_json: bool) -> None:
     """Locate a target by the cameras of two satellites under four sources of error."""
     from startracker_ros.evaluation.campaign.two_satellite import run_two_satellite_campaign
     finish(run_two_satellite_campaign(trials=trials, seed=seed, output=output), as_json)
+
+
+@campaign.command('papers')
+@click.option('--trials', type=click.IntRange(1), help='Trials of each campaign.  [default: as '
+              'many as the bounds of each need]')
+@click.option('--only', multiple=True, help='Campaigns to run, by name; the page has the kept '
+              'results of the others.')
+@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False), default='papers',
+              callback=check_pictures, show_default=True,
+              help='Folder for the page, the results and the pictures.')
+@scheduler_option
+@seed_option
+@json_option
+def campaign_papers(trials: int | None, only: tuple[str, ...], output: Path, scheduler: str,
+                    seed: int, as_json: bool) -> None:
+    """Run all campaigns of papers; write a page of every table, figure and claim."""
+    from startracker_ros.evaluation.campaign.centroid import DataError
+    from startracker_ros.evaluation.campaign.papers import CAMPAIGNS, run_papers_campaign
+    check_names('campaign', only, CAMPAIGNS)
+    with exit_1_on(DataError, output=output):
+        result = run_papers_campaign(output, seed=seed, trials=trials, only=only,
+                                     scheduler=scheduler)
+    finish(result, as_json)
 
 
 @campaign.command('integrity')
@@ -164,12 +193,16 @@ def campaign_soak(frames: int, seed: int, as_json: bool) -> None:
 @click.option('--images', 'folder', metavar='FOLDER',
               type=click.Path(path_type=Path, exists=True, file_okay=False),
               help='Images with a solutions.csv.  [default: night-sky-11deg of STARTRACKER_DATA]')
+@trials_option(200, 'Draws of images, with repetition.')
+@picture_option('the scatter over the threshold')
+@seed_option
 @json_option
-def campaign_centroid(folder: Path | None, as_json: bool) -> None:
+def campaign_centroid(folder: Path | None, trials: int, output: Path | None, seed: int,
+                      as_json: bool) -> None:
     """Weighted means at right and wrong thresholds on real photographs."""
     from startracker_ros.evaluation.campaign.centroid import DataError, run_centroid_campaign
     with exit_1_on(DataError):
-        result = run_centroid_campaign(folder)
+        result = run_centroid_campaign(folder, trials=trials, seed=seed, output=output)
     finish(result, as_json)
 
 

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from sensor_msgs.msg import PointCloud2
 from startracker_ros.core.astro.observer_motion import AberrationOptions, ObserverMotion
-from startracker_ros.core.attitude.validation import ValidationOptions
+from startracker_ros.core.attitude.validation import UNUSED_SOLVER, ValidationOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.core.options import option, Options
@@ -76,6 +76,9 @@ class AttitudeEstimatorNode(CameraNode):
             self.options(AberrationOptions))).warm_up()
 
     def _on_frame(self, stamp_ns: int, tracks: Tracks, tracked: TrackedAttitude | None) -> None:
+        solver = self.options(ValidationOptions).solver
+        if solver != ValidationOptions.solver:
+            self.diagnostics.report_event(UNUSED_SOLVER.format(solver))
         self._output.publish(stamp_ns, self._stage.from_tracks(stamp_ns, tracks, tracked), tracked)
 
     def _on_tracks_alone(self, stamp_ns: int, tracks: Tracks) -> None:

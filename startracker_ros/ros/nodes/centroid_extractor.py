@@ -14,7 +14,7 @@ from startracker_ros.core.stages.extraction import ExtractionStage, SearchOption
 from startracker_ros.core.stages.sky_marks import mark_bodies
 from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
 from startracker_ros.ros import qos
-from startracker_ros.ros.camera_node import CameraNode
+from startracker_ros.ros.camera_node import CameraNode, EARLY
 from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.image_topic import subscribe_images, TransportOptions
 from startracker_ros.ros.messages.clouds import (
@@ -54,6 +54,11 @@ class CentroidExtractorNode(CameraNode):
         CentroidExtractor(self.options(ExtractionOptions)).warm_up()
 
     def on_warm(self) -> None:
+        early = self.diagnostics.counts[EARLY]
+        if early:
+            # Whether there were images with them is not known: ours wait for subscribers.
+            self.get_logger().info(
+                f'{early} {EARLY}: images of before are missing if their source did not wait')
         subscribe_images(self, self._on_image)
 
     def _on_predicted(self, message: PointCloud2) -> None:

@@ -62,7 +62,7 @@ class StarTrackerNode(CameraNode):
 
     def use(self, built: tuple) -> None:
         self._tracker, self._target_tracker = built
-        self._state.publish(self._tracker)
+        self._state.begin(self._tracker)
 
     def set_live_options(self) -> None:
         if self.camera is not None:

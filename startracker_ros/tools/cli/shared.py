@@ -47,11 +47,11 @@ def trials_option(default: int, what: str, *, least: int = 1) -> Callable[[_Comm
 def picture_option(what: str) -> Callable[[_Command], _Command]:
     """Return the option --output of a command that draws a picture into that folder."""
     return click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
-                        callback=_check_pictures, help=f'Folder for a picture of {what}.')
+                        callback=check_pictures, help=f'Folder for a picture of {what}.')
 
 
-def _check_pictures(context: click.Context, option: click.Parameter, folder: Path | None
-                    ) -> Path | None:
+def check_pictures(context: click.Context, option: click.Parameter, folder: Path | None
+                   ) -> Path | None:
     """Fail before a long campaign, not after it, where matplotlib or the folder is missing."""
     if folder is not None:
         new_figure()

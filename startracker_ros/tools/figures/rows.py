@@ -1,7 +1,8 @@
 """Rows of tables, a frozen type for each set of columns; the fields are the columns, in order."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+import math
 
 import numpy as np
 from scipy.stats import chi2
@@ -89,6 +90,49 @@ class CampaignRow:
     unit: str
     bound: str = ''
     holds: bool = True
+
+
+@dataclass(frozen=True)
+class PaperRow:
+    """
+    A figure of a paper, beside it that of its method as published and that of ours beyond it.
+
+    holds is None where there are too few trials for the bound. ours is the best we have: beyond
+    or, where there is no such figure, as published.
+    """
+
+    case: str
+    paper: float | str | None
+    as_published: float | None = None
+    beyond: float | None = None
+    unit: str = ''
+    bound: str = ''
+    holds: bool | None = True
+    ours: float | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        best = self.as_published if self.beyond is None else self.beyond
+        object.__setattr__(self, 'ours', best)
+
+
+def judged(checks: Iterable[Check], trials: int, needed: int) -> tuple[str, bool | None]:
+    """Return several checks as one; with fewer trials than needed it says so and is not judged."""
+    text, holds = combined(checks)
+    if trials < needed and text:
+        return f'{text}: too few trials, {trials} of {needed}', None
+    return text, holds
+
+
+def trials_for_percent(percent: float) -> int:
+    """
+    Return the trials that a bound on a share in % needs: ten are expected on its rarer side.
+
+    With fewer, the share of a run is not near enough to normal, nor fine enough, to be compared.
+    """
+    rarer = min(percent, 100 - percent) / 100
+    if not rarer:
+        raise ValueError('no number of trials is enough for a bound of 0 or 100 %')
+    return math.ceil(10 / rarer)
 
 
 def combined(checks: Iterable[Check], separator: str = '; ') -> Check:

@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies import onboard_stars
 from startracker_ros.core.attitude.estimate import estimate_attitude
 from startracker_ros.core.calibration.adjustment import adjust, CalibrationError, MatchedStars
 from startracker_ros.core.calibration.estimate import calibrate, covered_percent, star_shift
 from startracker_ros.core.calibration.matching import match_stars, View
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.rotation import (
@@ -19,7 +18,7 @@ from startracker_ros.core.maths.rotation import (
 LENS = Camera(1024, 768, 2850.0, 2850.0, 519.0, 377.0, (-0.25, 0.4, 8e-4, -6e-4, 0.0))
 START = Camera(1024, 768, 2862.0, 2862.0, 511.5, 383.5)
 TERMS = ('focal', 'k1', 'centre', 'tangential', 'k2')
-ONBOARD = onboard_catalog(load_catalog(), LENS, 2026.7, 7.0)
+ONBOARD = onboard_stars(LENS, 2026.7, 7.0)
 # A k1 that the start does not know moves stars by more than the widest gate.
 MILD = replace(LENS, distortion=(-0.12, 0.0, 0.0, 0.0, 0.0))
 

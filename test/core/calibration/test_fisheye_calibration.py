@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
+from skies import onboard_stars
 from startracker_ros.core.calibration.adjustment import CalibrationError
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.rotation import random_attitude
 from startracker_ros.tools.photographs.calibrate import calibrate_lists
@@ -17,7 +16,7 @@ LENS = Camera(1024, 768, 440.0, 440.0, 519.0, 377.0, (-0.03, 0.004, 0.0, 0.0), '
 @pytest.fixture(scope='module')
 def lists():
     rng = np.random.default_rng(1)
-    onboard = onboard_catalog(load_catalog(), LENS, EPOCH_YEAR, 4.5)
+    onboard = onboard_stars(LENS, EPOCH_YEAR, 4.5)
     return {i: star_list(onboard, LENS, random_attitude(rng), 0.1, rng, missing=0.1, false=3)[0]
             for i in range(5)}
 

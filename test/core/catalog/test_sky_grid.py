@@ -2,18 +2,15 @@
 
 import numpy as np
 import pytest
+from skies import onboard_stars, SMALL_CAMERA as CAMERA
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
 from startracker_ros.core.catalog.sky_grid import count_in_image, count_near, nearest, sky_grid
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, random_attitude
-
-CAMERA = Camera.from_fov(512, 512, 12.0)
 
 
 @pytest.fixture(scope='module')
 def directions():
-    return onboard_catalog(load_catalog(), CAMERA, 2026.0, 6.0).direction
+    return onboard_stars(CAMERA, 2026.0, 6.0).direction
 
 
 @pytest.mark.parametrize('chord', [1e-4, 0.003, 0.02, 0.5, 2.1])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from startracker_ros.core.camera.model import Camera
+from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.core.centroid.streak import fit_streak, Streak
@@ -11,7 +11,6 @@ from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 SMEAR = DetectorOptions(motion_smear=True, exposure_s=0.1)
 
 

@@ -2,6 +2,7 @@
 
 import itertools
 
+from chi_square import mean_bounds
 import numpy as np
 import pytest
 from startracker_ros.core.fusion.fusion import AttitudeFusion
@@ -299,8 +300,9 @@ def test_nees_with_gyro_and_heads_that_drop_out_and_no_jump():
     outcomes = list(run.events(fusion))
     errors, covariances = errors_of(outcomes)
     assert len(errors) > 150 and fusion.motion.uses_gyro
-    # The mean of so many chi-squares of 3 degrees, correlated over some ten frames.
-    assert 2.3 < nees_of(errors, covariances).mean() < 3.9
+    nees = nees_of(errors, covariances)
+    low, high = mean_bounds(3, nees)
+    assert low < nees.mean() < high, (low, nees.mean(), high)
     # Nothing jumps: no error beyond what chance has in so many frames.
     sigma = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     assert np.max(np.abs(errors) / sigma) < 4.5

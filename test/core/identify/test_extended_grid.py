@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from skies import NARROW_CAMERA as CAMERA, onboard_stars
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.attitude.propagate import AttitudePrediction
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
-from startracker_ros.core.identify.extended_grid import ExtendedGridIdentifier, RecursiveIdentifier
+from startracker_ros.core.identify.extended_grid import (
+    ExtendedGridIdentifier, PredictedField, RecursiveIdentifier)
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.identify.prior_verification import PriorVerifier
@@ -17,7 +17,6 @@ from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector, random_attitude)
 from startracker_ros.sim.sky.gyro import Gyro, GyroOptions
 
-CAMERA = Camera.from_fov(1024, 1024, 4.0)
 EPOCH_YEAR = 2026.5
 OPTIONS = IdentificationOptions(method='extended_grid', magnitude_limit=8.0)
 S = 1_000_000_000
@@ -25,7 +24,7 @@ S = 1_000_000_000
 
 @pytest.fixture(scope='module')
 def onboard():
-    return onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, 7.5)
+    return onboard_stars(CAMERA, EPOCH_YEAR, 7.5)
 
 
 @pytest.fixture(scope='module')
@@ -304,3 +303,46 @@ def test_a_turn_that_the_gyro_missed(identifier, onboard):
             assert result.attitude is None and 'predicted' in recursive.condition
         else:
             check_right(result, hip[:count], q)
+
+
+def occupied_cells(stars, own, cells, cell, buffer):
+    """Return the numbers of occupied cells by the words of the paper, star by star."""
+    nearest, axis = np.inf, None
+    for other, (x, y) in enumerate(stars):
+        away = np.hypot(x - stars[own][0], y - stars[own][1])
+        if other != own and buffer < away < nearest:
+            nearest, axis = away, complex(x - stars[own][0], y - stars[own][1]) / away
+    numbers = set()
+    for x, y in stars:
+        turned = complex(x - stars[own][0], y - stars[own][1]) / axis
+        column = int(np.floor(turned.real / cell + cells / 2 + 0.5))
+        row = int(np.floor(turned.imag / cell + cells / 2 + 0.5))
+        if 0 <= column < cells and 0 <= row < cells:
+            numbers.add(row * cells + column)
+    return numbers
+
+
+def test_the_patterns_are_those_of_an_independent_implementation(identifier):
+    rng = np.random.default_rng(11)
+    for _ in range(20):
+        stars = rng.uniform(-0.07, 0.07, (25, 2))
+        own = np.arange(10)
+        pattern, _ = identifier.patterns(stars, own)
+        for row, star in zip(pattern, own):
+            assert set(np.flatnonzero(row)) == occupied_cells(
+                stars, star, 40, np.radians(0.2), np.radians(0.3))
+
+
+def test_a_star_next_to_the_limit_does_not_turn_the_grid(identifier):
+    """Its neighbour is 0.1 mag fainter than the limit in the catalogue, and in the image."""
+    rng = np.random.default_rng(12)
+    turn = rng.uniform(0, 2 * np.pi, 12)
+    place = rng.uniform(0.012, 0.03, (12, 1)) * np.stack([np.cos(turn), np.sin(turn)], 1)
+    place[0], place[11] = 0.0, [0.006, 0.0]
+    magnitude = np.linspace(5.0, 7.0, 12)
+    magnitude[11] = magnitude[10] + 0.1
+    # The image has the faint neighbour and lacks the last star but one.
+    seen = np.delete(np.arange(12), 10)
+    sky = PredictedField(np.arange(12), place, magnitude, *np.ones((2, 12), bool))
+    assert identifier.recognise(place[seen], sky)[0] == 0
+    assert identifier.match(place[seen], place[:0], [sky.brightest(len(seen))])[0] != 0

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.distance import directed_hausdorff
+from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
@@ -18,7 +19,6 @@ from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import (
     attitude_error, quaternion_from_pointing, radec_from_unit, random_attitude)
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 EPOCH_YEAR = 2000.0
 
 
@@ -248,3 +248,37 @@ def test_a_sky_without_sets_gives_no_result(method):
     uv = rng.uniform(0, 511, (10, 2))
     assert identifier.identify(frame(uv)).status == 'no_candidate'
     assert identifier.nearest(identifier.field_stars(frame(uv))) is None
+
+
+def written_out_feature(directions, own, radius_rad):
+    """Return the feature of one pivot by the equations of the paper, star by star."""
+    pivot = directions[own]
+    a0, d0 = np.arctan2(pivot[1], pivot[0]), np.arcsin(pivot[2])
+    places = []
+    for star, vector in enumerate(directions):
+        if star != own and vector @ pivot >= np.cos(radius_rad):
+            a, d = np.arctan2(vector[1], vector[0]), np.arcsin(vector[2])
+            below = np.sin(d) * np.sin(d0) + np.cos(d) * np.cos(d0) * np.cos(a - a0)
+            places.append((np.cos(d) * np.sin(a - a0) / below,
+                           (np.sin(d) * np.cos(d0) - np.cos(d) * np.sin(d0) * np.cos(a - a0))
+                           / below))
+    if len(places) < 4:
+        return None
+    first, second = [(0.0, 0.0), places[0]], places[1:4]
+
+    def directed(one, other):
+        return max(min(np.hypot(x - u, y - v) for u, v in other) for x, y in one)
+
+    return max(directed(first, second), directed(second, first))
+
+
+def test_the_features_are_those_of_an_independent_implementation():
+    rng = np.random.default_rng(17)
+    direction = random_units(rng, 700)
+    pivots = Pivots(direction[:150], np.arange(150))
+    radius_rad = np.radians(9.0)
+    expected = [written_out_feature(direction, own, radius_rad) for own in pivots.star]
+    expected = sorted(value for value in expected if value is not None)
+    sets = bright_sets(direction, pivots, radius_rad)
+    assert 20 < len(expected) < 150
+    np.testing.assert_allclose(np.sort(sets.feature), expected, rtol=0, atol=1e-12)

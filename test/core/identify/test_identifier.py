@@ -5,9 +5,8 @@ import re
 
 import numpy as np
 import pytest
+from skies import onboard_stars, SMALL_CAMERA as CAMERA
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
@@ -15,13 +14,12 @@ from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import (
     attitude_error, quaternion_from_pointing, random_attitude)
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 EPOCH_YEAR = 2026.5
 
 
 @pytest.fixture(scope='module')
 def onboard():
-    return onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, 6.0)
+    return onboard_stars(CAMERA, EPOCH_YEAR, 6.0)
 
 
 @pytest.fixture(scope='module')
@@ -242,7 +240,7 @@ def test_a_catalogue_without_pairs_gives_no_result(onboard):
 def test_a_catalogue_too_deep_for_the_field_is_no_burden():
     """Two thousand stars in a field: bounded pairs, and still the right result."""
     camera = Camera.from_fov(512, 512, 40.0)
-    sky = onboard_catalog(load_catalog(), camera, EPOCH_YEAR, 4.0)
+    sky = onboard_stars(camera, EPOCH_YEAR, 4.0)
     identifier = make_identifier(camera, EPOCH_YEAR, IdentificationOptions(magnitude_limit=8.0))
     rng = np.random.default_rng(20)
     solved = 0

@@ -5,21 +5,18 @@ import os
 
 import numpy as np
 import pytest
+from skies import onboard_stars, SMALL_CAMERA as CAMERA
 from startracker_ros.core import folders, stored_arrays
-from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.folders import cache_folder
 from startracker_ros.core.identify.cache import cached_pairs
 from startracker_ros.core.identify.pairs import build_pairs
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 NEAR, FAR = 0.005, 0.2
 
 
 @pytest.fixture(scope='module')
 def onboard():
-    return onboard_catalog(load_catalog(), CAMERA, 2026.0, 4.0)
+    return onboard_stars(CAMERA, 2026.0, 4.0)
 
 
 @pytest.fixture(autouse=True)
@@ -104,7 +101,7 @@ def test_a_file_that_another_process_deletes_is_no_error(onboard, monkeypatch, c
 def test_the_cache_is_keyed_by_what_it_was_built_from(onboard):
     cached_pairs(onboard, NEAR, FAR)
     cached_pairs(onboard, NEAR, 0.19)
-    other = onboard_catalog(load_catalog(), CAMERA, 2027.0, 4.0)
+    other = onboard_stars(CAMERA, 2027.0, 4.0)
     cached_pairs(other, NEAR, FAR)
     assert len(list(cache_folder().iterdir())) == 3
 

@@ -15,7 +15,8 @@ from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.identify.pairs import build_pairs
 from startracker_ros.core.identify.quad import base_quads, full_field_match, matching_quads
-from startracker_ros.core.maths.rotation import attitude_error, conjugate, random_attitude, rotate
+from startracker_ros.core.maths.rotation import (
+    attitude_error, conjugate, multiply, random_attitude, rotate)
 
 CAMERA = Camera.from_fov(1024, 1024, 20.3)
 EPOCH_YEAR = 2026.5
@@ -256,3 +257,27 @@ def test_the_stars_of_the_result_are_where_its_attitude_puts_them(identifier):
     star = identifier.onboard.direction[identifier.onboard.index_of(result.hip[known])]
     predicted = CAMERA.project(rotate(conjugate(result.attitude.quaternion), star))
     assert np.abs(predicted - centroids.uv[known]).max() < 3
+
+
+def test_near_the_frame_before_the_search_is_in_the_predicted_field(identifier, monkeypatch):
+    rng = np.random.default_rng(31)
+    turn = np.array([*np.sin(np.radians([0.3, 0.2, 0.1]) / 2), 1.0])
+    searched = []
+
+    def whole_sky(*arguments):
+        searched.append(arguments)
+        return between(*arguments)
+
+    between = type(identifier.pairs).between
+    monkeypatch.setattr(type(identifier.pairs), 'between', whole_sky)
+    for _ in range(10):
+        q = random_attitude(rng)
+        centroids, hip = star_list(identifier.onboard, CAMERA, q, 0.5, rng)
+        result = identifier.identify_near(centroids, multiply(q, turn / np.linalg.norm(turn)))
+        named = result.hip > 0
+        np.testing.assert_array_equal(result.hip[named], hip[named])
+        assert off_by_deg(result, q) < 0.1
+    assert not searched
+    # A prediction of another part of the sky costs the time of a search and nothing else.
+    result = identifier.identify_near(centroids, random_attitude(rng))
+    assert off_by_deg(result, q) < 0.1 and searched

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from startracker_ros.core.camera.model import Camera
+from skies import CAMERA
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.identify.methods import make_identifier
@@ -12,7 +12,6 @@ from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.sim.sky.sources import SkyOptions
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
 EPOCH_YEAR = 2026.5
 
 

@@ -7,6 +7,7 @@ import weakref
 
 import numpy as np
 import pytest
+from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core import stored_arrays
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.folders import cache_folder
@@ -17,9 +18,9 @@ from startracker_ros.core.stages.identification import IdentificationStage
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.tracking import make_star_tracker
 from startracker_ros.core.stored_arrays import prepare, resident_bytes
+from startracker_ros.io.images.images import read_image
 from startracker_ros.tools.photographs import solve
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 BRIGHT = IdentificationOptions(magnitude_limit=5.0)
 NIGHT_SKY = Path(__file__).parents[2] / 'data' / 'night-sky-11deg'
 
@@ -158,16 +159,12 @@ def databases():
             if isinstance(one, stored_arrays.StoredArrays)]
 
 
-@pytest.mark.parametrize('field', [11.4, None])
-def test_databases_die_with_the_solver(field, no_garbage_collection):
-    image = np.zeros((480, 640), np.uint16)
-    rng = np.random.default_rng(1)
-    for v, u in rng.integers(20, 460, (12, 2)):
-        image[v - 1:v + 2, u - 1:u + 2] = 200
+@pytest.mark.parametrize('camera', [Camera.from_fov(1024, 768, 11.4), None])
+def test_databases_die_with_the_solver(camera, no_garbage_collection):
+    image = read_image(sorted(NIGHT_SKY.glob('*.png'))[2])
     before = len(databases())
-    camera = None if field is None else Camera.from_fov(640, 480, field)
-    solver = PhotographSolver(camera, 2020.0)
-    solver.solve(image)
+    solver = PhotographSolver(camera, 2019.57)
+    assert solver.solve(image, likely_deg=12.0).quaternion is not None
     during = len(databases())
     del solver
     assert len(databases()) == before < during

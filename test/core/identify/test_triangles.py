@@ -4,7 +4,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from startracker_ros.core.camera.model import Camera
+from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.identify.clock import search_clock
 from startracker_ros.core.identify.pair_search import expected_pairs, image_side, pair_level
@@ -14,7 +14,6 @@ from startracker_ros.core.identify.triangles import catalogue_triangles, image_t
 from startracker_ros.core.identify.verification import Verifier
 from startracker_ros.core.maths.rotation import random_attitude, rotate
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 SIGMAS = 3.5
 NO_LIMIT = search_clock(np.inf)
 

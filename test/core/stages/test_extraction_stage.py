@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.core.stages.extraction import ExtractionStage, SearchOptions
@@ -14,7 +14,6 @@ from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.tools.figures.correctness import error_over_bound
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 START_NS, STEP_NS = stamp_from_epoch_year(2026.5), 100_000_000
 
 

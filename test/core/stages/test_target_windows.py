@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import ExtractionOptions
 from startracker_ros.core.centroid.prediction import PredictedCentroids
@@ -18,7 +18,6 @@ from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.sim.sky.target import Target, TargetOptions
 from startracker_ros.tools.figures.correctness import error_over_bound
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 EPOCH_YEAR = 2026.2
 START_NS = stamp_from_epoch_year(EPOCH_YEAR)
 ORBIT = {'inclination_deg': 30.0, 'node_deg': 40.0, 'latitude_deg': 60.0}

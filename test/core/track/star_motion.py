@@ -3,20 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
+from skies import CAMERA, onboard_stars, START_NS
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
-from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
 STEP_NS = 100_000_000
-START_NS = 1_790_000_000_000_000_000
 
 
 def sky(magnitude_limit: float = 6.0, camera: Camera = CAMERA) -> OnboardCatalog:
-    return onboard_catalog(load_catalog(), camera, 2026.5, magnitude_limit)
+    return onboard_stars(camera, 2026.5, magnitude_limit)
 
 
 @dataclass

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from startracker_ros.core.camera.model import Camera
+from skies import CAMERA
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import conjugate, random_attitude, rotate
 from startracker_ros.core.track.consistency import expected_stars, Residuals, RowPattern
 from startracker_ros.core.track.motion_models import image_jacobian
 from startracker_ros.core.track.rolling_shutter import at_frame_time, fit_rate
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
 RATE = np.radians([0.8, -0.4, 0.3])
 SIGMA_PX = 0.05
 

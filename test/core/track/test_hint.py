@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
+from skies import CAMERA, onboard_stars
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
-from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.track.start import Hint
 from startracker_ros.core.track.tracker import StarTracker, TrackerState
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
 EPOCH_YEAR = 2026.5
 START_NS = stamp_from_epoch_year(EPOCH_YEAR)
 STEP_NS = 100_000_000
@@ -26,7 +23,7 @@ class Run:
     """A tracker, frames of a steady turn, and identifications of all stars."""
 
     def __init__(self):
-        self.sky = onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, 6.5)
+        self.sky = onboard_stars(CAMERA, EPOCH_YEAR, 6.5)
         self.tracker = StarTracker(CAMERA, self.sky)
         self.rng = np.random.default_rng(3)
 

@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies import onboard_stars
 from startracker_ros.core.astro.observer_motion import observer_at
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.camera.lens import project
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import conjugate, quaternion_from_pointing, rotate
 from startracker_ros.core.track.in_view import BRIGHT_STARS, StarsInView
 
@@ -21,7 +20,7 @@ FISHEYE = Camera(512, 512, 200.0, 200.0, 250.0, 260.0, (-0.02, 0.004, 0.0, 0.0),
 
 @pytest.mark.parametrize('camera', [PLAIN, DISTORTED, FISHEYE])
 def test_as_the_catalogue_and_the_camera_say(camera):
-    onboard = onboard_catalog(load_catalog(), camera, 2026.0, 6.0)
+    onboard = onboard_stars(camera, 2026.0, 6.0)
     stars = StarsInView(camera, ApparentCatalog(onboard))
     # Small steps, which keep the stars of the search before, and leaps.
     for ra_deg in (10.0, 10.1, 10.4, 10.9, 200.0, 10.0):
@@ -38,7 +37,7 @@ def test_as_the_catalogue_and_the_camera_say(camera):
 
 @pytest.mark.parametrize('camera', [PLAIN, DISTORTED, FISHEYE])
 def test_spots_are_compared_with_the_faintest_stars_too(camera):
-    onboard = onboard_catalog(load_catalog(), camera, 2026.0, 9.0)
+    onboard = onboard_stars(camera, 2026.0, 9.0)
     sky = ApparentCatalog(onboard)
     sky.look_from(observer_at(2026.0, np.array([3e3, 5e3, -4e3])))
     stars, rng = StarsInView(camera, sky), np.random.default_rng(3)

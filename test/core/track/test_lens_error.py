@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
+from skies import CAMERA
 from startracker_ros.core.attitude.estimate import estimate_attitude
 from startracker_ros.core.attitude.systematic_errors import lens_covariance
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import rotation_vector_from_quaternion
 from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.motion_models import image_jacobian
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
 SIGMA_PX = np.linspace(0.03, 0.2, 30)
 
 

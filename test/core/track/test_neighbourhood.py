@@ -4,12 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
-from startracker_ros.core.camera.model import Camera
+from skies import CAMERA
 from startracker_ros.core.maths.rotation import (
     conjugate, quaternion_from_rotation_vector, random_attitude, rotate)
 from startracker_ros.core.track.neighbourhood import GATE_SIGMA, propagated, star_neighbourhood
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
 SIGMA_PX = 0.15
 GATE_PX = GATE_SIGMA * SIGMA_PX
 ONBOARD = np.array([[200.0, 300.0], [800.0, 250.0], [420.0, 700.0], [650.0, 560.0], [90.0, 900.0]])

@@ -2,18 +2,15 @@
 
 import numpy as np
 import pytest
+from skies import CAMERA, onboard_stars
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
     ARCSEC, conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
 from startracker_ros.core.track.target import TargetTracker, TargetTrackOptions
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
-ONBOARD = onboard_catalog(load_catalog(), CAMERA, 2026.5, 9.0)
+ONBOARD = onboard_stars(CAMERA, 2026.5, 9.0)
 SIGMA_PX = 0.05
 STEP_NS = 500_000_000
 START = quaternion_from_pointing(*np.radians([80.0, 5.0, 20.0]))

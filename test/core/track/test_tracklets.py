@@ -1,12 +1,11 @@
 """Moving objects linked among false centroids; stars, hot pixels and hits are none."""
 
 import numpy as np
-from startracker_ros.core.camera.model import Camera
+from skies import CAMERA
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotate)
 from startracker_ros.core.track.tracklets import Detections, link_tracklets
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
 BEGIN = quaternion_from_rotation_vector([0.4, 1.1, -0.7])
 SIGMA_PX = 0.14
 

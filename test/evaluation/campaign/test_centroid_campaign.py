@@ -8,14 +8,17 @@ import pytest
 from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.evaluation.campaign.centroid import (
-    conclusions, METHODS, Photograph, without_lens)
+    conclusions, FACTORS, METHODS, Photograph, without_lens)
 
 
 @pytest.fixture(scope='module')
-def document(sky_data):
-    done = CliRunner().invoke(main, ['campaign', 'centroid', '--json', '--images',
-                                     str(sky_data / 'night-sky-11deg')])
+def document(sky_data, tmp_path_factory):
+    output = tmp_path_factory.mktemp('centroid')
+    done = CliRunner().invoke(main, [
+        'campaign', 'centroid', '--json', '--images', str(sky_data / 'night-sky-11deg'),
+        '--trials', '50', '--seed', '3', '--output', str(output)])
     assert done.exit_code == 0, done.output
+    assert (output / 'thresholds.png').stat().st_size > 1000
     return json.loads(done.stdout)
 
 
@@ -33,14 +36,16 @@ def test_the_fit_is_nearest_to_the_sky(document):
 def test_the_conclusions_of_the_paper_are_tested(document):
     results = {key: text for key, text in document['conditions'].items() if 'paper' in key}
     assert len(results) == 3
-    assert set(results.values()) <= {'confirmed', 'not confirmed'}
+    assert all(text.split(';')[0] in ('confirmed', 'not confirmed') and '% of 50 draws' in text
+               for text in results.values())
+    assert document['conditions']['seed'] == 3
 
 
 def test_conclusions_follow_from_the_figures():
     as_published = {(method, name): value for method, values in {
-        'binary': (1.0, 9.0, 9.0), 'grey': (2.0, 4.0, 5.0), 'squared': (2.0, 5.0, 4.0),
-        'thresholded': (2.0, 2.5, 2.5)}.items()
-        for name, value in zip(('right', 'half', 'double'), values)}
+        'binary': (1.0, 9.0, 9.0, 9.0), 'grey': (2.0, 4.0, 4.5, 5.0),
+        'squared': (2.0, 5.0, 4.0, 4.0), 'thresholded': (2.0, 2.5, 2.5, 2.5)}.items()
+        for name, value in zip(FACTORS, values)}
     assert all(conclusions(as_published).values())
     otherwise = {**as_published, ('binary', 'right'): 3.0, ('binary', 'half'): 1.0,
                  ('thresholded', 'half'): 20.0}
@@ -56,7 +61,7 @@ def test_the_lens_is_taken_off():
         x = (uv - [camera.cx, camera.cy]) / camera.cx
         bent = uv + 2 * x * (x ** 2).sum(1, keepdims=True) + rng.normal(0, 1, 2)
         bent[7] = np.nan
-        images.append(Photograph(np.empty((0, 0)), camera, uv))
+        images.append(Photograph(np.empty((0, 0)), camera, uv, np.array([0.0, 0, 0, 1])))
         seen.append(bent)
     for photograph, uv in zip(images, without_lens(images, seen)):
         assert np.isnan(uv[7]).all()

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies import CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.core.maths.rotation import conjugate, rotate
@@ -12,7 +13,6 @@ from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.sim.sky.sources import SkyOptions
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
 QUIET = DetectorOptions(noise=False, background_e=0.0, bias_dn=0.0, gain_e_per_dn=0.25,
                         bit_depth=16, full_well_e=16000.0, zero_flux_e_s=2e7)
 SMEARED = replace(QUIET, motion_smear=True)

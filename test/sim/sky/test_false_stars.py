@@ -5,11 +5,11 @@ from dataclasses import replace
 import erfa
 import numpy as np
 import pytest
+from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core.astro.aberration import aberrate
 from startracker_ros.core.astro.bodies import BODIES, bodies_from_earth
 from startracker_ros.core.astro.constants import AU_M
 from startracker_ros.core.astro.earth import earth_velocity_m_s
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import ARCSEC, conjugate, radec_from_unit, rotate
 from startracker_ros.sim.sky.detector import DetectorOptions
@@ -17,7 +17,6 @@ from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.sim.sky.sources import SkyOptions
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 QUIET = DetectorOptions(noise=False, background_e=0.0, bias_dn=0.0, gain_e_per_dn=0.25,
                         bit_depth=16, full_well_e=16000.0)
 YEARS = (2000.0, 2013.3, 2026.4, 2039.9)

@@ -3,6 +3,7 @@
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
+from skies import CAMERA
 from skyfield.api import load, Star
 from skyfield.positionlib import Barycentric
 from startracker_ros.core.camera.model import Camera
@@ -12,7 +13,6 @@ from startracker_ros.core.maths.rotation import (
 from startracker_ros.sim.sky.exposure import project_visible
 from startracker_ros.sim.sky.scene import SceneStars
 
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
 EPOCH_YEAR = 2026.0
 BETELGEUSE, RIGEL, ALNILAM, BELLATRIX = 27989, 24436, 26311, 25336
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core.astro.earth import earth_position_au
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import conjugate, rotate
 from startracker_ros.sim.sky.detector import DetectorOptions
@@ -13,7 +13,6 @@ from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.sim.sky.sources import SkyOptions
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 QUIET = DetectorOptions(noise=False, background_e=0.0, bias_dn=0.0, gain_e_per_dn=0.25,
                         bit_depth=16, full_well_e=16000.0)
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core.astro.aberration import aberrate
-from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.maths.rotation import conjugate, radec_from_unit, rotate
@@ -14,7 +14,6 @@ from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.sim.sky.sources import SkyOptions
 from startracker_ros.sim.sky.target import Target, TargetOptions
 
-CAMERA = Camera.from_fov(512, 512, 12.0)
 ORBIT = {'inclination_deg': 30.0, 'node_deg': 40.0}
 OPTIONS = TargetOptions(target=True, target_altitude_km=1090.0, target_inclination_deg=30.3,
                         target_node_deg=40.0, target_anomaly_deg=62.0, target_magnitude=5.0)

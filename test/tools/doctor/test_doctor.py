@@ -9,6 +9,7 @@ import sys
 
 from limits import HANGS_S
 import pytest
+from skies import CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.ros.executables import EXECUTABLES
@@ -16,7 +17,6 @@ from startracker_ros.ros.processes import take_domain
 from startracker_ros.tools.doctor import camera, dds, install, storage
 
 ROOT = Path(__file__).parents[3]
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
 J2026_NS = 1_767_225_600 * 10 ** 9
 
 

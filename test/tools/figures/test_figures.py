@@ -13,7 +13,8 @@ from startracker_ros.tools.figures import machine
 from startracker_ros.tools.figures.correctness import (
     error_over_bound, is_correct, is_wrong, over_bound)
 from startracker_ros.tools.figures.rows import (
-    BenchRow, CampaignRow, combined, mean_chi_square_bounds, PercentileRow, Row)
+    BenchRow, CampaignRow, combined, judged, mean_chi_square_bounds, PaperRow, PercentileRow, Row,
+    trials_for_percent)
 from startracker_ros.tools.figures.timing import cpu_timed, garbage_collector_off
 
 TRUTH = np.array([0.0, 0.0, 0.0, 1.0])
@@ -28,7 +29,8 @@ def off(*angles_rad):
     (Row, 'case ours unit bound holds'),
     (BenchRow, 'case ours unit peer ratio bound holds'),
     (PercentileRow, 'case ours p95 p99 unit peer ratio bound holds'),
-    (CampaignRow, 'case ours paper unit bound holds')])
+    (CampaignRow, 'case ours paper unit bound holds'),
+    (PaperRow, 'case paper as_published beyond unit bound holds ours')])
 def test_columns_are_the_keys_of_the_json_document(kind, columns):
     assert [column.name for column in fields(kind)] == columns.split()
 
@@ -51,6 +53,22 @@ def test_percentiles_have_bounds_where_these_are_finite():
     assert row.bound == 'p50 <= 50, p95 <= 94' and not row.holds
     assert PercentileRow.of_times('a', times_ms).bound == ''
     assert combined([]) == ('', True) and combined([('a', True), ('b', False)]) == ('a; b', False)
+
+
+def test_the_figure_of_ours_is_the_one_beyond_the_paper():
+    assert PaperRow('a', '> 97.4', 98.0, 99.0).ours == 99
+    assert PaperRow('a', '> 97.4', 98.0).ours == 98
+
+
+def test_a_bound_with_too_few_trials_is_not_judged():
+    checks = [('a >= 1', True), ('b >= 1', False)]
+    assert judged(checks, 20, 20) == ('a >= 1; b >= 1', False)
+    assert judged(checks, 19, 20) == ('a >= 1; b >= 1: too few trials, 19 of 20', None)
+    assert judged([], 0, 20) == ('', True)
+    # Ten failures are expected in so many trials.
+    assert trials_for_percent(97.5) == 400 == trials_for_percent(2.5)
+    with pytest.raises(ValueError):
+        trials_for_percent(100)
 
 
 def test_means_of_chi_square_values_are_within_the_bounds():

@@ -10,10 +10,9 @@ import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
+from skies import onboard_stars
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
     ARCSEC, conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
@@ -96,7 +95,7 @@ def _serialized() -> list[tuple[int, str, type, bytes]]:
 
 
 def _messages() -> Iterator[tuple[int, str, Any]]:
-    onboard = onboard_catalog(load_catalog(), CAMERA, 2026.5, 6.0)
+    onboard = onboard_stars(CAMERA, 2026.5, 6.0)
     for frame in range(FRAMES):
         stamp_ns = START_NS + frame * STEP_NS
         header = make_header(stamp_ns, 'star_tracker_optical_frame')

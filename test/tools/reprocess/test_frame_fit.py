@@ -1,13 +1,11 @@
 """The stars of one frame: attitude, focal length, and a star that is off."""
 
 import numpy as np
-from startracker_ros.core.camera.model import Camera
+from skies import CAMERA
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector, random_attitude,
     rotate)
 from startracker_ros.tools.reprocess.frame_fit import fit_frame, Stars
-
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
 
 
 def scene(seed, stars=12):

@@ -1,0 +1,17 @@
+"""Site of the documents: `make docs`, and rosdoc2."""
+
+import importlib.metadata
+
+project = 'startracker_ros'
+author = 'startracker_ros maintainers'
+release = version = importlib.metadata.version('startracker_ros')
+
+extensions = ['myst_parser', 'sphinx.ext.autodoc']
+# The workflow of the repository shows the same pages: links are those of its files.
+myst_heading_anchors = 4
+exclude_patterns = ['examples']
+html_theme = 'sphinx_rtd_theme'  # that of rosdoc2
+autodoc_member_order = 'bysource'
+autodoc_typehints = 'description'
+# Links to sources leave the site.
+suppress_warnings = ['myst.xref_missing']

@@ -1,0 +1,191 @@
+"""
+All campaigns of papers in one run, and a page of every table, figure and claim with its state.
+
+The results are kept as JSON files, and the page is made of them alone: a campaign that is run
+again replaces its own.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime, UTC
+import json
+from pathlib import Path
+import re
+import subprocess
+from typing import Any
+
+from startracker_ros.evaluation.campaign.paper_claims import Claim, Paper, PAPERS
+from startracker_ros.io.table import cell_text, Result
+from startracker_ros.tools.figures.machine import installed_version, machine, PACKAGE
+
+CAMPAIGNS = tuple(name for paper in PAPERS for name in paper.campaigns)
+
+PAGE, RESULTS, PICTURES = 'papers.md', 'results', 'pictures/papers'
+"""The page, and the folders of the results and of the pictures beside it."""
+
+_LEAST_TRIALS = {'two-satellite': 1000}
+
+
+@dataclass(frozen=True)
+class ClaimRow:
+    """One table, figure or claim of a paper, and its state."""
+
+    paper: str
+    item: str
+    claim: str
+    state: str
+    why: str
+    holds: bool | None
+
+
+def run_papers_campaign(folder: Path, *, seed: int, trials: int | None = None,
+                        only: Sequence[str] = (), scheduler: str = '') -> Result:
+    """
+    Run the campaigns, or those named, write their results and the page; return its states.
+
+    trials is that of each campaign, by default its own. Campaigns that are not run keep the
+    result that is in the folder.
+    """
+    (folder / RESULTS).mkdir(parents=True, exist_ok=True)
+    for name in only or CAMPAIGNS:
+        pictures = folder / PICTURES / name
+        pictures.mkdir(parents=True, exist_ok=True)
+        result = _run(name, trials, seed, scheduler, pictures)
+        document = {**result.document, 'details': list(result.details), 'commit': _commit(),
+                    'machine': machine(), 'date': datetime.now(UTC).isoformat('T', 'seconds')}
+        (folder / RESULTS / f'{name}.json').write_text(json.dumps(document, indent=1) + '\n')
+    rows = write_page(folder)
+    return Result('campaign papers', rows, {
+        'page': str(folder / PAGE),
+        'states': 'reproduced: as good as printed with the method of the paper; better: beyond '
+                  'it; differs and cannot be: see why; not run: no result in the folder; too few '
+                  'trials: run it with more',
+        'trials': 'of each campaign' if trials is None else trials, 'seed': seed})
+
+
+def _run(name: str, trials: int | None, seed: int, scheduler: str, output: Path) -> Result:
+    """Run one campaign; the pictures are written to a folder."""
+    # Imported here: each of them takes as long to import as all the rest.
+    from startracker_ros.evaluation.campaign.centroid import run_centroid_campaign
+    from startracker_ros.evaluation.campaign.extended_grid import run_extended_grid_campaign
+    from startracker_ros.evaluation.campaign.hausdorff import run_hausdorff_campaign
+    from startracker_ros.evaluation.campaign.jpdaf import run_jpdaf_campaign
+    from startracker_ros.evaluation.campaign.quad import run_quad_campaign
+    from startracker_ros.evaluation.campaign.two_satellite import run_two_satellite_campaign
+    parallel = {'scheduler': scheduler}
+    campaigns: dict[str, tuple[Callable[..., Result], int, dict[str, Any]]] = {
+        'jpdaf': (run_jpdaf_campaign, 100, parallel),
+        'hausdorff': (run_hausdorff_campaign, 2000, parallel),
+        'extended-grid': (run_extended_grid_campaign, 10_000, parallel),
+        'two-satellite': (run_two_satellite_campaign, 100_000, {}),
+        'centroid': (run_centroid_campaign, 200, {}),
+        'quad': (run_quad_campaign, 300, parallel)}
+    run, default, options = campaigns[name]
+    count = max(default if trials is None else trials, _LEAST_TRIALS.get(name, 1))
+    return run(trials=count, seed=seed, output=output, **options)
+
+
+def _commit() -> str:
+    """Return the commit of the sources, '+' where they were changed; of a package its version."""
+    def git(*arguments: str) -> str:
+        return subprocess.run(['git', *arguments], cwd=Path(__file__).parents[1], text=True,
+                              capture_output=True, timeout=30, check=True).stdout.strip()
+
+    try:
+        return git('rev-parse', '--short', 'HEAD') + '+' * bool(git('status', '--porcelain', '.'))
+    except (OSError, subprocess.SubprocessError):
+        return f'{PACKAGE} {installed_version(PACKAGE)}'
+
+
+def write_page(folder: Path) -> list[ClaimRow]:
+    """Write the page from the results in the folder; return the state of each claim."""
+    documents = {name: json.loads(path.read_text())
+                 for name in CAMPAIGNS if (path := folder / RESULTS / f'{name}.json').exists()}
+    rows: list[ClaimRow] = []
+    sections: list[str] = []
+    for paper in PAPERS:
+        records = [row for name in paper.campaigns
+                   for row in documents.get(name, {'rows': []})['rows']]
+        pictures = {name: sorted(path.relative_to(folder).as_posix()
+                                 for path in (folder / PICTURES / name).glob('*.[ps][nv]g'))
+                    for name in paper.campaigns}
+        states = [_state(paper, claim, records, sum(pictures.values(), []))
+                  for claim in paper.claims]
+        rows += states
+        sections += [*_paper_section(paper, states),
+                     *(line for name in paper.campaigns if name in documents
+                       for line in _result_section(name, documents[name], pictures[name]))]
+    head = ['# Five papers, row by row', '',
+            'Written by `startracker campaign papers`, from the results in '
+            f'[{RESULTS}]({RESULTS}): do not edit. Each campaign prints the figure of the paper, '
+            "that of the paper's method in our implementation (as_published), and ours beyond it; "
+            'holds says whether the bound beside them does.', '', *_summary(rows), '']
+    (folder / PAGE).write_text('\n'.join([*head, *sections]).rstrip() + '\n')
+    return rows
+
+
+def _state(paper: Paper, claim: Claim, records: Sequence[dict], pictures: Sequence[str]
+           ) -> ClaimRow:
+    """Return a claim with the state that its rows and pictures show."""
+    found = [record for record in records if claim.rows and re.search(
+        claim.rows, ', '.join(str(record[key]) for key in ('case', 'variant', 'method')
+                              if record.get(key)))]
+    drawn = any(claim.picture in path for path in pictures) if claim.picture else True
+    held = [record.get('holds') for record in found]
+    if claim.state == 'cannot be':
+        return ClaimRow(paper.name, claim.item, claim.says, claim.state, claim.why, None)
+    if not drawn or (claim.rows and not found):
+        return ClaimRow(paper.name, claim.item, claim.says, 'not run', '', None)
+    if False in held and claim.state != 'differs':
+        cases = '; '.join(str(record.get('case', record.get('method')))
+                          for record in found if record.get('holds') is False)
+        return ClaimRow(paper.name, claim.item, claim.says, 'does not hold', cases, False)
+    if any('too few trials' in str(record.get('bound')) for record in found):
+        return ClaimRow(paper.name, claim.item, claim.says, 'too few trials', '', None)
+    return ClaimRow(paper.name, claim.item, claim.says, claim.state, claim.why, True)
+
+
+def _summary(rows: Sequence[ClaimRow]) -> Iterator[str]:
+    """Yield a table of the number of claims of each paper in each state."""
+    states = list(dict.fromkeys(row.state for row in rows))
+    yield f'| paper | {" | ".join(states)} |'
+    yield f'|---|{"---|" * len(states)}'
+    for paper in PAPERS:
+        own = [row.state for row in rows if row.paper == paper.name]
+        yield f'| {paper.name} | {" | ".join(str(own.count(state) or "") for state in states)} |'
+
+
+def _paper_section(paper: Paper, states: Sequence[ClaimRow]) -> Iterator[str]:
+    yield from (f'## {paper.name}', '', paper.source, '')
+    yield 'Commands: ' + ', '.join(f'`startracker campaign {name}`' for name in paper.campaigns)
+    yield from ('', '| item | claim | state | why |', '|---|---|---|---|')
+    for row in states:
+        yield f'| {row.item} | {_escaped(row.claim)} | {row.state} | {_escaped(row.why)} |'
+    yield ''
+
+
+def _result_section(name: str, document: dict, pictures: Sequence[str]) -> Iterator[str]:
+    conditions, rows = document['conditions'], document['rows']
+    yield from (f'### startracker campaign {name}', '')
+    yield (f'[{name}.json]({RESULTS}/{name}.json): {document["date"]}, commit '
+           f'{document["commit"]}, seed {conditions.get("seed", "-")}, trials '
+           f'{conditions.get("trials", "-")}; {document["machine"]}')
+    yield ''
+    columns = [key for key in (rows[0] if rows else ()) if key not in document.get('details', ())]
+    yield f'| {" | ".join(columns)} |'
+    yield f'|{"---|" * len(columns)}'
+    for row in rows:
+        # What has no bound holds, which says nothing.
+        shown = row if row.get('bound', True) else {**row, 'holds': None}
+        yield f'| {" | ".join(_escaped(cell_text(key, shown[key])) for key in columns)} |'
+    yield ''
+    yield from (f'- {key}: {_escaped(cell_text(key, value))}'
+                for key, value in conditions.items() if key not in ('trials', 'seed'))
+    yield ''
+    for path in pictures:
+        yield from (f'![{Path(path).stem.replace("_", " ")}]({path})', '')
+
+
+def _escaped(text: str) -> str:
+    """Return a text that a cell of a Markdown table can hold."""
+    return text.replace('|', '\\|').replace('<', '&lt;').replace('\n', ' ')
