@@ -9,8 +9,8 @@ from startracker_ros.evaluation.cli.instruments import datasheet, design
 from startracker_ros.tools.cli.bags import export, info, play, record, report
 from startracker_ros.tools.cli.flights import compare, reprocess, simulate, tracklets, trend
 from startracker_ros.tools.cli.nodes import demo, doctor, live, run
-from startracker_ros.tools.cli.photographs import calibrate, solve
 from startracker_ros.tools.cli.outcome import Main
+from startracker_ros.tools.cli.photographs import calibrate, solve
 from startracker_ros.tools.cli.telemetry import telemetry
 
 
