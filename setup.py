@@ -65,7 +65,8 @@ setup(
     package_data={PACKAGE: ['py.typed', 'signatures.json'],
                   f'{PACKAGE}.core.catalog': ['*.npz', 'LICENSE'],
                   f'{PACKAGE}.evaluation.datasheet': ['*.j2'],
-                  f'{PACKAGE}.tools.report': ['*.css', '*.j2', '*.js']},
+                  f'{PACKAGE}.tools.report': ['*.css', '*.j2', '*.js'],
+                  f'{PACKAGE}.tools.trend': ['*.j2']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -15,7 +15,8 @@ from typing import Any
 # loop for the other, take many times the processor time of one.
 os.environ.update(OMP_NUM_THREADS='1', OPENBLAS_NUM_THREADS='1')
 
-from hypothesis import settings  # noqa: E402, I100
+from browser import browser_page, find_chromium, Page  # noqa: E402, I100
+from hypothesis import settings  # noqa: E402
 import pytest  # noqa: E402
 
 ROOT = Path(__file__).parent
@@ -73,6 +74,7 @@ LONGEST = (
     'core/stages/test_solve.py',
     'core/stages/test_aberrated_stars.py',
     'tools/report/test_page.py',
+    'test_manners.py',
     'core/centroid/test_extraction.py',
     'evaluation/campaign/test_jpdaf_campaign.py',
     'evaluation/bench/test_identification_bench.py',
@@ -87,15 +89,10 @@ COMPILED = pytest.StashKey[str]()
 LOG = 'STARTRACKER_COMPILED_LOG'
 
 
-def _has_chromium() -> bool:
-    from browser import find_chromium
-    return find_chromium() is not None
-
-
 # By the fixture that needs it: whether it is there, and how to get it.
 NEEDS = {
-    'page': (_has_chromium,
-             'of the report page, which need Chromium: apt-get install chromium'),
+    'page': (lambda: find_chromium() is not None,
+             'of pages, which need Chromium: apt-get install chromium'),
     'basilisk': (lambda: find_spec('Basilisk') is not None,
                  'of the closed loop, which need Basilisk: '
                  'pip install --no-deps -r requirements-gnc.txt'),
@@ -110,6 +107,13 @@ settings.load_profile('startracker')
 def sky_data() -> Path:
     """Return the folder of real star images with known attitudes."""
     return ROOT / 'data'
+
+
+@pytest.fixture(scope='session')
+def page() -> Iterator[Page]:
+    """Return a tab of headless Chromium; tests that use it do not run where there is none."""
+    with browser_page() as page:
+        yield page
 
 
 class InThisProcess:

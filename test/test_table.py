@@ -53,7 +53,7 @@ def test_a_terminal_gets_the_columns_that_fit(capsys, monkeypatch, result, colum
     assert max(map(len, lines)) <= columns
     for record in result.records:
         # The first column, and every word of the remark below the row.
-        remark = str(record.get('reason') or record.get('bound'))
+        remark = '' if record.get('solved') else record.get('reason') or record['bound']
         first = str(next(iter(record.values())))
         assert {*first.split(), *remark.split()} <= words_of(lines)
     hidden = re.search('not shown: (.*?); all', ' '.join(lines))
@@ -74,9 +74,36 @@ def test_a_long_reason_is_below_its_row(capsys, monkeypatch):
 
 
 def test_whether_a_row_holds_is_never_left_out(capsys, monkeypatch):
-    lines = printed(capsys, monkeypatch, RESULTS[1], 40)
+    lines = printed(capsys, monkeypatch, RESULTS[1], 66)
     assert 'holds' in words_of(table_of(lines)) and 'yes' in words_of(lines)
-    assert any('not shown: frames' in line for line in lines)
+    assert any('not shown: ' in line for line in lines)
+
+
+@pytest.mark.parametrize('result', RESULTS, ids=lambda result: result.name)
+@pytest.mark.parametrize('columns', [40, 60])
+def test_a_narrow_terminal_gets_all_figures_as_paragraphs(capsys, monkeypatch, result, columns):
+    lines = printed(capsys, monkeypatch, result, columns)
+    assert max(map(len, lines)) <= columns and table_of(lines) == []
+    text = ' '.join(line.strip() for line in lines)
+    for record in result.records:
+        (_, first), *others = record.items()
+        assert first in text
+        assert all(re.search(rf'\b{name}:? ', text) for name, _ in others)
+
+
+def test_what_says_nothing_is_not_shown(capsys, monkeypatch):
+    result = Result('x', [{'case': 'a', 'bound': '', 'holds': True},
+                          {'case': 'b', 'bound': '< 1', 'holds': True}])
+    lines = table_of(printed(capsys, monkeypatch, result, 80))
+    assert lines[3].split()[-2] == '-' and lines[4].split()[-2] == 'yes'
+    assert result.records[0]['holds'] is True
+    solved = table_of(printed(capsys, monkeypatch, Result('solve', [SOLVED]), 80))
+    assert not any('9 stars' in line for line in solved)
+
+
+def test_conditions_have_their_units(capsys, monkeypatch):
+    result = Result('x', [{'case': 'a'}], {'focal': 5113.88}, notes={'focal': 'px'})
+    assert printed(capsys, monkeypatch, result, 80)[-1] == '  focal: 5113.88 px'
 
 
 @pytest.mark.parametrize('columns', [None, 80])
@@ -108,7 +135,7 @@ def test_the_option_wide_reaches_the_table(monkeypatch):
     def command(as_json):
         finish(RESULTS[1], as_json)
     monkeypatch.setenv('FORCE_COLOR', '1')
-    monkeypatch.setenv('COLUMNS', '60')
+    monkeypatch.setenv('COLUMNS', '66')
     run = CliRunner().invoke
     assert 'not shown' in run(command).output
     assert 'not shown' not in run(command, ['--wide']).output

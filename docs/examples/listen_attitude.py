@@ -1,6 +1,9 @@
 """Listen to the attitude of a star tracker: python listen_attitude.py."""
 
+from contextlib import suppress
+
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
@@ -22,4 +25,5 @@ class AttitudeListener(Node):
 
 
 rclpy.init()
-rclpy.spin(AttitudeListener())
+with suppress(KeyboardInterrupt, ExternalShutdownException):  # Ctrl-C
+    rclpy.spin(AttitudeListener())

@@ -17,13 +17,15 @@ class Result:
     Rows of one command, and the conditions under which they were made.
 
     A row is a dataclass or a mapping, all with the same columns. details are columns of the
-    JSON document that the table leaves out.
+    JSON document that the table leaves out; notes are what people read behind conditions, as
+    their units.
     """
 
     name: str
     rows: Sequence[Any]
     conditions: Mapping[str, object] = field(default_factory=dict)
     details: Sequence[str] = ()
+    notes: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def records(self) -> list[dict[str, object]]:
@@ -87,16 +89,27 @@ def show(result: Result, as_json: bool, wide: bool = False) -> None:
     layout = fit([_column(name, rows) for name in names],
                  console.width if console.is_terminal and not wide else FILE_WIDTH,
                  drop=console.is_terminal and not wide)
-    console.print(result.name, style='italic', soft_wrap=True)
-    for line in layout.lines(box.HEAVY_HEAD.substitute(console.options)):
-        console.print(line, soft_wrap=True)
-    remarks = {key: cell_text(key, value) for key, value in conditions.items()}
+    remarks = {key: f'{cell_text(key, value)} {result.notes.get(key, "")}'.rstrip()
+               for key, value in conditions.items()}
     if layout.left_out:
         remarks = {'not shown': f'{", ".join(layout.left_out)}; all with --wide', **remarks}
-    for key, text in remarks.items():
-        console.print(f'  {key}: {text}', soft_wrap=not console.is_terminal)
+    # rich would end the process where nobody reads any more.
+    with console.capture() as text:
+        console.print(result.name, style='italic', soft_wrap=True)
+        for line in layout.lines(box.HEAVY_HEAD.substitute(console.options)):
+            console.print(line, soft_wrap=True)
+        for key, remark in remarks.items():
+            console.print(f'  {key}: {remark}', soft_wrap=not console.is_terminal)
+    print(text.get(), end='')
 
 
 def _column(name: str, rows: Sequence[Mapping[str, object]]) -> Column:
-    return Column(name, [cell_text(name, row[name]) for row in rows],
+    return Column(name, [cell_text(name, None if _says_nothing(name, row) else row[name])
+                         for row in rows],
                   any(isinstance(row[name], (int, float)) for row in rows))
+
+
+def _says_nothing(name: str, row: Mapping[str, object]) -> bool:
+    """Return whether a row holds only as nothing bounds it, or a solved image gives a reason."""
+    return (name == 'holds' and row[name] is True and row.get('bound') == ''
+            or name == 'reason' and row.get('solved') is True)

@@ -17,6 +17,8 @@ _REMARK = 24
 # The first column names the row; where space is short it is folded between words to this width.
 _FOLDED = 32
 _NOTHING = ('', '-')
+# Of so many columns one at least is in a table.
+_LEAST_SHOWN = 3
 # Whether a row holds is never left out.
 _ALWAYS = ('holds',)
 
@@ -28,12 +30,17 @@ def _fold(text: str, width: int) -> list[str]:
 
 @dataclass(frozen=True)
 class Column:
-    """A column: its header and one text for each row, both folded to lines of fold characters."""
+    """
+    A column: its header and one text for each row, both folded to lines of fold characters.
+
+    It is at least so wide.
+    """
 
     name: str
     texts: Sequence[str]
     numeric: bool = False
     fold: int = 10 ** 6
+    least: int = 0
     split_header: bool = False
 
     @cached_property
@@ -51,7 +58,7 @@ class Column:
     def width(self) -> int:
         """Return the number of characters of the longest line, with one on either side."""
         cells = [self.header, *(self.cell(row) for row in range(len(self.texts)))]
-        return 2 + max(cell_len(line) for cell in cells for line in cell)
+        return max(self.least, 2 + max(cell_len(line) for cell in cells for line in cell))
 
     @property
     def is_remark(self) -> bool:
@@ -71,6 +78,15 @@ class Layout:
     def width(self) -> int:
         """Return the number of characters of a line."""
         return sum(column.width for column in self.columns) + len(self.columns) + 1
+
+    def widened(self, width: int) -> 'Layout':
+        """Return the layout with a last column that leaves remarks the given width."""
+        remarks = [f'{column.name}: {text}' for column in self.below for text in column.texts]
+        more = min(width, 6 + max(map(cell_len, remarks), default=0)) - self.width
+        if not remarks or more <= 0:
+            return self
+        *others, last = self.columns
+        return replace(self, columns=[*others, replace(last, least=last.width + more)])
 
     def lines(self, box: Box) -> Iterator[str]:
         """Yield the lines of the table, drawn with the characters of a box."""
@@ -108,13 +124,43 @@ class Layout:
                 else set_cell_size(line, width))
 
 
-def fit(columns: Sequence[Column], width: int, *, drop: bool) -> Layout:
+@dataclass(frozen=True)
+class Paragraphs:
+    """The rows below each other, of at most width characters: nothing is left out."""
+
+    columns: Sequence[Column]
+    width: int
+    left_out: Sequence[str] = ()
+
+    def lines(self, box: Box) -> Iterator[str]:
+        """Yield the lines of the rows; a paragraph needs no box."""
+        first, *others = self.columns
+        for row, text in enumerate(first.texts):
+            yield from _fold(text, self.width)
+            line = ''
+            for column in others:
+                if column.texts[row] in _NOTHING:
+                    continue
+                item = f'  {column.name} {column.texts[row]}'
+                if line and cell_len(line + item) > self.width:
+                    yield line
+                    line = ''
+                if cell_len(item) > self.width:
+                    yield from (f'  {part}' for part in _fold(
+                        f'{column.name}: {column.texts[row]}', self.width - 2))
+                else:
+                    line += item
+            if line:
+                yield line
+
+
+def fit(columns: Sequence[Column], width: int, *, drop: bool) -> Layout | Paragraphs:
     """
     Return a layout of at most width characters, as far as that is possible.
 
     Where the columns are wider, remarks go below the rows, headers are broken behind
     underscores, the first column is folded between words, and, if drop is set, columns are
-    left out from the right. No word is broken.
+    left out from the right; where most would be, the rows are paragraphs. No word is broken.
     """
     layout = Layout(columns)
     if layout.width > width:
@@ -132,4 +178,6 @@ def fit(columns: Sequence[Column], width: int, *, drop: bool) -> Layout:
             break
         layout = Layout([column for column in layout.columns if column is not optional[-1]],
                         layout.below, [optional[-1].name, *layout.left_out])
-    return layout
+    if len(layout.columns) * _LEAST_SHOWN < len(columns) - len(layout.below):
+        return Paragraphs(columns, width)
+    return layout.widened(width)

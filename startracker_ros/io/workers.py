@@ -3,7 +3,9 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import logging
+from multiprocessing import resource_tracker
 import os
+import signal
 from typing import Any
 
 from startracker_ros.core.extras import extra
@@ -32,11 +34,29 @@ def cluster(workers: int, scheduler: str = '') -> Iterator[Any]:
             yield client
         return
     # The profiler of dask interrupts a worker every 10 ms, which takes 6 % of its time.
-    with (dask.config.set({'distributed.worker.profile.enabled': False}),
-          LocalCluster(n_workers=workers, threads_per_worker=1, processes=True,
-                       memory_limit=MEMORY_LIMIT, dashboard_address=':0',
-                       silence_logs=logging.CRITICAL) as local, Client(local) as client):
-        yield client
+    with dask.config.set({'distributed.worker.profile.enabled': False}):
+        with _ctrl_c_later():
+            local = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True,
+                                 memory_limit=MEMORY_LIMIT, dashboard_address=':0',
+                                 silence_logs=logging.CRITICAL)
+        with local, Client(local) as client:
+            yield client
+
+
+@contextmanager
+def _ctrl_c_later() -> Iterator[None]:
+    """
+    Take Ctrl-C afterwards, and never in the processes that are started meanwhile.
+
+    They inherit what is blocked. They would print tracebacks; this process ends them.
+    """
+    # Its start would unblock the signal.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def completed(client: Any, function: Callable[..., Any], tasks: Sequence[tuple]

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 
@@ -27,7 +28,7 @@ NOW = ROOT / 'docs' / 'examples' / 'attitude_now.py'
 
 def test_listener_prints_attitudes_of_running_nodes(nodes, tmp_path):
     with subprocess.Popen([sys.executable, str(EXAMPLE)], stdout=subprocess.PIPE, text=True,
-                          env=os.environ) as listener:
+                          stderr=subprocess.PIPE, env=os.environ) as listener:
         for node in ('centroid_extractor', 'star_identifier', 'star_tracker',
                      'attitude_estimator'):
             nodes.start(node)
@@ -39,8 +40,9 @@ def test_listener_prints_attitudes_of_running_nodes(nodes, tmp_path):
             else:
                 pytest.fail('the listener ended without an attitude')
         finally:
-            listener.terminate()
-            listener.wait(HANGS_S)
+            listener.send_signal(signal.SIGINT)
+            assert listener.wait(HANGS_S) == 0
+            assert listener.stderr.read() == ''
     fields = line.split()
     q = [float(fields[fields.index(name) + 1].rstrip(',')) for name in 'xyzw']
     assert sum(value * value for value in q) == pytest.approx(1, abs=1e-4)

@@ -153,6 +153,14 @@ def anchors(text: str) -> set[str]:
 
 
 @pytest.mark.parametrize('document', DOCUMENTS)
+def test_a_table_stands_by_itself(document):
+    # Behind a line of text it is a part of that line.
+    lines = ['', *DOCUMENTS[document].splitlines()]
+    for before, line in zip(lines, lines[1:]):
+        assert not line.startswith('|') or not before or before.startswith('|'), line
+
+
+@pytest.mark.parametrize('document', DOCUMENTS)
 def test_links_lead_somewhere(document):
     for link in re.findall(r'\]\(([^)\s]+)\)', DOCUMENTS[document]):
         if '://' in link:

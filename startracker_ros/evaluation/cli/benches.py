@@ -4,12 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import click
+from startracker_ros.tools.cli.outcome import Commands, exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    check_names, exit_1_on, finish, json_option, scheduler_option, seed_option, trials_option,
-    usage_error_on)
+    check_names, finish, json_option, scheduler_option, seed_option, trials_option)
 
 
-@click.group()
+@click.group(cls=Commands)
 def bench() -> None:
     """Measure speed and accuracy beside peers and physical bounds."""
 

@@ -3,12 +3,13 @@
 from pathlib import Path
 
 import click
+from startracker_ros.tools.cli.outcome import Commands, exit_1_on
 from startracker_ros.tools.cli.shared import (
-    check_names, check_pictures, exit_1_on, finish, json_option, picture_option, scheduler_option,
+    check_names, check_pictures, finish, json_option, picture_option, scheduler_option,
     seed_option, trials_option)
 
 
-@click.group()
+@click.group(cls=Commands)
 def campaign() -> None:
     """Repeat the published tables, the paper's figure beside ours."""
 
@@ -85,7 +86,7 @@ def campaign_two_satellite(trials: int, output: Path | None, seed: int, as_json:
               'many as the bounds of each need]')
 @click.option('--only', multiple=True, help='Campaigns to run, by name; the page has the kept '
               'results of the others.')
-@click.option('--output', type=click.Path(path_type=Path, file_okay=False), default='papers',
+@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False), default='papers',
               callback=check_pictures, show_default=True,
               help='Folder for the page, the results and the pictures.')
 @scheduler_option

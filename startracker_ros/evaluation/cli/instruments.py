@@ -1,15 +1,17 @@
 """Commands about an instrument that need not exist: datasheet, design."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 from startracker_ros.core.extras import new_figure
 from startracker_ros.evaluation.datasheet.design_options import DesignOptions
+from startracker_ros.io.output import check_output
+from startracker_ros.tools.cli.outcome import exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    exit_1_on, finish, json_option, print_result, scheduler_option, seed_option, trials_option,
-    usage_error_on)
+    finish, json_option, scheduler_option, seed_option, trials_option)
 
 
 @click.command()
@@ -18,7 +20,7 @@ from startracker_ros.tools.cli.shared import (
 @click.option('--optics', 'optics_file', type=click.Path(path_type=Path),
               help='YAML with options of the detector of sky_simulator: PSF, exposure, noise.')
 @click.option('--quick', is_flag=True, help='Simulate little: a minute, wide intervals.')
-@click.option('--output', type=click.Path(path_type=Path, dir_okay=False),
+@click.option('-o', '--output', type=click.Path(path_type=Path, dir_okay=False),
               default='datasheet.html', show_default=True, help='The page.')
 @scheduler_option
 @seed_option
@@ -28,8 +30,8 @@ def datasheet(camera_file: Path | None, optics_file: Path | None, quick: bool, o
     """Simulate what a data sheet states of a camera: accuracy, acquisition, limits, coverage."""
     from startracker_ros.core.calibration.adjustment import CalibrationError
     from startracker_ros.core.camera.model import CameraError
-    from startracker_ros.evaluation.datasheet.datasheet import (
-        FULL, published_result, QUICK, run_datasheet)
+    from startracker_ros.evaluation.datasheet.by_rate import records
+    from startracker_ros.evaluation.datasheet.datasheet import FULL, QUICK, run_datasheet
     from startracker_ros.evaluation.datasheet.instrument import (
         DEFAULT_CAMERA, DETECTOR, load_optics, OpticsError)
     from startracker_ros.io.images.camera_files import load_camera
@@ -39,12 +41,11 @@ def datasheet(camera_file: Path | None, optics_file: Path | None, quick: bool, o
     with exit_1_on(CalibrationError, output=output):
         # Before the long work, not after it.
         new_figure()
-        output.touch()
+        check_output(output)
         result = run_datasheet(lens, detector, output, seed=seed,
                                effort=QUICK if quick else FULL, scheduler=scheduler)
-    if not as_json:
-        print_result(published_result(), False)
-    finish(result, as_json)
+    # For people a figure is a line; the page has the intervals and the published figures.
+    finish(result if as_json else replace(result, rows=records(result.rows)), as_json)
 
 
 def _design_options(command: Callable[..., Any]) -> Callable[..., Any]:

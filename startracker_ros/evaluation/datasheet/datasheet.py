@@ -23,7 +23,6 @@ from startracker_ros.evaluation.datasheet.instrument import (
     EPOCH_YEAR, FRAME_RATE_HZ, Instrument, START_NS)
 from startracker_ros.evaluation.datasheet.motions import Pointings
 from startracker_ros.evaluation.datasheet.page import SheetPage, write_page
-from startracker_ros.evaluation.datasheet.published import PUBLISHED
 from startracker_ros.evaluation.datasheet.single_images import image_errors, SHIFTS
 from startracker_ros.evaluation.datasheet.sky_coverage import (
     field_magnitudes, identified_fields, SkyFields)
@@ -184,7 +183,6 @@ def run_datasheet(lens: Camera, detector: DetectorOptions, output: Path, *, seed
         'interval': '95 %, bootstrap over calibrations, fields or runs',
         'bound': 'Cramer-Rao bound of the noise, from all stars of the catalogue in the field',
         'published': 'Sodern Auriga, 3 sigma',
-        'not as good as published': rows.worse_than_published(table),
         'simulated in': f'{time.perf_counter() - begin_s:.0f} s', 'seed': seed}
     write_page(output, SheetPage(
         instrument, table, conditions, done.errors, magnitudes, done.fields, limit))
@@ -207,9 +205,3 @@ def frame_times_ms(instrument: Instrument, frames: int, seed: int) -> np.ndarray
         pipeline.process(START_NS + index * step_ns, taken.image)
         times_ms.append(1e3 * (time.perf_counter() - start_s))
     return np.array(times_ms[5:])
-
-
-def published_result() -> Result:
-    """Return the table of published figures."""
-    return Result('published figures', PUBLISHED, {
-        'errors': 'arcsec, as the manufacturers state them; none was measured here'})

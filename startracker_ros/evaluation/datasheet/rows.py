@@ -51,20 +51,6 @@ class SheetRow:
     method: str = IMAGES
 
 
-def worse_than_published(table: Sequence[SheetRow]) -> str:
-    """Return the rows whose figure is not as good as the published one, 'none' without any."""
-    worse = []
-    for row in table:
-        if row.published is not None:
-            ours = row.ours if row.three_sigma is None else row.three_sigma
-            # A rate that is followed is better if it is larger, an error or a time if smaller.
-            good = ours is not None and (
-                ours >= row.published if row.unit == 'deg/s' else ours <= row.published)
-            if not good:
-                worse.append(row.case)
-    return '; '.join(worse) or 'none'
-
-
 def mechanical_rows() -> Iterator[SheetRow]:
     """Yield what no simulation of images shows."""
     for case in ('thermo-elastic error', 'alignment to the mounting frame'):
@@ -98,13 +84,12 @@ def split_rows(errors: Sequence[SplitErrors]) -> Iterator[SheetRow]:
                 published = AURIGA_3_SIGMA_ARCSEC.get(name, (None, None))[number]
                 yield _error_row(
                     'Error of a single image', f'{name}, {each.rate_deg_s:g} deg/s, {axis}',
-                    one[name], published, CALIBRATIONS if name in _OF_CALIBRATION else IMAGES,
-                    three_sigma=name != 'bias')
+                    one[name], published, CALIBRATIONS if name in _OF_CALIBRATION else IMAGES)
 
 
 def _error_row(section: str, case: str, found: Estimate, published: float | None = None,
-               method: str = IMAGES, three_sigma: bool = True) -> SheetRow:
-    return SheetRow(section, case, found.value, 'arcsec', 3 * found.value if three_sigma else None,
+               method: str = IMAGES) -> SheetRow:
+    return SheetRow(section, case, found.value, 'arcsec', 3 * found.value,
                     found.low, found.high, found.bound, published, method)
 
 

@@ -9,6 +9,7 @@ from startracker_ros.core.extras import new_figure
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.evaluation.gnc.loop import Step
 from startracker_ros.evaluation.gnc.plan import Phase, Plan
+from startracker_ros.io.output import write_picture
 from startracker_ros.tools.figures.rows import Row
 
 SETTLED_ARCSEC = 10.0
@@ -139,7 +140,7 @@ def draw(path: Path, history: History, title: str) -> None:
                 axis.text(begin_s, 1.02, f' {phase}', rotation=20, fontsize=8,
                           transform=axis.get_xaxis_transform())
         axis.legend(loc='upper right', fontsize=8, ncols=2)
-    figure.savefig(path, dpi=110)
+    write_picture(path, figure, dpi=110)
 
 
 def _mark_states(axis: Any, history: History) -> None:

@@ -8,6 +8,7 @@ from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.export.aem import aem_text, AemLabels
 from startracker_ros.io.export.segments import lock_segments
 from startracker_ros.io.export.tables import load_parquet_writer, TABLES, write_csv, write_parquet
+from startracker_ros.io.output import output_folder, write_output
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.io.table import Result
 
@@ -30,10 +31,10 @@ def export_bag(bag: Path, folder: Path, formats: Sequence[str], labels: AemLabel
     texts = {}
     if 'aem' in formats:
         texts['attitude.aem'] = aem_text(recording, labels, time.time_ns())
-    folder.mkdir(parents=True, exist_ok=True)
+    output_folder(folder)
     rows = []
     for name, text in texts.items():
-        (folder / name).write_text(text, encoding='ascii')
+        write_output(folder / name, text)
         rows.append({'file': str(folder / name), 'rows': len(recording.attitude_ns)})
     for name, table_of in TABLES.items():
         table = table_of(recording)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 import csv
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.extras import extra
 from startracker_ros.core.maths.rotation import pointing_from_quaternion
 from startracker_ros.io.export.segments import lock_segments
+from startracker_ros.io.output import output_file
 from startracker_ros.io.recordings.recording import Recording
 
 Table = Mapping[str, np.ndarray]
@@ -62,10 +64,13 @@ def write_csv(table: Table, path: Path) -> None:
     """Write a table with one line of names; UTC beside the stamp, nothing for what is unknown."""
     columns = {'utc': np.array([utc(stamp, digits=9) for stamp in table['stamp_ns']], object),
                **{name: _cells(column) for name, column in table.items()}}
-    with open(path, 'w', newline='', encoding='utf-8') as file:
-        writer = csv.writer(file)
+    with output_file(path) as file:
+        text = TextIOWrapper(file, newline='', encoding='utf-8')
+        writer = csv.writer(text)
         writer.writerow(columns)
         writer.writerows(zip(*columns.values()))
+        # Written out, and left open.
+        text.detach()
 
 
 def _cells(column: np.ndarray) -> np.ndarray:
@@ -92,4 +97,5 @@ def write_parquet(table: Table, path: Path) -> None:
     for name, column in table.items():
         kind = pyarrow.string() if column.dtype == object else None
         columns[name] = pyarrow.array(column, kind, from_pandas=True)
-    pyarrow.parquet.write_table(pyarrow.table(columns), path)
+    with output_file(path) as file:
+        pyarrow.parquet.write_table(pyarrow.table(columns), file)

@@ -5,6 +5,7 @@ from pathlib import Path
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.yaml_text import read_yaml
 from startracker_ros.io.images.wcs_file import read_wcs_camera, SUFFIXES
+from startracker_ros.io.output import write_output
 import yaml
 
 
@@ -28,8 +29,12 @@ def load_camera(path: str | Path) -> Camera:
     except CameraError as error:
         raise CameraError(f'camera file {path}: {error}') from error
     except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
+        reason = (f'{error.args[0]} is missing' if isinstance(error, KeyError) else
+                  str(error) if isinstance(error, ValueError) else
+                  'it needs image_width, image_height, camera_matrix, distortion_model and '
+                  'distortion_coefficients as YAML')
         raise CameraError(
-            f'camera file {path}: not a ROS camera calibration ({error!r})') from error
+            f'camera file {path}: not a ROS camera calibration: {reason}') from error
 
 
 def is_wcs(path: str | Path) -> bool:
@@ -55,4 +60,4 @@ def save_camera(camera: Camera, path: str | Path, name: str = 'star_tracker') ->
             'rows': 3, 'cols': 4,
             'data': [float(v) for v in (*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0)]},
     }
-    Path(path).write_text(yaml.safe_dump(document, sort_keys=False, default_flow_style=None))
+    write_output(path, yaml.safe_dump(document, sort_keys=False, default_flow_style=None))

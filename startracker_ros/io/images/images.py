@@ -21,8 +21,12 @@ _LARGEST_FILE_BYTES = 500_000_000
 _CHECKED_BYTES, _END_BYTES = 1 << 20, 1 << 16
 # An image of so many needs some 2 GB while it is solved.
 MOST_PIXELS = 120_000_000
+# The catalogue has 25 stars a square degree, to V 11.
+LEAST_FOV_DEG = 0.3
 _SUFFIXES = ('.bmp', '.fit', '.fits', '.fts', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff',
              '.webp', *raw_image.SUFFIXES)
+# What it warns of is an ImageError.
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 class ImageError(ValueError):
@@ -196,6 +200,9 @@ def _ideal_camera(width: int, height: int, fov_deg: float | None,
                   distortion_model: str = PLUMB_BOB) -> Camera:
     if fov_deg is None:
         raise CameraError('neither a camera file nor a field of view')
+    if 0 < fov_deg < LEAST_FOV_DEG:
+        raise CameraError(f'field of view {fov_deg:g} deg: in less than {LEAST_FOV_DEG:g} deg '
+                          'the catalogue has too few stars')
     return Camera.from_fov(width, height, fov_deg, distortion_model)
 
 

@@ -64,7 +64,7 @@ def _load(bag: Path, namespace: str | None, *, tolerant: bool,
         if tolerant:
             raise
         raise _UnreadableBagError(error) from error
-    namespace = _find_namespace(topics) if namespace is None else namespace.strip('/')
+    namespace = _find_namespace(topics) if namespace is None else _checked(topics, namespace)
     reader = _Reader(namespace)
     messages = read_messages(bag, topics=tuple(reader.handlers), tolerant=tolerant)
     for message in messages if tolerant else _to_the_end(messages):
@@ -91,6 +91,15 @@ def _find_namespace(topics: Mapping[str, BagTopic]) -> str:
         raise BagError(f'the bag holds several star trackers: choose the namespace '
                        f'{", ".join(repr(name) for name in found)}')
     return found[0] if found else ''
+
+
+def _checked(topics: Mapping[str, BagTopic], namespace: str) -> str:
+    """Return a namespace without slashes around it; BagError where no topic is in it."""
+    namespace = namespace.strip('/')
+    if namespace and not any(name.startswith(f'/{namespace}/') for name in topics):
+        raise BagError(f'the bag has no topic in the namespace {namespace!r}; it has '
+                       f'{", ".join(sorted(topics)) or "none"}')
+    return namespace
 
 
 def is_fusion(topics: Mapping[str, BagTopic], namespace: str) -> bool:

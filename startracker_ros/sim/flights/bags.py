@@ -13,9 +13,9 @@ from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.catalog.onboard import onboard_catalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.io.bags import cdr
-from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.qos import QosProfile
 from startracker_ros.io.bags.writer import BagWriter
+from startracker_ros.io.output import output_folder, write_output
 from startracker_ros.io.table import Result
 from startracker_ros.io.workers import cluster, completed
 from startracker_ros.sim.flights.frames import centroid_frames
@@ -40,15 +40,11 @@ def simulate_flight(folder: Path, options: FlightOptions, seed: int, *, workers:
     """
     Write the bags of a flight and its truth.json; a row for each bag.
 
-    Bags that are there are kept. BagError where a folder cannot be written.
+    Bags that are there are kept. OSError where a folder cannot be written.
     """
     count = math.ceil(options.days * 24 / options.bag_hours - 1e-9)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / TRUTH_FILE).write_text(json.dumps({
-            'seed': seed, **asdict(options), 'steps': _steps(options)}, indent=1))
-    except OSError as error:
-        raise BagError(f'{folder}: {error.strerror}') from error
+    write_output(output_folder(folder) / TRUTH_FILE, json.dumps({
+        'seed': seed, **asdict(options), 'steps': _steps(options)}, indent=1))
     tasks = [(folder, options, seed, number) for number in range(count)]
     rows: list[dict[str, object]] = [{} for _ in tasks]
     with cluster(min(workers, count), scheduler) as client:

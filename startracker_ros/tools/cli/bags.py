@@ -4,8 +4,9 @@ from pathlib import Path
 import sys
 
 import click
+from startracker_ros.tools.cli.outcome import exit_1_on, FailedError, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    become_node, exit_1_on, json_option, namespace_option, print_result, usage_error_on)
+    become_node, json_option, namespace_option, print_result)
 
 
 @click.command()
@@ -15,7 +16,7 @@ from startracker_ros.tools.cli.shared import (
 @click.option('--exclude', multiple=True, metavar='PATTERN',
               help='Topics left out.  [default: */image_annotated]')
 @click.option('--compression', type=click.Choice(['none', 'lz4', 'zstd']), default='zstd',
-              show_default=True)
+              show_default=True, help='Of the chunks of the bag.')
 @click.option('--max-file-size-mb', type=click.FloatRange(0), default=0.0,
               help='Begin a new file of the bag when one is larger.')
 @click.option('--max-file-duration-s', type=click.FloatRange(0), default=0.0,
@@ -23,10 +24,14 @@ from startracker_ros.tools.cli.shared import (
 def record(topics: tuple[str, ...], output: Path | None, exclude: tuple[str, ...],
            compression: str, max_file_size_mb: float, max_file_duration_s: float) -> None:
     """Record TOPICs (patterns with *, all by default) into an MCAP bag, until Ctrl-C."""
+    from startracker_ros.io.output import output_folder
     from startracker_ros.ros.processes import parameter_arguments
     parameters = {'compression': compression, 'max_file_size_mb': max_file_size_mb,
                   'max_file_duration_s': max_file_duration_s}
     if output is not None:
+        output_folder(output.absolute().parent)
+        if output.is_dir() and any(output.iterdir()):
+            raise FailedError(f'{output}: the folder is not empty')
         parameters['folder'] = str(output)
     if topics:
         parameters['topics'] = _full_names(topics)
@@ -62,7 +67,12 @@ def _full_names(patterns: tuple[str, ...]) -> tuple[str, ...]:
 def play(bag: Path, topics: tuple[str, ...], exclude: tuple[str, ...], remaps: tuple[str, ...],
          **options: float | bool) -> None:
     """Publish the messages of a BAG (folder or .mcap file) at the pace of the recording."""
+    from startracker_ros.io.bags.errors import BagError
+    from startracker_ros.io.bags.reader import read_topics
     from startracker_ros.ros.processes import parameter_arguments
+    with exit_1_on(BagError):
+        # Here for one line and its status; the node reports it among others in its log.
+        read_topics(bag, tolerant=True)
     parameters: dict[str, object] = {'path': str(bag), **options}
     if topics:
         parameters['topics'] = _full_names(topics)

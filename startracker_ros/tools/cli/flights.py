@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 from pathlib import Path
+import sys
 from typing import Any
 
 import click
+from startracker_ros.tools.cli.outcome import exit_1_on, FAILED, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    exit_1_on, json_option, print_result, scheduler_option, seed_option, usage_error_on)
+    json_option, print_result, scheduler_option, seed_option)
 
 workers_option = click.option('--workers', type=click.IntRange(1, 256), default=None,
                               help='Processes of this machine.  [default: one for each core]')
@@ -100,6 +102,9 @@ def reprocess(bags: tuple[str, ...], output: Path, source: str | None, files: tu
         result = run(Request(bags, output, source or '', segments, topics, smooth, sets),
                      workers=_workers(workers), scheduler=scheduler)
     print_result(result, as_json)
+    if not result.conditions['frames']:
+        click.echo(f'startracker: {output}: no frame was processed, see errors.json', err=True)
+        sys.exit(FAILED)
 
 
 @click.command()

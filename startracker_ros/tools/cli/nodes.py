@@ -4,23 +4,46 @@ from pathlib import Path
 from typing import Any
 
 import click
+from startracker_ros.core.options import yaml_value
+from startracker_ros.ros.executables import EXECUTABLES, NODES, STAGES
+from startracker_ros.tools.cli.outcome import Commands, exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    become_node, exit_1_on, finish, json_option, print_result, seed_option, usage_error_on)
+    become_node, finish, json_option, print_result, seed_option)
 
 
-@click.command(context_settings={'ignore_unknown_options': True, 'help_option_names': []})
+@click.command(context_settings={'ignore_unknown_options': True, 'allow_interspersed_args': False},
+               no_args_is_help=True, epilog=f'Nodes: {", ".join(EXECUTABLES)}.')
 @click.argument('node')
-@click.argument('arguments', nargs=-1, type=click.UNPROCESSED)
+@click.argument('arguments', nargs=-1, type=click.UNPROCESSED, metavar='[--ros-args ...]')
 def run(node: str, arguments: tuple[str, ...]) -> None:
-    """Run one NODE, as `ros2 run startracker_ros NODE` does; takes --ros-args."""
-    from startracker_ros.ros.executables import EXECUTABLES
+    """
+    Run one NODE, as `ros2 run startracker_ros NODE` does; takes --ros-args.
+
+    NODE --help lists its parameters.
+    """
     if node not in EXECUTABLES:
         raise click.UsageError(f'no node {node!r}; there are {", ".join(EXECUTABLES)}')
+    if arguments[:1] in (('--help',), ('-h',)):
+        _print_parameters(node)
+        return
     become_node(node, arguments)
 
 
-@click.group(invoke_without_command=True)
-@click.option('--output', type=click.Path(path_type=Path, file_okay=False), default='demo',
+def _print_parameters(node: str) -> None:
+    """Print the parameters of a node, or of the nodes that composed_pipeline runs."""
+    from startracker_ros.io.table import Result
+    from startracker_ros.ros.tables import node_rows
+    click.echo(f'Usage: startracker run {node} [--ros-args -p NAME:=VALUE -r FROM:=TO '
+               '--params-file FILE ...]\n')
+    for each in (node,) if node in NODES else STAGES:
+        print_result(Result(f'parameters of {each}', [
+            {'name': row.name, 'default': yaml_value(row.default), 'unit': row.unit,
+             'range': row.range_text, 'meaning': row.description}
+            for row in node_rows(each)]), as_json=False)
+
+
+@click.group(cls=Commands, invoke_without_command=True)
+@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False), default='demo',
               show_default=True, help='Folder for bag, picture and logs.')
 @click.option('--seconds', type=click.FloatRange(5, 3600), default=60.0, show_default=True,
               help='Sky time.')
@@ -39,7 +62,7 @@ def demo(context: click.Context, output: Path, seconds: float, seed: int, as_jso
 
 
 @demo.command('two-satellite')
-@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
               default='demo_two_satellite', show_default=True,
               help='Folder for bag, picture and logs.')
 @click.option('--seconds', type=click.FloatRange(10, 90), default=60.0, show_default=True,
@@ -56,7 +79,7 @@ def demo_two_satellite(output: Path, seconds: float, seed: int, as_json: bool) -
 
 
 @demo.command('heads')
-@click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
               default='demo_heads', show_default=True,
               help='Folder for bag, picture, report page, mounts and logs.')
 @click.option('--seconds', type=click.FloatRange(10, 600), default=600.0, show_default=True,
@@ -79,9 +102,12 @@ def demo_heads(output: Path, seconds: float, seed: int, as_json: bool) -> None:
               help='Camera YAML.  [default: learnt from the first image that is solved]')
 @click.option('--fov-deg', type=float, help='Horizontal field of view to 5 %, to learn the lens '
               'sooner.')
-@click.option('--exposure-ms', type=float, default=0.0, help='[default: as the camera has it]')
-@click.option('--gain', type=float, default=-1.0, help='[default: as the camera has it]')
-@click.option('--frame-rate-hz', type=float, default=0.0, help='[default: as the camera has it]')
+@click.option('--exposure-ms', type=float, default=0.0, help='Exposure time.  '
+              '[default: as the camera has it]')
+@click.option('--gain', type=float, default=-1.0, help='Gain in units of the driver.  '
+              '[default: as the camera has it]')
+@click.option('--frame-rate-hz', type=float, default=0.0, help='Images a second.  '
+              '[default: as the camera has it, of files 10]')
 @click.option('--width', type=int, default=0, help='Image width of the camera.  [default: 640]')
 @click.option('--height', type=int, default=0, help='Image height of the camera.  [default: 480]')
 @click.option('--pixel-format', default='auto', help='Format of V4L2, as Y16 or RGGB.  '
@@ -91,7 +117,7 @@ def demo_heads(output: Path, seconds: float, seed: int, as_json: bool) -> None:
               help='Of the page on this machine.')
 @click.option('--seconds', type=click.FloatRange(1), default=float('inf'),
               help='End after this time.  [default: Ctrl-C]')
-@click.option('--output', type=click.Path(path_type=Path, file_okay=False), default='live',
+@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False), default='live',
               show_default=True, help='Folder for picture, bags, camera YAML and logs.')
 @json_option
 def live(camera_file: Path | None, fov_deg: float | None, record: bool, port: int,

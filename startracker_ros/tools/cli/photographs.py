@@ -7,7 +7,8 @@ import sys
 from typing import Any, TYPE_CHECKING, TypeVar
 
 import click
-from startracker_ros.tools.cli.shared import exit_1_on, json_option, print_result, usage_error_on
+from startracker_ros.tools.cli.outcome import exit_1_on, usage_error_on
+from startracker_ros.tools.cli.shared import json_option, print_result
 
 if TYPE_CHECKING:
     from startracker_ros.tools.photographs.occasion import Standpoint
@@ -24,16 +25,20 @@ class _Epoch(click.ParamType):
                 ctx: click.Context | None) -> float:
         if isinstance(value, float):
             return value
+        from startracker_ros.core.astro.epoch import epoch_year_from_stamp, stamp_from_datetime
+        from startracker_ros.tools.photographs.occasion import checked_year
         try:
-            return float(value)
-        except ValueError:
-            pass
-        try:
-            time = datetime.fromisoformat(value)
+            try:
+                year = float(value)
+            except ValueError:
+                time = datetime.fromisoformat(value)
+                year = epoch_year_from_stamp(stamp_from_datetime(time))
         except ValueError:
             self.fail(f'{value!r} is neither a year nor a time like 2026-11-23T01:30:00')
-        from startracker_ros.core.astro.epoch import epoch_year_from_stamp, stamp_from_datetime
-        return epoch_year_from_stamp(stamp_from_datetime(time))
+        try:
+            return checked_year(year)
+        except ValueError as error:
+            self.fail(str(error))
 
 
 class _Frames(click.ParamType):
@@ -101,12 +106,29 @@ def _standpoint(site: tuple[float, float, float] | None,
     return Standpoint(velocity_m_s=velocity_m_s)
 
 
+def _image_files(images: tuple[Path, ...]) -> list[Path]:
+    """Return the files of IMAGES: files, folders of them, patterns; UsageError without any."""
+    from startracker_ros.io.images.images import image_paths
+    paths = image_paths(images)
+    if not paths:
+        raise click.UsageError(f'no images in {", ".join(map(str, images))}')
+    return paths
+
+
 def _check_one_camera(fov_deg: float | None, camera_file: Path | None) -> None:
     if (fov_deg is None) == (camera_file is None):
         raise click.UsageError('give either --fov-deg or --camera')
 
 
-@click.command()
+_EXAMPLES = """\b
+Examples:
+  startracker solve night.jpg
+  startracker solve night.jpg --fov-deg 11.4 --annotate marked
+  startracker solve *.png --camera camera.yaml --json
+"""
+
+
+@click.command(no_args_is_help=True, epilog=_EXAMPLES)
 @click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option('--fov-deg', type=float, help='Horizontal field of view, edge to edge.  '
               '[default: EXIF, or a search from 1 to 120 deg]')
@@ -137,15 +159,12 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
     """
     from startracker_ros.core.camera.model import CameraError
     from startracker_ros.core.identify.identification import IdentificationOptions
-    from startracker_ros.io.images.images import image_paths
     from startracker_ros.tools.photographs.outputs import Outputs
     from startracker_ros.tools.photographs.solve import (
         CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, solve_files, UNCALIBRATED_PERCENT)
     if fov_deg is not None and camera_file is not None:
         raise click.UsageError('give either --fov-deg or --camera')
-    paths = image_paths(images)
-    if not paths:
-        raise click.UsageError(f'no images in {", ".join(map(str, images))}')
+    paths = _image_files(images)
     if fov_error_percent is None:
         fov_error_percent = UNCALIBRATED_PERCENT if camera_file is None else CALIBRATED_PERCENT
     with usage_error_on(CameraError):
@@ -179,9 +198,14 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
 def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
               camera_file: Path | None, epoch_year: float | None, terms: tuple[str, ...],
               distortion_model: str, as_json: bool, **standpoint: Any) -> None:
-    """Focal length, principal point and distortion out of star IMAGES of one camera."""
+    """
+    Focal length, principal point and distortion out of star IMAGES of one camera.
+
+    IMAGES are files, folders of them, or patterns.
+    """
     from startracker_ros.core.calibration.adjustment import CalibrationError
     from startracker_ros.core.camera.model import CameraError
+    from startracker_ros.io.output import check_output
     from startracker_ros.tools.photographs.calibrate import calibrate_files
     from startracker_ros.tools.photographs.occasion import occasion
     _check_one_camera(fov_deg, camera_file)
@@ -189,8 +213,9 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
     if epoch_year is None and where.known:
         raise click.UsageError('--site and --velocity need --epoch')
     with usage_error_on(CameraError), exit_1_on(CalibrationError, output=output):
-        result = calibrate_files(images, output, fov_deg=fov_deg, camera_file=camera_file,
-                                 epoch_year=epoch_year,
+        check_output(output)
+        result = calibrate_files(_image_files(images), output, fov_deg=fov_deg,
+                                 camera_file=camera_file, epoch_year=epoch_year,
                                  observer=where.observer(occasion(epoch_year)), terms=terms,
                                  distortion_model=distortion_model)
     print_result(result, as_json)

@@ -1,7 +1,6 @@
-"""What the commands share: options, and exit status."""
+"""What the commands share: options, and the printing of results."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from importlib.util import find_spec
 import os
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any, NoReturn, TYPE_CHECKING, TypeVar
 
 import click
 from startracker_ros.core.extras import new_figure
+from startracker_ros.io.output import output_folder
 
 if TYPE_CHECKING:
     from startracker_ros.io.table import Result
@@ -35,7 +35,8 @@ scheduler_option = click.option('--scheduler', default='', metavar='ADDRESS',
                                 help='Dask cluster to use instead of the cores of this machine.')
 namespace_option = click.option('--namespace', metavar='NAME',
                                 help='Of the star tracker.  [default: the only one in the bag]')
-seed_option = click.option('--seed', type=click.IntRange(0), default=1, show_default=True)
+seed_option = click.option('--seed', type=click.IntRange(0), default=1, show_default=True,
+                           help='Of all random numbers: the same ones give the same result.')
 
 
 def trials_option(default: int, what: str, *, least: int = 1) -> Callable[[_Command], _Command]:
@@ -46,15 +47,16 @@ def trials_option(default: int, what: str, *, least: int = 1) -> Callable[[_Comm
 
 def picture_option(what: str) -> Callable[[_Command], _Command]:
     """Return the option --output of a command that draws a picture into that folder."""
-    return click.option('--output', type=click.Path(path_type=Path, file_okay=False),
+    return click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
                         callback=check_pictures, help=f'Folder for a picture of {what}.')
 
 
 def check_pictures(context: click.Context, option: click.Parameter, folder: Path | None
-                    ) -> Path | None:
-    """Fail before a long campaign, not after it, where matplotlib is missing."""
+                   ) -> Path | None:
+    """Fail before a long campaign, not after it, where matplotlib or the folder is missing."""
     if folder is not None:
         new_figure()
+        output_folder(folder)
     return folder
 
 
@@ -79,34 +81,6 @@ def finish(result: 'Result', as_json: bool) -> None:
     print_result(result, as_json)
     if not result.holds:
         sys.exit(1)
-
-
-def _fail(message: str) -> None:
-    """End with status 1: the work failed."""
-    click.echo(f'startracker: {message}', err=True)
-    sys.exit(1)
-
-
-@contextmanager
-def usage_error_on(*errors: type[Exception]) -> Iterator[None]:
-    """End with status 2, wrong use, on these errors."""
-    try:
-        yield
-    except errors as error:
-        raise click.UsageError(str(error)) from error
-
-
-@contextmanager
-def exit_1_on(*errors: type[Exception], output: Path | None = None) -> Iterator[None]:
-    """End with status 1 on these errors, and on errors of the system while writing output."""
-    try:
-        yield
-    except errors as error:
-        _fail(str(error))
-    except OSError as error:
-        if output is None:
-            raise
-        _fail(f'{output}: {error.strerror}')
 
 
 def check_names(kind: str, named: Iterable[str], known: Iterable[str]) -> None:

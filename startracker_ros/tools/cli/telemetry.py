@@ -3,13 +3,14 @@
 from pathlib import Path
 
 import click
-from startracker_ros.tools.cli.shared import exit_1_on, finish, json_option
+from startracker_ros.tools.cli.outcome import Commands, exit_1_on, FailedError
+from startracker_ros.tools.cli.shared import finish, json_option
 
 _apid_option = click.option('--apid', type=click.IntRange(0, 2046), default=100,
                             show_default=True, help='Of the space packets.')
 
 
-@click.group()
+@click.group(cls=Commands)
 def telemetry() -> None:
     """Packets of telemetry_bridge: decode a capture, describe them in XTCE."""
 
@@ -25,6 +26,9 @@ def telemetry_decode(capture: Path, packet_format: str, apid: int, as_json: bool
     from startracker_ros.io.telemetry.capture import decode_capture
     with exit_1_on(output=capture):
         result = decode_capture(capture, packet_format, apid)
+        if not result.rows:
+            counts = ', '.join(f'{name}: {value}' for name, value in result.conditions.items())
+            raise FailedError(f'{capture}: not one packet; {counts}')
     finish(result, as_json)
 
 

@@ -49,6 +49,7 @@ _JPEG_QUALITY = 90
 _LEAST_RESIDUAL_PX, _RESIDUAL_SIGMAS = 1.0, 3.0
 _SOURCE = 'camera_source: camera'
 _END = 'all images of '
+_NO_FRAMES = 'nothing received yet'
 
 
 class LiveView:
@@ -145,7 +146,10 @@ class LiveRig(Rig):
         """Return the condition of the camera."""
         status = next((status for status in reversed(self.probe.statuses())
                        if status.name == _SOURCE), None)
-        return '' if status is None else status.message
+        # A status is up to a second older than the newest frame.
+        if status is None or self.counts['frames'] and status.message == _NO_FRAMES:
+            return ''
+        return status.message
 
     def figures(self) -> dict[str, Any]:
         """Return state, pointing in deg, rate and stars; NaN without an attitude."""
@@ -160,12 +164,15 @@ class LiveRig(Rig):
     def texts(self) -> dict[str, str]:
         """Return what is shown."""
         figures = self.figures()
-        return {'state': f'{self.state}: {self.reason}' if self.reason else self.state,
-                'right ascension': f'{figures["ra_deg"]:.4f} deg',
-                'declination': f'{figures["dec_deg"]:.4f} deg',
-                'roll': f'{figures["roll_deg"]:.4f} deg',
-                'rate': f'{figures["rate_deg_s"]:.4f} deg/s', 'stars': str(figures['stars']),
-                'frames': str(figures['frames']), 'camera': self.source_text}
+        angles = {name: f'{value:.4f} {unit}' if np.isfinite(value) else '-'
+                  for name, value, unit in (
+                      ('right ascension', figures['ra_deg'], 'deg'),
+                      ('declination', figures['dec_deg'], 'deg'),
+                      ('roll', figures['roll_deg'], 'deg'),
+                      ('rate', figures['rate_deg_s'], 'deg/s'))}
+        return {'state': f'{self.state}: {self.reason}' if self.reason else self.state, **angles,
+                'stars': str(figures['stars']), 'frames': str(figures['frames']),
+                'camera': self.source_text}
 
     def picture(self) -> np.ndarray | None:
         """Return the newest image with an attitude, or with spots, or any; None without one."""

@@ -8,16 +8,15 @@ from types import TracebackType
 from typing import Any, Self
 
 from startracker_ros.ros.processes import HarnessError
+from startracker_ros.tools.report.template import resource
 
-_PAGE = b"""<!DOCTYPE html>
+_PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>startracker live</title>
-<meta name="viewport" content="width=device-width">
-<style>
-body { background: #111; color: #ddd; font: 16px sans-serif; margin: 1em }
-img { max-width: 100%; border: 1px solid #444; min-height: 4em }
-td { padding: 0 1.5em 0 0 } td + td { color: #fff; font-family: monospace }
-</style></head><body>
-<table id="state"></table><p><img id="sky" alt="no image yet" src="sky.jpg"></p>
+<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">
+<style>STYLE</style></head><body>
+<header><h1>startracker live</h1></header>
+<main><section><table id="state"></table></section>
+<section><img id="sky" alt="no image yet" src="sky.jpg" width="100%"></section></main>
 <script>
 async function refresh() {
   const table = document.getElementById('state');
@@ -40,7 +39,7 @@ async function refresh() {
 refresh();
 setInterval(refresh, 1000);
 </script></body></html>
-"""
+""".replace('STYLE', resource('startracker_ros.tools.report', 'page.css'))
 
 
 class SkyPage:
@@ -82,7 +81,7 @@ class SkyPage:
     def content(self, path: str) -> tuple[str, bytes]:
         """Return content type and content of a path, an empty type for no such page."""
         if path == '/':
-            return 'text/html', _PAGE
+            return 'text/html', _PAGE.encode()
         if path == '/state.json':
             return 'application/json', json.dumps(self.state).encode()
         if path == '/sky.jpg' and self.picture:

@@ -20,7 +20,7 @@ from startracker_ros.core.options import options_by_class
 from startracker_ros.core.stages.solution import Solution
 from startracker_ros.io.images.images import camera_of, Photograph, read_photograph
 from startracker_ros.tools.photographs.calibrate import calibrate_lists, MAX_STARS
-from startracker_ros.tools.photographs.occasion import occasion, Standpoint
+from startracker_ros.tools.photographs.occasion import checked_year, occasion, Standpoint
 from startracker_ros.tools.photographs.solve import (
     CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, Solvers, UNCALIBRATED_PERCENT)
 
@@ -112,5 +112,5 @@ def _name(image: Image, index: int | None = None) -> str:
 
 def _year(epoch: float | datetime | None) -> float | None:
     if isinstance(epoch, datetime):
-        return epoch_year_from_stamp(stamp_from_datetime(epoch))
-    return epoch
+        epoch = epoch_year_from_stamp(stamp_from_datetime(epoch))
+    return None if epoch is None else checked_year(float(epoch))

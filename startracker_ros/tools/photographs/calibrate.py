@@ -28,6 +28,14 @@ from startracker_ros.io.table import Result
 
 # Stars in the corners are mostly faint.
 MAX_STARS = 300
+_PX = 'px', 'px, 1 sigma'
+_OF_STARS = 'rms of the single stars, with the errors of their centroids'
+_OF_LENS = 'rms of the lens alone: of the mean in each cell of the image'
+_NOTES = {
+    **{f'{name}{end}': unit for name in ('focal', 'fx', 'fy', 'cx', 'cy')
+       for end, unit in zip(('', '_sigma'), _PX)},
+    **{f'{name}_arcsec': _OF_STARS for name in ('pinhole', 'calibrated', 'left_out')},
+    **{f'{name}_lens_arcsec': _OF_LENS for name in ('pinhole', 'calibrated', 'left_out')}}
 # What is known of the field of view before the first image is solved.
 _WIDE = IdentificationOptions(fov_error_percent=5.0)
 # With the lens of one image; distortion beyond it changes the focal length from field to field.
@@ -76,7 +84,8 @@ def calibrate_files(paths: Sequence[Path], output: Path, *, fov_deg: float | Non
              'reason': reasons.get(index, '')} for index, path in enumerate(paths)]
     return Result('calibrate', rows, {
         **summary(calibration), 'distortion_model': calibration.camera.distortion_model,
-        'epoch': epoch_year, 'aberration': observer.condition, 'output': str(output)})
+        'epoch': epoch_year, 'aberration': observer.condition, 'output': str(output)},
+        notes=_NOTES)
 
 
 def calibrate_lists(centroids: dict[int, Centroids], camera: Camera, epoch_year: float,

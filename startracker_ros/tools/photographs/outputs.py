@@ -1,7 +1,9 @@
 """Files that solve writes for each image."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+import textwrap
 
 import cv2
 import numpy as np
@@ -13,6 +15,13 @@ from startracker_ros.core.stages.sky_marks import (
     mark_bodies, mark_figures, mark_named_stars, mark_scale)
 from startracker_ros.core.stages.solution import Solution
 from startracker_ros.io.images.images import Photograph
+from startracker_ros.io.output import output_folder, write_output
+
+
+Colour = tuple[int, int, int]
+# Those of the circles.
+_FOUND, _IDENTIFIED = (255, 190, 60), (90, 230, 120)
+_FONT, _TEXT, _SMALLEST_TEXT = cv2.FONT_HERSHEY_SIMPLEX, (235, 235, 235), 0.5
 
 
 @dataclass(frozen=True)
@@ -25,14 +34,15 @@ class Outputs:
     def write(self, name: str, photograph: Photograph, solution: Solution, year: float) -> None:
         """Write the files of one image of a Julian year under a name without a suffix."""
         if self.annotate_folder is not None:
-            picture = annotated(photograph.image, solution.centroids.uv,
-                                solution.identification.hip, solution.sky, year, solution.bodies)
-            self.annotate_folder.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(self.annotate_folder / f'{name}.png'), picture[..., ::-1])
+            picture = captioned(
+                annotated(photograph.image, solution.centroids.uv, solution.identification.hip,
+                          solution.sky, year, solution.bodies), caption(name, solution, year))
+            # In memory: OpenCV reports a full disk on stderr alone.
+            content = cv2.imencode('.png', picture[..., ::-1])[1].tobytes()
+            write_output(output_folder(self.annotate_folder) / f'{name}.png', content)
         if self.wcs_folder is not None and solution.sky is not None:
-            self.wcs_folder.mkdir(parents=True, exist_ok=True)
-            (self.wcs_folder / f'{name}.wcs').write_bytes(
-                image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up))
+            write_output(output_folder(self.wcs_folder) / f'{name}.wcs',
+                         image_wcs(solution.sky, photograph.mirrored, photograph.bottom_up))
 
 
 def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMapping | None,
@@ -52,6 +62,33 @@ def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMappin
         mark_named_stars(overlay, sky, year, hip, labels)
         mark_scale(overlay, sky, labels.size)
     return np.maximum(annotate(image, uv, hip, labels=labels), overlay)
+
+
+def caption(name: str, solution: Solution, year: float) -> list[tuple[str, Colour]]:
+    """Return what stands below a picture: what it shows, and what its marks mean."""
+    found = (f'RA {solution.ra_deg:.4f} deg, Dec {solution.dec_deg:+.4f} deg, position angle of '
+             f'image up {solution.roll_deg:.2f} deg, field {solution.fov_deg:.3f} deg, '
+             f'{solution.matched} stars, residual {solution.residual_arcsec:.2f} arcsec, '
+             f'ICRS, epoch J{year:.2f}'
+             if solution.sky is not None else f'not solved: {solution.reason}')
+    lines = [(f'{name}: {found}', _TEXT)]
+    if solution.sky is not None:
+        lines.append(('green circle: identified star with its name or HIP number', _IDENTIFIED))
+    return [*lines, ('orange circle: spot that is not identified', _FOUND)]
+
+
+def captioned(picture: np.ndarray, lines: Sequence[tuple[str, Colour]]) -> np.ndarray:
+    """Return a picture (H, W, 3) with lines of text below it, folded to its width."""
+    width = picture.shape[1]
+    scale = max(_SMALLEST_TEXT, width / 2000)
+    letter, height = cv2.getTextSize('0', _FONT, scale, 1)[0]
+    folded = [(part, colour) for text, colour in lines
+              for part in textwrap.wrap(text, max(10, int(0.97 * width / letter)))]
+    strip = np.zeros((2 * height * len(folded) + height, width, 3), np.uint8)
+    for number, (text, colour) in enumerate(folded, 1):
+        cv2.putText(strip, text, (letter, 2 * height * number - height // 3), _FONT, scale,
+                    colour, 1, cv2.LINE_AA)
+    return np.vstack([picture, strip])
 
 
 def image_wcs(sky: SkyMapping, mirrored: bool = False, bottom_up: bool = False) -> bytes:

@@ -316,7 +316,7 @@ function plotPanel(holder, panel) {
     (time) => tellSeries(panel, time));
   for (const series of panel.series) {
     const button = makeHtml(head, 'button', '');
-    makeHtml(button, 'span', `swatch ${series.colour}`);
+    makeHtml(button, 'span', `swatch ${series.kind} ${series.colour}`);
     button.append(series.name);
     button.type = 'button';
     button.setAttribute('aria-pressed', 'true');

@@ -14,6 +14,7 @@ import numpy as np
 from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.catalog.deep import star_name
 from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.output import write_output
 from startracker_ros.io.recordings.frames import frame_pictures, FramePicture
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.io.recordings.recording import Recording
@@ -26,6 +27,8 @@ from startracker_ros.tools.report.template import content_policy, resource, temp
 
 _LEVELS = {0: ('OK', 'good'), 1: ('WARN', 'warn'), 2: ('ERROR', 'bad'), 3: ('STALE', 'other')}
 _NAMED_STARS = 12
+# Width of six digits of a number, in sizes of a mark.
+_NAME_SIZES = 11.0
 _PACKAGE = 'startracker_ros.tools.report'
 _LISTED = 60
 
@@ -40,11 +43,13 @@ def write_report(bag: Path, output: Path, namespace: str | None = None) -> Resul
     if not bag.exists():
         raise BagError(f'{bag} does not exist')
     panels = Panels(load_recording(bag, namespace))
-    output.write_text(render_page(bag, panels), encoding='utf-8')
-    rows = [{'case': name, 'ours': value} for name, value in panels.key_figures().items()]
+    write_output(output, render_page(bag, panels))
+    rows = [{'case': name, 'ours': figure.text, 'value': figure.value, 'unit': figure.unit,
+             'p95': figure.p95} for name, figure in panels.key_figures().items()]
     problems = {'problem' if index == 0 else f'problem {index + 1}': problem
                 for index, problem in enumerate(panels.recording.problems)}
-    return Result('report', rows, {'page': str(output), **problems})
+    return Result('report', rows, {'page': str(output), **problems},
+                  details=('value', 'unit', 'p95'))
 
 
 def render_page(bag: Path, panels: Panels) -> str:
@@ -63,7 +68,7 @@ def render_page(bag: Path, panels: Panels) -> str:
     page = template(_PACKAGE, 'page.html.j2', degrees=np.degrees, utc=utc, levels=_LEVELS,
                     listed=_LISTED)
     return page.render(
-        title=f'Star tracker: {bag.resolve().name}', policy=content_policy(style, script),
+        title=f'Star tracker: {_bag_name(bag)}', policy=content_policy(style, script),
         style=style, script=script,
         data=json_block(data), panels=panels, recording=recording, groups=groups, states=states,
         heads=head_rows,
@@ -74,6 +79,12 @@ def render_page(bag: Path, panels: Panels) -> str:
                  for name, count, *values in panels.latency_rows()],
         frames=[_frame(panels, picture) for picture in pictures], why_no_frames=why_no_frames,
         diagnostics=diagnostics_table(recording), topics=_topics(panels))
+
+
+def _bag_name(bag: Path) -> str:
+    """Return the name of a bag, with that of its folder where it is just called bag."""
+    bag = bag.resolve()
+    return f'{bag.parent.name}/{bag.name}' if bag.stem in ('bag', 'bag_0') else bag.name
 
 
 def json_block(data: Any) -> str:
@@ -98,20 +109,24 @@ def _frame(panels: Panels, picture: FramePicture) -> dict[str, Any]:
     names = marks.dtype.names or ()
     hips = marks['hip'] if 'hip' in names else np.zeros(len(marks), int)
     named = set(np.argsort(-marks['flux'])[:_NAMED_STARS].tolist())
-    shown = []
+    shown, size = [], max(picture.width, picture.height) / 100
     for index, row in enumerate(marks):
         hip = int(hips[index])
         missed = 'missed' in names and row['missed'] > 0
         words = f'{star_name(hip)}, V {row["magnitude"]:.2f}' if hip else 'not identified'
+        u, v = float(row['u']) + 0.5, float(row['v']) + 0.5
+        # Left of a star at the right edge, below the upper edge: no number is cut.
+        left = u + (1.6 + _NAME_SIZES) * size > picture.width
         shown.append({
-            'u': float(row['u']) + 0.5, 'v': float(row['v']) + 0.5,
+            'u': u, 'v': v, 'anchor': 'end' if left else 'start',
+            'x': u - 1.6 * size if left else u + 1.6 * size, 'y': max(v, 3 * size),
             'kind': 'mark lost' if missed else 'mark known' if hip else 'mark',
             'words': words + (', not seen in this frame' if missed else ''),
             'name': str(hip) if hip and index in named else ''})
     known = int(np.count_nonzero(hips))
     return {
         'picture': picture, 'time_s': (picture.stamp_ns - panels.start_ns) / 1e9,
-        'size_px': max(picture.width, picture.height) / 100, 'marks': shown,
+        'size_px': size, 'marks': shown,
         'words': f'{len(marks)} {picture.source}, {known} identified' if picture.source else
                  'the bag holds no stars of this frame'}
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
@@ -19,6 +19,20 @@ STAGES = {
 """Stages of the pipeline: from sending the first topic to sending the last, of one frame."""
 
 Panel = dict[str, Any]
+# With fewer frames than this the figure is marked.
+_MOST_FRAMES_PERCENT = 90.0
+# Times that leave the figure, over those that 95 % of the frames take.
+_SPIKE = 2.5
+
+
+class KeyFigure(NamedTuple):
+    """A figure as text with its unit, and as a number; low is whether it deserves attention."""
+
+    text: str
+    value: float
+    unit: str
+    p95: float | None = None
+    low: bool = False
 
 
 def numbers(values: np.ndarray, digits: int) -> list[float | int | None]:
@@ -212,8 +226,13 @@ class Panels:
         series = [self.series(name, 'line', stamps, spent, 3) for name, stamps, spent in (
             (name, *self.recording.stage_ms(*ends)) for name, ends in STAGES.items())
             if len(stamps)]
+        times = [spent for ends in STAGES.values()
+                 if len(spent := self.recording.stage_ms(*ends)[1])]
+        limit = _SPIKE * max((float(np.percentile(spent, 95)) for spent in times), default=0.0)
+        # One spike would flatten all else.
+        spiky = any(spent.max() > limit for spent in times)
         return [{'id': 'latency', 'title': 'latency', 'unit': 'ms', 'series': series,
-                 'zero': True}]
+                 'zero': True, 'range': [0.0, round(limit, 3)] if spiky else None}]
 
     def latency_rows(self) -> list[tuple[str, int, float, float, float]]:
         """Return stage, frames, median, 95 % and longest ms of each stage in the bag."""
@@ -224,25 +243,30 @@ class Panels:
                 rows.append((name, len(spent), *np.percentile(spent, [50, 95, 100])))
         return rows
 
-    def key_figures(self) -> dict[str, str]:
-        """Return what a reader wants to know first, as text with its unit."""
+    def key_figures(self) -> dict[str, KeyFigure]:
+        """Return what a reader wants to know first."""
         recording = self.recording
         frames, attitudes = len(self.frame_ns), len(recording.attitude_ns)
-        figures = {'duration': f'{self.duration_s:.1f} s', 'frames': str(frames)}
+        figures = {'duration': KeyFigure(f'{self.duration_s:.1f} s', self.duration_s, 's'),
+                   'frames': KeyFigure(str(frames), frames, '')}
         if frames:
-            figures['with attitude'] = f'{100 * attitudes / frames:.2f} %'
+            percent = 100 * attitudes / frames
+            figures['with attitude'] = KeyFigure(
+                f'{percent:.2f} %', percent, '%', low=percent < _MOST_FRAMES_PERCENT)
         _, error, _ = recording.errors()
         for kind, values in (('error', error), ('1 sigma', recording.sigma_arcsec())):
             values = values[np.isfinite(values).all(axis=1)]
             if len(values):
-                figures[f'cross-boresight {kind}, rms'] = f'{_rms(values[:, :2]):.3g} arcsec'
-                figures[f'roll {kind}, rms'] = f'{_rms(values[:, 2]):.3g} arcsec'
+                for axis, rms in (('cross-boresight', _rms(values[:, :2])),
+                                  ('roll', _rms(values[:, 2]))):
+                    figures[f'{axis} {kind}, rms'] = KeyFigure(f'{rms:.3g} arcsec', rms, 'arcsec')
         if len(recording.tracks):
             seen = np.median(recording.tracks.count(usable(recording.tracks)))
-            figures['stars used, median'] = f'{seen:.0f}'
+            figures['stars used, median'] = KeyFigure(f'{seen:.0f}', float(seen), '')
         spent = {row[0]: row for row in self.latency_rows()}.get('image to attitude')
         if spent:
-            figures['image to attitude, p50 / p95'] = f'{spent[2]:.1f} / {spent[3]:.1f} ms'
+            figures['image to attitude, p50 / p95'] = KeyFigure(
+                f'{spent[2]:.1f} / {spent[3]:.1f} ms', spent[2], 'ms', p95=spent[3])
         return figures
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from startracker_ros.core.extras import new_figure
 from startracker_ros.core.stages.annotate import annotate
+from startracker_ros.io.output import write_picture
 from startracker_ros.io.recordings.recording import gaps_after, Recording
 
 
@@ -50,4 +51,4 @@ def draw_run(path: Path, recording: Recording, image: np.ndarray, uv: np.ndarray
     axis.set_xlabel('time since the first image [s]')
     figure.axes[1].legend(loc='upper right', ncols=2)
     figure.axes[1].set_title('attitude error against truth, about sensor axes')
-    figure.savefig(path, dpi=110)
+    write_picture(path, figure, dpi=110)

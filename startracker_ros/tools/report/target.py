@@ -9,6 +9,7 @@ from startracker_ros.core.astro.orbit import orbit_frame
 from startracker_ros.core.extras import new_figure
 from startracker_ros.core.stages.annotate import annotate
 from startracker_ros.io.bags.reader import read_messages
+from startracker_ros.io.output import write_picture
 from startracker_ros.tools.figures.correctness import WRONG_SIGMAS
 from startracker_ros.tools.figures.rows import DemoRow
 from startracker_ros.tools.report.picture import draw_error
@@ -139,4 +140,4 @@ def draw_target(path: Path, recording: TargetRecording, pictures: dict[str, tupl
     axis.set_xlabel('time since the first position [s]')
     figure.axes[-3].set_title('error of the located target against truth')
     figure.axes[-3].legend(loc='upper right', ncols=2)
-    figure.savefig(path, dpi=100)
+    write_picture(path, figure, dpi=100)

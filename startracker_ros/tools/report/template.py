@@ -7,6 +7,8 @@ from typing import Any
 
 from startracker_ros.core.extras import extra
 
+_SHARED = 'startracker_ros.tools.report'
+
 
 def resource(package: str, name: str) -> str:
     """Return the text of a file of a package."""
@@ -14,11 +16,12 @@ def resource(package: str, name: str) -> str:
 
 
 def template(package: str, name: str, **names: Any) -> Any:
-    """Return a template of a package, with filters and globals; it escapes what it shows."""
+    """Return a template of a package with globals, beside those of all pages; it escapes."""
     with extra('report', 'Jinja2', 'The page'):
-        from jinja2 import Environment, StrictUndefined
+        from jinja2 import Environment, FunctionLoader, StrictUndefined
     environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        loader=FunctionLoader(lambda shared: resource(_SHARED, shared)))
     environment.globals.update(names)
     return environment.from_string(resource(package, name))
 

@@ -13,6 +13,7 @@ import numpy as np
 from startracker_ros.core.extras import new_figure
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, rotate
 from startracker_ros.core.stages.annotate import RETICLE_TICKS_PX, stretch
+from startracker_ros.io.output import write_picture
 from startracker_ros.io.recordings.frames import read_frame
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.io.recordings.recording import Recording
@@ -44,7 +45,7 @@ def draw_viewer(bag: Path, output: Path) -> None:
         axes.axvline((stamp_ns - recording.image_ns[0]) / 1e9, color='gray', linewidth=0.8)
         axes.legend(fontsize=7, loc='upper right', ncols=4)
         axes.tick_params(labelsize=7)
-    figure.savefig(output, dpi=80, pil_kwargs={'optimize': True})
+    write_picture(output, figure, dpi=80, pil_kwargs={'optimize': True})
 
 
 def _draw_image(axes: Any, image: np.ndarray, recording: Recording, stamp_ns: int) -> None:

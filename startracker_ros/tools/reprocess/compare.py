@@ -8,10 +8,12 @@ from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.extras import new_figure
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.output import write_picture
 from startracker_ros.io.table import Result
 from startracker_ros.tools.reprocess.runs import open_run, Run
+from startracker_ros.tools.reprocess.tables import BAG
 
-_COLUMNS = ['stamp_ns', *(f'q_{axis}' for axis in 'xyzw'),
+_COLUMNS = [BAG, 'stamp_ns', *(f'q_{axis}' for axis in 'xyzw'),
             *(f'error_{axis}_arcsec' for axis in 'xyz')]
 _MOST_INTERVALS = 1000
 
@@ -21,7 +23,8 @@ class CompareRow:
     """
     One star tracker in both runs.
 
-    Differences are of frames with an attitude in both; the error columns are None without truth.
+    A frame is that of a stamp of a bag. Differences are of frames with an attitude in both; the
+    error columns are None without truth.
     """
 
     tracker: str
@@ -39,6 +42,7 @@ class CompareRow:
     error_a_arcsec: float | None
     error_b_arcsec: float | None
     first_divergent: str
+    first_divergent_bag: str
 
 
 def compare(folder_a: Path, folder_b: Path, picture: Path | None = None) -> Result:
@@ -67,15 +71,22 @@ def _compare(a: Run, b: Run, tracker: str) -> tuple[CompareRow, np.ndarray, np.n
     tables = [run.table('frames', tracker, _COLUMNS) for run in (a, b)]
     quaternions = [a.vectors(table, 'q_{}', 'xyzw') for table in tables]
     known = [np.isfinite(q).all(axis=1) for q in quaternions]
-    stamps, i, j = np.intersect1d(tables[0]['stamp_ns'], tables[1]['stamp_ns'],
-                                  return_indices=True)
-    if not len(stamps):
-        raise BagError(f'{tracker}: the runs have no frame in common')
+    keys_a, keys_b = _frame_keys(*tables)
+    _, i, j = np.intersect1d(keys_a, keys_b, return_indices=True)
+    if not len(i):
+        of_a, of_b = (', '.join(sorted(set(table[BAG]))) or 'nothing' for table in tables)
+        raise BagError(f'{tracker}: the runs have no frame in common: one is of {of_a}, the '
+                       f'other of {of_b}')
+    order = np.argsort(tables[0]['stamp_ns'][i], kind='stable')
+    i, j = i[order], j[order]
+    stamps, bags = tables[0]['stamp_ns'][i], tables[0][BAG][i]
     in_a, in_b = known[0][i], known[1][j]
     both = in_a & in_b
     qa, qb = quaternions[0][i], quaternions[1][j]
     difference = attitude_error(qb[both], qa[both]) / ARCSEC
     same = both & (qa == qb).all(axis=1)
+    # Not the rounding of a product.
+    difference[same[both]] = 0.0
     divergent = np.flatnonzero((in_a != in_b) | both & ~same)
     errors = [a.vectors(table, 'error_{}_arcsec')[index]
               for table, index in zip(tables, (i, j))]
@@ -85,8 +96,17 @@ def _compare(a: Run, b: Run, tracker: str) -> tuple[CompareRow, np.ndarray, np.n
         int(same.sum()), _rms(difference[:, :2]), _rms(difference[:, 2]),
         float(np.abs(difference).max()) if len(difference) else None,
         _rms(errors[0][both][:, :2]), _rms(errors[1][both][:, :2]),
-        utc(int(stamps[divergent[0]]), digits=9) if len(divergent) else ''
-        ), stamps[both], difference
+        utc(int(stamps[divergent[0]]), digits=9) if len(divergent) else '',
+        str(bags[divergent[0]]) if len(divergent) else ''), stamps[both], difference
+
+
+def _frame_keys(*tables: dict[str, np.ndarray]) -> list[np.ndarray]:
+    """Return for each table the numbers (N,) of its frames: of a bag and stamp the same one."""
+    bags = np.unique(np.concatenate([table[BAG] for table in tables]), return_inverse=True)[1]
+    stamps = np.unique(np.concatenate([table['stamp_ns'] for table in tables]),
+                       return_inverse=True)[1]
+    keys = bags * (len(stamps) + 1) + stamps
+    return np.split(keys, [len(tables[0][BAG])])
 
 
 def _rms(values: np.ndarray) -> float | None:
@@ -116,5 +136,4 @@ def _draw(curves: dict[str, tuple[np.ndarray, np.ndarray]], path: Path) -> None:
         axes.set_title(f'{tracker}: B minus A')
         axes.set_ylabel('arcsec')
         axes.legend(loc='upper right')
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=100)
+    write_picture(path, figure, dpi=100)

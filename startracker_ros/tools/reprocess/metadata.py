@@ -6,6 +6,7 @@ from pathlib import Path
 from startracker_ros.io.bags.mcap_file import McapFile
 from startracker_ros.io.bags.metadata import bag_information, FileRecord, to_yaml, TopicRecord
 from startracker_ros.io.bags.qos import qos_from_yaml
+from startracker_ros.io.output import write_output
 from startracker_ros.tools.reprocess.work import SegmentRecord
 
 
@@ -18,8 +19,8 @@ def write_metadata(folder: Path, records: Iterable[SegmentRecord]) -> None:
                 files.setdefault((folder / name).parent, []).append(folder / name)
     for bag, paths in files.items():
         information = _information(paths)
-        (bag / 'metadata.yaml').write_text(
-            to_yaml({'rosbag2_bagfile_information': information}))
+        write_output(bag / 'metadata.yaml',
+                     to_yaml({'rosbag2_bagfile_information': information}))
 
 
 def _information(paths: list[Path]) -> dict:

@@ -12,6 +12,7 @@ from rich.progress import (
     BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn)
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.export.tables import load_parquet_writer
+from startracker_ros.io.output import check_output, output_folder, write_output
 from startracker_ros.io.table import Result
 from startracker_ros.io.workers import cluster, completed
 from startracker_ros.tools.reprocess.metadata import write_metadata
@@ -67,15 +68,10 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
 
     Finished segments of an earlier run with the same parameters are kept. What fails is in
     errors.json of the folder and in the details of the result. BagError where there is no bag
-    or the folder cannot be written.
+    that can be processed, OSError where the folder cannot be written.
     """
     load_parquet_writer()
-    try:
-        request.folder.mkdir(parents=True, exist_ok=True)
-        (request.folder / '.writable').touch()
-        (request.folder / '.writable').unlink()
-    except OSError as error:
-        raise BagError(f'{request.folder}: {error.strerror}') from error
+    check_output(output_folder(request.folder) / ERRORS)
     bags = find_bags(request.bags, request.folder / COPIES)
     names = bag_names(bags)
     with cluster(workers, scheduler) as client:
@@ -87,6 +83,9 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
         run.finish(problems)
         rows += run.rows()
     found = problems + [problem for run in runs for problem in run.problems]
+    if not rows and found:
+        raise BagError(f'nothing to process: {found[0].bag}: {found[0].reason}; all problems are '
+                       f'in {runs[0].folder / ERRORS}')
     return Result('reprocess', rows, {
         'frames': sum(row.frames for row in rows),
         'cpu_s': sum(run.cpu_s for run in runs),
@@ -224,5 +223,5 @@ def _text(error: Exception) -> str:
 
 
 def _write_json(path: Path, content: object) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(content, indent=1, default=str) + '\n')
+    output_folder(path.parent)
+    write_output(path, json.dumps(content, indent=1, default=str) + '\n')

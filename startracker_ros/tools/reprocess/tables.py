@@ -18,6 +18,7 @@ STATES = ('LOST', 'ACQUIRING', 'TRACKING')
 PAIRS = ('xx', 'xy', 'xz', 'yy', 'yz', 'zz')
 UPPER = np.triu_indices(3)
 LENS_BIN_S = 60.0
+BAG = 'bag'
 _DAY_NS = 86_400 * 10 ** 9
 
 FRAME_DTYPE = np.dtype([
@@ -211,13 +212,19 @@ def days_of(folder: Path, table: str) -> list[str]:
 
 def read_table(folder: Path, table: str, tracker: str, columns: list[str], day: str = '*'
                ) -> dict[str, np.ndarray]:
-    """Return columns of a table of a run, of a day or all, in the order of their stamps."""
+    """
+    Return columns of a table of a run, of a day or all, in the order of their stamps.
+
+    The column bag is that of the name of the recording.
+    """
     pyarrow = load_parquet_writer()
     parts: dict[str, list[np.ndarray]] = {name: [] for name in columns}
     for path in sorted((folder / table).glob(f'day={day}/tracker={tracker}/*.parquet')):
-        read = pyarrow.parquet.ParquetFile(path).read(columns)
+        read = pyarrow.parquet.ParquetFile(path).read([name for name in columns if name != BAG])
         for name in columns:
-            parts[name].append(read.column(name).to_numpy())
+            # The name of the file is that of the recording, and the begin of the segment.
+            parts[name].append(np.full(len(read), path.stem.rpartition('_')[0], object)
+                               if name == BAG else read.column(name).to_numpy())
     joined = {name: np.concatenate(part) if part else np.empty(0)
               for name, part in parts.items()}
     order = np.argsort(joined['stamp_ns'], kind='stable')

@@ -13,6 +13,7 @@ from startracker_ros.core.locate.locator import Located, TargetLocator
 from startracker_ros.core.locate.observer import ObservedLine
 from startracker_ros.core.maths.rotation import ARCSEC, east_and_north, unit_from_radec
 from startracker_ros.io.export.tdm import tdm_text, TrackletAngles
+from startracker_ros.io.output import output_folder, write_output
 from startracker_ros.io.table import Result
 from startracker_ros.tools.reprocess.leftovers import TRACKLET_DTYPE
 from startracker_ros.tools.reprocess.runs import open_run, Run
@@ -78,15 +79,15 @@ def tracklets(folder: Path, output: Path, originator: str) -> Result:
     run = open_run(folder)
     found = {tracker: _read(run, tracker) for tracker in run.trackers}
     located = _located(found)
-    output.mkdir(parents=True, exist_ok=True)
+    output_folder(output)
     files = []
     for tracker, of_tracker in found.items():
         if of_tracker:
             files.append(output / f'{tracker}.tdm')
-            files[-1].write_text(tdm_text(tracker, originator, [
+            write_output(files[-1], tdm_text(tracker, originator, [
                 TrackletAngles(one.name, one.rows['stamp_ns'], one.rows['ra_deg'],
                                one.rows['dec_deg'], one.covariance_arcsec2, one.rows['magnitude'])
-                for one in of_tracker], time.time_ns()), encoding='ascii')
+                for one in of_tracker], time.time_ns()))
     rows = [_row(one, *located.get(one.name, ('', None)))
             for of_tracker in found.values() for one in of_tracker]
     return Result('tracklets', rows, {

@@ -1,17 +1,17 @@
 """The command trend: drifts and steps of a run, as rows and as a page."""
 
-import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
-from io import BytesIO
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from startracker_ros.core.astro.epoch import utc
-from startracker_ros.core.extras import new_figure
+from startracker_ros.io.output import write_output
 from startracker_ros.io.table import Result
+from startracker_ros.tools.report.chart import chart
+from startracker_ros.tools.report.template import content_policy, resource, template
 from startracker_ros.tools.reprocess.compare import extremes
 from startracker_ros.tools.reprocess.runs import open_run
 from startracker_ros.tools.trend.pixels import hot_pixels, PixelRow
@@ -55,8 +55,7 @@ def trend(folder: Path, page: Path | None, orbit_s: float) -> Result:
     maps = [one for tracker in run.trackers for one in width_maps(run, tracker)]
     rows += _width_rows(maps)
     if page is not None:
-        page.parent.mkdir(parents=True, exist_ok=True)
-        page.write_text(trend_page(folder.name, found, rows, stars, pixels, maps))
+        write_output(page, trend_page(folder.name, found, rows, stars, pixels, maps))
     return Result('trend', rows, {
         'orbit_s': orbit_s, 'steps': sum(len(search.steps) for _, search in found),
         'stars with a fault': ', '.join(
@@ -114,31 +113,37 @@ def trend_page(name: str, found: Sequence[tuple[Series, StepSearch]], rows: Sequ
                stars: Sequence[StarRow], pixels: Sequence[PixelRow],
                maps: Sequence[WidthMap]) -> str:
     """Return one HTML page without scripts: its size does not grow with the frames."""
-    pictures = ''.join(f'<h2>{escape(series.name)}</h2>{_picture(series, search.steps)}'
-                       for series, search in found)
+    style = resource('startracker_ros.tools.report', 'page.css')
+    shown = [(series, search) for series, search in found if len(series.stamp_ns) >= _LEAST_BINS]
+    pictures = [(f'{series.name} [{series.unit}]', chart(
+        partial(_draw, series=series, steps=search.steps)))
+        for series, search in shown]
     if maps:
-        pictures += f'<h2>Width of star images over the image</h2>{_map_picture(maps)}'
-    return ('<!doctype html><html lang="en"><head><meta charset="utf-8">'
-            f'<title>Trend of {escape(name)}</title><style>{_STYLE}</style></head><body>'
-            f'<h1>Trend of {escape(name)}</h1>{_table(rows)}{pictures}'
-            f'<h2>Stars with a fault</h2>{_table(stars[:_MOST_ROWS])}'
-            f'<h2>Hot pixels</h2>{_table(pixels[:_MOST_ROWS])}</body></html>\n')
+        pictures.append(('width of star images over the image [px, 1 sigma]',
+                         chart(partial(_draw_maps, maps=maps))))
+    stamps = np.concatenate([series.stamp_ns for series, _ in found] or [np.empty(0)])
+    return template('startracker_ros.tools.trend', 'page.html.j2').render(
+        title=f'Trend of {name}', style=style, policy=content_policy(style),
+        span=f'{utc(int(stamps.min()))} to {utc(int(stamps.max()))} UTC.' if len(stamps) else '',
+        rows=_table(rows), stars=_table(stars[:_MOST_ROWS]), pixels=_table(pixels[:_MOST_ROWS]),
+        pictures=pictures, missing=[
+            f'{series.name}: too little data, {len(series.stamp_ns)} bins of a minute, '
+            f'{_LEAST_BINS} are drawn' for series, _ in found
+            if len(series.stamp_ns) < _LEAST_BINS])
 
 
+_LEAST_BINS = 10
 _MOST_ROWS = 200
-_MOST_MAPS, _MAPS_IN_LINE = 24, 6
-_STYLE = ('body{font:15px sans-serif;max-width:60em;margin:1em auto}td,th{padding:.2em .6em;'
-          'text-align:left}img{max-width:100%}')
+_MOST_MAPS, _MAPS_IN_LINE = 12, 3
 
 
-def _table(rows: Sequence[Any]) -> str:
-    if not rows:
-        return '<p>none</p>'
+def _table(rows: Sequence[Any]) -> tuple[list[str], list[list[str]], list[int]]:
+    """Return heads, cells and the numbers of the columns of figures."""
     records = Result('', rows).records
-    head = ''.join(f'<th>{escape(name)}</th>' for name in records[0])
-    body = ''.join('<tr>' + ''.join(f'<td>{escape(_cell(value))}</td>'
-                                    for value in record.values()) + '</tr>' for record in records)
-    return f'<table><tr>{head}</tr>{body}</table>'
+    heads = list(records[0]) if records else []
+    numbers = [column for column, name in enumerate(heads)
+               if any(isinstance(record[name], (int, float)) for record in records)]
+    return heads, [[_cell(value) for value in record.values()] for record in records], numbers
 
 
 def _cell(value: object) -> str:
@@ -147,40 +152,35 @@ def _cell(value: object) -> str:
     return f'{value:.5g}' if isinstance(value, float) else str(value)
 
 
-def _picture(series: Series, steps: Sequence[Step]) -> str:
-    """Return an image of the extremes of each interval, with the dates of the steps."""
-    figure = new_figure(figsize=(9, 2.6))
+def _draw(figure: Any, series: Series, steps: Sequence[Step]) -> None:
+    """Draw the extremes of each interval, with the dates of the steps."""
     axes = figure.subplots()
     for column, name in enumerate(series.columns):
         times, low, high = extremes(series.stamp_ns, series.values[:, column])
-        axes.fill_between(times.astype('datetime64[ns]'), low, high, alpha=0.5, label=name)
-        axes.plot(times.astype('datetime64[ns]'), (low + high) / 2, linewidth=0.8)
+        moments = times.astype('datetime64[ns]')
+        line, = axes.plot(moments, (low + high) / 2, linewidth=0.8, label=name)
+        axes.fill_between(moments, low, high, alpha=0.3, color=line.get_color())
     for step in steps:
         axes.axvline(np.datetime64(step.stamp_ns, 'ns'), color='red', linewidth=0.8)
-    axes.set_ylabel(series.unit)
-    axes.legend(loc='upper right')
-    return _image(figure, series.name)
+    # Imported only here: the extra is not needed without a page.
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+    axes.xaxis.set_major_locator(AutoDateLocator(maxticks=5))
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(axes.xaxis.get_major_locator()))
+    axes.set(xlabel='UTC', ylabel=f'[{series.unit}]')
+    if len(series.columns) > 1:
+        figure.legend(loc='outside upper center', ncols=len(series.columns))
 
 
-def _map_picture(maps: Sequence[WidthMap]) -> str:
-    """Return an image of the newest maps of width, with one scale of colours."""
+def _draw_maps(figure: Any, maps: Sequence[WidthMap]) -> None:
+    """Draw the newest maps of width, with one scale of colours."""
     shown = maps[-_MOST_MAPS:]
     lines = -(-len(shown) // _MAPS_IN_LINE)
-    figure = new_figure(figsize=(9, 2.4 * lines))
-    axes = figure.subplots(lines, _MAPS_IN_LINE, squeeze=False).ravel()
+    axes = figure.subplots(lines, min(len(shown), _MAPS_IN_LINE), squeeze=False).ravel()
     known = np.concatenate([one.width_px[np.isfinite(one.width_px)] for one in shown])
     limits = np.percentile(known, (1, 99)) if len(known) else (0.0, 1.0)
     for one, at in zip(shown, axes):
         picture = at.imshow(one.width_px, vmin=limits[0], vmax=limits[1])
-        at.set_title(f'{one.tracker} {one.month}', fontsize=8)
+        at.set_title(f'{one.tracker}\n{one.month}', fontsize=9)
     for at in axes:
         at.set_axis_off()
     figure.colorbar(picture, ax=axes.tolist(), label='px, 1 sigma')
-    return _image(figure, 'width of star images')
-
-
-def _image(figure: Any, name: str) -> str:
-    data = BytesIO()
-    figure.savefig(data, dpi=90, format='png')
-    return (f'<img alt="{escape(name)}" '
-            f'src="data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}">')

@@ -3,6 +3,7 @@
 from dataclasses import replace
 import json
 
+from browser import assert_readable
 from click.testing import CliRunner
 import numpy as np
 import pytest
@@ -10,12 +11,13 @@ from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, random_attitude
 from startracker_ros.evaluation.datasheet import datasheet, design
+from startracker_ros.evaluation.datasheet.by_rate import lines_of, rates_of, records
 from startracker_ros.evaluation.datasheet.calibrated import field_errors
 from startracker_ros.evaluation.datasheet.design_options import DesignOptions
 from startracker_ros.evaluation.datasheet.instrument import (
     DETECTOR, Instrument, load_optics, OpticsError)
 from startracker_ros.evaluation.datasheet.motions import Pointings, RUN_S, Spins
-from startracker_ros.evaluation.datasheet.rows import SheetRow, worse_than_published
+from startracker_ros.evaluation.datasheet.rows import SheetRow
 from startracker_ros.evaluation.datasheet.single_images import image_errors
 from startracker_ros.evaluation.datasheet.sky_coverage import field_magnitudes, star_counts
 
@@ -69,7 +71,14 @@ def test_stars_in_the_field_are_those_of_the_catalogue():
     assert (star_counts(magnitudes, 4.0) <= star_counts(magnitudes, 6.0)).all()
 
 
-def test_a_page_holds_all_rows(tmp_path, monkeypatch):
+@pytest.fixture(scope='module')
+def sheet_and_result(tmp_path_factory):
+    """Return the page of a data sheet at one rate, and its result."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        return _small_sheet(tmp_path_factory.mktemp('sheet'), monkeypatch)
+
+
+def _small_sheet(tmp_path, monkeypatch):
     monkeypatch.setattr(datasheet, 'RATES_DEG_S', (0.0,))
     monkeypatch.setattr(datasheet, 'LIMIT_CASES', ())
     monkeypatch.setattr(datasheet, 'DISTURBANCES', datasheet.DISTURBANCES[:1])
@@ -77,31 +86,41 @@ def test_a_page_holds_all_rows(tmp_path, monkeypatch):
     monkeypatch.setattr(datasheet, 'parallel_map', lambda work, pieces, **_: [
         work(*piece) for piece in pieces])
     page = tmp_path / 'sheet.html'
-    result = datasheet.run_datasheet(SMALL, DETECTOR, page, seed=1, effort=EFFORT)
+    return page, datasheet.run_datasheet(SMALL, DETECTOR, page, seed=1, effort=EFFORT)
+
+
+def test_a_page_holds_all_rows(sheet_and_result):
+    sheet, result = sheet_and_result
     rows = {row.case: row for row in result.rows}
     assert rows['temporal noise, 0 deg/s, cross boresight'].bound > 0
     assert rows['wrong attitudes, all rates'].ours == 0
     assert rows['thermo-elastic error'].method == 'not simulated'
     assert rows['temporal noise, 0 deg/s, about boresight'].published == 70.0
-    text = page.read_text()
-    for case in rows:
-        assert case in text, case
-    assert text.count('data:image/png;base64,') == 3
+    assert rows['bias, 0 deg/s, cross boresight'].three_sigma > 0
+    text = sheet.read_text()
+    for line in lines_of(result.rows):
+        assert f'<td>{line.case}</td>' in text, line.case
+    assert text.count('data:image/svg+xml;base64,') == 4
     assert 'ST-16RT2' in text and '<script' not in text and '://' not in text
     document = json.dumps(result.records)
     assert 'NaN' not in document
 
 
-def test_what_is_not_as_good_as_published_is_named():
-    table = [SheetRow('', 'noise', 2.0, 'arcsec', 6.0, published=5.0),
-             SheetRow('', 'other noise', 1.0, 'arcsec', 3.0, published=5.0),
-             SheetRow('', 'rate', 3.0, 'deg/s', published=3.0),
-             SheetRow('', 'lower rate', 2.0, 'deg/s', published=3.0),
-             SheetRow('', 'never acquired', np.inf, 's', published=3.8),
-             SheetRow('', 'not measured', np.nan, 's', published=3.8),
-             SheetRow('', 'nothing published', 9.0, 's')]
-    assert worse_than_published(table) == 'noise; lower rate; never acquired; not measured'
-    assert worse_than_published(table[1:3]) == 'none'
+def test_the_page_is_readable_on_phone_and_screen(page, sheet_and_result):
+    assert_readable(page, sheet_and_result[0])
+
+
+def test_a_figure_at_several_rates_is_one_line():
+    table = [SheetRow('Error', 'noise, 0 deg/s, cross boresight', 2.0, 'arcsec', 6.0),
+             SheetRow('Error', 'noise, 0.3 deg/s, cross boresight', 2.5, 'arcsec', 7.5),
+             SheetRow('Error', 'noise, 0 deg/s, about boresight', 20.0, 'arcsec', 60.0),
+             SheetRow('Speed', 'update rate', 1234.5, 'Hz')]
+    assert records(table) == [
+        {'figure': 'noise, cross boresight', 'unit': 'arcsec', 'at rest': '2',
+         '0.3 deg/s': '2.5'},
+        {'figure': 'noise, about boresight', 'unit': 'arcsec', 'at rest': '20', '0.3 deg/s': '-'},
+        {'figure': 'update rate', 'unit': 'Hz', 'at rest': '1234', '0.3 deg/s': '-'}]
+    assert rates_of(lines_of(table)) == [None, 0.0, 0.3]
 
 
 @pytest.mark.parametrize(('text', 'words'), [

@@ -4,6 +4,7 @@ from html.parser import HTMLParser
 import json
 from pathlib import Path
 import re
+import shutil
 
 from browser import Page
 from click.testing import CliRunner, Result
@@ -12,6 +13,7 @@ import pytest
 from run_bag import write_run
 from startracker_ros.__main__ import main
 from startracker_ros.io.recordings.loading import load_recording
+from startracker_ros.io.recordings.recording import Recording
 from startracker_ros.tools.report.page import json_block, write_report
 from startracker_ros.tools.report.panels import Panels
 
@@ -91,7 +93,14 @@ def test_page_renders_without_an_error(page: Page, report: Path, width: int, hei
     for name in SECTIONS:
         assert page.count(f'#section-{name} .missing') == 0, page.text(f'#section-{name}')
     assert page.count('#error-x path.band') == page.count('#error-z path.dots') == 1
+    # The keys of a band and of the dots in it differ.
+    assert page.count('#error-x .swatch.band') == page.count('#error-x .swatch.dots') == 1
     assert page.count('#states rect.state') == 6
+    assert page.count('.mark-name') > 10
+    assert page.evaluate("""[...document.querySelectorAll('.mark-name')].every((name) => {
+        const [box, shown] = [name.getBBox(), name.ownerSVGElement.viewBox.baseVal];
+        return box.x >= 0 && box.x + box.width <= shown.width && box.y >= 0;
+    })""")
     assert page.count('#histogram-2 rect.bar') == 31
     assert page.count('#sky circle.used') > 10
     assert page.count('.frame circle.known') > 10
@@ -110,6 +119,33 @@ def wide(page: Page, report: Path) -> Page:
     page.problems.clear()
     page.load(report)
     return page
+
+
+def test_a_run_with_few_attitudes_does_not_look_like_a_good_one(
+        page: Page, report: Path, tmp_path: Path) -> None:
+    kidnapped = Path(__file__).parents[3] / 'bags' / 'kidnapped'
+    write_report(kidnapped, tmp_path / 'bag.html')
+    for path, low in ((report, 0), (tmp_path / 'bag.html', 1)):
+        page.load(path)
+        assert page.count('.figures .low') == low
+
+
+def test_one_spike_does_not_flatten_the_latency(run: Path, monkeypatch: pytest.MonkeyPatch
+                                                ) -> None:
+    panels = Panels(load_recording(run))
+    assert panels.latency()[0]['range'] is None
+    spent = np.full(100, 20.0)
+    spent[50] = 900.0
+    monkeypatch.setattr(Recording, 'stage_ms', lambda *_: (panels.frame_ns[:1].repeat(100), spent))
+    assert panels.latency()[0]['range'] == [0.0, 50.0]
+    assert panels.latency_rows()[0][-1] == 900.0
+
+
+def test_a_bag_that_is_called_bag_has_the_name_of_its_folder(run: Path, tmp_path: Path) -> None:
+    (tmp_path / 'demo').mkdir()
+    shutil.copytree(run, tmp_path / 'demo' / 'bag')
+    write_report(tmp_path / 'demo' / 'bag', tmp_path / 'report.html')
+    assert '<title>Star tracker: demo/bag</title>' in (tmp_path / 'report.html').read_text()
 
 
 def test_one_cursor_links_all_figures(wide: Page, run: Path) -> None:
@@ -289,8 +325,12 @@ def test_the_command(run: Path, tmp_path: Path) -> None:
         return CliRunner().invoke(main, ['report', *arguments])
     done = call(str(run), '-o', str(tmp_path / 'report.html'), '--json')
     assert done.exit_code == 0, done.output
-    rows = {row['case']: row['ours'] for row in json.loads(done.stdout)['rows']}
+    found = json.loads(done.stdout)['rows']
+    rows = {row['case']: row['ours'] for row in found}
     assert rows['frames'] == '60' and rows['image to attitude, p50 / p95'] == '19.0 / 19.0 ms'
+    numbers = {row['case']: (row['value'], row['unit'], row['p95']) for row in found}
+    assert numbers['frames'] == (60, '', None)
+    assert numbers['image to attitude, p50 / p95'] == (pytest.approx(19), 'ms', pytest.approx(19))
     assert (tmp_path / 'report.html').read_text().startswith('<!DOCTYPE html>')
     for arguments, words in (([str(tmp_path / 'none')], 'does not exist'),
                              ([str(run), '-o', str(tmp_path / 'a' / 'b')], 'No such file'),

@@ -7,6 +7,7 @@ import fcntl
 import json
 import os
 from pathlib import Path
+import re
 import select
 import shutil
 import subprocess
@@ -149,6 +150,29 @@ class Page:
             url = parameters['request']['url']
             if not url.startswith(('file:', 'data:', 'about:')):
                 self.problems.append(f'request: {url}')
+
+
+def assert_readable(page: Page, path: Path) -> None:
+    """Assert that a page is whole on phone and screen, light and dark, without a message."""
+    for width, phone in ((390, True), (1400, False)):
+        for dark in (False, True):
+            page.problems.clear()
+            page.resize(width, 844, phone=phone, dark=dark)
+            page.load(path)
+            assert page.problems == []
+            assert page.evaluate('document.documentElement.scrollWidth') <= width
+            assert page.evaluate("""Math.min(...[...document.querySelectorAll('p, td, th, dd')]
+                .map((element) => parseFloat(getComputedStyle(element).fontSize)))""") >= 11
+            background = page.evaluate('getComputedStyle(document.body).backgroundColor')
+            assert (sum(map(int, re.findall(r'\d+', background)[:3])) < 150) == dark
+            # What is wider than the screen can be scrolled, and pictures are never wider.
+            assert page.evaluate("""[...document.querySelectorAll('img, section, .scroll, h1')]
+                .every((element) => {
+                  const box = element.getBoundingClientRect();
+                  return box.left >= 0 && box.right <= innerWidth + 0.5;
+                })""")
+            assert page.evaluate("""[...document.querySelectorAll('img')].every((image) =>
+                image.complete && image.naturalWidth > 0)""")
 
 
 def find_chromium() -> str | None:

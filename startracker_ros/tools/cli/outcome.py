@@ -1,0 +1,136 @@
+"""
+How a command ends: its exit status, and what it says of an error.
+
+0: done. 1: the work failed; one line on stderr. 2: wrong use; usage and one line. 130: ended by
+Ctrl-C. 141: nobody reads its output any more. With --json an error is a document as well.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import json
+import os
+from pathlib import Path
+import sys
+from typing import Any
+
+import click
+from startracker_ros.core.extras import MissingLibraryError, with_ros
+
+FAILED, INTERRUPTED, BROKEN_PIPE = 1, 130, 141
+
+
+class FailedError(click.ClickException):
+    """The work failed; the text says why."""
+
+    exit_code = FAILED
+
+    def show(self, file: Any = None) -> None:
+        click.echo(f'startracker: {self.message}', file=file, err=True)
+
+
+class _NoReaderError(Exception):
+    """Nobody reads the output any more."""
+
+
+class Commands(click.Group):
+    """A group of commands, each listed with the whole of its first sentence."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        named = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        rows = [(name, command.get_short_help_str(limit=10 ** 6))
+                for name, command in named if command is not None and not command.hidden]
+        with formatter.section('Commands'):
+            formatter.write_dl(rows)
+
+
+class Main(Commands):
+    """The group of all commands, where every one of them ends."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            with with_ros():
+                return super().invoke(ctx)
+        except BrokenPipeError as error:
+            # click would end with status 1.
+            raise _NoReaderError from error
+
+    def main(self, args: Sequence[str] | None = None, prog_name: str | None = None,
+             complete_var: str | None = None, standalone_mode: bool = True,
+             windows_expand_args: bool = True, **extra: Any) -> Any:
+        words = sys.argv[1:] if args is None else [*args]
+        if not standalone_mode:
+            return super().main(words, prog_name, complete_var, standalone_mode=False,
+                                windows_expand_args=windows_expand_args, **extra)
+        try:
+            try:
+                status = super().main(words, prog_name, complete_var, standalone_mode=False,
+                                      windows_expand_args=windows_expand_args, **extra)
+            finally:
+                # Here, where a reader that has left is no error.
+                sys.stdout.flush()
+        except (BrokenPipeError, _NoReaderError):
+            # The interpreter flushes once more when it ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            sys.exit(BROKEN_PIPE)
+        except click.Abort:
+            _interrupted()
+        except SystemError as error:
+            # Compiled code that Ctrl-C interrupts.
+            if not isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):
+                raise
+            _interrupted()
+        except (click.ClickException, MissingLibraryError, OSError) as error:
+            self._fail(error if isinstance(error, click.ClickException) else
+                       FailedError(_text(error)), words)
+        sys.exit(status if isinstance(status, int) else 0)
+
+    def _fail(self, error: click.ClickException, words: Sequence[str]) -> None:
+        error.show()
+        if '--json' in words:
+            print(json.dumps({
+                'name': self._name_of(words), 'conditions': {}, 'rows': [],
+                'error': error.format_message(), 'status': error.exit_code}))
+        sys.exit(error.exit_code)
+
+    def _name_of(self, words: Sequence[str]) -> str:
+        """Return the name of the command that was called, as `campaign jpdaf`."""
+        command: click.Command = self
+        names = []
+        for word in words:
+            if isinstance(command, click.Group) and word in command.commands:
+                command = command.commands[word]
+                names.append(word)
+        return ' '.join(names)
+
+
+def _interrupted() -> None:
+    click.echo('startracker: stopped', err=True)
+    sys.exit(INTERRUPTED)
+
+
+def _text(error: Exception, output: Path | None = None) -> str:
+    """Return an error in a line; one of the system names its file, or else the output."""
+    if isinstance(error, OSError) and type(error).__str__ is OSError.__str__ and error.strerror:
+        name = error.filename or output
+        return f'{name}: {error.strerror}' if name else error.strerror
+    return str(error)
+
+
+@contextmanager
+def usage_error_on(*errors: type[Exception]) -> Iterator[None]:
+    """End with status 2, wrong use, on these errors."""
+    try:
+        yield
+    except errors as error:
+        raise click.UsageError(str(error)) from error
+
+
+@contextmanager
+def exit_1_on(*errors: type[Exception], output: Path | None = None) -> Iterator[None]:
+    """End with status 1 on these errors, and on errors of the system while writing output."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except errors + (OSError,) as error:
+        raise FailedError(_text(error, output)) from error

@@ -1,0 +1,315 @@
+"""Every command as a stranger meets it: help, wrong files, full disks, Ctrl-C, pipes, JSON."""
+
+from contextlib import contextmanager
+import json
+import os
+from pathlib import Path
+import re
+import resource
+import signal
+import subprocess
+import sys
+
+import click
+from click.testing import CliRunner
+import cv2
+from limits import HANGS_S
+import pytest
+from startracker_ros.__main__ import main
+from startracker_ros.commands_page import PAGE, page_text
+from startracker_ros.io.workers import cluster
+
+ROOT = Path(__file__).parents[1]
+BAG = str(ROOT / 'bags' / 'slew')
+IMAGES = sorted(map(str, (ROOT / 'test' / 'data' / 'night-sky-11deg').glob('*.png')))[:3]
+SMALL_BYTES = 100
+
+
+def commands(command=main, names=()):
+    """Yield the names and the object of all commands, groups included."""
+    yield names, command
+    for name, each in getattr(command, 'commands', {}).items():
+        yield from commands(each, (*names, name))
+
+
+ALL = dict(commands())
+LEAVES = {names: command for names, command in ALL.items()
+          if not isinstance(command, click.Group)}
+# What reads files: FILE is replaced by one that is not there, is no such file, or is a folder.
+READERS = [
+    ['solve', 'FILE', '--fov-deg', '11.4'],
+    ['solve', IMAGES[0], '--camera', 'FILE'],
+    ['calibrate', 'FILE', '--fov-deg', '11.4', '-o', 'out.yaml'],
+    ['calibrate', IMAGES[0], '--camera', 'FILE', '-o', 'out.yaml'],
+    ['info', 'FILE'], ['report', 'FILE'], ['export', 'FILE'], ['play', 'FILE'],
+    ['reprocess', 'FILE'], ['reprocess', BAG, '--parameters', 'FILE'], ['compare', 'FILE', 'FILE'],
+    ['trend', 'FILE'], ['tracklets', 'FILE'], ['telemetry', 'decode', 'FILE'],
+    ['datasheet', '--camera', 'FILE'], ['datasheet', '--optics', 'FILE'],
+    ['live', '--device', 'FILE', '--seconds', '1']]
+# What writes without long work; the output is OUT.
+WRITERS = {
+    'solve --annotate': ['solve', IMAGES[0], '--fov-deg', '11.4', '--annotate', 'OUT'],
+    'solve --wcs': ['solve', IMAGES[0], '--fov-deg', '11.4', '--wcs', 'OUT'],
+    'calibrate': ['calibrate', *IMAGES, '--fov-deg', '11.4', '-o', 'OUT'],
+    'report': ['report', BAG, '-o', 'OUT'],
+    'export': ['export', BAG, '-o', 'OUT'],
+    'simulate': ['simulate', '--workers', '1', '--set', 'days=0.001', '-o', 'OUT'],
+}
+# Those that find out before long work that there is no place for their output.
+EARLY = [['datasheet', '--quick'], ['campaign', 'jpdaf'], ['campaign', 'extended-grid'],
+         ['campaign', 'two-satellite'], ['demo'], ['demo', 'heads'], ['demo', 'two-satellite'],
+         ['live', '--device', IMAGES[0]], ['record']]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Run in an empty folder, on a terminal of 80 columns."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('COLUMNS', '80')
+    return tmp_path
+
+
+def startracker(*arguments, **options):
+    """Run a command in this process; it ends with a status, not with a traceback."""
+    done = CliRunner().invoke(main, arguments, **options)
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
+    assert 'Traceback' not in done.stderr
+    return done
+
+
+def assert_failed(done, *statuses):
+    """Assert the status, and that the last line on stderr says why."""
+    assert done.exit_code in statuses, (done.exit_code, done.output)
+    line = done.stderr.rstrip().splitlines()[-1]
+    assert line.startswith(('startracker: ', 'Error: ')), done.stderr
+    assert not re.search(r'Error\(|<class|object at 0x|NoneType', line), line
+
+
+@pytest.mark.parametrize('columns', [60, 200])
+@pytest.mark.parametrize('names', ALL, ids=lambda names: ' '.join(names) or 'startracker')
+def test_help_fits_and_explains_every_option(names, columns):
+    done = startracker(*names, '--help', terminal_width=columns)
+    assert done.exit_code == 0 and done.stdout.startswith('Usage: ')
+    # Lines of an example are whole.
+    assert max(len(line) for line in done.stdout.splitlines() if 'startracker ' not in line
+               ) <= columns
+    assert '...\n' not in re.sub(r'\[ARGS\]\.\.\.|\S+\.\.\.', '', done.stdout)
+    for option in ALL[names].params:
+        if isinstance(option, click.Option):
+            assert re.sub(r'\[default.*?\]', '', option.help or '').strip(), option.opts
+
+
+@pytest.mark.parametrize('names', [names for names, command in ALL.items() if any(
+    each.required for each in command.params) or isinstance(command, click.Group) and not
+    command.invoke_without_command], ids=lambda names: ' '.join(names) or 'startracker')
+def test_without_arguments_the_usage_is_shown(names):
+    done = startracker(*names)
+    assert done.exit_code == 2 and done.stderr.startswith('Usage: ')
+
+
+def test_the_reference_of_the_commands_is_current():
+    assert (ROOT / PAGE).read_text() == page_text(), \
+        'run python -m startracker_ros.commands_page'
+
+
+def test_solve_without_arguments_shows_examples():
+    examples = startracker('solve').stderr.split('Examples:\n')[1].splitlines()
+    assert len(examples) == 3
+    assert all(line.strip().startswith('startracker solve ') for line in examples)
+    assert max(map(len, examples)) < 80
+
+
+def test_a_node_lists_its_parameters():
+    done = startracker('run', 'bag_player', '--help')
+    assert done.exit_code == 0
+    assert 'startracker run bag_player' in done.stdout and 'start_offset_s' in done.stdout
+    for node in ('star_tracker', 'star_identifier'):
+        assert f'parameters of {node}' in startracker('run', 'composed_pipeline', '-h').stdout
+
+
+def test_every_output_has_the_same_short_option():
+    for names, command in LEAVES.items():
+        for option in command.params:
+            if '--output' in option.opts:
+                assert '-o' in option.opts, names
+
+
+@pytest.mark.parametrize('kind', ['missing', 'text', 'folder'])
+@pytest.mark.parametrize('line', READERS, ids=lambda line: ' '.join(
+    Path(word).name for word in line))
+def test_a_wrong_file_is_one_line(folder, capfd, line, kind):
+    file = folder / 'in' / {'missing': 'nothing.png', 'text': 'notes.png', 'folder': 'empty'}[kind]
+    (folder / 'in' / 'empty').mkdir(parents=True)
+    (folder / 'in' / 'notes.png').write_text('notes, 42')
+    line = [str(file) if word == 'FILE' else word for word in line]
+    done = startracker(*line)
+    # Nothing of OpenCV or another library beside it.
+    assert capfd.readouterr().err == ''
+    if line[0] == 'solve' and '--camera' not in line and kind != 'folder':
+        assert done.exit_code == 1 and file.name in done.stdout
+        return
+    assert_failed(done, 1, 2)
+    assert file.name in ' '.join(done.stderr.split())
+    assert {path.name for path in folder.iterdir()} <= {'in', 'live', 'reprocessed'}
+
+
+@pytest.mark.parametrize('line', [
+    ['info', 'nothing'], ['solve'], ['solve', 'nothing', '--fov-deg', '999'], ['trend', 'nothing'],
+    ['campaign', 'nothing'], ['bench', 'pipeline', '--only', 'nothing'],
+    ['report', BAG, '-o', 'nothing/report.html']], ids=' '.join)
+def test_an_error_with_json_is_a_document(line):
+    done = startracker(*line, '--json')
+    document = json.loads(done.stdout)
+    assert document['status'] == done.exit_code > 0
+    assert document['error'] and document['rows'] == [] and document['conditions'] == {}
+    assert ' '.join(line).startswith(document['name'])
+    assert_failed(done, 1, 2)
+
+
+@contextmanager
+def small_files():
+    """Let no file grow, as on a full disk."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (SMALL_BYTES, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def content(folder):
+    return {path: path.read_bytes() for path in folder.rglob('*') if path.is_file()}
+
+
+@pytest.mark.parametrize('name', [name for name in WRITERS if name != 'simulate'])
+def test_an_output_is_whole_or_not_there(folder, name):
+    output = folder / 'out'
+    line = [str(output) if word == 'OUT' else word for word in WRITERS[name]]
+    done = startracker(*line, '--json')
+    assert done.exit_code == 0, done.output
+    document = json.loads(done.stdout)
+    assert {'name', 'conditions', 'rows'} <= set(document) and document['rows']
+    before = content(folder)
+    assert before and max(map(len, before.values())) > SMALL_BYTES
+    with small_files():
+        done = startracker(*line)
+    assert_failed(done, 1)
+    assert 'File too large' in done.stderr
+    # What was there before is, and nothing else.
+    assert content(folder) == before
+
+
+@pytest.mark.parametrize('name', WRITERS)
+def test_a_place_that_cannot_be_is_one_line(folder, name):
+    (folder / 'file').write_text('a file')
+    done = startracker(*['file/out' if word == 'OUT' else word for word in WRITERS[name]])
+    assert_failed(done, 1)
+    assert 'file/out: ' in done.stderr
+    assert content(folder) == {folder / 'file': b'a file'}
+
+
+@pytest.mark.parametrize('line', EARLY, ids=lambda line: ' '.join(
+    Path(word).name for word in line))
+def test_long_work_begins_when_there_is_a_place_for_its_output(folder, line):
+    (folder / 'file').write_text('a file')
+    done = startracker(*line, '-o', 'file/out')
+    assert_failed(done, 1)
+    assert 'file' in done.stderr
+
+
+def test_a_device_is_written_and_not_replaced():
+    done = startracker('report', BAG, '-o', '/dev/full')
+    assert_failed(done, 1)
+    assert '/dev/full: No space left on device' in done.stderr
+    assert startracker('report', BAG, '-o', '/dev/null').exit_code == 0
+    assert Path('/dev/null').is_char_device() and Path('/dev/full').is_char_device()
+
+
+@pytest.mark.parametrize('error', [KeyboardInterrupt, SystemError])
+def test_ctrl_c_is_status_130(monkeypatch, error):
+    def interrupted(*arguments, **options):
+        # As numba passes it on from compiled code.
+        raise error('returned a result with an exception set') from KeyboardInterrupt()
+    monkeypatch.setattr('startracker_ros.io.bags.info.describe', interrupted)
+    done = startracker('info', BAG)
+    assert done.exit_code == 130 and done.stdout == ''
+    assert done.stderr.split('\n')[-2] == 'startracker: stopped'
+
+
+def process(*arguments, **options):
+    return subprocess.Popen([sys.executable, '-m', 'startracker_ros', *arguments],
+                            stderr=subprocess.PIPE, text=True, env=dict(os.environ), **options)
+
+
+def test_a_process_ends_by_ctrl_c_without_a_traceback(folder):
+    os.mkfifo(folder / 'slow.png')
+    solve = process('solve', str(folder / 'slow.png'), stdout=subprocess.DEVNULL)
+    # Open as soon as solve reads it.
+    with open(folder / 'slow.png', 'wb'):
+        solve.send_signal(signal.SIGINT)
+        _, stderr = solve.communicate(timeout=HANGS_S)
+    assert solve.returncode == 130
+    assert stderr.strip() == 'startracker: stopped'
+
+
+def test_workers_leave_ctrl_c_to_the_command():
+    with cluster(1) as client:
+        pid, = client.run(os.getpid).values()
+        status = Path('/proc', str(pid), 'status').read_text()
+        assert int(re.search(r'SigBlk:\s*(\w+)', status)[1], 16) & 1 << signal.SIGINT - 1
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_a_reader_that_leaves_is_no_traceback():
+    read, write = os.pipe()
+    os.close(read)
+    listing = process('simulate', '--options', stdout=write)
+    os.close(write)
+    _, stderr = listing.communicate(timeout=HANGS_S)
+    assert listing.returncode == 141 and stderr == ''
+
+
+def test_without_colours_there_are_none(monkeypatch):
+    monkeypatch.setenv('FORCE_COLOR', '1')
+    monkeypatch.setenv('NO_COLOR', '1')
+    assert not re.search(r'\x1b\[[0-9;]*[34]\d', startracker('info', BAG).stdout)
+
+
+@pytest.mark.parametrize('line, words', [
+    (['solve', IMAGES[0], '--epoch', '20190729'], 'no Julian year'),
+    (['solve', IMAGES[0], '--fov-deg', '0.001'], 'in less than 0.3 deg'),
+    (['export', BAG, '--namespace', 'foo'], "no topic in the namespace 'foo'; it has /attitude"),
+    (['record', '-o', '.'], 'not empty')])
+def test_nonsense_is_rejected(folder, line, words):
+    (folder / 'file').touch()
+    done = startracker(*line)
+    assert_failed(done, 1, 2)
+    assert words in ' '.join(done.stderr.split())
+
+
+def test_a_capture_without_a_packet_is_a_failure(folder):
+    (folder / 'capture').write_bytes(bytes(range(256)))
+    done = startracker('telemetry', 'decode', 'capture')
+    assert_failed(done, 1)
+    assert 'not one packet' in done.stderr
+
+
+def test_an_annotated_picture_says_what_it_shows(folder):
+    (folder / 'bad.png').write_text('not an image')
+    cv2.imwrite('dark.png', cv2.imread(IMAGES[0], cv2.IMREAD_GRAYSCALE) // 255)
+    startracker('solve', IMAGES[0], 'dark.png', 'bad.png', '--fov-deg', '11.4', '--annotate', '.')
+    shown, image = cv2.imread(f'{Path(IMAGES[0]).stem}.png'), cv2.imread(IMAGES[0])
+    assert shown.shape[1] == image.shape[1] and shown.shape[0] > image.shape[0] + 40
+    # Two lines of text or more, the keys in the colours of the circles, blue first.
+    strip = shown[image.shape[0]:].reshape(-1, 3)
+    for colour in ((120, 230, 90), (60, 190, 255), (235, 235, 235)):
+        assert (abs(strip.astype(int) - colour).max(axis=1) < 30).sum() > 20
+
+
+def test_calibrate_takes_a_folder_as_solve_does(folder):
+    for path in IMAGES:
+        cv2.imwrite(str(folder / Path(path).name), cv2.imread(path, cv2.IMREAD_UNCHANGED))
+    done = startracker('calibrate', '.', '--fov-deg', '11.4', '-o', 'camera.yaml', '--json')
+    assert len(json.loads(done.stdout)['rows']) == len(IMAGES) and done.exit_code == 0
+    text = startracker('calibrate', '.', '--fov-deg', '11.4', '-o', 'camera.yaml').stdout
+    assert re.search(r'focal: \d+\.\d+ px$', text, re.MULTILINE)
