@@ -5,6 +5,7 @@ import configparser
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
+import json
 from pathlib import Path
 import re
 import runpy
@@ -88,6 +89,19 @@ def test_commands_on_the_photographs_run(text, sky_data, tmp_path, monkeypatch):
     done = CliRunner().invoke(main, [*words, *files])
     assert files and done.exit_code == 0, done.output
     assert ('camera.yaml' in words) == (tmp_path / 'camera.yaml').exists()
+
+
+@pytest.mark.slow
+def test_photographs_of_the_readme_are_solved_as_printed(sky_data):
+    printed = [[cell.strip() for cell in line.strip('│').split('│')]
+               for line in DOCUMENTS['README.md'].splitlines() if line.startswith('│ 2019-')]
+    files = [str(sky_data / 'night-sky-11deg' / cells[0]) for cells in printed]
+    done = CliRunner().invoke(main, ['solve', '--fov-deg', '11.4', '--epoch', '2019.57', '--json',
+                                     *files])
+    for cells, row in zip(printed, json.loads(done.stdout)['rows'], strict=True):
+        assert cells[1] == 'yes' and row['solved']
+        for cell, name in zip(cells[2:], ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg')):
+            assert float(cell) == pytest.approx(row[name], abs=2e-4), (cells[0], name)
 
 
 def test_modules_nodes_and_targets_named_in_documents_exist():
