@@ -1,6 +1,7 @@
 """One rotation moves all stars: one filter of attitude and rate, updated by all of them."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +11,12 @@ from startracker_ros.core.attitude.gyro import Gyro
 from startracker_ros.core.attitude.result import pointing_covariance
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
-from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import correct, Correction
+from startracker_ros.core.track.exposure_shift import ExposureShift
 from startracker_ros.core.track.followed_stars import followed, Measured
 from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
@@ -88,9 +90,13 @@ class AttitudeModel(StarModel):
         self._scale = _ErrorScale(frame.scale)
         self._lens_error = LensError(self._camera)
         self._stamp_jitter = StampJitter()
+        self._exposure_shift, self._exposure_s = ExposureShift(), UNKNOWN_EXPOSURE
+        if start.cross.any():
+            self._exposure_shift.start(frame.stamp_ns, frame.attitude.quaternion, start.rate)
         self._mean_innovation = np.zeros(3)
         self._level, self._manoeuvre_frames = 1.0, 0
-        self._measured: tuple[AttitudeState, AttitudeState, np.ndarray] | None = None
+        self._measured: AttitudeEstimate | None = None
+        self._uv = np.empty((0, 2))
 
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
@@ -98,6 +104,7 @@ class AttitudeModel(StarModel):
         dark = self.is_dark(frame)
         icrf = self._sky.direction(self.bank.star_index)
         uv = np.ascontiguousarray(frame.uv)
+        repeated, self._uv = np.array_equal(uv, self._uv), uv
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
         error_px2 = self.error_px2(frame)
         error = self._scale.value ** 2 * error_px2
@@ -115,7 +122,7 @@ class AttitudeModel(StarModel):
             mean = self._mean_innovation + MEMORY * (
                 correction.innovation - self._mean_innovation)
             if (fit is None or nominal is None and mean @ mean > MEAN_NIS_GATE
-                    or hypothesis.level > 1 and self._is_old(hypothesis.state, correction.state)):
+                    or repeated and self._is_old(hypothesis.state, correction.state)):
                 nominal = nominal or (hypothesis, correction)
                 if dark:
                     break
@@ -127,8 +134,9 @@ class AttitudeModel(StarModel):
                 self._mean_innovation = mean
                 self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
             before_ns = self._state.stamp_ns
-            self._measured = predicted, measured, common
             self._stamp_jitter.add(self._state, predicted, correction.state, measured)
+            self._measure(predicted, measured, common)
+            self._exposure_s = frame.exposure_s
             self._set_state(correction.state, hypothesis.uses_gyro)
             seen, residuals = self._follow(correction, icrf, Measured(
                 uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
@@ -141,6 +149,7 @@ class AttitudeModel(StarModel):
         # Propagate without an update: every star counts as missed.
         hypothesis, correction = nominal
         self._stamp_jitter.interrupt()
+        self._exposure_shift.interrupt()
         self._set_state(hypothesis.state, hypothesis.uses_gyro)
         count = len(correction.predicted)
         self._follow(correction._replace(probability=np.ones((count, 1)),
@@ -172,9 +181,9 @@ class AttitudeModel(StarModel):
 
     def _is_old(self, predicted: AttitudeState, corrected: AttitudeState) -> bool:
         """
-        Return whether the stars stand where they stood in the frame before, though they moved.
+        Return whether the stars of equal centroids should have moved: the image is an old one.
 
-        No acceleration stops a body so exactly between two frames: the image is an old one.
+        Two images of stars that stand still, as at the turning points of a sway, differ by noise.
         """
         before = self._state
         information = np.linalg.inv(before.covariance[:3, :3] + corrected.covariance[:3, :3])
@@ -244,14 +253,28 @@ class AttitudeModel(StarModel):
 
     @property
     def measured_attitude(self) -> AttitudeEstimate | None:
-        if self._measured is None:
-            return None
-        predicted, corrected, common = self._measured
+        return self._measured
+
+    def with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
+        """Return also what the acceleration within the exposure turns the stars by, taken out."""
+        estimate = super().with_systematic_errors(estimate)
+        turn, covariance = self._exposure_shift.shift(
+            self._exposure_s, self._state.rate, self._camera.fx)
+        return replace(estimate, quaternion=turned(estimate.quaternion, -turn),
+                       covariance_sensor=estimate.covariance_sensor + covariance)
+
+    def _measure(self, predicted: AttitudeState, corrected: AttitudeState, common: np.ndarray
+                 ) -> None:
+        """Set the attitude that the stars of the frame measure, beside what was predicted."""
         adds, turn, covariance = measured_turn(predicted, corrected)
         if not adds:
-            return None
-        return AttitudeEstimate(turned(predicted.quaternion, turn), covariance + common, 0,
-                                np.empty(0), 0.0)
+            self._measured = None
+            self._exposure_shift.interrupt()
+            return
+        self._measured = AttitudeEstimate(
+            turned(predicted.quaternion, turn), covariance + common, 0, np.empty(0), 0.0)
+        self._exposure_shift.add(corrected.stamp_ns, self._measured.quaternion,
+                                 np.diag(self._measured.covariance_sensor))
 
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state
