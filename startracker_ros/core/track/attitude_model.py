@@ -12,11 +12,12 @@ from startracker_ros.core.attitude.result import pointing_covariance
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
+from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import attitude_error
+from startracker_ros.core.track.acceleration import AngularAcceleration
 from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import correct, Correction
-from startracker_ros.core.track.exposure_shift import ExposureShift
 from startracker_ros.core.track.followed_stars import followed, Measured
 from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
@@ -90,9 +91,9 @@ class AttitudeModel(StarModel):
         self._scale = _ErrorScale(frame.scale)
         self._lens_error = LensError(self._camera)
         self._stamp_jitter = StampJitter()
-        self._exposure_shift, self._exposure_s = ExposureShift(), UNKNOWN_EXPOSURE
+        self._acceleration, self._exposure_s = AngularAcceleration(), UNKNOWN_EXPOSURE
         if start.cross.any():
-            self._exposure_shift.start(frame.stamp_ns, frame.attitude.quaternion, start.rate)
+            self._acceleration.start(frame.stamp_ns, frame.attitude.quaternion, start.rate)
         self._mean_innovation = np.zeros(3)
         self._level, self._manoeuvre_frames = 1.0, 0
         self._measured: AttitudeEstimate | None = None
@@ -135,7 +136,8 @@ class AttitudeModel(StarModel):
                 self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
             before_ns = self._state.stamp_ns
             self._stamp_jitter.add(self._state, predicted, correction.state, measured)
-            self._measure(predicted, measured, common)
+            self._measure(predicted, measured, common,
+                          None if nominal is None else nominal[0].state)
             self._exposure_s = frame.exposure_s
             self._set_state(correction.state, hypothesis.uses_gyro)
             seen, residuals = self._follow(correction, icrf, Measured(
@@ -149,7 +151,7 @@ class AttitudeModel(StarModel):
         # Propagate without an update: every star counts as missed.
         hypothesis, correction = nominal
         self._stamp_jitter.interrupt()
-        self._exposure_shift.interrupt()
+        self._acceleration.interrupt()
         self._set_state(hypothesis.state, hypothesis.uses_gyro)
         count = len(correction.predicted)
         self._follow(correction._replace(probability=np.ones((count, 1)),
@@ -171,13 +173,21 @@ class AttitudeModel(StarModel):
             yield _Hypothesis(True, MANOEUVRES[0],
                               gyro.propagate(state.inflated(MANOEUVRES[0]), stamp_ns))
         else:
-            yield _Hypothesis(False, level, state.propagated_at_constant_rate(
-                stamp_ns, level ** 2 * density, gyro.drift_density))
+            yield _Hypothesis(False, level, self._propagated(
+                state, stamp_ns, level ** 2 * density))
         for factor in MANOEUVRES:
             if with_gyro or factor >= level:
-                yield _Hypothesis(False, factor, state.inflated(
-                    factor).propagated_at_constant_rate(
-                    stamp_ns, factor ** 2 * density, gyro.drift_density))
+                yield _Hypothesis(False, factor, self._propagated(
+                    state.inflated(factor), stamp_ns, factor ** 2 * density))
+
+    def _propagated(self, state: AttitudeState, stamp_ns: int, density: np.ndarray
+                    ) -> AttitudeState:
+        """Return the state at a time, at the acceleration that the frames before have shown."""
+        dt_s = (stamp_ns - state.stamp_ns) * 1e-9
+        change = self._acceleration.value * dt_s / 2
+        after = state._replace(rate=state.rate + change).propagated_at_constant_rate(
+            stamp_ns, density + self._acceleration.process * dt_s, self._gyro.drift_density)
+        return after._replace(rate=after.rate + change)
 
     def _is_old(self, predicted: AttitudeState, corrected: AttitudeState) -> bool:
         """
@@ -258,23 +268,26 @@ class AttitudeModel(StarModel):
     def with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
         """Return also what the acceleration within the exposure turns the stars by, taken out."""
         estimate = super().with_systematic_errors(estimate)
-        turn, covariance = self._exposure_shift.shift(
+        turn, covariance = self._acceleration.shift(
             self._exposure_s, self._state.rate, self._camera.fx)
         return replace(estimate, quaternion=turned(estimate.quaternion, -turn),
                        covariance_sensor=estimate.covariance_sensor + covariance)
 
-    def _measure(self, predicted: AttitudeState, corrected: AttitudeState, common: np.ndarray
-                 ) -> None:
+    def _measure(self, predicted: AttitudeState, corrected: AttitudeState, common: np.ndarray,
+                 contradicted: AttitudeState | None) -> None:
         """Set the attitude that the stars of the frame measure, beside what was predicted."""
         adds, turn, covariance = measured_turn(predicted, corrected)
         if not adds:
             self._measured = None
-            self._exposure_shift.interrupt()
+            self._acceleration.interrupt()
             return
         self._measured = AttitudeEstimate(
             turned(predicted.quaternion, turn), covariance + common, 0, np.empty(0), 0.0)
-        self._exposure_shift.add(corrected.stamp_ns, self._measured.quaternion,
-                                 np.diag(self._measured.covariance_sensor))
+        self._acceleration.add(
+            corrected.stamp_ns, self._measured.quaternion,
+            np.diag(self._measured.covariance_sensor),
+            None if contradicted is None else rotation_between(
+                contradicted.quaternion, self._measured.quaternion))
 
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state
