@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
 from startracker_ros.core.centroid.extraction import (
     CentroidExtractor, Extraction, ExtractionOptions)
 from startracker_ros.core.centroid.prediction import PredictedCentroids
@@ -24,6 +24,8 @@ REPEATED_PX = 0.5  # motion from which on an equal image is that of the frame be
 MAX_ASTRAY, MAX_ASTRAY_PX = 0.5, 2.0  # of a streak, across the motion of the stars
 MAX_EXPOSURE = 1.2  # of the interval between images, with the error of its estimate
 IMAGES_TO_ACQUIRE = 2  # a star tracker needs the identifications of two
+EXPOSURE_DOUBT = 0.06  # of an exposure that streaks show
+POINT_PX = 4.0  # a longer streak is none that is seen as a point
 FASTER = 2.0  # times the speed at which stars were points: they may be streaks
 
 
@@ -129,10 +131,26 @@ class ExtractionStage:
     def extract(self, stamp_ns: int, image: np.ndarray,
                 predicted: PredictedCentroids | None = None, lost: bool = True) -> Extraction:
         """
-        Return the stars of image (H, W) uint8 or uint16 of a time.
+        Return the stars of image (H, W) uint8 or uint16 of a time, and its exposure.
 
         Without lost, that there is no prediction does not mean that no star tracker tracks.
         """
+        extraction = self._extract(stamp_ns, image, predicted, lost)
+        return replace(extraction, centroids=replace(
+            extraction.centroids, exposure_s=self.exposure_s))
+
+    @property
+    def exposure_s(self) -> tuple[float, float]:
+        """Return the least and the largest exposure by the streaks and points seen so far."""
+        if self._exposure_s:
+            return (1 - EXPOSURE_DOUBT) * self._exposure_s, (1 + EXPOSURE_DOUBT) * self._exposure_s
+        if self._point_speed_px_s:
+            return 0.0, POINT_PX / self._point_speed_px_s
+        return UNKNOWN_EXPOSURE
+
+    def _extract(self, stamp_ns: int, image: np.ndarray, predicted: PredictedCentroids | None,
+                 lost: bool) -> Extraction:
+        """Return what extract() does, without the exposure."""
         first, last = self._stale_rows.find(image)
         repeated = last - first == len(image) - 1
         interval_s, self._stamp_ns = (stamp_ns - self._stamp_ns) * 1e-9, stamp_ns

@@ -38,9 +38,15 @@ MANOEUVRE_FRAMES = 10
 # More than NIS_GATE is a manoeuvre, or a wrong gyro. A false alarm inflates a covariance that took
 # a long steady turn to shrink.
 MEMORY = 0.2
-MEAN_NIS_GATE = NIS_GATE * MEMORY / (2 - MEMORY)
+MEAN_VARIANCE = MEMORY / (2 - MEMORY)
+MEAN_NIS_GATE = NIS_GATE * MEAN_VARIANCE
 """The same gate for the exponential mean of the innovations, in which the newest has the weight
 MEMORY: it detects a manoeuvre too slow for the gate of one frame."""
+
+RAISED_FROM, RAISED_TENFOLD = 4.0, 8.0
+"""Normalised square of that mean from which on the acceleration that is allowed is raised, and by
+how much more for a factor of 10: a lag of the filter shows long before the gate. In a steady turn
+one frame in twenty has more than twice RAISED_FROM."""
 
 GYRO_SILENCE_S = 1.0
 """Age of the newest gyro rate from which on the rate is that of the stars alone."""
@@ -95,7 +101,8 @@ class AttitudeModel(StarModel):
         if start.cross.any():
             self._acceleration.start(frame.stamp_ns, frame.attitude.quaternion, start.rate)
         self._mean_innovation = np.zeros(3)
-        self._level, self._manoeuvre_frames = 1.0, 0
+        # Whether the body accelerates is not known of the first frames.
+        self._level, self._manoeuvre_frames = MANOEUVRES[0], MANOEUVRE_FRAMES
         self._measured: AttitudeEstimate | None = None
         self._uv = np.empty((0, 2))
 
@@ -174,11 +181,16 @@ class AttitudeModel(StarModel):
                               gyro.propagate(state.inflated(MANOEUVRES[0]), stamp_ns))
         else:
             yield _Hypothesis(False, level, self._propagated(
-                state, stamp_ns, level ** 2 * density))
+                state, stamp_ns, max(level, self._raised()) ** 2 * density))
         for factor in MANOEUVRES:
             if with_gyro or factor >= level:
                 yield _Hypothesis(False, factor, self._propagated(
                     state.inflated(factor), stamp_ns, factor ** 2 * density))
+
+    def _raised(self) -> float:
+        """Return the factor of the acceleration by a lag that the innovations show."""
+        lag = float(self._mean_innovation @ self._mean_innovation) / MEAN_VARIANCE
+        return 10.0 ** min(max((lag - RAISED_FROM) / RAISED_TENFOLD, 0.0), 1.5)
 
     def _propagated(self, state: AttitudeState, stamp_ns: int, density: np.ndarray
                     ) -> AttitudeState:
