@@ -39,10 +39,14 @@ STREAK_PX = 15.0
 STREAK_DOUBT = 0.25  # of the acceleration along streaks: bright stars show it in another way
 LEAST_WEIGHT = 5.0  # frames from which on a jump is told from a motion that has begun
 JUMP_FRAMES = 5  # after a jump, in which there is no other one
+UNSTEADY = 0.15
+"""Of what the body moves by from frame to frame and no frames before show, as of a vibration: the
+fit of a star whose light that spreads within the exposure is off by as much, 1 sigma."""
+
 PEAK_MEMORY, PEAK_SIGMAS = 0.97, 6.0
 """What was wrong once in an error of the prediction may be again: it is so many sigma."""
 
-JUMP_DOUBT = 0.5  # of the innovation by a jump of the rate, 1 sigma
+JUMP_DOUBT = 0.3  # of the innovation by a jump of the rate, 1 sigma
 
 
 class Shift(NamedTuple):
@@ -61,26 +65,25 @@ class AngularAcceleration:
     """
 
     def __init__(self) -> None:
+        self._dt_s = math.nan
+        self._weight, self._square, self._peak = 0.0, np.zeros((3, 3)), np.zeros((3, 3))
+        self._product, self._energy = 0.0, 0.0
+        self._b, self._b_sigma = 2.0, 0.0
+        self._since_jump = JUMP_FRAMES
+        self.process, self._variance, self._unsteady = np.zeros(3), np.zeros(3), np.zeros(3)
         self.interrupt()
 
     def interrupt(self) -> None:
-        """Begin anew: the frames before are no neighbours of the next one."""
+        """Begin new differences; how the body moved before is not forgotten."""
         self._attitude: tuple[int, np.ndarray] | None = None
         self._rate: np.ndarray | None = None
-        self._dt_s = math.nan
         self._recent: list[np.ndarray] = []
-        self._weight, self._square = 0.0, np.zeros((3, 3))
-        self._product, self._energy = 0.0, 0.0
-        self._b, self._b_sigma = 2.0, 0.0
-        self._way = _STEADY
-        self._jump, self._since_jump = np.zeros(3), JUMP_FRAMES
-        self._peak = np.zeros((3, 3))
-        self.value, self.process = np.zeros(3), np.zeros(3)
-        self._variance = np.zeros(3)
+        self._jump, self.value, self._way = np.zeros(3), np.zeros(3), _STEADY
+        if self._weight:
+            self._variance = self.process = self._square[_STEADY] / self._weight
 
     def start(self, stamp_ns: int, quaternion: np.ndarray, rate_rad_s: np.ndarray) -> None:
-        """Begin with the attitude (4,) of a frame and the mean rate (3,) since the one before."""
-        self.interrupt()
+        """Begin by the attitude (4,) of a frame and the mean rate (3,) since the one before."""
         self._attitude, self._rate = (stamp_ns, quaternion), rate_rad_s
 
     def add(self, stamp_ns: int, quaternion: np.ndarray, variance: np.ndarray,
@@ -153,8 +156,11 @@ class AngularAcceleration:
         self._variance = np.maximum(totals[self._way], np.maximum(
             self._peak[self._way] ** 2 - 16 * chance, 0.0) / PEAK_SIGMAS ** 2)
         self.value = self._predictions()[self._way]
-        limit = SIGNIFICANT * math.sqrt(2 / self._weight) * chance * (self._way == _STEADY)
-        self.process = np.maximum(excess - limit, 0.0) + own
+        limit = SIGNIFICANT * math.sqrt(2 / self._weight) * chance
+        significant = np.maximum(excess - limit, 0.0)
+        self.process = significant if self._way == _STEADY else np.maximum(excess, 0.0) + own
+        self._unsteady = significant * np.minimum(
+            significant * self._weight / np.maximum(self._square[_STEADY], 1e-300), 1.0)
 
     def shift(self, exposure_s: tuple[float, float], rate: np.ndarray, focal_px: float) -> Shift:
         """
@@ -175,7 +181,9 @@ class AngularAcceleration:
         long = 1 / (1 + (STREAK_PX / max(length_px, 1e-9)) ** 2)
         seen = self.value + long * along
         uncertain = (STREAK_DOUBT * min(length_px / 4, 1.0) + long) * mean * along
-        return Shift(mean * seen, np.diag((mean ** 2 + doubt ** 2) * self._variance)
+        unsteady_s4 = UNSTEADY ** 2 * most * self._dt_s ** 3
+        return Shift(mean * seen, np.diag((mean ** 2 + doubt ** 2) * self._variance
+                                          + unsteady_s4 * self._unsteady)
                      + doubt ** 2 * np.outer(seen, seen) + np.outer(uncertain, uncertain)
                      + JUMP_DOUBT ** 2 * most / self._dt_s * np.outer(self._jump, self._jump))
 
