@@ -118,7 +118,8 @@ class StarTracker:
         return FrameResult(
             stamp_ns, centroids, frame.identification, frame.tracks,
             Attitude(stamp_ns, estimate.quaternion, estimate.covariance_sensor,
-                     tracked.rate_rad_s, tracked.rate_covariance, self._acceleration_rad_s2),
+                     tracked.rate_rad_s, tracked.rate_covariance, self._acceleration_rad_s2,
+                     frame.trusted.protection_rad),
             frame.state, '')
 
 

@@ -11,7 +11,7 @@ NODES = {
     'centroid_extractor': ('extraction', 'search'),
     'star_identifier': ('identification', 'check', 'gyro', 'band'),
     'star_tracker': ('tracker', 'gyro', 'aberration', 'band'),
-    'attitude_estimator': ('validation', 'aberration')}
+    'attitude_estimator': ('validation', 'protection', 'aberration')}
 """The stages of the pipeline that each node has the options of."""
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from startracker_ros.core.astro.observer_motion import AberrationOptions, ObserverMotion
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
+from startracker_ros.core.attitude.protection import ProtectionOptions
 from startracker_ros.core.attitude.validation import TrustedAttitude, ValidationOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
@@ -40,6 +41,7 @@ class PipelineOptions:
     tracker: TrackerOptions = TrackerOptions()
     gyro: GyroErrorOptions = GyroErrorOptions()
     validation: ValidationOptions = ValidationOptions()
+    protection: ProtectionOptions = ProtectionOptions()
     aberration: AberrationOptions = AberrationOptions()
     band: BandOptions = BandOptions()
 
@@ -79,7 +81,8 @@ class Pipeline:
             camera, epoch_year, options.tracker, options.gyro, self.motion, options.band)
         self.attitude = AttitudeStage(
             camera, epoch_year, options.validation, self.motion,
-            self.tracker.sky if _tracks_all_stars(camera, options) else None)
+            self.tracker.sky if _tracks_all_stars(camera, options) else None,
+            options.protection)
 
     def reset(self) -> None:
         """Forget all state: lost, as after the start."""

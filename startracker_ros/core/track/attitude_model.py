@@ -48,6 +48,9 @@ RAISED_FROM, RAISED_TENFOLD = 4.0, 8.0
 how much more for a factor of 10: a lag of the filter shows long before the gate. In a steady turn
 one frame in twenty has more than twice RAISED_FROM."""
 
+DIVERGED_SIGMAS, DIVERGED_FRAMES = 20.0, 5
+"""Innovation by stars that agree, in so many frames in a row, of a filter that has diverged."""
+
 GYRO_SILENCE_S = 1.0
 """Age of the newest gyro rate from which on the rate is that of the stars alone."""
 
@@ -79,7 +82,7 @@ class AttitudeModel(StarModel):
         self._gyro = gyro
         across, roll = options.acceleration_deg_s2, options.roll_acceleration_deg_s2
         self._acceleration_rad_s2 = np.radians([across, across, roll])
-        self.gyro_trouble = ''
+        self.gyro_trouble = self.failure = ''
         # Its figures are read before the first start.
         self._stamp_jitter = StampJitter()
 
@@ -93,7 +96,7 @@ class AttitudeModel(StarModel):
             frame.stamp_ns, frame.attitude.quaternion, start.rate, np.zeros(3), covariance
         ).with_new_drift(self._gyro.drift_sigma_rad_s)
         self.uses_gyro = False
-        self._gyro_agreed = 0
+        self._gyro_agreed = self._diverged = 0
         self._scale = _ErrorScale(frame.scale)
         self._lens_error = LensError(self._camera)
         self._stamp_jitter = StampJitter()
@@ -151,6 +154,8 @@ class AttitudeModel(StarModel):
                 uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
             self._lens_error.add(seen, residuals)
             self._scale.add(correction.typical)
+            self._diverged = 0
+            self._check_covariance()
             if not self.uses_gyro:
                 self._compare_gyro(before_ns, hypothesis.level)
             return FrameUpdate(True, fit, correction.unassociated, residuals)
@@ -163,14 +168,38 @@ class AttitudeModel(StarModel):
         count = len(correction.predicted)
         self._follow(correction._replace(probability=np.ones((count, 1)),
                                          distance=np.full(count, np.inf)), icrf, _NOTHING)
+        beyond = float(np.linalg.norm(correction.innovation))
+        self._diverged = self._diverged + 1 if beyond > DIVERGED_SIGMAS else 0
+        if self._diverged >= DIVERGED_FRAMES:
+            self.failure = (f'the filter has diverged: {self._diverged} frames in a row with '
+                            f'innovations beyond {DIVERGED_SIGMAS:g} sigma, the last of '
+                            f'{beyond:.0f}')
+        if dark and hypothesis.uses_gyro and self._is_saturated(stamp_ns):
+            self.failure = ('imu reaches gyro_range_deg_s while there are no stars: the attitude '
+                            'is not known')
+        self._check_covariance()
         return FrameUpdate(False, None, correction.unassociated)
+
+    def _check_covariance(self) -> None:
+        """Set the failure of a state whose covariance is none."""
+        covariance = self._state.covariance[:6, :6]
+        if not (np.isfinite(covariance).all() and np.linalg.eigvalsh(covariance)[0] > 0):
+            self.failure = ('the covariance of the filter is not positive definite, its diagonal '
+                            f'is {np.diag(covariance).tolist()}')
+
+    def _is_saturated(self, stamp_ns: int) -> bool:
+        """Return whether the gyro reached its range within GYRO_SILENCE_S before a time."""
+        saturated_ns = self._gyro.saturated_ns
+        return (saturated_ns is not None
+                and 0 <= stamp_ns - saturated_ns <= GYRO_SILENCE_S * 1e9)
 
     def _hypotheses(self, stamp_ns: int, dark: bool) -> Iterator[_Hypothesis]:
         """Yield the nominal prediction, then those of manoeuvres."""
         state, gyro = self._state, self._gyro
         density = self._acceleration_rad_s2 ** 2 * (stamp_ns - state.stamp_ns) * 1e-9
         level = self._level if self._manoeuvre_frames else 1.0
-        with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S
+        with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S and (
+            dark or not self._is_saturated(stamp_ns))
         if with_gyro:
             # In a dark frame or a manoeuvre no assumption about the acceleration holds.
             if dark or level > 1:
@@ -316,6 +345,11 @@ class AttitudeModel(StarModel):
         A wrong unit, axis or sign gives rates that would lose the stars.
         """
         state, gyro = self._state, self._gyro
+        if self._is_saturated(state.stamp_ns):
+            self._gyro_agreed = 0
+            self.gyro_trouble = ('imu reaches gyro_range_deg_s: its rates are not used while the '
+                                 'true ones may be larger')
+            return
         if gyro.silent_s(state.stamp_ns) > GYRO_SILENCE_S:
             self._gyro_agreed, self.gyro_trouble = 0, ''
             return
