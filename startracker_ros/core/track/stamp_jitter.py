@@ -13,8 +13,9 @@ along the rate as a time, and the mean of t_k t_k-1 is -4 (r + s^2), r = 1 / (w^
 standard deviation of the stamps. Changes of the rate make it zero or positive, so no manoeuvre is
 mistaken for an error of the stamps.
 
-In the first frames the stamps may err by DOUBT_S: no more than the few products so far leave room
-for. What the products show decides alone after DOUBT_FRAMES.
+In the first frames the stamps may err by DOUBT_S: no more than the size of the few products so
+far leaves room for, whatever their signs. From DOUBT_FRAMES on only what that size shows counts,
+and their signs decide alone after twice as many.
 """
 
 import math
@@ -26,6 +27,10 @@ from startracker_ros.core.track.stamp_differences import add_frame, Differences
 MEMORY = 0.95  # of the frames before
 DOUBT_S, DOUBT_FRAMES = 5e-3, 10
 """What stamps of frames that are stamped on arrival err by, on a machine that is not loaded."""
+
+MEAN_SIZE = 4.7
+"""Mean size of a product of two times in a row, over the variance of one frame: 6 (2 / pi)
+(sqrt(1 - c^2) + c asin c) of their correlation c = -2/3."""
 
 
 class StampJitter:
@@ -77,13 +82,16 @@ class StampJitter:
 
     def _doubt_s(self) -> float:
         """Return the standard deviation that the first frames do not exclude."""
-        if self._frames > DOUBT_FRAMES:
+        if self._frames > 2 * DOUBT_FRAMES:
             return 0.0
         times_s, variances_s2 = self._differences.times_s, self._differences.variances_s2
         products = np.abs(times_s[1:] * times_s[:-1])
         products = products[np.isfinite(products)]
         if not len(products):
             return DOUBT_S
+        size_s2, noise_s2 = products.mean() / MEAN_SIZE, variances_s2[-1]
+        if self._frames > DOUBT_FRAMES:
+            return min(DOUBT_S, math.sqrt(max(size_s2 - 2 * noise_s2, 0.0)))
         # n products of two normal values are on average so much too small, in one case of twenty.
         least = 1 + 20 / len(products) ** 2
-        return min(DOUBT_S, math.sqrt(least * (products.mean() / 4 + variances_s2[-1])))
+        return min(DOUBT_S, math.sqrt(least * (size_s2 + noise_s2)))

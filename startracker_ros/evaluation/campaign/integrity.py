@@ -22,6 +22,9 @@ from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.tracker import TrackerState
 from startracker_ros.evaluation.campaign.integrity_images import (
     FRAMES as IMAGE_FRAMES, IMAGE_CONDITIONS, image_runs, ImageCondition, START_FRAMES)
+from startracker_ros.evaluation.campaign.integrity_motion import (
+    FRAMES as MOTION_FRAMES, MOTION_CONDITIONS, motion_runs, MotionCondition,
+    SIGMA_PX as MOTION_SIGMA_PX)
 from startracker_ros.evaluation.campaign.integrity_tally import (
     CAMERA, EPOCH_YEAR, START_NS, STEP_NS, Tally, tally_of_frame)
 from startracker_ros.evaluation.campaign.parallel import parallel_map, split_trials
@@ -96,7 +99,9 @@ CONDITIONS = {
 NEES_BOUNDS = 2.4, 3.8
 """Bounds of the mean normalised squared error of 3 axes, of the supported conditions."""
 
-ALL_CONDITIONS: dict[str, Condition | ImageCondition] = {**CONDITIONS, **IMAGE_CONDITIONS}
+_Any = Condition | ImageCondition | MotionCondition
+
+ALL_CONDITIONS: dict[str, _Any] = {**CONDITIONS, **IMAGE_CONDITIONS, **MOTION_CONDITIONS}
 
 
 @dataclass(frozen=True)
@@ -140,6 +145,8 @@ def integrity_runs(name: str, runs: int, seed: int) -> Tally:
     """Return the tally of so many runs of one condition."""
     if name in IMAGE_CONDITIONS:
         return image_runs(name, runs, seed)
+    if name in MOTION_CONDITIONS:
+        return motion_runs(name, runs, seed)
     rng = np.random.default_rng(seed)
     return sum((_run(CONDITIONS[name], rng) for _ in range(runs)), Tally())
 
@@ -244,7 +251,7 @@ def _run(condition: Condition, rng: np.random.Generator) -> Tally:
     return tally
 
 
-def _row(name: str, condition: Condition | ImageCondition, tally: Tally) -> IntegrityRow:
+def _row(name: str, condition: _Any, tally: Tally) -> IntegrityRow:
     share = 100 * tally.available / tally.due
     needed, (low, high) = condition.needed_percent, NEES_BOUNDS
     nees = tally.nees / tally.published if tally.published else None
@@ -279,8 +286,10 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
                       f'{FRAMES} frames, or 20 where nothing can be right',
         'images': f'exposed 0.1 s where not stated; runs of {IMAGE_FRAMES} frames; hits and '
                   'spots come after 10 clean frames',
-        'published_percent': 'star lists: of all frames; images: of the frames after the two '
-                             'that a start identifies, or after the clean ones; start with '
+        'lists of motions': f'the rows "list, ...": centroids of {MOTION_SIGMA_PX:g} px in the '
+                            f'centre of the light; runs of {MOTION_FRAMES} frames',
+        'published_percent': 'star lists: of all frames; images and lists of motions: of the '
+                             'frames after the two of a start, or after the clean ones; start with '
                              f'spots: of the runs, within {START_FRAMES} frames',
         'wrong': WRONG_TEXT,
         'beyond_5_sigma': 'the same as wrong; worst_sigma is the largest error in sigma',

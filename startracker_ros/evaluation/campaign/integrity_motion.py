@@ -1,7 +1,7 @@
 """Is a covariance true whatever moves? Star lists whose places are the light of an exposure."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -89,7 +89,7 @@ _STILL = MotionCondition('sway', 0.0, 1.0)
 _SWAYS = ((1.0, 10.0), (0.2, 2.0), (0.05, 1.0), (0.002, 0.2), (0.01, 0.5), (5.0, 100.0),
           (5.0, 20.0))
 
-MOTION_CONDITIONS = {
+_CONDITIONS = {
     'no sway': _STILL,
     'no sway, exposed 0.1 s': MotionCondition('sway', 0.0, 1.0, 0.1),
     **{f'sway {size:g} deg, {period:g} s': MotionCondition('sway', size, period)
@@ -108,8 +108,11 @@ MOTION_CONDITIONS = {
     'ramps of 0.02 deg/s^2, 10 s, exposed 0.1 s': MotionCondition('ramps', 0.02, 10.0, 0.1),
     'torques of 0.2 deg/s^2, 2 s, exposed 0.1 s': MotionCondition('torques', 0.2, 2.0, 0.1),
     'torques of 0.01 deg/s^2, 1 s, exposed 0.1 s': MotionCondition('torques', 0.01, 1.0, 0.1),
-    'lists with stamps that err by 5 ms': MotionCondition('sway', 0.0, 1.0, stamp_s=5e-3),
+    'stamps that err by 5 ms': MotionCondition('sway', 0.0, 1.0, stamp_s=5e-3),
 }
+
+MOTION_CONDITIONS = {f'list, {name}': condition for name, condition in _CONDITIONS.items()}
+"""By names that those of images do not have."""
 
 
 @cache
@@ -125,9 +128,9 @@ def _sky() -> OnboardCatalog:
     return onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, MAGNITUDE_LIMIT)
 
 
-def motion_runs(condition: MotionCondition, runs: int, seed: int, frames: int = FRAMES) -> Tally:
-    """Return the tally of so many runs, with the seeds from seed on."""
-    return sum((_run(condition, np.random.default_rng(seed + run), frames)
+def motion_runs(name: str, runs: int, seed: int, frames: int = FRAMES) -> Tally:
+    """Return the tally of so many runs of a condition, with the seeds from seed on."""
+    return sum((_run(MOTION_CONDITIONS[name], np.random.default_rng(seed + run), frames)
                 for run in range(runs)), Tally())
 
 
@@ -146,8 +149,8 @@ def _run(condition: MotionCondition, rng: np.random.Generator, frames: int) -> T
         truth = attitude(np.array([stamp_s]))[0]
         seen, _ = star_list(_sky(), CAMERA, truth, SIGMA_PX, rng, missing=0.05, false=3,
                             exposed=attitude(exposed_s))
-        object.__setattr__(seen, 'exposure_s', told)
-        result = pipeline.update(START_NS + round(frame * condition.step_s * 1e9), seen)
+        result = pipeline.update(START_NS + round(frame * condition.step_s * 1e9),
+                                 replace(seen, exposure_s=told))
         tally += tally_of_frame(result, before, truth, due=frame >= 2)
         before = result.state
     return tally
