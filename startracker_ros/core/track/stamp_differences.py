@@ -12,9 +12,8 @@ from startracker_ros.core.maths.symmetric_matrix import inverse, is_positive_def
 FRAMES = 20  # whose times are compared
 LIMIT_SIGMAS = 2.5  # a longer time, as that of a jump of the rate, counts as this
 LEAST_PRODUCTS = 3
-# Of the variance of the measured time by the centroids: without an error of the stamps the mean
-# product of n times has this one, and a standard deviation of 1.8 / sqrt(n) of it.
-SIGNIFICANT = 4 * 1.8
+# Times the variance of the measured time by the centroids, of many products and of few.
+SIGNIFICANT, FEW = 4.0, 20.0
 
 
 class Differences(NamedTuple):
@@ -110,4 +109,4 @@ def _stamp_variance(times_s: np.ndarray, variances_s2: np.ndarray) -> float:
     if products < LEAST_PRODUCTS:
         return 0.0
     seen, noise = -product / products / 4, noise / frames
-    return seen - noise if seen > (1 + SIGNIFICANT / math.sqrt(products)) * noise else 0.0
+    return seen - noise if seen > (SIGNIFICANT + FEW / products) * noise else 0.0

@@ -289,8 +289,8 @@ def run_integrity_campaign(*, trials: int, seed: int, only: tuple[str, ...] = ()
         'lists of motions': f'the rows "list, ...": centroids of {MOTION_SIGMA_PX:g} px in the '
                             f'centre of the light; runs of {MOTION_FRAMES} frames',
         'published_percent': 'star lists: of all frames; images and lists of motions: of the '
-                             'frames after the two of a start, or after the clean ones; start with '
-                             f'spots: of the runs, within {START_FRAMES} frames',
+                             'frames after the two of a start, or after the clean ones; start '
+                             f'with spots: of the runs, within {START_FRAMES} frames',
         'wrong': WRONG_TEXT,
         'beyond_5_sigma': 'the same as wrong; worst_sigma is the largest error in sigma',
         'mean_nees': 'normalised squared error, 3 when the covariance is true',
