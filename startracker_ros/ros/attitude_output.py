@@ -74,10 +74,8 @@ class AttitudeOutput:
         # First, as a control loop may depend on it.
         self._quaternion.publish(quaternion_to_message(attitude.quaternion, header))
         self._pose.publish(attitude_to_pose(attitude, header))
-        protection_rad = result.protection_rad
-        assert protection_rad is not None, 'an attitude has a protection level'
         self._protection.publish(Vector3Stamped(
-            header=sensor_header, vector=vector_to_geometry(protection_rad)))
+            header=sensor_header, vector=vector_to_geometry(result.protection_rad)))
         self._transform.publish(rotation_to_transform(
             attitude.quaternion, header, frames.sensor_frame_id))
         self._imu.publish(
@@ -87,7 +85,7 @@ class AttitudeOutput:
         self._frames.publish(
             stamp_ns, attitude.quaternion, self._observer.motion.geocentric(stamp_ns))
         self._diagnostics.counts['attitudes'] += 1
-        self._diagnostics.values.update(_describe(attitude, protection_rad))
+        self._diagnostics.values.update(_describe(attitude, result.protection_rad))
         self._diagnostics.report(OK, 'publishing attitude')
 
 

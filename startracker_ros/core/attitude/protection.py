@@ -24,6 +24,7 @@ import math
 from statistics import NormalDist
 
 import numpy as np
+from startracker_ros.core.maths.symmetric_matrix import is_positive_definite
 from startracker_ros.core.options import option, Options
 
 MISSED_DETECTION = 1e-4
@@ -88,9 +89,11 @@ def _sigmas(probability: float) -> float:
 
 def is_covariance(covariance: np.ndarray) -> bool:
     """Return whether a matrix (3, 3) is finite, symmetric and positive definite."""
-    return bool(np.isfinite(covariance).all()
-                and np.allclose(covariance, covariance.T, rtol=1e-6, atol=0.0)
-                and np.linalg.eigvalsh(covariance)[0] > 0)
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = covariance.tolist()
+    symmetric = all(abs(a - b) <= 1e-6 * abs(a) + 1e-300 for a, b in (
+        (xy, yx), (xz, zx), (yz, zy)))
+    return bool(symmetric and math.isfinite(covariance.sum())
+                and is_positive_definite(np.ascontiguousarray(covariance)))
 
 
 def _cross(p: np.ndarray) -> np.ndarray:

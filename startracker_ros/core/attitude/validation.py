@@ -49,13 +49,13 @@ class TrustedAttitude:
     _protection: Callable[[], np.ndarray] | None = field(default=None, repr=False, compare=False)
 
     @cached_property
-    def protection_rad(self) -> np.ndarray | None:
+    def protection_rad(self) -> np.ndarray:
         """
         Bound (3,) of the errors about sensor axes, computed when it is asked for.
 
-        As in protection.py; None without an attitude, infinite where there is no bound.
+        As in protection.py; infinite where there is no bound, or no attitude.
         """
-        return None if self._protection is None else self._protection()
+        return np.full(3, np.inf) if self._protection is None else self._protection()
 
 
 class AttitudeValidator:
@@ -118,7 +118,9 @@ class AttitudeValidator:
         attitude = with_velocity_error(replace(
             attitude, covariance_sensor=attitude.covariance_sensor * excess),
             self._sky.observer.velocity_sigma_m_s, sensor, sigma_rad)
-        return self._trusted(attitude, sensor, sigma_rad, attitude.residual_rad)
+        return self._trusted(attitude, partial(
+            protection_level, attitude.covariance_sensor, sensor, sigma_rad,
+            attitude.residual_rad, self._protection))
 
     def check(self, tracked: AttitudeEstimate, uv: np.ndarray, hip: np.ndarray,
               sigma_px: np.ndarray, residual_px: np.ndarray) -> TrustedAttitude:
@@ -139,16 +141,24 @@ class AttitudeValidator:
             return TrustedAttitude(
                 None, f'the tracks are {rms_px:.2f} px from where tracked_attitude has them, '
                 f'max_residual_px is {self._options.max_residual_px:g}')
-        pixel_rad = self._camera.pixel_rad
+        return self._trusted(AttitudeEstimate(
+            tracked.quaternion, tracked.covariance_sensor, len(icrf),
+            distance_px * self._camera.pixel_rad, tracked.chi2), partial(
+                self._protection_of_tracks, tracked.covariance_sensor, uv, sigma_px, residual_px,
+                self._protection))
+
+    def _protection_of_tracks(
+            self, covariance: np.ndarray, uv: np.ndarray, sigma_px: np.ndarray,
+            residual_px: np.ndarray, options: ProtectionOptions) -> np.ndarray:
         # A centroid further away is none of the star, and was not used.
         away_px = np.minimum(np.nan_to_num(residual_px), OUTLIER_SIGMA * sigma_px)
-        return self._trusted(AttitudeEstimate(
-            tracked.quaternion, tracked.covariance_sensor, len(icrf), distance_px * pixel_rad,
-            tracked.chi2), self._camera.unproject(uv), sigma_px * pixel_rad, away_px * pixel_rad)
+        pixel_rad = self._camera.pixel_rad
+        return protection_level(covariance, self._camera.unproject(uv), sigma_px * pixel_rad,
+                                away_px * pixel_rad, options)
 
-    def _trusted(self, attitude: AttitudeEstimate, sensor: np.ndarray, sigma_rad: np.ndarray,
-                 residual_rad: np.ndarray) -> TrustedAttitude:
-        """Return an attitude of stars (N,) with its protection level, unless it has no sigma."""
+    def _trusted(self, attitude: AttitudeEstimate, protection: Callable[[], np.ndarray]
+                 ) -> TrustedAttitude:
+        """Return an attitude with its protection level, unless its covariance is none."""
         covariance = attitude.covariance_sensor
         if not is_covariance(covariance):
             return TrustedAttitude(
@@ -156,9 +166,7 @@ class AttitudeValidator:
                 f'{np.diag(covariance).tolist()} rad^2: its errors are not known')
         self._previous = sign_continuous(attitude.quaternion, self._previous)
         return TrustedAttitude(
-            replace(attitude, quaternion=self._previous), 'trusted',
-            partial(protection_level, covariance, sensor, sigma_rad, residual_rad,
-                    self._protection))
+            replace(attitude, quaternion=self._previous), 'trusted', protection)
 
     def _known(self, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return which stars (N,) the catalogue holds, and the directions (K, 3) of these."""

@@ -56,9 +56,10 @@ class Centroids:
 
     def joined(self, other: 'Centroids') -> 'Centroids':
         """Return these centroids followed by the others."""
-        names = [column.name for column in fields(self) if column.name != 'exposure_s']
-        return Centroids(*(np.concatenate([getattr(self, name), getattr(other, name)])
-                           for name in names), exposure_s=self.exposure_s)
+        columns = {column.name: np.concatenate([getattr(self, column.name),
+                                                getattr(other, column.name)])
+                   for column in fields(self) if column.name != 'exposure_s'}
+        return Centroids(**columns, exposure_s=self.exposure_s)
 
     def select(self, chosen: np.ndarray | slice) -> 'Centroids':
         """Return the centroids of a mask (N,), of indices or of a slice."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import attitude_error
+from startracker_ros.core.maths.symmetric_matrix import is_positive_definite
 from startracker_ros.core.track.acceleration import AngularAcceleration
 from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import correct, Correction
@@ -182,10 +184,12 @@ class AttitudeModel(StarModel):
 
     def _check_covariance(self) -> None:
         """Set the failure of a state whose covariance is none."""
-        covariance = self._state.covariance[:6, :6]
-        if not (np.isfinite(covariance).all() and np.linalg.eigvalsh(covariance)[0] > 0):
+        covariance = self._state.covariance
+        variances = np.diagonal(covariance).tolist()
+        if not (math.isfinite(covariance.sum()) and min(variances) > 0
+                and is_positive_definite(covariance)):
             self.failure = ('the covariance of the filter is not positive definite, its diagonal '
-                            f'is {np.diag(covariance).tolist()}')
+                            f'is {variances}')
 
     def _is_saturated(self, stamp_ns: int) -> bool:
         """Return whether the gyro reached its range within GYRO_SILENCE_S before a time."""
@@ -225,9 +229,10 @@ class AttitudeModel(StarModel):
                     ) -> AttitudeState:
         """Return the state at a time, at the acceleration that the frames before have shown."""
         dt_s = (stamp_ns - state.stamp_ns) * 1e-9
-        change = self._acceleration.value * dt_s / 2
+        acceleration = self._acceleration.estimate
+        change = acceleration.value * (dt_s / 2)
         after = state._replace(rate=state.rate + change).propagated_at_constant_rate(
-            stamp_ns, density + self._acceleration.process * dt_s, self._gyro.drift_density)
+            stamp_ns, density + acceleration.process * dt_s, self._gyro.drift_density)
         return after._replace(rate=after.rate + change)
 
     def _is_old(self, predicted: AttitudeState, corrected: AttitudeState) -> bool:
@@ -326,7 +331,7 @@ class AttitudeModel(StarModel):
             turned(predicted.quaternion, turn), covariance + common, 0, np.empty(0), 0.0)
         self._acceleration.add(
             corrected.stamp_ns, self._measured.quaternion,
-            np.diag(self._measured.covariance_sensor),
+            self._measured.covariance_sensor,
             None if contradicted is None else rotation_between(
                 contradicted.quaternion, self._measured.quaternion))
 

@@ -132,5 +132,5 @@ class ImageCamera:
 
 
 def _joined(a: Centroids, b: Centroids) -> Centroids:
-    return Centroids(*(np.concatenate([getattr(a, name), getattr(b, name)])
-                       for name in ('uv', 'flux', 'snr', 'sigma_px')))
+    return Centroids(**{name: np.concatenate([getattr(a, name), getattr(b, name)])
+                        for name in ('uv', 'flux', 'snr', 'sigma_px')})

@@ -20,7 +20,7 @@ def frames(angle_of, count=200, seed=1, exposure_s=DT_S):
         light = np.mean(angle_of(time_s + part_s))
         noise = quaternion_from_rotation_vector(SIGMA * rng.standard_normal(3))
         found.add(round(time_s * 1e9), multiply(
-            quaternion_from_rotation_vector(light * AXIS), noise), np.full(3, SIGMA ** 2))
+            quaternion_from_rotation_vector(light * AXIS), noise), np.eye(3) * SIGMA ** 2)
         yield found, light - angle_of(time_s)
 
 
@@ -46,7 +46,7 @@ def test_the_shift_of_a_sway_is_taken_out_within_its_covariance(amplitude_deg, p
 def test_a_steady_turn_costs_next_to_nothing():
     for found, _ in frames(lambda time_s: np.radians(0.3) * time_s, exposure_s=0.0):
         turn, covariance = found.shift(EXPOSED, np.radians(0.3) * AXIS, 4900.0)
-    assert not turn.any() and not found.process.any()
+    assert not turn.any() and not found.estimate.process.any()
     assert (np.sqrt(np.diag(covariance)) < 0.1 * SIGMA).all()
 
 
@@ -69,7 +69,7 @@ def test_a_jump_of_the_rate_is_in_the_covariance_of_its_frame_only():
         jump = 50 * ARCSEC * AXIS if frame == 30 else None
         found.add(frame * 10 ** 8, multiply(quaternion_from_rotation_vector(angle * AXIS),
                   quaternion_from_rotation_vector(SIGMA * rng.standard_normal(3))),
-                  np.full(3, SIGMA ** 2), jump)
+                  np.eye(3) * SIGMA ** 2, jump)
         covariance = found.shift(EXPOSED, np.zeros(3), 4900.0).covariance
         sigmas.append(np.sqrt(AXIS @ covariance @ AXIS) / ARCSEC)
     assert sigmas[29] < 0.1 and sigmas[30] > 10 and sigmas[35] < 0.3
@@ -79,7 +79,7 @@ def test_what_moved_before_a_gap_is_not_forgotten():
     found, _ = list(frames(sway(0.2, 2.0), count=60))[-1]
     found.interrupt()
     covariance = found.shift(EXPOSED, np.zeros(3), 4900.0).covariance
-    assert not found.value.any() and np.sqrt(AXIS @ covariance @ AXIS) > 1.0 * ARCSEC
+    assert not found.estimate.value.any() and np.sqrt(AXIS @ covariance @ AXIS) > 1.0 * ARCSEC
 
 
 @pytest.mark.parametrize('name', [

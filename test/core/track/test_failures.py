@@ -13,7 +13,7 @@ ONBOARD = sky()
 
 def tracking(motion, gyro=None, frames=12, **options):
     """Return a tracker after so many frames, with the rates of a gyro."""
-    tracker = StarTracker(motion.camera, ONBOARD, TrackerOptions(**options),
+    tracker = StarTracker(motion.camera, motion.onboard, TrackerOptions(**options),
                           GyroErrorOptions(gyro_range_deg_s=5.0))
     for frame in range(frames):
         if gyro is not None and frame:
@@ -32,6 +32,8 @@ def test_a_filter_that_diverges_is_given_up_whatever_max_bad_frames_is(monkeypat
     tracker = tracking(motion, max_bad_frames=1000)
     # Without the hypotheses of manoeuvres, which follow it.
     monkeypatch.setattr(attitude_model, 'MANOEUVRES', ())
+    # Each of 35 stars is in its gate: together they are no more than 16 sigma off.
+    monkeypatch.setattr(attitude_model, 'DIVERGED_SIGMAS', 10.0)
     for frame in range(12, 17):
         assert tracker.state is TrackerState.TRACKING
         # As by a defect of the state: it is wrong by 3 sigma of a star, and sure of that.
