@@ -62,15 +62,16 @@ def protection_level(covariance: np.ndarray, sensor: np.ndarray, sigma_rad: np.n
     if left <= 0 or count < 3:
         return unbounded
     weight = sigma_rad ** -2.0
-    cross = _cross(sensor)
-    each = weight[:, None, None] * (np.swapaxes(cross, 1, 2) @ cross)
+    each = weight[:, None, None] * (np.eye(3) - sensor[:, :, None] * sensor[:, None])
     F = each.sum(axis=0)
     without = F - each
-    # Compared with the trace: without the star the rotation about another one is not observable.
-    if np.linalg.eigvalsh(without)[:, 0].min() <= 1e-9 * np.trace(F):
+    # Without the star the rotation about another one is not observable.
+    if np.linalg.det(without).min() <= 1e-9 * np.linalg.det(F):
         return unbounded
     inverse = np.linalg.inv(without)
-    separation = residual_rad[:, None] * weight[:, None] * np.linalg.norm(inverse @ cross, axis=2)
+    # Of a row a: |a x p|^2 = a^2 - (a p)^2.
+    across = (inverse ** 2).sum(axis=2) - (inverse @ sensor[:, :, None])[..., 0] ** 2
+    separation = (residual_rad * weight)[:, None] * np.sqrt(np.maximum(across, 0.0))
     variance = np.diagonal(covariance)
     more = np.maximum(
         np.diagonal(inverse, axis1=1, axis2=2) - np.diagonal(np.linalg.inv(F)), 0.0)
@@ -95,9 +96,3 @@ def is_covariance(covariance: np.ndarray) -> bool:
     return bool(symmetric and math.isfinite(covariance.sum())
                 and is_positive_definite(np.ascontiguousarray(covariance)))
 
-
-def _cross(p: np.ndarray) -> np.ndarray:
-    """Return the matrices [p]x (N, 3, 3) of p (N, 3)."""
-    x, y, z = p.T
-    none = np.zeros(len(p))
-    return np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1).reshape(-1, 3, 3)

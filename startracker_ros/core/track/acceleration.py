@@ -43,6 +43,7 @@ STREAK_PX = 15.0
 STREAK_DOUBT = 0.25  # of the acceleration along streaks: bright stars show it in another way
 LEAST_WEIGHT = 5.0  # frames from which on a jump is told from a motion that has begun
 JUMP_FRAMES = 5  # after a jump, in which there is no other one
+ENDS = 0.25  # of an acceleration, 1 sigma: a torque ends at some time without a sign before
 UNSTEADY = 0.15
 """Of what the body moves by from frame to frame and no frames before show, as of a vibration: the
 fit of a star whose light that spreads within the exposure is off by as much, 1 sigma."""
@@ -237,15 +238,16 @@ def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
             largest = max(peak[way, axis] ** 2 - 16 * chance, 0.0) / PEAK_SIGMAS ** 2
             variance[axis] = max(max(excess, 0.0) + own_variance + 2 / weight * chance, largest)
             significant = max(excess - SIGNIFICANT * math.sqrt(2 / weight) * chance, 0.0)
-            process[axis] = significant
-            if way != STEADY:
-                process[axis] = max(excess, 0.0) + own_variance
             unsteady[axis] = significant * min(
                 significant * weight / max(square[STEADY, axis], 1e-300), 1.0)
             last = recent[0, axis]
             value[axis] = 0.0 if way == STEADY else last
             if way == OSCILLATION and two:
                 value[axis] = b * last - recent[1, axis]
+            process[axis] = significant
+            if way != STEADY:
+                process[axis] = (max(excess, 0.0) + own_variance
+                                 + (ENDS * value[axis]) ** 2)
             if since_jump == 1:
                 # The rest of a jump, or a torque that has begun.
                 variance[axis] += last * last

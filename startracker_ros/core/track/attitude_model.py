@@ -53,6 +53,12 @@ one frame in twenty has more than twice RAISED_FROM."""
 DIVERGED_SIGMAS, DIVERGED_FRAMES = 20.0, 5
 """Innovation by stars that agree, in so many frames in a row, of a filter that has diverged."""
 
+DOUBTED_NIS = 16.0
+"""Normalised innovation squared of a frame that is a manoeuvre as likely as not: one in a thousand
+of a steady turn has as much."""
+
+LEAST_DOUBT = 0.02  # probability of a manoeuvre that is not neglected
+
 GYRO_SILENCE_S = 1.0
 """Age of the newest gyro rate from which on the rate is that of the stars alone."""
 
@@ -151,6 +157,11 @@ class AttitudeModel(StarModel):
             self._measure(predicted, measured, common,
                           None if nominal is None else nominal[0].state)
             self._exposure_s = frame.exposure_s
+            doubt = self._doubt(correction)
+            if doubt is not None:
+                correction = correction._replace(state=_with_error(correction.state, doubt))
+                fit = replace(fit, attitude=replace(
+                    fit.attitude, covariance_sensor=correction.state.covariance[:3, :3]))
             self._set_state(correction.state, hypothesis.uses_gyro)
             seen, residuals = self._follow(correction, icrf, Measured(
                 uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
@@ -181,6 +192,19 @@ class AttitudeModel(StarModel):
                             'is not known')
         self._check_covariance()
         return FrameUpdate(False, None, correction.unassociated)
+
+    def _doubt(self, correction: Correction) -> np.ndarray | None:
+        """
+        Return the covariance (3, 3) for that the frame is a manoeuvre, None if it hardly is one.
+
+        Then the attitude would be that of its stars alone: the mixture of both has this spread.
+        """
+        nis = float(correction.innovation @ correction.innovation)
+        share = 1 / (1 + math.exp((DOUBTED_NIS - nis) / 2))
+        if share < LEAST_DOUBT or self._measured is None:
+            return None
+        away = rotation_between(correction.state.quaternion, self._measured.quaternion)
+        return share * np.outer(away, away)
 
     def _check_covariance(self) -> None:
         """Set the failure of a state whose covariance is none."""
