@@ -57,6 +57,7 @@ DOUBTED_NIS = 16.0
 """Normalised innovation squared of a frame that is a manoeuvre as likely as not: one in a thousand
 of a steady turn has as much."""
 
+SURE_SIGMAS = 2.0  # of an acceleration that is used for the prediction
 LEAST_DOUBT = 0.02  # probability of a manoeuvre that is not neglected
 
 GYRO_SILENCE_S = 1.0
@@ -254,9 +255,12 @@ class AttitudeModel(StarModel):
         """Return the state at a time, at the acceleration that the frames before have shown."""
         dt_s = (stamp_ns - state.stamp_ns) * 1e-9
         acceleration = self._acceleration.estimate
-        change = acceleration.value * (dt_s / 2)
+        # A vibration that the frames hardly show would give the rate of its guess.
+        certain = acceleration.value ** 2 > SURE_SIGMAS ** 2 * acceleration.variance
+        change = acceleration.value * certain * (dt_s / 2)
+        process = acceleration.process + acceleration.value ** 2 * ~certain
         after = state._replace(rate=state.rate + change).propagated_at_constant_rate(
-            stamp_ns, density + acceleration.process * dt_s, self._gyro.drift_density)
+            stamp_ns, density + process * dt_s, self._gyro.drift_density)
         return after._replace(rate=after.rate + change)
 
     def _is_old(self, predicted: AttitudeState, corrected: AttitudeState) -> bool:
