@@ -22,6 +22,7 @@ MAX_TARGET_PX = 32.0  # of a target; the whole image is searched for one that ma
 SAME_PX = 3.0  # two centroids closer than this are of one star
 REPEATED_PX = 0.5  # motion from which on an equal image is that of the frame before
 MAX_ASTRAY, MAX_ASTRAY_PX = 0.5, 2.0  # of a streak, across the motion of the stars
+MAX_ASTRAY_IMAGES = 2  # in a row that are refused
 MAX_EXPOSURE = 1.2  # of the interval between images, with the error of its estimate
 IMAGES_TO_ACQUIRE = 2  # a star tracker needs the identifications of two
 EXPOSURE_DOUBT = 0.06  # of an exposure that streaks show
@@ -125,7 +126,7 @@ class ExtractionStage:
         self._point_speed_px_s = 0.0
         self._exposure_stars = 0
         self._start: Extraction | None = None
-        self._unpredicted = 0
+        self._unpredicted = self._astray = 0
         self._stale_rows = StaleRows()
 
     def extract(self, stamp_ns: int, image: np.ndarray,
@@ -192,7 +193,11 @@ class ExtractionStage:
         if _contradicts(searched):
             # The motion has changed since the prediction: the image shows which it is.
             searched, known, near, unknown = self.extractor.extract(image), None, None, True
-        if unknown and searched.streak is not None and not expected.agrees(searched.streak):
+        astray = (unknown and searched.streak is not None
+                  and not expected.agrees(searched.streak))
+        self._astray = self._astray + 1 if astray else 0
+        # Without stars a prediction never changes: in the end it is what is wrong.
+        if searched.streak is not None and 0 < self._astray <= MAX_ASTRAY_IMAGES:
             return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
                             'direction than the stars move')
         if near is not None and self.extractor.spoilt != spoilt:
