@@ -21,12 +21,15 @@ class Attitude(AttitudeEstimate):
     (3, 3) rad^2 that of a rotation vector about sensor axes. rate_rad_s (3,) is the angular
     velocity with respect to ICRF on sensor axes, with its covariance (3, 3) rad^2/s^2.
     acceleration_rad_s2 (3,) is the 1 sigma of the angular acceleration that at() assumes.
+    protection_rad (3,) bounds the errors about sensor axes, but for misleading_probability;
+    infinite where there is no bound, and at another time.
     """
 
     stamp_ns: int
     rate_rad_s: np.ndarray
     rate_covariance: np.ndarray
     acceleration_rad_s2: np.ndarray
+    protection_rad: np.ndarray
 
     @property
     def covariance_icrf(self) -> np.ndarray:
@@ -55,7 +58,8 @@ class Attitude(AttitudeEstimate):
             self, stamp_ns=stamp_ns, quaternion=multiply(self.quaternion, turn),
             covariance_sensor=(turned @ covariance @ turned.T
                                + np.diag((moved * dt_s / 2) ** 2)),
-            rate_covariance=self.rate_covariance + np.diag(moved ** 2))
+            rate_covariance=self.rate_covariance + np.diag(moved ** 2),
+            protection_rad=self.protection_rad if dt_s == 0 else np.full(3, np.inf))
 
 
 @dataclass(frozen=True)

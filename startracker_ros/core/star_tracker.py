@@ -13,7 +13,6 @@ import numpy as np
 from startracker_ros.core.astro.epoch import RESTART_NS
 from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.astro.state import State
-from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.catalog.deep import camera_catalog
@@ -28,7 +27,7 @@ from startracker_ros.core.stages.identification import IdentificationStage
 from startracker_ros.core.stages.parameters import options_of_keywords, StarTrackerOptions
 from startracker_ros.core.stages.tracking import make_star_tracker
 from startracker_ros.core.track.tracker import TrackerState
-from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
+from startracker_ros.core.track.tracks import Tracks
 
 
 class StarTracker:
@@ -74,7 +73,8 @@ class StarTracker:
             camera, epoch_year, options.tracker, options.gyro, self.motion, options.band)
         self.attitude = AttitudeStage(
             camera, epoch_year, options.validation, self.motion,
-            self.tracker.sky if _tracks_all_stars(camera, options) else None)
+            self.tracker.sky if _tracks_all_stars(camera, options) else None,
+            options.protection)
         self._newest_ns: int | None = None
 
     def reset(self) -> None:
@@ -171,23 +171,23 @@ class StarTracker:
         tracked = self.tracker.attitude
         trusted = self.attitude.from_tracks(stamp_ns, tracks, tracked)
         found = None if idle else self.identify(stamp_ns, centroids)
-        attitude, reasons = None, [extraction_reason]
+        attitude: Attitude | None = None
+        reasons = [extraction_reason]
         if trusted.attitude is not None and tracked is not None:
-            attitude, reasons = self._attitude(stamp_ns, trusted.attitude, tracked), []
+            attitude = Attitude(
+                **{field.name: getattr(trusted.attitude, field.name)
+                   for field in fields(trusted.attitude)},
+                stamp_ns=stamp_ns, rate_rad_s=tracked.rate_rad_s,
+                rate_covariance=tracked.rate_covariance,
+                acceleration_rad_s2=self._acceleration_rad_s2,
+                protection_rad=trusted.protection_rad)
+            reasons = []
         else:
             reasons.append(self.tracker.reason if tracked is None else trusted.reason)
             if found is not None and found.attitude is None:
                 reasons.append(found.reason)
         return FrameResult(stamp_ns, centroids, found, tracks, tracked, attitude,
                            self.tracker.state, '; '.join(dict.fromkeys(filter(None, reasons))))
-
-    def _attitude(self, stamp_ns: int, estimate: AttitudeEstimate, tracked: TrackedAttitude
-                  ) -> Attitude:
-        return Attitude(
-            **{field.name: getattr(estimate, field.name) for field in fields(estimate)},
-            stamp_ns=stamp_ns, rate_rad_s=tracked.rate_rad_s,
-            rate_covariance=tracked.rate_covariance,
-            acceleration_rad_s2=self._acceleration_rad_s2)
 
 
 def _tracks_all_stars(camera: Camera, options: StarTrackerOptions) -> bool:

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from geometry_msgs.msg import PoseWithCovarianceStamped, QuaternionStamped, TransformStamped
+from geometry_msgs.msg import (
+    PoseWithCovarianceStamped, QuaternionStamped, TransformStamped, Vector3Stamped)
 import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.core.attitude.result import AttitudeEstimate
@@ -18,6 +19,7 @@ from startracker_ros.ros.frames_output import FramesOutput
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, attitude_to_pose, quaternion_to_message, rotation_to_transform,
     tracked_attitude_to_imu)
+from startracker_ros.ros.messages.geometry import vector_to_geometry
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.odometry_input import OdometryInput
@@ -42,6 +44,7 @@ class AttitudeOutput:
         self._diagnostics = node.diagnostics
         self._quaternion = node.advertise(QuaternionStamped, 'attitude', qos.LIST)
         self._pose = node.advertise(PoseWithCovarianceStamped, 'attitude_cov', qos.LIST)
+        self._protection = node.advertise(Vector3Stamped, 'protection_level', qos.LIST)
         self._imu = node.advertise(Imu, 'attitude_imu', qos.LIST)
         self._transform = node.advertise(TransformStamped, 'attitude_transform', qos.LIST)
         self._frames = FramesOutput(node)
@@ -72,6 +75,8 @@ class AttitudeOutput:
         # First, as a control loop may depend on it.
         self._quaternion.publish(quaternion_to_message(attitude.quaternion, header))
         self._pose.publish(attitude_to_pose(attitude, header))
+        self._protection.publish(Vector3Stamped(
+            header=sensor_header, vector=vector_to_geometry(result.protection_rad)))
         self._transform.publish(rotation_to_transform(
             attitude.quaternion, header, frames.sensor_frame_id))
         self._imu.publish(
@@ -81,12 +86,13 @@ class AttitudeOutput:
         self._frames.publish(
             stamp_ns, attitude.quaternion, self._observer.motion.geocentric(stamp_ns))
         self._diagnostics.counts['attitudes'] += 1
-        self._diagnostics.values.update(_describe(attitude))
+        self._diagnostics.values.update(_describe(attitude, result.protection_rad))
         self._diagnostics.report(OK, 'publishing attitude')
 
 
-def _describe(attitude: AttitudeEstimate) -> dict[str, str]:
+def _describe(attitude: AttitudeEstimate, protection_rad: np.ndarray) -> dict[str, str]:
     sigma = np.sqrt(np.diag(attitude.covariance_sensor)) / ARCSEC
     return {'stars': str(attitude.stars),
             'cross_boresight_sigma_arcsec': f'{np.hypot(*sigma[:2]) / np.sqrt(2):.2f}',
-            'roll_sigma_arcsec': f'{sigma[2]:.2f}'}
+            'roll_sigma_arcsec': f'{sigma[2]:.2f}',
+            'protection_level_arcsec': ' '.join(f'{x:.2f}' for x in protection_rad / ARCSEC)}

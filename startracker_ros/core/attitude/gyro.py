@@ -4,6 +4,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ _HOUR_S = 3600.0
 MAX_RATE_RAD_S = np.radians(100.0)
 """Faster than any spacecraft that sees stars turns: such a measurement is rejected."""
 
+SATURATED = 0.999  # of the range
 _MAX_MEASUREMENTS = 100_000
 
 
@@ -30,6 +32,10 @@ class GyroErrorOptions(Options):
     gyro_noise_deg_sqrt_h: float = option(
         0.15, 'white noise of the gyro (angle random walk), each axis', unit='deg/sqrt(h)',
         low=0.0, high=100.0)
+    gyro_range_deg_s: float = option(
+        100.0, 'largest rate that the gyro measures; a rate that reaches it on an axis is '
+        'saturated: the true one is larger by an unknown amount', unit='deg/s', low=0.1,
+        high=100.0)
     gyro_rate_change_deg_s2: float = option(
         0.1, 'how fast the body may change its rate between measurements, 1 sigma of each axis: '
         'what a gap in imu costs', unit='deg/s^2', low=0.0, high=1000.0)
@@ -63,6 +69,8 @@ class Gyro:
         self.drift_density = self.drift_sigma_rad_s ** 2 / _HOUR_S
         self.noise_density = (options.gyro_noise_deg_sqrt_h * _DEG_SQRT_H) ** 2
         self._rate_change_rad_s2 = np.radians(options.gyro_rate_change_deg_s2)
+        self._range_rad_s = SATURATED * np.radians(options.gyro_range_deg_s)
+        self.saturated_ns: int | None = None
         self._stamps_ns: list[int] = []
         self._rates: list[np.ndarray] = []
 
@@ -70,12 +78,15 @@ class Gyro:
         """
         Add the rate (3,) about sensor axes measured up to a time; False if it is rejected.
 
-        Measurements come in the order of their stamps.
+        Measurements come in the order of their stamps. saturated_ns is the time of the newest one
+        that reached the range, None without any.
         """
         rate = np.array(rate_rad_s, float)
-        # Written so that NaN is rejected.
         x, y, z = map(abs, rate.tolist())
-        if not (x <= MAX_RATE_RAD_S and y <= MAX_RATE_RAD_S and z <= MAX_RATE_RAD_S):
+        if not math.isfinite(x + y + z):
+            return False
+        if max(x, y, z) >= self._range_rad_s:
+            self.saturated_ns = stamp_ns
             return False
         if len(self._rates) >= _MAX_MEASUREMENTS:
             half = _MAX_MEASUREMENTS // 2

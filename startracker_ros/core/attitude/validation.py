@@ -1,14 +1,21 @@
 """The attitude of one frame of known stars, reported only when it can be trusted."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 
 import numpy as np
+from startracker_ros.core.attitude.protection import (
+    is_covariance, protection_level, ProtectionOptions)
 from startracker_ros.core.attitude.result import AttitudeEstimate, SOLVERS
 from startracker_ros.core.attitude.star_distances import star_distances
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.maths.rotation import sign_continuous
 from startracker_ros.core.options import option, Options
+
+OUTLIER_SIGMA = 5.0
+"""Residual of a track beyond which its centroid is not that of the star."""
 
 FALSE_ALARM = 1e-3
 """False-alarm probability of the chi-square test of the residuals. Scaling the covariance of
@@ -44,6 +51,16 @@ class TrustedAttitude:
 
     attitude: AttitudeEstimate | None
     reason: str
+    _protection: Callable[[], np.ndarray] | None = field(default=None, repr=False, compare=False)
+
+    @cached_property
+    def protection_rad(self) -> np.ndarray:
+        """
+        Bound (3,) of the errors about sensor axes, computed when it is asked for.
+
+        As in protection.py; infinite where there is no bound, or no attitude.
+        """
+        return np.full(3, np.inf) if self._protection is None else self._protection()
 
 
 class AttitudeValidator:
@@ -53,16 +70,16 @@ class AttitudeValidator:
     The sign of the quaternion is continuous from one accepted attitude to the next.
     """
 
-    def __init__(self, camera: Camera, sky: ApparentCatalog, options: ValidationOptions
-                 ) -> None:
+    def __init__(self, camera: Camera, sky: ApparentCatalog, options: ValidationOptions,
+                 protection: ProtectionOptions = ProtectionOptions()) -> None:
         self._camera = camera
         self._sky = sky
-        self._options = options
+        self._options, self._protection = options, protection
         self.reset()
 
-    def set_limits(self, options: ValidationOptions) -> None:
+    def set_limits(self, options: ValidationOptions, protection: ProtectionOptions) -> None:
         """Use other options from the next frame on."""
-        self._options = options
+        self._options, self._protection = options, protection
 
     def reset(self) -> None:
         """Forget the sign of the last quaternion."""
@@ -103,33 +120,58 @@ class AttitudeValidator:
                 None, f'residual of {residual_px:.2f} px is above max_residual_px = '
                 f'{self._options.max_residual_px:g}: wrong stars, or an uncalibrated lens')
         excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, FALSE_ALARM) else 1.0
-        self._previous = sign_continuous(attitude.quaternion, self._previous)
-        return TrustedAttitude(with_velocity_error(replace(
-            attitude, quaternion=self._previous,
-            covariance_sensor=attitude.covariance_sensor * excess),
-            self._sky.observer.velocity_sigma_m_s, sensor, sigma_rad), 'trusted')
+        attitude = with_velocity_error(replace(
+            attitude, covariance_sensor=attitude.covariance_sensor * excess),
+            self._sky.observer.velocity_sigma_m_s, sensor, sigma_rad)
+        return self._trusted(attitude, partial(
+            protection_level, attitude.covariance_sensor, sensor, sigma_rad,
+            attitude.residual_rad, self._protection))
 
-    def check(self, tracked: AttitudeEstimate, uv: np.ndarray, hip: np.ndarray
-              ) -> TrustedAttitude:
+    def check(self, tracked: AttitudeEstimate, uv: np.ndarray, hip: np.ndarray,
+              sigma_px: np.ndarray, residual_px: np.ndarray) -> TrustedAttitude:
         """
         Return the attitude of a star tracker, if the rms residual of its tracks (N,) is small.
 
-        uv (N, 2) px are the positions of the tracks.
+        uv (N, 2) px are the positions of the tracks, sigma_px and residual_px (N,) those of their
+        centroids.
         """
         known, icrf = self._known(hip)
         if len(icrf) < self._options.min_stars:
             return self._too_few(len(icrf), 'tracked')
-        uv = uv if len(icrf) == len(uv) else uv[known]
-        distance_px, residual_px = star_distances(
+        if len(icrf) < len(uv):
+            uv, sigma_px, residual_px = uv[known], sigma_px[known], residual_px[known]
+        distance_px, rms_px = star_distances(
             self._camera.lens, tracked.quaternion, icrf, np.ascontiguousarray(uv))
-        if not residual_px <= self._options.max_residual_px:
+        if not rms_px <= self._options.max_residual_px:
             return TrustedAttitude(
-                None, f'the tracks are {residual_px:.2f} px from where tracked_attitude has them, '
+                None, f'the tracks are {rms_px:.2f} px from where tracked_attitude has them, '
                 f'max_residual_px is {self._options.max_residual_px:g}')
-        self._previous = sign_continuous(tracked.quaternion, self._previous)
-        return TrustedAttitude(AttitudeEstimate(
-            self._previous, tracked.covariance_sensor, len(icrf),
-            distance_px * self._camera.pixel_rad, tracked.chi2), 'trusted')
+        return self._trusted(AttitudeEstimate(
+            tracked.quaternion, tracked.covariance_sensor, len(icrf),
+            distance_px * self._camera.pixel_rad, tracked.chi2), partial(
+                self._protection_of_tracks, tracked.covariance_sensor, uv, sigma_px, residual_px,
+                self._protection))
+
+    def _protection_of_tracks(
+            self, covariance: np.ndarray, uv: np.ndarray, sigma_px: np.ndarray,
+            residual_px: np.ndarray, options: ProtectionOptions) -> np.ndarray:
+        # A centroid further away is none of the star, and was not used.
+        away_px = np.minimum(np.nan_to_num(residual_px), OUTLIER_SIGMA * sigma_px)
+        pixel_rad = self._camera.pixel_rad
+        return protection_level(covariance, self._camera.unproject(uv), sigma_px * pixel_rad,
+                                away_px * pixel_rad, options)
+
+    def _trusted(self, attitude: AttitudeEstimate, protection: Callable[[], np.ndarray]
+                 ) -> TrustedAttitude:
+        """Return an attitude with its protection level, unless its covariance is none."""
+        covariance = attitude.covariance_sensor
+        if not is_covariance(covariance):
+            return TrustedAttitude(
+                None, 'the covariance of the attitude is not positive definite, its diagonal is '
+                f'{np.diag(covariance).tolist()} rad^2: its errors are not known')
+        self._previous = sign_continuous(attitude.quaternion, self._previous)
+        return TrustedAttitude(
+            replace(attitude, quaternion=self._previous), 'trusted', protection)
 
     def _known(self, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return which stars (N,) the catalogue holds, and the directions (K, 3) of these."""

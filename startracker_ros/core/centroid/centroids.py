@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 ROUND = np.empty((0, 2, 2))
+UNKNOWN_EXPOSURE = (0.0, np.inf)
 
 
 def round_errors(variance: np.ndarray) -> np.ndarray:
@@ -25,6 +26,7 @@ class Centroids:
     time of the frame to the middle of the exposure of the star's own row, zero if left empty;
     common (N, 2, 2) px^2, the same for all stars of an image, the covariance of an error that all
     share, beside their own: of motion that is not uniform in the exposure; zero if left empty.
+    exposure_s are the least and the largest exposure that the image may have had.
     """
 
     uv: np.ndarray
@@ -34,6 +36,7 @@ class Centroids:
     covariance: np.ndarray = field(default_factory=lambda: ROUND)
     delay_s: np.ndarray = field(default_factory=lambda: np.empty(0))
     common: np.ndarray = field(default_factory=lambda: ROUND)
+    exposure_s: tuple[float, float] = UNKNOWN_EXPOSURE
 
     def __post_init__(self) -> None:
         if not len(self.covariance):
@@ -53,9 +56,10 @@ class Centroids:
 
     def joined(self, other: 'Centroids') -> 'Centroids':
         """Return these centroids followed by the others."""
-        names = [column.name for column in fields(self)]
-        return Centroids(*(np.concatenate([getattr(self, name), getattr(other, name)])
-                           for name in names))
+        columns = {column.name: np.concatenate([getattr(self, column.name),
+                                                getattr(other, column.name)])
+                   for column in fields(self) if column.name != 'exposure_s'}
+        return Centroids(**columns, exposure_s=self.exposure_s)
 
     def select(self, chosen: np.ndarray | slice) -> 'Centroids':
         """Return the centroids of a mask (N,), of indices or of a slice."""
@@ -63,7 +67,7 @@ class Centroids:
             return self
         return Centroids(self.uv[chosen], self.flux[chosen], self.snr[chosen],
                          self.sigma_px[chosen], self.covariance[chosen], self.delay_s[chosen],
-                         self.common[chosen])
+                         self.common[chosen], self.exposure_s)
 
     @property
     def common_error(self) -> np.ndarray:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.astro.observer_motion import AT_REST, ObserverMotion
+from startracker_ros.core.attitude.protection import ProtectionOptions
 from startracker_ros.core.attitude.result import with_common_error
 from startracker_ros.core.attitude.validation import (
     AttitudeValidator, TrustedAttitude, ValidationOptions)
@@ -28,17 +29,18 @@ class AttitudeStage:
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: ValidationOptions = ValidationOptions(),
-                 motion: ObserverMotion | None = None, sky: ApparentCatalog | None = None
-                 ) -> None:
+                 motion: ObserverMotion | None = None, sky: ApparentCatalog | None = None,
+                 protection: ProtectionOptions = ProtectionOptions()) -> None:
         self._camera, self._epoch_year = camera, epoch_year
         self._motion = motion
         self.sky = sky or ApparentCatalog(
             onboard_catalog(camera_catalog(camera), camera, epoch_year))
-        self._validator = AttitudeValidator(camera, self.sky, options)
+        self._validator = AttitudeValidator(camera, self.sky, options, protection)
 
-    def set_limits(self, options: ValidationOptions) -> None:
+    def set_limits(self, options: ValidationOptions,
+                   protection: ProtectionOptions = ProtectionOptions()) -> None:
         """Use other options from the next frame on."""
-        self._validator.set_limits(options)
+        self._validator.set_limits(options, protection)
 
     def reset(self) -> None:
         """Forget the sign of the last quaternion."""
@@ -49,7 +51,8 @@ class AttitudeStage:
         centroids, hip = synthetic_field(self.sky.onboard, self._camera)
         solved = self.from_stars(stamp_from_epoch_year(self._epoch_year), centroids, hip)
         if solved.attitude is not None:
-            self._validator.check(solved.attitude, centroids.uv, hip)
+            self._validator.check(solved.attitude, centroids.uv, hip, centroids.sigma_px,
+                                  np.zeros(len(hip)))
         self.reset()
 
     def from_tracks(self, stamp_ns: int, tracks: Tracks, tracked: TrackedAttitude | None
@@ -58,7 +61,8 @@ class AttitudeStage:
         if tracked is None:
             return TrustedAttitude(None, 'the star tracker has none')
         used = tracks.usable
-        return self._at(stamp_ns).check(tracked.attitude, tracks.uv[used], tracks.hip[used])
+        return self._at(stamp_ns).check(tracked.attitude, tracks.uv[used], tracks.hip[used],
+                                        tracks.sigma_px[used], tracks.residual_px[used])
 
     def from_tracks_alone(self, stamp_ns: int, tracks: Tracks) -> TrustedAttitude:
         """Return the attitude solved from tracks, of a tracker that has no attitude of its own."""

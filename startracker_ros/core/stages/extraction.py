@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
 from startracker_ros.core.centroid.extraction import (
     CentroidExtractor, Extraction, ExtractionOptions, Searched)
 from startracker_ros.core.centroid.prediction import PredictedCentroids
@@ -22,9 +22,12 @@ MAX_TARGET_PX = 32.0  # of a target; the whole image is searched for one that ma
 SAME_PX = 3.0  # two centroids closer than this are of one star
 REPEATED_PX = 0.5  # motion from which on an equal image is that of the frame before
 MAX_ASTRAY, MAX_ASTRAY_PX = 0.5, 2.0  # of a streak, across the motion of the stars
+MAX_ASTRAY_IMAGES = 2  # in a row that are refused
 MAX_EXPOSURE = 1.2  # of the interval between images, with the error of its estimate
 IMAGES_TO_ACQUIRE = 2  # a star tracker needs the identifications of two
 WIDE_PX = 1.6  # PSF sigma beyond which spots may be debris
+EXPOSURE_DOUBT = 0.06  # of an exposure that streaks show
+POINT_PX = 4.0  # a longer streak is none that is seen as a point
 FASTER = 2.0  # times the speed at which stars were points: they may be streaks
 
 
@@ -128,17 +131,33 @@ class ExtractionStage:
         self._shape: Streak | None = None
         self._unexplained: Streak | None = None
         self._start: Extraction | None = None
-        self._unpredicted = 0
+        self._unpredicted = self._astray = 0
         self._narrow = False
         self._stale_rows = StaleRows()
 
     def extract(self, stamp_ns: int, image: np.ndarray,
                 predicted: PredictedCentroids | None = None, lost: bool = True) -> Extraction:
         """
-        Return the stars of image (H, W) uint8 or uint16 of a time.
+        Return the stars of image (H, W) uint8 or uint16 of a time, and its exposure.
 
         Without lost, that there is no prediction does not mean that no star tracker tracks.
         """
+        extraction = self._extract(stamp_ns, image, predicted, lost)
+        return replace(extraction, centroids=replace(
+            extraction.centroids, exposure_s=self.exposure_s))
+
+    @property
+    def exposure_s(self) -> tuple[float, float]:
+        """Return the least and the largest exposure by the streaks and points seen so far."""
+        if self._exposure_s:
+            return (1 - EXPOSURE_DOUBT) * self._exposure_s, (1 + EXPOSURE_DOUBT) * self._exposure_s
+        if self._point_speed_px_s:
+            return 0.0, POINT_PX / self._point_speed_px_s
+        return UNKNOWN_EXPOSURE
+
+    def _extract(self, stamp_ns: int, image: np.ndarray, predicted: PredictedCentroids | None,
+                 lost: bool) -> Extraction:
+        """Return what extract() does, without the exposure."""
         first, last = self._stale_rows.find(image)
         repeated = last - first == len(image) - 1
         interval_s, self._stamp_ns = (stamp_ns - self._stamp_ns) * 1e-9, stamp_ns
@@ -182,14 +201,19 @@ class ExtractionStage:
             # The motion has changed since the prediction: the image shows which it is.
             searched, known, near = self._search(image), None, None
             unknown = moved_px > SHORTEST_PX
+        astray = False
         if known is None or known.longest_px() < SHORTEST_PX:
             self._learn_shown(searched, expected)
             if self._shape is not None:
                 near = None
-            elif (unknown and searched.streak is not None
-                    and not expected.agrees(searched.streak)):
-                return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
-                                'direction than the stars move')
+            else:
+                astray = (unknown and searched.streak is not None
+                          and not expected.agrees(searched.streak))
+        self._astray = self._astray + 1 if astray else 0
+        # Without stars a prediction never changes: in the end it is what is wrong.
+        if 0 < self._astray <= MAX_ASTRAY_IMAGES:
+            return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
+                            'direction than the stars move')
         if near is not None and before is not None and self._searched is not None:
             spoilt = self._searched.spoilt
             if (expected.stars_seen(searched.centroids)

@@ -6,6 +6,7 @@ from typing import Any
 
 from startracker_ros.core.astro.observer_motion import AberrationOptions
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
+from startracker_ros.core.attitude.protection import ProtectionOptions
 from startracker_ros.core.attitude.validation import UNUSED_SOLVER, ValidationOptions
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.centroid.extraction import ExtractionOptions
@@ -27,6 +28,7 @@ class StarTrackerOptions:
     tracker: TrackerOptions = TrackerOptions()
     gyro: GyroErrorOptions = GyroErrorOptions()
     validation: ValidationOptions = ValidationOptions()
+    protection: ProtectionOptions = ProtectionOptions()
     aberration: AberrationOptions = AberrationOptions()
     band: BandOptions = BandOptions()
 
@@ -35,7 +37,7 @@ NODES = {
     'centroid_extractor': ('extraction', 'search'),
     'star_identifier': ('identification', 'check', 'gyro', 'band'),
     'star_tracker': ('tracker', 'gyro', 'aberration', 'band'),
-    'attitude_estimator': ('validation', 'aberration')}
+    'attitude_estimator': ('validation', 'protection', 'aberration')}
 """The stages of the pipeline that each node has the options of."""
 
 

@@ -1,6 +1,8 @@
 """One rotation moves all stars: one filter of attitude and rate, updated by all of them."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,9 +12,12 @@ from startracker_ros.core.attitude.gyro import Gyro
 from startracker_ros.core.attitude.result import pointing_covariance
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
-from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
+from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import attitude_error
+from startracker_ros.core.maths.symmetric_matrix import is_positive_definite
+from startracker_ros.core.track.acceleration import AngularAcceleration
 from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import correct, Correction
 from startracker_ros.core.track.followed_stars import followed, Measured
@@ -35,9 +40,25 @@ MANOEUVRE_FRAMES = 10
 # More than NIS_GATE is a manoeuvre, or a wrong gyro. A false alarm inflates a covariance that took
 # a long steady turn to shrink.
 MEMORY = 0.2
-MEAN_NIS_GATE = NIS_GATE * MEMORY / (2 - MEMORY)
+MEAN_VARIANCE = MEMORY / (2 - MEMORY)
+MEAN_NIS_GATE = NIS_GATE * MEAN_VARIANCE
 """The same gate for the exponential mean of the innovations, in which the newest has the weight
 MEMORY: it detects a manoeuvre too slow for the gate of one frame."""
+
+RAISED_FROM, RAISED_TENFOLD = 4.0, 8.0
+"""Normalised square of that mean from which on the acceleration that is allowed is raised, and by
+how much more for a factor of 10: a lag of the filter shows long before the gate. In a steady turn
+one frame in twenty has more than twice RAISED_FROM."""
+
+DIVERGED_SIGMAS, DIVERGED_FRAMES = 20.0, 5
+"""Innovation by stars that agree, in so many frames in a row, of a filter that has diverged."""
+
+DOUBTED_NIS = 16.0
+"""Normalised innovation squared of a frame that is a manoeuvre as likely as not: one in a thousand
+of a steady turn has as much."""
+
+SURE_SIGMAS = 2.0  # of an acceleration that is used for the prediction
+LEAST_DOUBT = 0.02  # probability of a manoeuvre that is not neglected
 
 GYRO_SILENCE_S = 1.0
 """Age of the newest gyro rate from which on the rate is that of the stars alone."""
@@ -70,7 +91,7 @@ class AttitudeModel(StarModel):
         self._gyro = gyro
         across, roll = options.acceleration_deg_s2, options.roll_acceleration_deg_s2
         self._acceleration_rad_s2 = np.radians([across, across, roll])
-        self.gyro_trouble = ''
+        self.gyro_trouble = self.failure = ''
         # Its figures are read before the first start.
         self._stamp_jitter = StampJitter()
 
@@ -84,13 +105,18 @@ class AttitudeModel(StarModel):
             frame.stamp_ns, frame.attitude.quaternion, start.rate, np.zeros(3), covariance
         ).with_new_drift(self._gyro.drift_sigma_rad_s)
         self.uses_gyro = False
-        self._gyro_agreed = 0
+        self._gyro_agreed = self._diverged = 0
         self._scale = _ErrorScale(frame.scale)
         self._lens_error = LensError(self._camera)
         self._stamp_jitter = StampJitter()
+        self._acceleration, self._exposure_s = AngularAcceleration(), UNKNOWN_EXPOSURE
+        if start.cross.any():
+            self._acceleration.start(frame.stamp_ns, frame.attitude.quaternion, start.rate)
         self._mean_innovation = np.zeros(3)
-        self._level, self._manoeuvre_frames = 1.0, 0
-        self._measured: tuple[AttitudeState, AttitudeState, np.ndarray] | None = None
+        # Whether the body accelerates is not known of the first frames.
+        self._level, self._manoeuvre_frames = MANOEUVRES[0], MANOEUVRE_FRAMES
+        self._measured: AttitudeEstimate | None = None
+        self._uv = np.empty((0, 2))
 
     def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
@@ -98,6 +124,7 @@ class AttitudeModel(StarModel):
         dark = self.is_dark(frame)
         icrf = self._sky.direction(self.bank.star_index)
         uv = np.ascontiguousarray(frame.uv)
+        repeated, self._uv = np.array_equal(uv, self._uv), uv
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
         error_px2 = self.error_px2(frame)
         error = self._scale.value ** 2 * error_px2
@@ -115,7 +142,7 @@ class AttitudeModel(StarModel):
             mean = self._mean_innovation + MEMORY * (
                 correction.innovation - self._mean_innovation)
             if (fit is None or nominal is None and mean @ mean > MEAN_NIS_GATE
-                    or hypothesis.level > 1 and self._is_old(hypothesis.state, correction.state)):
+                    or repeated and self._is_old(hypothesis.state, correction.state)):
                 nominal = nominal or (hypothesis, correction)
                 if dark:
                     break
@@ -127,13 +154,22 @@ class AttitudeModel(StarModel):
                 self._mean_innovation = mean
                 self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
             before_ns = self._state.stamp_ns
-            self._measured = predicted, measured, common
             self._stamp_jitter.add(self._state, predicted, correction.state, measured)
+            self._measure(predicted, measured, common,
+                          None if nominal is None else nominal[0].state)
+            self._exposure_s = frame.exposure_s
+            doubt = self._doubt(correction)
+            if doubt is not None:
+                correction = correction._replace(state=_with_error(correction.state, doubt))
+                fit = replace(fit, attitude=replace(
+                    fit.attitude, covariance_sensor=correction.state.covariance[:3, :3]))
             self._set_state(correction.state, hypothesis.uses_gyro)
             seen, residuals = self._follow(correction, icrf, Measured(
                 uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
             self._lens_error.add(seen, residuals)
             self._scale.add(correction.typical)
+            self._diverged = 0
+            self._check_covariance()
             if not self.uses_gyro:
                 self._compare_gyro(before_ns, hypothesis.level)
             return FrameUpdate(True, fit, correction.unassociated, residuals)
@@ -141,18 +177,58 @@ class AttitudeModel(StarModel):
         # Propagate without an update: every star counts as missed.
         hypothesis, correction = nominal
         self._stamp_jitter.interrupt()
+        self._acceleration.interrupt()
         self._set_state(hypothesis.state, hypothesis.uses_gyro)
         count = len(correction.predicted)
         self._follow(correction._replace(probability=np.ones((count, 1)),
                                          distance=np.full(count, np.inf)), icrf, _NOTHING)
+        beyond = float(np.linalg.norm(correction.innovation))
+        self._diverged = self._diverged + 1 if beyond > DIVERGED_SIGMAS else 0
+        if self._diverged >= DIVERGED_FRAMES:
+            self.failure = (f'the filter has diverged: {self._diverged} frames in a row with '
+                            f'innovations beyond {DIVERGED_SIGMAS:g} sigma, the last of '
+                            f'{beyond:.0f}')
+        if dark and hypothesis.uses_gyro and self._is_saturated(stamp_ns):
+            self.failure = ('imu reaches gyro_range_deg_s while there are no stars: the attitude '
+                            'is not known')
+        self._check_covariance()
         return FrameUpdate(False, None, correction.unassociated)
+
+    def _doubt(self, correction: Correction) -> np.ndarray | None:
+        """
+        Return the covariance (3, 3) for that the frame is a manoeuvre, None if it hardly is one.
+
+        Then the attitude would be that of its stars alone: the mixture of both has this spread.
+        """
+        nis = float(correction.innovation @ correction.innovation)
+        share = 1 / (1 + math.exp((DOUBTED_NIS - nis) / 2))
+        if share < LEAST_DOUBT or self._measured is None:
+            return None
+        away = rotation_between(correction.state.quaternion, self._measured.quaternion)
+        return share * np.outer(away, away)
+
+    def _check_covariance(self) -> None:
+        """Set the failure of a state whose covariance is none."""
+        covariance = self._state.covariance
+        variances = np.diagonal(covariance).tolist()
+        if not (math.isfinite(covariance.sum()) and min(variances) > 0
+                and is_positive_definite(covariance)):
+            self.failure = ('the covariance of the filter is not positive definite, its diagonal '
+                            f'is {variances}')
+
+    def _is_saturated(self, stamp_ns: int) -> bool:
+        """Return whether the gyro reached its range within GYRO_SILENCE_S before a time."""
+        saturated_ns = self._gyro.saturated_ns
+        return (saturated_ns is not None
+                and 0 <= stamp_ns - saturated_ns <= GYRO_SILENCE_S * 1e9)
 
     def _hypotheses(self, stamp_ns: int, dark: bool) -> Iterator[_Hypothesis]:
         """Yield the nominal prediction, then those of manoeuvres."""
         state, gyro = self._state, self._gyro
         density = self._acceleration_rad_s2 ** 2 * (stamp_ns - state.stamp_ns) * 1e-9
         level = self._level if self._manoeuvre_frames else 1.0
-        with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S
+        with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S and (
+            dark or not self._is_saturated(stamp_ns))
         if with_gyro:
             # In a dark frame or a manoeuvre no assumption about the acceleration holds.
             if dark or level > 1:
@@ -162,19 +238,36 @@ class AttitudeModel(StarModel):
             yield _Hypothesis(True, MANOEUVRES[0],
                               gyro.propagate(state.inflated(MANOEUVRES[0]), stamp_ns))
         else:
-            yield _Hypothesis(False, level, state.propagated_at_constant_rate(
-                stamp_ns, level ** 2 * density, gyro.drift_density))
+            yield _Hypothesis(False, level, self._propagated(
+                state, stamp_ns, max(level, self._raised()) ** 2 * density))
         for factor in MANOEUVRES:
             if with_gyro or factor >= level:
-                yield _Hypothesis(False, factor, state.inflated(
-                    factor).propagated_at_constant_rate(
-                    stamp_ns, factor ** 2 * density, gyro.drift_density))
+                yield _Hypothesis(False, factor, self._propagated(
+                    state.inflated(factor), stamp_ns, factor ** 2 * density))
+
+    def _raised(self) -> float:
+        """Return the factor of the acceleration by a lag that the innovations show."""
+        lag = float(self._mean_innovation @ self._mean_innovation) / MEAN_VARIANCE
+        return 10.0 ** min(max((lag - RAISED_FROM) / RAISED_TENFOLD, 0.0), 1.5)
+
+    def _propagated(self, state: AttitudeState, stamp_ns: int, density: np.ndarray
+                    ) -> AttitudeState:
+        """Return the state at a time, at the acceleration that the frames before have shown."""
+        dt_s = (stamp_ns - state.stamp_ns) * 1e-9
+        acceleration = self._acceleration.estimate
+        # A vibration that the frames hardly show would give the rate of its guess.
+        certain = acceleration.value ** 2 > SURE_SIGMAS ** 2 * acceleration.variance
+        change = acceleration.value * certain * (dt_s / 2)
+        process = acceleration.process + acceleration.value ** 2 * ~certain
+        after = state._replace(rate=state.rate + change).propagated_at_constant_rate(
+            stamp_ns, density + process * dt_s, self._gyro.drift_density)
+        return after._replace(rate=after.rate + change)
 
     def _is_old(self, predicted: AttitudeState, corrected: AttitudeState) -> bool:
         """
-        Return whether the stars stand where they stood in the frame before, though they moved.
+        Return whether the stars of equal centroids should have moved: the image is an old one.
 
-        No acceleration stops a body so exactly between two frames: the image is an old one.
+        Two images of stars that stand still, as at the turning points of a sway, differ by noise.
         """
         before = self._state
         information = np.linalg.inv(before.covariance[:3, :3] + corrected.covariance[:3, :3])
@@ -244,14 +337,31 @@ class AttitudeModel(StarModel):
 
     @property
     def measured_attitude(self) -> AttitudeEstimate | None:
-        if self._measured is None:
-            return None
-        predicted, corrected, common = self._measured
+        return self._measured
+
+    def with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
+        """Return also what the acceleration within the exposure turns the stars by, taken out."""
+        estimate = super().with_systematic_errors(estimate)
+        turn, covariance = self._acceleration.shift(
+            self._exposure_s, self._state.rate, self._camera.fx)
+        return replace(estimate, quaternion=turned(estimate.quaternion, -turn),
+                       covariance_sensor=estimate.covariance_sensor + covariance)
+
+    def _measure(self, predicted: AttitudeState, corrected: AttitudeState, common: np.ndarray,
+                 contradicted: AttitudeState | None) -> None:
+        """Set the attitude that the stars of the frame measure, beside what was predicted."""
         adds, turn, covariance = measured_turn(predicted, corrected)
         if not adds:
-            return None
-        return AttitudeEstimate(turned(predicted.quaternion, turn), covariance + common, 0,
-                                np.empty(0), 0.0)
+            self._measured = None
+            self._acceleration.interrupt()
+            return
+        self._measured = AttitudeEstimate(
+            turned(predicted.quaternion, turn), covariance + common, 0, np.empty(0), 0.0)
+        self._acceleration.add(
+            corrected.stamp_ns, self._measured.quaternion,
+            self._measured.covariance_sensor,
+            None if contradicted is None else rotation_between(
+                contradicted.quaternion, self._measured.quaternion))
 
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state
@@ -268,6 +378,11 @@ class AttitudeModel(StarModel):
         A wrong unit, axis or sign gives rates that would lose the stars.
         """
         state, gyro = self._state, self._gyro
+        if self._is_saturated(state.stamp_ns):
+            self._gyro_agreed = 0
+            self.gyro_trouble = ('imu reaches gyro_range_deg_s: its rates are not used while the '
+                                 'true ones may be larger')
+            return
         if gyro.silent_s(state.stamp_ns) > GYRO_SILENCE_S:
             self._gyro_agreed, self.gyro_trouble = 0, ''
             return

@@ -65,8 +65,9 @@ def correct(lens: Lens, icrf: np.ndarray, usable: np.ndarray, min_stars: int,
     beta, unassociated = associate(predicted_uv, _pixel_covariance(H, P), uv, error, detection)
     z, R = combined_innovation(predicted_uv, uv, error, beta)
     usable = usable[inside]
-    weight = (1 - beta[:, 0]) * usable
     detected, best = beta[:, 0] <= 0.5, most_probable(beta)
+    # A star that was missed rather than not would pull towards the centroid of another one.
+    weight = (1 - beta[:, 0]) * usable * detected
     distance, normalised = np.full(len(icrf), np.inf), np.full(len(icrf), np.inf)
     while True:
         information, vector = normal_equations(H, z, R, weight)

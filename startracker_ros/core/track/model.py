@@ -49,10 +49,11 @@ class StarModel(ABC):
     Predicts the tracked stars, and updates them by frames of centroids.
 
     bank holds the tracks; from the start on rate_rad_s (3,) and rate_covariance (3, 3) are the
-    body rate. uses_gyro is whether gyro rates are used, gyro_trouble why they are not.
+    body rate. uses_gyro is whether gyro rates are used, gyro_trouble why they are not. failure is
+    why the state is no longer to be used, empty while it is.
     """
 
-    gyro_trouble = ''
+    gyro_trouble = failure = ''
     uses_gyro = False
     rate_rad_s: np.ndarray
     rate_covariance: np.ndarray

@@ -328,6 +328,9 @@ class StarTracker:
         self._bank_stamp_ns = stamp_ns
         frame = at_frame_time(self._camera, frame, self._model.rate_rad_s)
         result = self._model.update(stamp_ns, frame)
+        if self._model.failure:
+            self._enter(TrackerState.LOST, self._model.failure)
+            return
         self.contradiction = self._contradiction(result, frame) if result.good else ''
         if result.fit is None:
             self.stars_matched, self.residual_px = 0, math.nan

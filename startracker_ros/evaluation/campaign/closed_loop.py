@@ -60,6 +60,7 @@ class RunResult:
     fine: bool
     in_control: bool
     wrong: int
+    gross: int
     used: int
     settle_s: float
     rms_arcsec: tuple[float, float, float]
@@ -76,6 +77,7 @@ class ClosedLoopRow:
     fine_pointing: int
     in_control: int
     wrong_used: int
+    gross_used: int
     settle_s: float
     fine_rms_x_arcsec: float
     fine_rms_y_arcsec: float
@@ -158,7 +160,7 @@ def _result(steps: list[Step], plan: Plan, wall_s: float) -> RunResult:
     history = History(steps, plan)
     x, y, z = history.fine_rms_arcsec
     return RunResult(
-        len(steps), Phase.FINE in plan.begins_s, history.in_control, history.wrong,
+        len(steps), Phase.FINE in plan.begins_s, history.in_control, history.wrong, history.gross,
         int(history.used.sum()), history.settle_s, (float(x), float(y), float(z)),
         float(history.hold_s.max()), wall_s)
 
@@ -168,7 +170,7 @@ def row_of(name: str, runs: Sequence[list[RunResult]]) -> ClosedLoopRow:
     condition, hours = CONDITIONS[name], [hour for run in runs for hour in run]
     fine = sum(run[-1].fine for run in runs)
     in_control = sum(all(hour.in_control for hour in run) for run in runs)
-    wrong = sum(hour.wrong for hour in hours)
+    wrong, gross = sum(hour.wrong for hour in hours), sum(hour.gross for hour in hours)
     settle_s = max(run[0].settle_s for run in runs)
     x, y, _ = np.nanmax([hour.rms_arcsec for hour in hours], axis=0, initial=0.0)
     bound = f'all reach fine pointing and stay within {LOST_DEG:g} deg; 0 wrong used'
@@ -177,7 +179,7 @@ def row_of(name: str, runs: Sequence[list[RunResult]]) -> ClosedLoopRow:
         bound += f'; rms <= {FINE_RMS_ARCSEC:g} arcsec, settled in {SETTLE_S:g} s'
         holds = holds and max(x, y) <= FINE_RMS_ARCSEC and settle_s <= SETTLE_S
     return ClosedLoopRow(
-        name, len(runs), fine, in_control, wrong, settle_s, float(x), float(y),
+        name, len(runs), fine, in_control, wrong, gross, settle_s, float(x), float(y),
         max(hour.hold_s for hour in hours),
         sum(hour.frames for hour in hours) * _STEP_S / sum(hour.wall_s for hour in hours),
         bound, bool(holds))

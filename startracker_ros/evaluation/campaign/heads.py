@@ -18,7 +18,7 @@ from startracker_ros.evaluation.campaign.heads_tracker import (
     TRACKER_CONDITIONS, tracker_rows, tracker_runs)
 from startracker_ros.evaluation.campaign.parallel import parallel_map, split_trials
 from startracker_ros.io.table import Result
-from startracker_ros.tools.figures.correctness import over_bound, WRONG_TEXT
+from startracker_ros.tools.figures.correctness import count_wrong, WRONG_TEXT, WrongCount
 from startracker_ros.tools.figures.rows import Row
 
 _KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)
@@ -37,10 +37,14 @@ def _run(scene: Scene, options: MountOptions, seed: int) -> tuple[SceneRun, Atti
     return run, fusion, list(run.events(fusion))
 
 
-def _wrong(errors: np.ndarray, covariances: np.ndarray) -> int:
+def _wrong(errors: np.ndarray, covariances: np.ndarray) -> WrongCount:
     """Count errors (N, 3) that their covariances (N, 3, 3) make wrong attitudes."""
-    sigma = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-    return int(np.count_nonzero(over_bound(errors, sigma) > 1))
+    return count_wrong(errors, np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)))
+
+
+def _wrong_rows(case: str, wrong: float, gross: float) -> list[Row]:
+    return [Row(f'{case}: {kind} attitudes', count, 'frames', '= 0', count == 0)
+            for kind, count in (('wrong', wrong), ('gross', gross))]
 
 
 def _seconds(heads: int) -> float:
@@ -119,7 +123,7 @@ def _fused_snapshot(measured: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray
 
 def dropping(runs: int, seed: int) -> np.ndarray:
     """
-    Return the sum of NEES, fused frames, wrong ones and processor time in us of each run.
+    Return sum of NEES, fused frames, wrong and gross ones, processor time in us of each run.
 
     Three heads at other times and with other delays, the second always out of order.
     """
@@ -129,7 +133,7 @@ def dropping(runs: int, seed: int) -> np.ndarray:
         _, _, outcomes = _run(scene, _KNOWN, seed + index)
         errors, covariances = errors_of(outcomes)
         rows.append([nees_of(errors, covariances).sum(), len(errors),
-                     _wrong(errors, covariances),
+                     *_wrong(errors, covariances),
                      _frame_cpu_us(Scene(20.0, delays_s=scene.delays_s), seed)])
     return np.array(rows)
 
@@ -150,7 +154,7 @@ def _frame_cpu_us(scene: Scene, seed: int) -> float:
 
 
 def faults(fault: str, runs: int, seed: int) -> np.ndarray:
-    """Return fused frames, wrong ones and frames until the exclusion of each run with a fault."""
+    """Return fused, wrong and gross frames and those until the exclusion, of each run."""
     rows = []
     for index in range(runs):
         begin_s = 30.0 if fault == 'jump of 1 deg' else 0.0
@@ -158,19 +162,19 @@ def faults(fault: str, runs: int, seed: int) -> np.ndarray:
             Scene(_seconds(3), fault=fault, fault_s=begin_s), _LEARNT, seed + index)
         errors, covariances = errors_of(outcomes)
         after = run.excluded_after
-        rows.append([len(errors), _wrong(errors, covariances),
+        rows.append([len(errors), *_wrong(errors, covariances),
                      np.inf if after is None else after])
     return np.array(rows)
 
 
 def understated(runs: int, seed: int) -> np.ndarray:
-    """Return mean NEES, wrong frames and found scale of the errors of a head, of each run."""
+    """Return mean NEES, wrong and gross frames and found scale of a head, of each run."""
     rows = []
     for index in range(runs):
         run, fusion, outcomes = _run(Scene(_seconds(3), fault=UNDERSTATED), _KNOWN, seed + index)
         errors, covariances = errors_of(outcomes)
         rows.append([nees_of(errors, covariances)[_SETTLED:].mean(),
-                     _wrong(errors, covariances),
+                     *_wrong(errors, covariances),
                      fusion.heads[NAMES[run.faulty]].noise.scale ** 0.5])
     return np.array(rows)
 
@@ -280,28 +284,28 @@ def _rows_snapshots(case: str, rows: np.ndarray) -> list[Row]:
 
 
 def _rows_dropping(case: str, rows: np.ndarray) -> list[Row]:
-    nees, frames, wrong = rows[:, :3].sum(axis=0)
-    cpu_us = float(np.median(rows[:, 3]))
+    nees, frames, wrong, gross = rows[:, :4].sum(axis=0)
+    cpu_us = float(np.median(rows[:, 4]))
     return [Row('heads drop in and out: mean NEES', nees / frames, '', '2.7 .. 3.3',
                 2.7 <= nees / frames <= 3.3),
             Row('heads drop in and out: fused frames', frames, 'frames'),
-            Row('heads drop in and out: wrong attitudes', wrong, 'frames', '= 0', wrong == 0),
+            *_wrong_rows('heads drop in and out', wrong, gross),
             Row('processor time of a frame', cpu_us, 'us', '<= 300', cpu_us <= 300)]
 
 
 def _rows_faults(case: str, rows: np.ndarray) -> list[Row]:
-    frames, wrong = rows[:, :2].sum(axis=0)
-    after = float(rows[:, 2].max())
+    frames, wrong, gross = rows[:, :3].sum(axis=0)
+    after = float(rows[:, 3].max())
     return [Row(f'{case}: fused frames', frames, 'frames'),
-            Row(f'{case}: wrong attitudes', wrong, 'frames', '= 0', wrong == 0),
+            *_wrong_rows(case, wrong, gross),
             Row(f'{case}: excluded after, at most', after, 'frames', '<= 10', after <= 10)]
 
 
 def _rows_understated(case: str, rows: np.ndarray) -> list[Row]:
-    wrong = rows[:, 1].sum()
+    wrong, gross = rows[:, 1:3].sum(axis=0)
     return [Row(f'{UNDERSTATED}: mean NEES', rows[:, 0].mean(), ''),
-            Row(f'{UNDERSTATED}: wrong attitudes', wrong, 'frames', '= 0', wrong == 0),
-            Row(f'{UNDERSTATED}: found scale of {UNDERSTATED_BY:g}', rows[:, 2].mean(), '')]
+            *_wrong_rows(UNDERSTATED, wrong, gross),
+            Row(f'{UNDERSTATED}: found scale of {UNDERSTATED_BY:g}', rows[:, 3].mean(), '')]
 
 
 def _rows_bending(case: str, rows: np.ndarray) -> list[Row]:

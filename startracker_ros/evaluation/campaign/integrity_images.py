@@ -24,6 +24,7 @@ from startracker_ros.sim.sky.motion_state import Motion
 from startracker_ros.sim.sky.presets import with_preset
 from startracker_ros.sim.sky.shake import ShakenMotion
 from startracker_ros.sim.sky.simulator import SkySimulator
+from startracker_ros.sim.sky.sway import SwayingMotion
 
 FRAMES = 60
 START_FRAMES = 10
@@ -46,8 +47,9 @@ class ImageCondition:
     """
     What the images of a run contain.
 
-    The camera turns at rate_deg_s about a random axis, with a vibration of vibration_arcsec and
-    kicks of kick_arcsec, one in 0.15 s on average. The first clean_frames are of clean_detector
+    The camera turns at rate_deg_s about a random axis, with a sway of sway_deg in sway_s about
+    another one, a vibration of vibration_arcsec and kicks of kick_arcsec, one in 0.15 s on
+    average. The first clean_frames are of clean_detector
     and without artefacts: the tracker tracks when these begin. line_time_us is the parameter of
     the extraction. Frames are due after clean_frames, or after the two identifications of a start;
     with start, each run is due once: within its frames. needed_percent of what is due must have
@@ -57,6 +59,8 @@ class ImageCondition:
     rate_deg_s: float = 0.1
     vibration_arcsec: float = 0.0
     kick_arcsec: float = 0.0
+    sway_deg: float = 0.0
+    sway_s: float = 1.0
     detector: DetectorOptions = DetectorOptions()
     artefacts: ArtefactOptions = ArtefactOptions()
     line_time_us: float = 0.0
@@ -86,6 +90,12 @@ def _shaken(needed_percent: float, vibration_arcsec: float = 0.0, kick_arcsec: f
     return ImageCondition(
         vibration_arcsec=vibration_arcsec, kick_arcsec=kick_arcsec,
         detector=DetectorOptions(motion_smear=True), needed_percent=needed_percent)
+
+
+def _sway(sway_deg: float, sway_s: float, exposure_s: float = 0.1) -> ImageCondition:
+    return ImageCondition(
+        0.02, sway_deg=sway_deg, sway_s=sway_s,
+        detector=DetectorOptions(motion_smear=True, exposure_s=exposure_s))
 
 
 def _torn(rate_deg_s: float) -> ImageCondition:
@@ -175,6 +185,12 @@ IMAGE_CONDITIONS = {
     'kicks of 40 arcsec': _shaken(95.0, kick_arcsec=40.0),
     'kicks of 120 arcsec': _shaken(50.0, kick_arcsec=120.0),
     'kicks of 250 arcsec': _shaken(50.0, kick_arcsec=250.0),
+    'sway 1 deg, 10 s': _sway(1.0, 10.0),
+    'sway 0.2 deg, 2 s': _sway(0.2, 2.0),
+    'sway 0.05 deg, 1 s': _sway(0.05, 1.0),
+    'sway 0.05 deg, 1 s, exposed 10 ms': _sway(0.05, 1.0, 0.01),
+    'sway 0.01 deg, 0.5 s': _sway(0.01, 0.5),
+    'sway 5 deg, 30 s': _sway(5.0, 30.0),
 }
 
 
@@ -220,6 +236,10 @@ def _simulators(condition: ImageCondition, seed: int, camera: Camera
     axis = rng.standard_normal(3)
     rate_rad_s = np.radians(condition.rate_deg_s) * axis / np.linalg.norm(axis)
     motion: Motion = SteadyMotion(random_attitude(rng), rate_rad_s, _ORBIT)
+    if condition.sway_deg:
+        axis = rng.standard_normal(3)
+        motion = SwayingMotion(motion, axis / np.linalg.norm(axis), np.radians(condition.sway_deg),
+                               condition.sway_s, rng.uniform(0, 2 * np.pi))
     if condition.vibration_arcsec or condition.kick_arcsec:
         motion = ShakenMotion(motion, condition.vibration_arcsec * ARCSEC, _VIBRATION_HZ,
                               condition.kick_arcsec * ARCSEC, _KICK_PERIOD_S, seed)

@@ -8,7 +8,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.core.track.tracker import TrackerState
-from startracker_ros.tools.figures.correctness import error_over_bound, WRONG_SIGMAS
+from startracker_ros.tools.figures.correctness import count_wrong, WRONG_SIGMAS
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 EPOCH_YEAR = 2026.5
@@ -22,9 +22,8 @@ class Tally:
     Counts of one run or of many.
 
     due counts the frames that need an attitude, available those of them that have one. Of the
-    published attitudes: worst is the largest error over its bound, worst_sigma the largest in
-    standard deviations of its own covariance on any axis, nees and square_arcsec2 (boresight)
-    are sums.
+    published attitudes: worst_sigma is the largest error in standard deviations of its own
+    covariance on any axis, nees and square_arcsec2 (boresight) are sums.
     """
 
     frames: int = 0
@@ -32,28 +31,29 @@ class Tally:
     available: int = 0
     published: int = 0
     wrong: int = 0
-    beyond_5_sigma: int = 0
+    gross: int = 0
     losses: int = 0
     nees: float = 0.0
     square_arcsec2: float = 0.0
-    worst: float = 0.0
     worst_sigma: float = 0.0
 
     def __add__(self, other: 'Tally') -> 'Tally':
         both = Tally(*map(sum, zip(astuple(self), astuple(other))))
-        return replace(both, worst=max(self.worst, other.worst),
-                       worst_sigma=max(self.worst_sigma, other.worst_sigma))
+        return replace(both, worst_sigma=max(self.worst_sigma, other.worst_sigma))
+
+    @property
+    def worst(self) -> float:
+        """Largest error over its bound, wrong above 1."""
+        return self.worst_sigma / WRONG_SIGMAS
 
 
 def tally_of(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> Tally:
     """Return the tally of one published attitude (4,), covariance (3, 3) about sensor axes."""
-    error = attitude_error(quaternion, truth)
-    worst = error_over_bound(quaternion, covariance, truth)
-    sigmas = float(np.max(np.abs(error) / np.sqrt(np.diag(covariance))))
-    return Tally(published=1, wrong=int(worst > 1), beyond_5_sigma=int(sigmas > WRONG_SIGMAS),
+    error, sigma = attitude_error(quaternion, truth), np.sqrt(np.diag(covariance))
+    return Tally(published=1, **count_wrong(error, sigma)._asdict(),
                  nees=float(error @ np.linalg.solve(covariance, error)),
                  square_arcsec2=float(error[:2] @ error[:2]) / ARCSEC ** 2,
-                 worst=worst, worst_sigma=sigmas)
+                 worst_sigma=float(np.max(np.abs(error) / sigma)))
 
 
 def tally_of_frame(frame: FrameResult, before: TrackerState, truth: np.ndarray,

@@ -30,6 +30,7 @@ def rows_of(mode: str, result: TransitionsResult) -> list[BoundedRow]:
         bounded_row('processes ended', len(result.ended), 'processes', '= 0', not result.ended),
         bounded_row('attitudes', result.attitudes, 'frames'),
         bounded_row('wrong attitudes', result.wrong, 'frames', '= 0', not result.wrong),
+        bounded_row('gross attitudes', result.gross, 'frames', '= 0', not result.gross),
         bounded_row('attitudes without a truth received', result.unverified, 'frames', '= 0',
                     not result.unverified)]
     for kind, times_s in result.reactivation_s.items():

@@ -26,6 +26,7 @@ def rows_of(result: SoakResult) -> list[BoundedRow]:
         bounded_row('frames with attitude', 100 * result.attitudes / result.frames, '%', '>= 99',
                     result.attitudes >= 0.99 * result.frames),
         bounded_row('wrong attitudes', result.wrong, 'frames', '= 0', result.wrong == 0),
+        bounded_row('gross attitudes', result.gross, 'frames', '= 0', result.gross == 0),
         bounded_row('pace', result.frames / result.elapsed_s, 'frames/s')]
     latency_ms = 1e3 * np.array(result.latency_s)[int(WARM_UP * result.processed):]
     first, last = tenths(latency_ms)

@@ -120,6 +120,16 @@ def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed:
            as_json)
 
 
+@campaign.command('protection')
+@trials_option(4000, 'Draws of each hypothesis and axis.', least=100)
+@seed_option
+@json_option
+def campaign_protection(trials: int, seed: int, as_json: bool) -> None:
+    """Exceed the protection level of an attitude, by importance sampling."""
+    from startracker_ros.evaluation.campaign.protection import run_protection_campaign
+    finish(run_protection_campaign(trials=trials, seed=seed), as_json)
+
+
 @campaign.command('closed-loop')
 @trials_option(100, 'Runs of 20 minutes with faults; fewer of the other conditions.')
 @click.option('--only', multiple=True, help='Conditions to run, by name.')

@@ -105,8 +105,11 @@ def tracked_rows(cases: Sequence[RunCase], runs: Sequence[Runs], bias_rad: np.nd
     for case, each in zip(cases, runs):
         yield SheetRow(section, f'frames with an attitude, {case.rate_deg_s:g} deg/s',
                        each.available_percent, '%', method=TRACKER)
+    counts = [each.wrong(bias_rad) for each in runs]
     yield SheetRow(section, 'wrong attitudes, all rates',
-                   float(sum(each.wrong(bias_rad) for each in runs)), 'frames', method=TRACKER)
+                   float(sum(count.wrong for count in counts)), 'frames', method=TRACKER)
+    yield SheetRow(section, 'gross attitudes, all rates',
+                   float(sum(count.gross for count in counts)), 'frames', method=TRACKER)
 
 
 def limit_rows(cases: Sequence[RunCase], runs: Sequence[Runs], bias_rad: np.ndarray
@@ -133,7 +136,7 @@ def _largest(runs: Sequence[tuple[float, Runs]], bias_rad: np.ndarray) -> float:
     """Return the largest value of which, and of all smaller ones, the runs were tracked."""
     tracked = 0.0
     for value, each in sorted(runs, key=lambda one: one[0]):
-        if each.available_percent < TRACKED_PERCENT or each.wrong(bias_rad):
+        if each.available_percent < TRACKED_PERCENT or each.wrong(bias_rad).wrong:
             break
         tracked = value
     return tracked
@@ -180,6 +183,8 @@ def availability_rows(tallies: Sequence[Tally]) -> Iterator[SheetRow]:
                        method=TRACKER)
     yield SheetRow(section, 'wrong attitudes, all disturbances',
                    float(sum(tally.wrong for tally in tallies)), 'frames', method=TRACKER)
+    yield SheetRow(section, 'gross attitudes, all disturbances',
+                   float(sum(tally.gross for tally in tallies)), 'frames', method=TRACKER)
 
 
 def speed_rows(times_ms: np.ndarray) -> Iterator[SheetRow]:

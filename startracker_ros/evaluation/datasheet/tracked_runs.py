@@ -11,7 +11,7 @@ from startracker_ros.evaluation.datasheet.instrument import (
     EPOCH_YEAR, FRAME_RATE_HZ, Instrument, START_NS)
 from startracker_ros.evaluation.datasheet.motions import across_boresight, RUN_S, Spins
 from startracker_ros.sim.sky.simulator import SkySimulator
-from startracker_ros.tools.figures.correctness import over_bound
+from startracker_ros.tools.figures.correctness import count_wrong, WrongCount
 
 SETTLED_FRAMES = 10
 """Frames after which the filter of the tracker no longer depends on its start."""
@@ -49,9 +49,9 @@ class Runs:
         """Return the errors after SETTLED_FRAMES."""
         return self.error[:, SETTLED_FRAMES:]
 
-    def wrong(self, bias_rad: np.ndarray) -> int:
+    def wrong(self, bias_rad: np.ndarray) -> WrongCount:
         """Return how many attitudes are wrong beside the bias (3,), which alignment removes."""
-        return int(np.count_nonzero(over_bound(self.error - bias_rad, self.sigma) > 1))
+        return count_wrong(self.error - bias_rad, self.sigma)
 
     @property
     def available_percent(self) -> float:

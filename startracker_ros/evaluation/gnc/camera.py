@@ -134,5 +134,6 @@ class ImageCamera:
 
 
 def _joined(a: Centroids, b: Centroids) -> Centroids:
-    return Centroids(*(np.concatenate([getattr(a, name), getattr(b, name)])
-                       for name in ('uv', 'flux', 'snr', 'sigma_px')))
+    uv, flux, snr, sigma_px = (np.concatenate([getattr(a, name), getattr(b, name)])
+                               for name in ('uv', 'flux', 'snr', 'sigma_px'))
+    return Centroids(uv, flux, snr, sigma_px)

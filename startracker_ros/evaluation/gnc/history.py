@@ -40,7 +40,8 @@ class History:
             [step.truth.rate_rad_s for step in steps], axis=1))
         self.hold_s = np.array([step.hold_s for step in steps])
         self.used = np.array([step.used for step in steps])
-        self.wrong = int(sum(step.over_bound > 1 for step in steps))
+        self.wrong = sum(step.wrong.wrong for step in steps)
+        self.gross = sum(step.wrong.gross for step in steps)
 
     def within(self, phase: Phase) -> np.ndarray:
         """Return which steps (N,) are of a phase."""
@@ -107,6 +108,7 @@ def rows_of(history: History) -> list[Row]:
             Row('longest hold by propagation', float(history.hold_s.max()), 's'),
             Row('largest motor torque', float(np.abs(history.torque_n_m).max()), 'N m'),
             Row('wrong attitudes used', history.wrong, 'frames', '= 0', history.wrong == 0),
+            Row('gross attitudes used', history.gross, 'frames', '= 0', history.gross == 0),
             Row('frames', len(history.steps), 'frames')]
 
 

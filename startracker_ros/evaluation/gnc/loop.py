@@ -12,7 +12,7 @@ from startracker_ros.evaluation.gnc.plan import Phase, Plan
 from startracker_ros.evaluation.gnc.spacecraft import CONTROL_NS, LATENCY_NS, Spacecraft, Truth
 from startracker_ros.sim.sky.motion_state import MotionState
 from startracker_ros.sim.sky.sampled_motion import SampledMotion
-from startracker_ros.tools.figures.correctness import error_over_bound
+from startracker_ros.tools.figures.correctness import NOT_WRONG, verdict, WrongCount
 
 Q_BODY_FROM_SENSOR = np.array([0.5, 0.5, 0.5, 0.5])
 """The camera looks along x of the body, its image upright: sensor x, y, z are body y, z, x."""
@@ -27,7 +27,7 @@ class Step:
     axes, x and y across the boresight, NaN while only the rate is controlled; knowledge_rad (3,)
     that from the truth to the navigation, NaN without one. hold_s is how long the attitude has
     been propagated. used: whether the controller used the measurement of the frame,
-    over_bound the ratio of its error to its bound, wrong above 1, 0 where not used.
+    wrong whether that was wrong and gross, zeros where not used.
     """
 
     time_ns: int
@@ -38,7 +38,7 @@ class Step:
     knowledge_rad: np.ndarray
     hold_s: float
     used: bool
-    over_bound: float
+    wrong: WrongCount
 
 
 class ClosedLoop:
@@ -78,7 +78,7 @@ class ClosedLoop:
             fault = FrameFault(True, fault.dropped, fault.torn, fault.offset_s)
         seen = Observation('no frame') if fault.dropped else self._camera.observe(
             time_ns, self._motion, fault)
-        used, over = self._use(time_ns, seen, truth)
+        used, wrong = self._use(time_ns, seen, truth)
         state = navigation.state
         if (plan.update(time_ns * 1e-9, spacecraft.gyro_rad_s(), state)
                 and plan.phase is Phase.SLEW):
@@ -86,20 +86,20 @@ class ClosedLoop:
             # of the wheels: without it the boresight would leave its reference.
             spacecraft.reset_integral()
         self._command(time_ns, state, momentum)
-        return self._record(time_ns, truth, seen, state, used, over)
+        return self._record(time_ns, truth, seen, state, used, wrong)
 
-    def _use(self, time_ns: int, seen: Observation, truth: Truth) -> tuple[bool, float]:
+    def _use(self, time_ns: int, seen: Observation, truth: Truth) -> tuple[bool, WrongCount]:
         """Correct the navigation by a trusted attitude; return whether, and how wrong it is."""
         if seen.quaternion is None or seen.covariance is None:
-            return False, 0.0
+            return False, NOT_WRONG
         body, matrix = body_attitude(seen.quaternion), _MATRIX
         covariance = matrix @ seen.covariance @ matrix.T
         rate = (self._spacecraft.gyro_rad_s() if seen.rate_rad_s is None
                 else matrix @ seen.rate_rad_s)
         used = self.navigation.correct(time_ns, body, covariance, rate)
         if used is None:
-            return False, 0.0
-        return True, error_over_bound(body, used, truth.q_icrf_from_body)
+            return False, NOT_WRONG
+        return True, verdict(body, used, truth.q_icrf_from_body)
 
     def _command(self, time_ns: int, state: NavigationState | None, momentum: np.ndarray) -> None:
         """Write attitude and rate of when the controller runs, and the reference."""
@@ -115,7 +115,7 @@ class ClosedLoop:
                            self.plan.reference(at_ns * 1e-9, ahead.q_icrf_from_body))
 
     def _record(self, time_ns: int, truth: Truth, seen: Observation,
-                state: NavigationState | None, used: bool, over: float) -> Step:
+                state: NavigationState | None, used: bool, wrong: WrongCount) -> Step:
         pointing = knowledge = np.full(3, np.nan)
         if not self.plan.damps_rate:
             reference = self.plan.reference(time_ns * 1e-9, truth.q_icrf_from_body)
@@ -123,7 +123,7 @@ class ClosedLoop:
         if state is not None:
             knowledge = _MATRIX.T @ attitude_error(state.q_icrf_from_body, truth.q_icrf_from_body)
         return Step(time_ns, self.plan.phase, seen.state, truth, pointing, knowledge,
-                    self.navigation.hold_s(time_ns), used, over)
+                    self.navigation.hold_s(time_ns), used, wrong)
 
 
 _MATRIX = matrix_from_quaternion(Q_BODY_FROM_SENSOR)

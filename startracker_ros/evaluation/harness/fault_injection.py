@@ -61,6 +61,7 @@ class Outcome:
     longest_gap_s: float
     attitudes: int
     wrong: int
+    gross: int
     diagnostic: str | None
 
     @property
@@ -92,10 +93,11 @@ def inject(rig: FaultRig, name: str, fault: Fault, times: Times, *, timeout_s: f
     rig.run(timeout_s, lambda: _expected_diagnostic(rig, expected, begin_s) is not None)
     end_s = time.monotonic()
     diagnostic = _expected_diagnostic(rig, expected, begin_s)
-    attitudes, wrong = rig.count_attitudes(begin_s, end_s)
+    attitudes, (wrong, gross) = rig.count_attitudes(begin_s, end_s)
     _reset_inputs(rig)
     return Outcome(expected, None if recovered_s is None else recovered_s - expected.undone_s,
-                   rig.longest_gap_s(begin_s, end_s), attitudes, wrong, diagnostic)
+                   rig.longest_gap_s(begin_s, end_s), attitudes, wrong, gross,
+                   diagnostic)
 
 
 def row_of(name: str, outcome: Outcome) -> dict[str, object]:
@@ -106,7 +108,8 @@ def row_of(name: str, outcome: Outcome) -> dict[str, object]:
     return {'fault': name, 'recovery_from': expected.undone, 'recovery_s': outcome.recovery_s,
             'bound_s': expected.bound_s, 'longest_gap_s': outcome.longest_gap_s,
             'attitudes': outcome.attitudes, 'wrong': outcome.wrong,
-            'told': problem or outcome.diagnostic or None, 'holds': outcome.holds}
+            'gross': outcome.gross, 'told': problem or outcome.diagnostic or None,
+            'holds': outcome.holds}
 
 
 def _expected_diagnostic(rig: FaultRig, expected: Expected, begin_s: float) -> str | None:

@@ -24,7 +24,7 @@ from startracker_ros.ros.rig import Rig
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
-from startracker_ros.tools.figures.correctness import is_wrong
+from startracker_ros.tools.figures.correctness import verdict, WrongCount
 
 CAMERA = Camera.from_fov(512, 512, 12.0)
 FRAME_RATE_HZ = 10.0
@@ -192,21 +192,24 @@ class FaultRig(Rig):
         self.run(timeout_s, lambda: self.recovered_s(since_s) is not None)
         return self.recovered_s(since_s)
 
-    def count_attitudes(self, since_s: float, until_s: float) -> tuple[int, int]:
+    def count_attitudes(self, since_s: float, until_s: float) -> tuple[int, WrongCount]:
         """
-        Return the numbers of attitudes received in an interval and of the wrong ones.
+        Return the numbers of attitudes received in an interval and of the wrong and gross ones.
 
         Wrong is also one of unknown truth, or one that differs between the two topics.
         """
         received = [attitude for attitude in self.attitudes
                     if since_s <= attitude.received_s < until_s]
-        wrong = 0
+        wrong = gross = 0
         for attitude in received:
             truth = self._truth_at(attitude.stamp_ns)
             other = self._quaternions.get(attitude.stamp_ns, attitude.quaternion)
-            wrong += (truth is None or not np.array_equal(other, attitude.quaternion)
-                      or is_wrong(attitude.quaternion, attitude.covariance, truth))
-        return len(received), wrong
+            found = WrongCount(1, 1)
+            if truth is not None and np.array_equal(other, attitude.quaternion):
+                found = verdict(attitude.quaternion, attitude.covariance, truth)
+            wrong += found.wrong
+            gross += found.gross
+        return len(received), WrongCount(wrong, gross)
 
     def _truth_at(self, stamp_ns: int) -> np.ndarray | None:
         """

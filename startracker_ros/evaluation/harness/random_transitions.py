@@ -18,7 +18,7 @@ from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import (
     quaternion_from_message, tracked_attitude_from_imu)
 from startracker_ros.ros.rig import Rig
-from startracker_ros.tools.figures.correctness import is_wrong
+from startracker_ros.tools.figures.correctness import verdict, WrongCount
 
 SIMULATOR = 'sky_simulator'
 SKY = {'width': 256, 'height': 256, 'fov_deg': 12.0, 'frame_rate_hz': 10.0,
@@ -51,6 +51,7 @@ class TransitionsResult:
     wrong_responses: int = 0
     attitudes: int = 0
     wrong: int = 0
+    gross: int = 0
     unverified: int = 0
     ended: list[str] = field(default_factory=list)
     reactivation_s: dict[str, list[float]] = field(default_factory=lambda: {
@@ -175,8 +176,10 @@ class RandomTransitions(Rig):
                     self.result.unverified += 1
                     continue
                 tracked = tracked_attitude_from_imu(message)
-                self.result.wrong += tracked is None or is_wrong(
+                found = WrongCount(1, 1) if tracked is None else verdict(
                     tracked.attitude.quaternion, tracked.attitude.covariance_sensor, truth)
+                self.result.wrong += found.wrong
+                self.result.gross += found.gross
         newest = sorted(self._truth)[-1000:]
         self._truth = {stamp_ns: self._truth[stamp_ns] for stamp_ns in newest}
 

@@ -28,7 +28,7 @@ from startracker_ros.ros.rig import Rig
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.motion_state import Motion, MotionState
 from startracker_ros.sim.sky.simulator import SkySimulator
-from startracker_ros.tools.figures.correctness import is_wrong
+from startracker_ros.tools.figures.correctness import verdict
 
 CAMERA = Camera.from_fov(256, 256, 12.0)
 NODES = (*STAGES, 'bag_recorder')
@@ -73,6 +73,7 @@ class SoakResult:
     lost: int = 0
     attitudes: int = 0
     wrong: int = 0
+    gross: int = 0
     elapsed_s: float = 0.0
     latency_s: list[float] = field(default_factory=list)
     sampled_frames: list[int] = field(default_factory=list)
@@ -173,8 +174,9 @@ class Soak(Rig):
         if tracked is not None:
             attitude = tracked.attitude
             result.attitudes += 1
-            result.wrong += is_wrong(
-                attitude.quaternion, attitude.covariance_sensor, self._loop[index][1])
+            found = verdict(attitude.quaternion, attitude.covariance_sensor, self._loop[index][1])
+            result.wrong += found.wrong
+            result.gross += found.gross
 
     def _spin(self) -> None:
         """

@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.centroid.centroids import Centroids, ROUND
+from startracker_ros.core.centroid.centroids import Centroids, ROUND, UNKNOWN_EXPOSURE
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DTYPE
@@ -42,7 +42,11 @@ def centroids_from_rows(rows: np.ndarray) -> Centroids:
     fields = np.ascontiguousarray(rows).view('f4').reshape(len(rows), rows.dtype.itemsize // 4)
     known, *columns = _split(fields, _columns(rows.dtype))
     uv, flux, snr, sigma_px, covariance, delay_s, common = columns
-    return Centroids(uv, flux, snr, sigma_px, covariance if known else ROUND, delay_s, common)
+    exposure_s = UNKNOWN_EXPOSURE
+    if len(rows) and rows['exposure_max'][0] > 0:
+        exposure_s = float(rows['exposure_min'][0]), float(rows['exposure_max'][0])
+    return Centroids(uv, flux, snr, sigma_px, covariance if known else ROUND, delay_s, common,
+                     exposure_s)
 
 
 @compiled
@@ -101,4 +105,6 @@ def _measured_rows(dtype: np.dtype, centroids: Centroids, camera: Camera) -> np.
     common = centroids.common
     rows['common_uu'], rows['common_vv'] = common[:, 0, 0], common[:, 1, 1]
     rows['common_uv'] = common[:, 0, 1]
+    if centroids.exposure_s != UNKNOWN_EXPOSURE:
+        rows['exposure_min'], rows['exposure_max'] = centroids.exposure_s
     return rows

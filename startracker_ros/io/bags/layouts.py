@@ -17,7 +17,8 @@ _STAR_FIELDS = [*_CENTROID_FIELDS, ('hip', 'u4'), ('magnitude', 'f4'), ('residua
 # Zero in clouds that do not have them, such as those of older recordings.
 _MEASUREMENT_FIELDS = [('cov_uu', 'f4'), ('cov_uv', 'f4'), ('cov_vv', 'f4'),
                        ('stamp_offset', 'f4'), ('common_uu', 'f4'), ('common_uv', 'f4'),
-                       ('common_vv', 'f4'), ('directed', 'u1')]
+                       ('common_vv', 'f4'), ('directed', 'u1'), ('exposure_min', 'f4'),
+                       ('exposure_max', 'f4')]
 _TRACK_FIELDS = [
     *_STAR_FIELDS, ('track_id', 'u4'), ('age', 'u2'), ('missed', 'u1'),
     ('association_probability', 'f4'), ('u_rate', 'f4'), ('v_rate', 'f4'),

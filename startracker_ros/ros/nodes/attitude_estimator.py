@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 from sensor_msgs.msg import PointCloud2
 from startracker_ros.core.astro.observer_motion import AberrationOptions, ObserverMotion
+from startracker_ros.core.attitude.protection import ProtectionOptions
 from startracker_ros.core.attitude.validation import UNUSED_SOLVER, ValidationOptions
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
@@ -38,8 +39,8 @@ class SourceOptions(Options):
 class AttitudeEstimatorNode(CameraNode):
     """Publishes the attitude of each frame that has a trusted one, in ICRF."""
 
-    option_classes = (SourceOptions, ValidationOptions, FrameOptions, ExtraFrameOptions,
-                      MountOptions, AttitudeImuOptions, AberrationOptions)
+    option_classes = (SourceOptions, ValidationOptions, ProtectionOptions, FrameOptions,
+                      ExtraFrameOptions, MountOptions, AttitudeImuOptions, AberrationOptions)
     task = 'attitude'
 
     def __init__(self) -> None:
@@ -62,14 +63,15 @@ class AttitudeEstimatorNode(CameraNode):
 
     def builder(self, camera: Camera, epoch_year: float) -> Callable[[], AttitudeStage]:
         return partial(AttitudeStage, camera, epoch_year, self.options(ValidationOptions),
-                       self._observer.motion)
+                       self._observer.motion, protection=self.options(ProtectionOptions))
 
     def use(self, built: AttitudeStage) -> None:
         self._stage = built
 
     def set_live_options(self) -> None:
         if self.camera is not None:
-            self._stage.set_limits(self.options(ValidationOptions))
+            self._stage.set_limits(self.options(ValidationOptions),
+                                   self.options(ProtectionOptions))
 
     def warm_up(self) -> None:
         AttitudeStage(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, motion=ObserverMotion(

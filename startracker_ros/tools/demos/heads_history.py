@@ -15,7 +15,7 @@ from startracker_ros.core.maths.rotation import ARCSEC, matrix_from_quaternion, 
 from startracker_ros.io.recordings.recording import Recording
 from startracker_ros.sim.sky.motion import SteadyMotion
 from startracker_ros.tools.demos.heads_orbit import MOUNTS, START_NS
-from startracker_ros.tools.figures.correctness import over_bound
+from startracker_ros.tools.figures.correctness import count_wrong
 from startracker_ros.tools.figures.rows import Row
 from startracker_ros.tools.report.heads import HeadsRecording
 from startracker_ros.tools.report.picture import draw_error
@@ -137,7 +137,7 @@ class HeadsHistory:
         stamps, error, sigma = recording.errors()
         fused = len(np.intersect1d(stamps, self.stamp_ns))
         share = 100 * fused / len(self.stamp_ns)
-        wrong = int(np.count_nonzero(over_bound(error * ARCSEC, sigma * ARCSEC) > 1))
+        wrong, gross = count_wrong(error * ARCSEC, sigma * ARCSEC)
         cross = float(np.sqrt(np.mean(error[:, :2] ** 2)))
         roll = float(np.sqrt(np.mean(error[:, 2] ** 2)))
         jump = self._jump(stamps, error, sigma, heads)
@@ -149,6 +149,7 @@ class HeadsHistory:
             Row('frames', len(self.stamp_ns), 'frames'),
             Row('frames with fused attitude', share, '%', '>= 99', share >= 99),
             Row('wrong fused attitudes', wrong, 'frames', '= 0', wrong == 0),
+            Row('gross fused attitudes', gross, 'frames', '= 0', gross == 0),
             Row('fused error across the boresight of the first head, rms each axis', cross,
                 'arcsec'),
             Row('fused error in its roll, rms', roll, 'arcsec'),

@@ -3,7 +3,7 @@
 import numpy as np
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.io.recordings.recording import Recording
-from startracker_ros.tools.figures.correctness import over_bound
+from startracker_ros.tools.figures.correctness import count_wrong
 from startracker_ros.tools.figures.rows import DemoRow
 
 _LATENCY_GOALS_MS = {50: 6.0, 95: 10.0}
@@ -32,11 +32,12 @@ def summarise(recording: Recording, frames: int | None = None) -> list[DemoRow]:
         for kind, values in (('error', error), ('sigma', sigma)):
             rms = float(np.sqrt(np.mean(values[:, axes] ** 2)))
             rows.append(DemoRow(f'{name} {kind}, {each}', rms, 'arcsec'))
-    wrong = int(np.count_nonzero(over_bound(error * ARCSEC, sigma * ARCSEC) > 1))
+    wrong, gross = count_wrong(error * ARCSEC, sigma * ARCSEC)
     start_s = (recording.attitude_ns[0] - recording.image_ns[0]) / 1e9
     latency_ms = recording.latency_ms()
     return [
         *rows, DemoRow('wrong attitudes', wrong, 'frames', '= 0', wrong == 0),
+        DemoRow('gross attitudes', gross, 'frames', '= 0', gross == 0),
         DemoRow('first image to first attitude', start_s, 's'),
         *(DemoRow.with_goal(f'image sent to attitude received, p{percent}',
                             float(np.percentile(latency_ms, percent)), 'ms', goal)

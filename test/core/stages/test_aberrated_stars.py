@@ -120,7 +120,7 @@ def test_static_shapes_are_no_motion(shape, sigma_px, rate_deg_s):
     for index in range(25):
         frame = simulator.frame(index / 10)
         stamp_ns = START_NS + index * STEP_NS
-        pipeline.add_state(stamp_ns, frame.state.geocentric)
+        pipeline.motion.add_state(stamp_ns, frame.state.geocentric)
         result = pipeline.process(stamp_ns, picture(frame, shape, sigma_px, rng))
         attitude = result.attitude
         if attitude is None:

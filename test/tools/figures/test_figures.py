@@ -11,7 +11,7 @@ from startracker_ros.core.maths.rotation import ARCSEC, quaternion_from_rotation
 from startracker_ros.io.table import Result, show
 from startracker_ros.tools.figures import machine
 from startracker_ros.tools.figures.correctness import (
-    error_over_bound, is_correct, is_wrong, over_bound)
+    count_wrong, error_over_bound, is_correct, is_wrong, over_bound, verdict)
 from startracker_ros.tools.figures.rows import (
     BenchRow, CampaignRow, combined, judged, mean_chi_square_bounds, PaperRow, PercentileRow, Row,
     trials_for_percent)
@@ -86,14 +86,22 @@ def test_correct_attitudes_are_within_the_angles():
 def test_wrong_attitudes_exceed_the_bound_of_their_covariance():
     sigma_rad = 10 * ARCSEC * np.array([1.0, 2.0, 10.0])
     covariance = np.diag(sigma_rad ** 2)
-    # 5 sigma and 60 arcsec: 110, 160 and 560 arcsec.
-    for axis, bound in enumerate((110, 160, 560)):
+    for axis, bound in enumerate((50, 100, 500)):
         error = np.eye(3)[axis] * bound * ARCSEC
         assert error_over_bound(off(*error), covariance, TRUTH) == pytest.approx(1)
         assert is_wrong(off(*1.01 * error), covariance, TRUTH)
         assert not is_wrong(-off(*0.99 * error), covariance, TRUTH)
     np.testing.assert_allclose(over_bound(
-        ARCSEC * np.array([[110, 80, 0], [0, 0, -1120]]), np.tile(sigma_rad, (2, 1))), [1, 2])
+        ARCSEC * np.array([[50, 80, 0], [0, 0, -1000]]), np.tile(sigma_rad, (2, 1))), [1, 2])
+
+
+def test_wrong_attitudes_are_gross_beyond_60_arcsec_of_the_axis_that_is_wrong():
+    sigma_rad = 10 * ARCSEC * np.array([1.0, 2.0, 10.0])
+    assert verdict(off(55 * ARCSEC, 0, 0), np.diag(sigma_rad ** 2), TRUTH) == (1, 0)
+    # The third is within its sigma about z, the last is no attitude.
+    errors = ARCSEC * np.array([[55, 0, 0], [-61, 0, 0], [55, 0, 400], [0, 0, 501], [9, 9, 9]])
+    assert count_wrong(np.vstack([errors, np.full(3, np.nan)]), sigma_rad) == (4, 2)
+    assert count_wrong(errors[None], sigma_rad) == (4, 2)
 
 
 def test_calls_are_timed_without_the_garbage_collector():

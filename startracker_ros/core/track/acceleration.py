@@ -1,0 +1,291 @@
+"""
+The angular acceleration, and what it does to the light of an exposure.
+
+Under an acceleration a the stars are not seen where they were in the middle of an exposure T, but
+a turn a T^2 / 24 away, the same for all of them: no residual shows it. The second differences of
+the attitudes that the stars of single frames measure,
+
+    a_k = (d_k / dt_k - d_k-1 / dt_k-1) / ((dt_k + dt_k-1) / 2),  d_k from frame k - 1 to k,
+
+are mean accelerations about the time of frame k - 1. They predict the one at frame k in three
+ways: a = 0 of a steady turn, a = a_k of a torque that lasts, and a = b a_k - a_k-1 of an
+oscillation, b = 2 cos(w dt) by least squares. Each way has its mean squared error in the frames
+before (covariance matching), and what this exceeds the noise of the centroids by is the variance
+of the acceleration. The way of the least variance is used. In a steady turn that is next to none.
+
+An oscillation of angular frequency w is seen smaller by sinc(w T / 2) in the light and by
+sinc(w dt / 2)^2 in the differences, which b gives. Fits of streaks see the acceleration along the
+motion by their ends, which are a T^2 / 8 away, the more the longer they are.
+
+Where the rate jumps within an exposure the light is up to the whole innovation away from the
+attitude, and the difference to the frame after has another part of the jump.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.compiled_quaternion import rotation_between
+
+MEMORY = 0.93  # of the squared errors of the frames before
+SIGNIFICANT = 3.0  # standard deviations of a mean squared error by chance
+STEADY, TORQUE, OSCILLATION = 0, 1, 2
+DIFFERENCE = (0.0, 1.0, -2.0, 1.0, 0.0)
+"""Weights of attitudes in the newest second difference: of the next frame, and of four before."""
+
+FRAMES, WEIGHT, PRODUCT, ENERGY, B, B_SIGMA = 0, 1, 2, 3, 4, 5
+"""Numbers of a Memory: differences in a row; weight of the squares; sums of the fit of b; b."""
+
+STREAK_PX = 15.0
+"""Length of a streak from which on a fit sees rather its ends; computed for a width of 1 px."""
+
+STREAK_DOUBT = 0.25  # of the acceleration along streaks: bright stars show it in another way
+LEAST_WEIGHT = 5.0  # frames from which on a jump is told from a motion that has begun
+JUMP_FRAMES = 5  # after a jump, in which there is no other one
+ENDS = 0.25  # of an acceleration, 1 sigma: a torque ends at some time without a sign before
+UNSTEADY = 0.15
+"""Of what the body moves by from frame to frame and no frames before show, as of a vibration: the
+fit of a star whose light that spreads within the exposure is off by as much, 1 sigma."""
+
+PEAK_MEMORY, PEAK_SIGMAS = 0.97, 6.0
+"""What was wrong once in an error of the prediction may be again: it is so many sigma."""
+
+JUMP_DOUBT = 0.3  # of the innovation by a jump of the rate, 1 sigma
+
+
+class Memory(NamedTuple):
+    """
+    What is remembered of the frames before; the arrays are changed in place.
+
+    recent (2, 3) are the last two accelerations, the newest first; square and peak (3, 3) are the
+    sum of the squared errors and the largest error of each way about each axis; numbers (6,).
+    """
+
+    recent: np.ndarray
+    square: np.ndarray
+    peak: np.ndarray
+    numbers: np.ndarray
+
+    @classmethod
+    def empty(cls) -> 'Memory':
+        """Return that before the first frame."""
+        return cls(np.zeros((2, 3)), np.zeros((3, 3)), np.zeros((3, 3)),
+                   np.array([0.0, 0.0, 0.0, 0.0, 2.0, 0.0]))
+
+
+class Estimate(NamedTuple):
+    """
+    The acceleration at a frame about sensor axes, each (3,): its value in the way that is used.
+
+    variance is its own, in rad^2/s^4; process the part of it that is significant, for the process
+    noise of a filter; unsteady what of that no way predicts.
+    """
+
+    way: int
+    value: np.ndarray
+    variance: np.ndarray
+    process: np.ndarray
+    unsteady: np.ndarray
+
+
+class Shift(NamedTuple):
+    """The turn (3,) rad of the light from the middle of the exposure, its covariance (3, 3)."""
+
+    turn: np.ndarray
+    covariance: np.ndarray
+
+
+_NOTHING = Estimate(STEADY, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
+
+
+class AngularAcceleration:
+    """Estimates the acceleration from good frames in turn; estimate is that at the last one."""
+
+    def __init__(self) -> None:
+        self._dt_s = math.nan
+        self._memory = Memory.empty()
+        self._since_jump = JUMP_FRAMES
+        self.estimate = _NOTHING
+        self.interrupt()
+
+    def interrupt(self) -> None:
+        """Begin new differences; how the body moved before is not forgotten."""
+        self._attitude: tuple[int, np.ndarray] | None = None
+        self._rate: np.ndarray | None = None
+        self._jump = np.zeros(3)
+        memory = self._memory
+        memory.numbers[FRAMES] = 0.0
+        if memory.numbers[WEIGHT]:
+            variance = memory.square[STEADY] / memory.numbers[WEIGHT]
+            self.estimate = Estimate(
+                STEADY, np.zeros(3), variance, variance, self.estimate.unsteady)
+
+    def start(self, stamp_ns: int, quaternion: np.ndarray, rate_rad_s: np.ndarray) -> None:
+        """Begin by the attitude (4,) of a frame and the mean rate (3,) since the one before."""
+        self._attitude, self._rate = (stamp_ns, quaternion), rate_rad_s
+
+    def add(self, stamp_ns: int, quaternion: np.ndarray, covariance: np.ndarray,
+            jump: np.ndarray | None = None) -> None:
+        """
+        Add the attitude (4,) that the stars of a frame measure, of covariance (3, 3) rad^2.
+
+        jump (3,) rad is its turn from a prediction that it contradicts.
+        """
+        attitude, before = self._attitude, self._rate
+        self._attitude = stamp_ns, quaternion
+        if attitude is None:
+            return
+        before_s, dt_s = self._dt_s, (stamp_ns - attitude[0]) * 1e-9
+        self._dt_s, self._rate = dt_s, rotation_between(attitude[1], quaternion) / dt_s
+        if before is None:
+            return
+        middle_s = dt_s if math.isnan(before_s) else (dt_s + before_s) / 2
+        self._since_jump += 1
+        self._jump = np.zeros(3)
+        if jump is not None and self._since_jump > JUMP_FRAMES:
+            self._since_jump, self._jump = 0, jump
+        self.estimate = Estimate(*add_difference(
+            self._memory, (self._rate - before) / middle_s, covariance / dt_s ** 4,
+            self._since_jump))
+
+    def shift(self, exposure_s: tuple[float, float], rate: np.ndarray, focal_px: float) -> Shift:
+        """
+        Return the shift of the light at the last frame.
+
+        exposure_s are the least and the largest exposure, which the frame interval limits; rate
+        (3,) rad/s is that of the body, focal_px the focal length.
+        """
+        if math.isnan(self._dt_s):
+            return Shift(np.zeros(3), np.zeros((3, 3)))
+        least, most = (min(limit, self._dt_s) for limit in exposure_s)
+        return Shift(*light_shift(self._memory, self.estimate, self._jump, self._dt_s, least, most,
+                                  rate, focal_px))
+
+
+@compiled
+def add_difference(memory: Memory, acceleration: np.ndarray, noise: np.ndarray, since_jump: int
+                   ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Add a difference (3,) of attitudes of covariance noise (3, 3) over dt^4; return an Estimate.
+
+    It is since_jump frames after a jump. The ways predict by weights of the attitudes before; the
+    error that is measured is that of the next difference and of its prediction.
+    """
+    recent, square, peak, numbers = memory
+    frames, b = int(numbers[FRAMES]), numbers[B]
+    known = since_jump > 1 or numbers[WEIGHT] < LEAST_WEIGHT
+    if known:
+        # Two differences have a part of a jump, and no other one will.
+        numbers[WEIGHT] = MEMORY * numbers[WEIGHT] + 1
+    mean_error = 0.0
+    if frames > 1:
+        numbers[PRODUCT] *= MEMORY
+        numbers[ENERGY] *= MEMORY
+    for axis in range(3):
+        a, last, oldest = acceleration[axis], recent[0, axis], recent[1, axis]
+        if frames < 1:
+            last = 0.0
+        swung = b * last - oldest if frames > 1 else last
+        for way in range(3):
+            error = a - (0.0 if way == STEADY else last if way == TORQUE else swung)
+            if known:
+                square[way, axis] = MEMORY * square[way, axis] + error * error
+                peak[way, axis] = max(PEAK_MEMORY * peak[way, axis], abs(error))
+        mean_error += square[OSCILLATION, axis] / noise[axis, axis]
+        if frames > 1:
+            numbers[PRODUCT] += last * (a + oldest) / noise[axis, axis]
+            numbers[ENERGY] += last * last / noise[axis, axis]
+        recent[1, axis], recent[0, axis] = last, a
+    if frames > 1:
+        numbers[B] = min(max(numbers[PRODUCT] / numbers[ENERGY], -2.0), 2.0)
+        numbers[B_SIGMA] = math.sqrt(
+            mean_error / max(numbers[WEIGHT], 1.0) / numbers[ENERGY])
+    numbers[FRAMES] = frames + 1
+    return _best_way(memory, noise, since_jump)
+
+
+@compiled
+def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
+              ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the Estimate in the way of the least variance."""
+    recent, square, peak, numbers = memory
+    weight, b, two = numbers[WEIGHT], numbers[B], numbers[FRAMES] > 1
+    best, least = STEADY, np.inf
+    value, variance = np.zeros(3), np.zeros(3)
+    process, unsteady = np.zeros(3), np.zeros(3)
+    for way in range(3):
+        own2 = chance2 = 0.0
+        for k in range(5):
+            own = 0.0
+            if way == TORQUE or way == OSCILLATION and not two:
+                own = DIFFERENCE[k]
+            elif way == OSCILLATION:
+                own = b * DIFFERENCE[k] - (DIFFERENCE[k - 1] if k else 0.0)
+            newest = DIFFERENCE[k + 1] if k < 4 else 0.0
+            own2 += own * own
+            chance2 += (newest - own) ** 2
+        total = 0.0
+        for axis in range(3):
+            excess = square[way, axis] / weight - chance2 * noise[axis, axis]
+            total += (max(excess, 0.0) / noise[axis, axis] + own2 + 2 / weight * chance2)
+        if total >= least:
+            continue
+        best, least = way, total
+        for axis in range(3):
+            chance, own_variance = chance2 * noise[axis, axis], own2 * noise[axis, axis]
+            excess = square[way, axis] / weight - chance
+            largest = max(peak[way, axis] ** 2 - 16 * chance, 0.0) / PEAK_SIGMAS ** 2
+            variance[axis] = max(max(excess, 0.0) + own_variance + 2 / weight * chance, largest)
+            significant = max(excess - SIGNIFICANT * math.sqrt(2 / weight) * chance, 0.0)
+            unsteady[axis] = significant * min(
+                significant * weight / max(square[STEADY, axis], 1e-300), 1.0)
+            last = recent[0, axis]
+            value[axis] = 0.0 if way == STEADY else last
+            if way == OSCILLATION and two:
+                value[axis] = b * last - recent[1, axis]
+            process[axis] = significant
+            if way != STEADY:
+                process[axis] = (max(excess, 0.0) + own_variance
+                                 + (ENDS * value[axis]) ** 2)
+            if since_jump == 1:
+                # The rest of a jump, or a torque that has begun.
+                variance[axis] += last * last
+    return best, value, variance, process, unsteady
+
+
+@compiled
+def light_shift(memory: Memory, estimate: Estimate, jump: np.ndarray, dt_s: float, least_s: float,
+                most_s: float, rate: np.ndarray, focal_px: float
+                ) -> tuple[np.ndarray, np.ndarray]:
+    """Return the Shift for exposures between least_s and most_s."""
+    b, b_sigma = memory.numbers[B], memory.numbers[B_SIGMA]
+    swings = estimate.way == OSCILLATION
+    low = _seconds2(least_s, dt_s, b + b_sigma, swings)
+    high = _seconds2(most_s, dt_s, b - b_sigma, swings)
+    mean, doubt = (low + high) / 2, (high - low) / 2
+    speed2 = rate @ rate
+    along = np.zeros(3)
+    if speed2 > 0:
+        along = rate * ((estimate.value @ rate) / speed2)
+    length_px = focal_px * math.hypot(rate[0], rate[1]) * most_s
+    long = 1 / (1 + (STREAK_PX / max(length_px, 1e-9)) ** 2)
+    seen = estimate.value + long * along
+    uncertain = (STREAK_DOUBT * min(length_px / 4, 1.0) + long) * mean
+    covariance = (doubt ** 2 * np.outer(seen, seen) + uncertain ** 2 * np.outer(along, along)
+                  + JUMP_DOUBT ** 2 * most_s / dt_s * np.outer(jump, jump))
+    for axis in range(3):
+        covariance[axis, axis] += ((mean ** 2 + doubt ** 2) * estimate.variance[axis]
+                                   + UNSTEADY ** 2 * most_s * dt_s ** 3 * estimate.unsteady[axis])
+    return mean * seen, covariance
+
+
+@compiled
+def _seconds2(exposure_s: float, dt_s: float, b: float, swings: bool) -> float:
+    """Return the shift over the acceleration of the differences: T^2 / 24, if it is slow."""
+    half = math.asin(math.sqrt(min(max((2 - b) / 4, 0.0), 1.0))) if swings else 0.0  # w dt / 2
+    light = half * exposure_s / dt_s  # w T / 2
+    if light < 0.01:
+        return exposure_s ** 2 / 24
+    w = 2 * half / dt_s
+    return (light / math.sin(light) - 1) / w ** 2 * (half / math.sin(half)) ** 2

@@ -1,0 +1,91 @@
+"""The acceleration out of the attitudes of frames, and what it does to an exposure."""
+
+import numpy as np
+import pytest
+from startracker_ros.core.maths.rotation import ARCSEC, multiply, quaternion_from_rotation_vector
+from startracker_ros.core.track.acceleration import AngularAcceleration
+from startracker_ros.evaluation.campaign.integrity_motion import motion_runs
+
+DT_S, SIGMA = 0.1, 0.4 * ARCSEC
+AXIS = np.array([0.6, 0.8, 0.0])
+EXPOSED = (DT_S, DT_S)
+
+
+def frames(angle_of, count=200, seed=1, exposure_s=DT_S):
+    """Yield an estimate after each frame, and the angle of its light from the middle, in rad."""
+    rng, found = np.random.default_rng(seed), AngularAcceleration()
+    part_s = exposure_s * ((np.arange(41) + 0.5) / 41 - 0.5)
+    for frame in range(count):
+        time_s = frame * DT_S
+        light = np.mean(angle_of(time_s + part_s))
+        noise = quaternion_from_rotation_vector(SIGMA * rng.standard_normal(3))
+        found.add(round(time_s * 1e9), multiply(
+            quaternion_from_rotation_vector(light * AXIS), noise), np.eye(3) * SIGMA ** 2)
+        yield found, light - angle_of(time_s)
+
+
+def sway(amplitude_deg, period_s):
+    return lambda time_s: np.radians(amplitude_deg) * np.sin(2 * np.pi * time_s / period_s + 0.7)
+
+
+@pytest.mark.parametrize(('amplitude_deg', 'period_s'), [
+    (1.0, 10.0), (0.2, 2.0), (0.05, 1.0), (0.01, 0.5), (5.0, 20.0)])
+def test_the_shift_of_a_sway_is_taken_out_within_its_covariance(amplitude_deg, period_s):
+    left, seen, normalised = [], [], []
+    for found, shift in frames(sway(amplitude_deg, period_s)):
+        turn, covariance = found.shift(EXPOSED, np.zeros(3), 4900.0)
+        left.append(shift - turn @ AXIS)
+        seen.append(shift)
+        normalised.append(left[-1] ** 2 / (AXIS @ covariance @ AXIS + SIGMA ** 2))
+    settled = slice(20, None)
+    assert np.std(left[settled]) < 0.35 * np.std(seen[settled])
+    # The first two frames show no acceleration, and a single attitude is known by SIGMA.
+    assert np.max(normalised[2:]) < 25 and np.mean(normalised[settled]) < 1.3
+
+
+def test_a_steady_turn_costs_next_to_nothing():
+    for found, _ in frames(lambda time_s: np.radians(0.3) * time_s, exposure_s=0.0):
+        turn, covariance = found.shift(EXPOSED, np.radians(0.3) * AXIS, 4900.0)
+    assert not turn.any() and not found.estimate.process.any()
+    assert (np.sqrt(np.diag(covariance)) < 0.1 * SIGMA).all()
+
+
+def test_an_unknown_exposure_is_between_none_and_the_interval():
+    found, shift = list(frames(sway(0.2, 2.0), count=60))[-1]
+    turn, covariance = found.shift((0.0, np.inf), np.zeros(3), 4900.0)
+    known, _ = found.shift(EXPOSED, np.zeros(3), 4900.0)
+    assert turn @ AXIS == pytest.approx(known @ AXIS / 2, rel=0.1)
+    assert np.sqrt(AXIS @ covariance @ AXIS) >= 0.9 * abs(turn @ AXIS)
+    none, _ = found.shift((0.0, 0.0), np.zeros(3), 4900.0)
+    assert not none.any()
+    assert abs(known @ AXIS - shift) < 0.2 * abs(shift) + 0.5 * SIGMA
+
+
+def test_a_jump_of_the_rate_is_in_the_covariance_of_its_frame_only():
+    rng, found = np.random.default_rng(3), AngularAcceleration()
+    sigmas = []
+    for frame in range(40):
+        angle = 100 * ARCSEC * max(frame - 29.5, 0)
+        jump = 50 * ARCSEC * AXIS if frame == 30 else None
+        found.add(frame * 10 ** 8, multiply(quaternion_from_rotation_vector(angle * AXIS),
+                  quaternion_from_rotation_vector(SIGMA * rng.standard_normal(3))),
+                  np.eye(3) * SIGMA ** 2, jump)
+        covariance = found.shift(EXPOSED, np.zeros(3), 4900.0).covariance
+        sigmas.append(np.sqrt(AXIS @ covariance @ AXIS) / ARCSEC)
+    assert sigmas[29] < 0.1 and sigmas[30] > 10 and sigmas[35] < 0.3
+
+
+def test_what_moved_before_a_gap_is_not_forgotten():
+    found, _ = list(frames(sway(0.2, 2.0), count=60))[-1]
+    found.interrupt()
+    covariance = found.shift(EXPOSED, np.zeros(3), 4900.0).covariance
+    assert not found.estimate.value.any() and np.sqrt(AXIS @ covariance @ AXIS) > 1.0 * ARCSEC
+
+
+@pytest.mark.parametrize('name', [
+    'list, sway 0.05 deg, 1 s', 'list, sway 1 deg, 10 s, exposed 0.1 s',
+    'list, steps of 0.5 deg/s each second', 'list, stamps that err by 5 ms'])
+def test_the_covariance_of_a_tracker_holds_whatever_moves(name):
+    tally = motion_runs(name, 1, 5, frames=100)
+    assert tally.available == tally.due == 98
+    assert not tally.wrong and tally.nees / tally.published < 4.2

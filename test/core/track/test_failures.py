@@ -1,0 +1,92 @@
+"""States that are given up by name: a diverged filter, no covariance, a gyro at its range."""
+
+import numpy as np
+from star_motion import Motion, sky, START_NS, STEP_NS
+from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.track import attitude_model
+from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.tracker import StarTracker, TrackerState
+
+ONBOARD = sky()
+
+
+def tracking(motion, gyro=None, frames=12, **options):
+    """Return a tracker after so many frames, with the rates of a gyro."""
+    tracker = StarTracker(motion.camera, motion.onboard, TrackerOptions(**options),
+                          GyroErrorOptions(gyro_range_deg_s=5.0))
+    for frame in range(frames):
+        if gyro is not None and frame:
+            for k in range(10):
+                tracker.add_rate(START_NS + (frame - 1) * STEP_NS + (k + 1) * STEP_NS // 10, gyro)
+        stamp_ns, centroids, hip = motion.frame(frame)
+        tracker.update(stamp_ns, centroids)
+        if tracker.state is not TrackerState.TRACKING:
+            tracker.identified(stamp_ns, centroids, hip)
+    assert tracker.state is TrackerState.TRACKING
+    return tracker
+
+
+def test_a_filter_that_diverges_is_given_up_whatever_max_bad_frames_is(monkeypatch):
+    motion = Motion(ONBOARD, (0.0, 0.1, 0.0), sigma_px=0.05)
+    tracker = tracking(motion, max_bad_frames=1000)
+    # Without the hypotheses of manoeuvres, which follow it.
+    monkeypatch.setattr(attitude_model, 'MANOEUVRES', ())
+    # Each of 35 stars is in its gate: together they are no more than 16 sigma off.
+    monkeypatch.setattr(attitude_model, 'DIVERGED_SIGMAS', 10.0)
+    for frame in range(12, 17):
+        assert tracker.state is TrackerState.TRACKING
+        # As by a defect of the state: it is wrong by 3 sigma of a star, and sure of that.
+        model = tracker._model
+        model._state = model._state._replace(
+            quaternion=motion.q(frame - 1 + 0.16), rate=np.radians(motion.rate_deg_s),
+            covariance=np.eye(9) * 1e-16)
+        stamp_ns, centroids, _ = motion.frame(frame)
+        tracker.update(stamp_ns, centroids)
+        assert tracker.attitude is None
+    assert tracker.state is TrackerState.LOST
+    assert 'the filter has diverged: 5 frames' in tracker.reason and 'sigma' in tracker.reason
+
+
+def test_a_covariance_that_is_none_is_given_up():
+    motion = Motion(ONBOARD, (0.0, 0.1, 0.0))
+    tracker = tracking(motion)
+    model, bad = tracker._model, tracker._model._state.covariance.copy()
+    bad[4, 4] = -1e-6
+    model._state = model._state._replace(covariance=bad)
+    stamp_ns, centroids, _ = motion.frame(12)
+    tracker.update(stamp_ns, centroids)
+    assert tracker.attitude is None and tracker.state is TrackerState.LOST
+    assert 'not positive definite' in tracker.reason
+
+
+def test_a_gyro_at_its_range_is_told_and_not_used():
+    gyro = Gyro(GyroErrorOptions(gyro_range_deg_s=5.0))
+    assert gyro.add(0, np.radians([4.9, 0.0, 0.0])) and gyro.saturated_ns is None
+    assert not gyro.add(10, np.radians([0.0, -5.0, 0.0])) and gyro.saturated_ns == 10
+    assert not gyro.add(20, [np.nan, 0.0, 0.0]) and gyro.saturated_ns == 10
+
+
+def test_a_gyro_at_its_range_in_the_dark_ends_the_state():
+    motion = Motion(ONBOARD, (0.0, 0.1, 0.0))
+    for rate, state in (([0.0, 0.1, 0.0], TrackerState.TRACKING),
+                        ([0.0, 6.0, 0.0], TrackerState.LOST)):
+        tracker = tracking(motion, np.radians([0.0, 0.1, 0.0]))
+        assert tracker.gyro_condition == 'used'
+        for k in range(10):
+            tracker.add_rate(START_NS + 11 * STEP_NS + (k + 1) * STEP_NS // 10, np.radians(rate))
+        tracker.update(START_NS + 12 * STEP_NS, Centroids.empty())
+        assert tracker.state is state and tracker.attitude is None
+    assert 'gyro_range_deg_s' in tracker.reason
+
+
+def test_a_gyro_at_its_range_is_not_used_while_stars_are_seen():
+    motion = Motion(ONBOARD, (0.0, 0.1, 0.0))
+    tracker = tracking(motion, np.radians([0.0, 0.1, 0.0]))
+    for k in range(10):
+        tracker.add_rate(START_NS + 11 * STEP_NS + (k + 1) * STEP_NS // 10,
+                         np.radians([0.0, 6.0, 0.0]))
+    stamp_ns, centroids, _ = motion.frame(12)
+    tracker.update(stamp_ns, centroids)
+    assert tracker.attitude is not None and 'gyro_range_deg_s' in tracker.gyro_trouble
+    assert tracker.gyro_condition == 'unused'
