@@ -28,16 +28,16 @@ print(code_name('startracker_ros.core.camera.lens'))
 print(len([name for name in compiled if name.endswith('undistort')]))
 """
 NAME = 'startracker_ros.core.camera.lens.undistort'
-FILES = ('__init__.py', 'compilation.py', 'compiled.py', 'compiled_types.py', 'machine_code.py',
-         'machine_code_cache.py', 'warm_up.py', 'folders.py', 'camera/__init__.py',
-         'camera/lens.py', 'camera/distortion.py')
+FILES = ('__init__.py', 'warm_up.py', *(f'core/{name}.py' for name in (
+    '__init__', 'compilation', 'compiled', 'compiled_types', 'machine_code', 'machine_code_cache',
+    'folders', 'camera/__init__', 'camera/lens', 'camera/distortion')))
 
 
 def copy_of(tree):
     """Return a copy of what the compiled lens needs, in which nothing is registered."""
     source = Path(startracker_ros.__file__).parent
     copy = tree / 'startracker_ros'
-    (copy / 'camera').mkdir(parents=True)
+    (copy / 'core' / 'camera').mkdir(parents=True)
     for name in FILES:
         # As pip does, which gives files the time of the build.
         shutil.copyfile(source / name, copy / name)
@@ -80,11 +80,11 @@ def test_equal_sources_share_their_code_and_changed_ones_do_not(package, tmp_pat
     other = copy_of(tmp_path / 'other')
     assert run(other, tmp_path) == (folder, name, 0)
     # What decides where code is kept does not change it.
-    with (other / 'machine_code.py').open('a') as file:
+    with (other / 'core' / 'machine_code.py').open('a') as file:
         file.write('\n# changed\n')
     assert run(other, tmp_path) == (folder, name, 0)
     # A function that the compiled one calls, in another module.
-    with (other / 'camera' / 'distortion.py').open('a') as file:
+    with (other / 'core' / 'camera' / 'distortion.py').open('a') as file:
         file.write('\n# changed\n')
     _, changed, compiles = run(other, tmp_path)
     assert compiles and changed != name

@@ -49,7 +49,7 @@ def without_ros(tmp_path: Path) -> dict[str, str]:
         if path.name not in of_ros and not path.name.startswith(('rclpy', 'ros_')):
             (visible / path.name).symlink_to(path)
     root = Path(__file__).parents[1]
-    return {**os.environ, 'AMENT_PREFIX_PATH': '', 'PYTHONPATH': f'{visible}{os.pathsep}{root}'}
+    return {**os.environ, 'AMENT_PREFIX_PATH': '', 'PYTHONPATH': f'{root}{os.pathsep}{visible}'}
 
 
 @pytest.mark.parametrize('arguments, needs_ros', [

@@ -1,6 +1,6 @@
 """What the star tracker knows after a frame."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_icrf
@@ -12,7 +12,7 @@ from startracker_ros.core.track.tracker import TrackerState
 from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Attitude(AttitudeEstimate):
     """
     The attitude of the sensor in ICRF at a time, with that of its stars.
@@ -29,7 +29,7 @@ class Attitude(AttitudeEstimate):
     rate_rad_s: np.ndarray
     rate_covariance: np.ndarray
     acceleration_rad_s2: np.ndarray
-    protection_rad: np.ndarray
+    protection_rad: np.ndarray = field(default_factory=lambda: np.full(3, np.inf))
 
     @property
     def covariance_icrf(self) -> np.ndarray:

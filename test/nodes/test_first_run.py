@@ -17,7 +17,7 @@ from startracker_ros.ros.processes import node_environment, NodeProcesses
 
 
 NOWHERE = """
-from startracker_ros import machine_code
+from startracker_ros.core import machine_code
 machine_code._folders = list
 from startracker_ros.ros.nodes.centroid_extractor import main
 main()

@@ -44,13 +44,13 @@ def test_segment_holds_images(profile, enough):
 @pytest.mark.parametrize('variable', PROFILE_VARIABLES)
 def test_nodes_without_images_take_the_profile_with_the_smaller_segment(monkeypatch, variable):
     small = PROFILE.with_name('fastdds_lists.xml')
+    for name in PROFILE_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
     for sends_images, used in ((True, PROFILE), (False, small)):
         monkeypatch.setenv(variable, str(PROFILE))
         choose_segment(sends_images)
         assert os.environ[variable] == str(used)
     # A profile of the user stays.
-    for name in PROFILE_VARIABLES:
-        monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv(variable, 'mine.xml')
     choose_segment(False)
     assert os.environ[variable] == 'mine.xml'

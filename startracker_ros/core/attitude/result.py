@@ -1,6 +1,6 @@
 """An attitude with its statistics. Free of compiled code, which is slow to import."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
@@ -19,13 +19,14 @@ class AttitudeEstimate:
     of rotation.attitude_error, a rotation vector about sensor axes; residual_rad (N,) is the
     angle between each star and its catalogue direction; chi2 sums the squares of residual over
     sigma: of the best fit with 2 N - 3 degrees of freedom, else with mean_chi2() as its mean.
+    Without stars it is an attitude of which nothing else is known.
     """
 
     quaternion: np.ndarray
     covariance_sensor: np.ndarray
-    stars: int
-    residual_rad: np.ndarray
-    chi2: float
+    stars: int = 0
+    residual_rad: np.ndarray = field(default_factory=lambda: np.empty(0))
+    chi2: float = np.nan
 
 
 def covariance_icrf(q_icrf_from_sensor: np.ndarray, covariance_sensor: np.ndarray) -> np.ndarray:
