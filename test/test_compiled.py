@@ -30,7 +30,7 @@ print(len([name for name in compiled if name.endswith('undistort')]))
 NAME = 'startracker_ros.core.camera.lens.undistort'
 FILES = ('__init__.py', 'warm_up.py', *(f'core/{name}.py' for name in (
     '__init__', 'compilation', 'compiled', 'compiled_types', 'machine_code', 'machine_code_cache',
-    'folders', 'camera/__init__', 'camera/lens', 'camera/distortion')))
+    'extras', 'folders', 'camera/__init__', 'camera/lens', 'camera/distortion')))
 
 
 def copy_of(tree):
