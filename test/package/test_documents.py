@@ -100,7 +100,7 @@ def test_photographs_of_the_readme_are_solved_as_printed(sky_data):
                                      *files])
     for cells, row in zip(printed, json.loads(done.stdout)['rows'], strict=True):
         assert cells[1] == 'yes' and row['solved']
-        # A busy machine may reach another step of the search within its time: another fit of the lens.
+        # Of a busy machine another step of the search may be the first one in time.
         for cell, name in zip(cells[2:], ('ra_deg', 'dec_deg', 'roll_deg', 'fov_deg')):
             assert float(cell) == pytest.approx(row[name], abs=2e-3), (cells[0], name)
 
