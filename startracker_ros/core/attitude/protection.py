@@ -95,4 +95,3 @@ def is_covariance(covariance: np.ndarray) -> bool:
         (xy, yx), (xz, zx), (yz, zy)))
     return bool(symmetric and math.isfinite(covariance.sum())
                 and is_positive_definite(np.ascontiguousarray(covariance)))
-

@@ -34,6 +34,7 @@ class WrongCount(NamedTuple):
 
 NOT_WRONG = WrongCount(0, 0)
 
+
 def is_correct(quaternion: np.ndarray, truth: np.ndarray) -> bool:
     """Return whether q_icrf_from_sensor (4,) is within both angles of the truth (4,)."""
     x, y, roll = np.degrees(attitude_error(quaternion, truth))
