@@ -207,14 +207,15 @@ def test_what_is_whole_of_a_cut_bag_is_played(nodes, probe, tmp_path):
                      f'{len(whole) - 200}', (tmp_path / 'bag_player.log').read_text())
 
 
-@pytest.mark.parametrize('content, words', [
-    (b'SQLite format 2\0', "is no MCAP file: it starts with b'SQLite f'"),
-    (b'SQLite format 3\0', 'is damaged: file is not a database'),
-    (b'\x89MCAP0\r\n', 'nothing to play among no topics')])
-def test_what_is_no_bag_is_refused(tmp_path, content, words):
+# A bag that cannot be read is status 1, one that has nothing to play a wrong use of the command.
+@pytest.mark.parametrize('content, words, status', [
+    (b'SQLite format 2\0', "is no MCAP file: it starts with b'SQLite f'", 1),
+    (b'SQLite format 3\0', 'is damaged: file is not a database', 1),
+    (b'\x89MCAP0\r\n', 'nothing to play among no topics', 2)])
+def test_what_is_no_bag_is_refused(tmp_path, content, words, status):
     (tmp_path / 'file.mcap').write_bytes(content)
     done = play(tmp_path / 'file.mcap')
-    assert done.returncode == 2
+    assert done.returncode == status
     assert words in done.stdout + done.stderr
     assert 'Traceback' not in done.stderr
 

@@ -8,7 +8,7 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 from sensor_msgs.msg import Imu, PointCloud2
-from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.core.maths.rotation import attitude_error, matrix_from_quaternion
 from startracker_ros.evaluation.campaign.lifecycle import rows_of
 from startracker_ros.evaluation.harness.managed_nodes import (
     ACTIVATE, ACTIVE, CLEANUP, CONFIGURE, DEACTIVATE, INACTIVE, NodeManager, UNCONFIGURED)
@@ -17,11 +17,10 @@ from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import quaternion_from_message
+from startracker_ros.tools.figures.correctness import WRONG_SIGMAS
 
 SKY = {'width': 256, 'height': 256, 'fov_deg': 20.0, 'frame_rate_hz': 5.0,
        'motion': 'constant_rate', 'rate_deg_s': [0.05, 0.1, 0.02], 'faint_limit': 6.5}
-# The largest error that was measured is 30, about the boresight: a pixel is 281.
-WRONG_ARCSEC = 120.0
 SEQUENCES = 4
 GOLDEN_BAG = Path(__file__).parents[2] / 'bags' / 'slew'
 
@@ -67,11 +66,18 @@ class Pipeline(NodeManager):
     def check_attitudes(self):
         truth = {ns_from_stamp(message.header.stamp): quaternion_from_message(message)
                  for message in self.received('truth/attitude')}
-        errors = [attitude_error(quaternion_from_message(message), truth[stamp])
-                  for message in self.received('attitude')
-                  if (stamp := ns_from_stamp(message.header.stamp)) in truth]
-        assert len(errors) > 10
-        assert np.abs(errors).max() / ARCSEC < WRONG_ARCSEC
+        attitudes = 0
+        for message in self.received('attitude_imu'):
+            stamp_ns = ns_from_stamp(message.header.stamp)
+            if stamp_ns not in truth or message.orientation_covariance[0] < 0:
+                continue
+            q = message.orientation
+            estimate = np.array([q.x, q.y, q.z, q.w])
+            error = matrix_from_quaternion(estimate) @ attitude_error(estimate, truth[stamp_ns])
+            sigma = np.sqrt(message.orientation_covariance[::4])
+            assert np.all(np.abs(error) < WRONG_SIGMAS * sigma)
+            attitudes += 1
+        assert attitudes > 10
         assert self.nodes.ended() == []
 
 

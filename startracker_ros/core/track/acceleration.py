@@ -29,7 +29,7 @@ from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
 
 MEMORY = 0.93  # of the squared errors of the frames before
-SIGNIFICANT = 3.0  # standard deviations of a mean squared error by chance
+SIGNIFICANT = 5.0  # standard deviations of a mean squared error by chance, of few frames
 STEADY, TORQUE, OSCILLATION = 0, 1, 2
 DIFFERENCE = (0.0, 1.0, -2.0, 1.0, 0.0)
 """Weights of attitudes in the newest second difference: of the next frame, and of four before."""

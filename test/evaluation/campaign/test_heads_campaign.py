@@ -25,7 +25,7 @@ def test_a_frame_of_two_heads_is_at_the_cramer_rao_bound():
 
 
 def test_rows_name_what_holds():
-    rows = heads._rows_faults('a fault', np.array([[100, 0, 3], [90, 1, 12]]))
-    assert [row.holds for row in rows] == [True, False, False]
+    rows = heads._rows_faults('a fault', np.array([[100, 0, 0, 3], [90, 1, 1, 12]]))
+    assert [row.holds for row in rows] == [True, False, False, False]
     row, = heads.tracker_rows('mirrored image', np.array([[20, 0, 0, 0, 0, 0, 0, 0, 0.0]]))
     assert row.holds
