@@ -18,9 +18,10 @@ from startracker_ros.core.astro.orbit import CircularOrbit
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.maths.rotation import (
     multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
-from startracker_ros.core.stages.pipeline import Pipeline, PipelineFrame
+from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.io.bags.qos import QosProfile
 from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.io.bags.writer import BagWriter
@@ -159,7 +160,7 @@ def make(name: str, folder: Path) -> None:
     sky, nothing = (SkySimulator(CAMERA, scenario.motion, stars, epoch_year,
                                  detector_options=scenario.detector, seed=len(name))
                     for stars in (load_catalog(), load_catalog().brighter_than(-10.0)))
-    pipeline = Pipeline(CAMERA, epoch_year)
+    pipeline = StarTracker(CAMERA, epoch_year)
     recorder = Recorder(folder)
     with recorder.writer:
         for index in range(FRAMES):
@@ -180,7 +181,7 @@ def make(name: str, folder: Path) -> None:
             recorder.write('/camera_info', camera_to_message(CAMERA, header(stamp_ns)))
             recorder.write('/odometry', state_to_odometry(
                 frame.state.geocentric, 0.0, header(stamp_ns, 'icrf'), 'satellite'))
-            pipeline.add_state(stamp_ns, frame.state.geocentric)
+            pipeline.motion.add_state(stamp_ns, frame.state.geocentric)
             recorder.write('/image_raw', image_to_message(frame.image, header(stamp_ns)))
             recorder.write('/truth/attitude', quaternion_to_message(
                 frame.state.q_icrf_from_sensor, header(stamp_ns, 'icrf')))
@@ -190,11 +191,12 @@ def make(name: str, folder: Path) -> None:
             recorder.write('/centroids', cloud)
             # Through the message, which has floats of four bytes.
             centroids = centroids_from_message(cloud)
-            write_results(recorder, stamp_ns, centroids, pipeline.update(stamp_ns, centroids))
+            write_results(recorder, stamp_ns, centroids,
+                          pipeline.process_centroids(stamp_ns, centroids))
 
 
 def write_results(recorder: Recorder, stamp_ns: int, centroids: Centroids,
-                  frame: PipelineFrame) -> None:
+                  frame: FrameResult) -> None:
     """Write what the nodes publish of a frame."""
     sensor, inertial = header(stamp_ns), header(stamp_ns, 'icrf')
     recorder.write('/tracked_attitude', tracked_attitude_to_imu(frame.tracked, sensor))
@@ -204,7 +206,7 @@ def write_results(recorder: Recorder, stamp_ns: int, centroids: Centroids,
             centroids, frame.identification, CAMERA, sensor))
     recorder.write('/tracker_state', status_message(
         'star_tracker: state', 'star_tracker', OK, frame.state.value, {'reason': frame.reason}))
-    attitude = frame.trusted.attitude
+    attitude = frame.attitude
     recorder.write('/attitude_imu', attitude_to_imu(attitude, sensor))
     if attitude is not None:
         recorder.write('/attitude', quaternion_to_message(attitude.quaternion, inertial))
