@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 from startracker_ros.core.calibration.adjustment import (
     adjust, Adjustment, CalibrationError, MatchedStars, TERMS)
 from startracker_ros.core.calibration.matching import match_stars, View
@@ -203,7 +203,7 @@ def _significant(found: Adjustment, term: str) -> bool:
     index = [found.parameters.index(name) for name in TERMS[term]]
     value = np.array([found.values[name] for name in TERMS[term]])
     statistic = value @ np.linalg.solve(found.covariance[np.ix_(index, index)], value)
-    return bool(statistic > chi2.isf(_SIGNIFICANCE, len(index)))
+    return bool(statistic > chdtri(len(index), _SIGNIFICANCE))
 
 
 def _calibration(found: Adjustment, held: dict[str, str], stars: MatchedStars,

@@ -12,7 +12,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 from startracker_ros.core.calibration.adjustment import (
     CalibrationError, changed_camera, lens_partials, parameter_values, projected_out,
     rotation_partials)
@@ -35,7 +35,7 @@ _LARGEST_SCATTER = 5.0  # of the stars, in units of their sigma
 # Exponential mean of the scatter of the stars over frames.
 _MEMORY = 0.1
 _CHANCE = 1e-6
-_GATE = float(chi2.isf(_CHANCE, LENS))
+_GATE = float(chdtri(LENS, _CHANCE))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 from startracker_ros.core.calibration.collection import CollectionOptions
 from startracker_ros.core.calibration.estimate import star_shift
 from startracker_ros.core.calibration.lens_filter import LENS, LensFilter, LensFrame
@@ -182,8 +182,9 @@ def _significant(change: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         value[free] = left @ (information[free] @ change)
         whole = np.zeros((LENS, LENS))
         whole[np.ix_(free, free)] = left
-        chance = [chi2.sf(value[own] @ np.linalg.solve(whole[own, own], value[own]),
-                          own.stop - own.start) for own in groups]
+        chance = [chdtrc(own.stop - own.start,
+                         value[own] @ np.linalg.solve(whole[own, own], value[own]))
+                  for own in groups]
         worst = int(np.argmax(chance))
         if chance[worst] < _SIGNIFICANCE:
             return value

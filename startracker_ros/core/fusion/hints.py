@@ -2,7 +2,7 @@
 
 from startracker_ros.core.fusion.fusion import AttitudeFusion, FusedAttitude
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, multiply
-from startracker_ros.core.track.start import Hint
+from startracker_ros.core.track.tracks import Hint
 
 
 def hint_for(fusion: AttitudeFusion, name: str, fused: FusedAttitude) -> Hint:

@@ -6,6 +6,7 @@ import numpy as np
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.track.identified import IdentifiedFrame
+from startracker_ros.core.track.tracks import Hint
 
 NIS_GATE = 25.9
 """Normalised innovation squared that chance exceeds once in a hundred thousand frames
@@ -16,21 +17,6 @@ MAX_SIGMA_RAD, MAX_RATE_SIGMA_RAD_S = np.radians([2.0, 0.5])
 
 _RATE_FLOOR_RAD_S = np.radians(0.05)
 PROVEN_FRAMES = 5  # good frames after which a start was none of a false hint
-
-
-class Hint(NamedTuple):
-    """
-    An attitude from elsewhere: from other heads, or a gyro.
-
-    quaternion (4,) is q_icrf_from_sensor with its covariance (3, 3) rad^2; rate (3,) rad/s with
-    its covariance (3, 3); all about sensor axes.
-    """
-
-    stamp_ns: int
-    quaternion: np.ndarray
-    covariance: np.ndarray
-    rate: np.ndarray
-    rate_covariance: np.ndarray
 
 
 class Start(NamedTuple):

@@ -10,7 +10,7 @@ are objects, or spots that do not move in the image (hot pixels) or on the sky (
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 from startracker_ros.core.maths.rotation import east_and_north
 from startracker_ros.core.track.target import GATE, MOVES_SIGMA, TargetTrackOptions
 
@@ -148,7 +148,7 @@ def _verified(found: Detections, member: np.ndarray, options: TargetTrackOptions
     spread_px = np.linalg.norm(np.ptp(found.uv[member], axis=0))
     sigma_px = float(np.median(found.sigma_px[member]))
     is_object = (
-        normalised @ normalised <= chi2.isf(_FALSE_ALARM, dof)
+        normalised @ normalised <= chdtri(dof, _FALSE_ALARM)
         and moved >= max(np.radians(options.target_min_rate_deg_s) * np.ptp(t),
                          MOVES_SIGMA * np.hypot(sigma[0], sigma[-1]))
         # The extent of a spot that stays on its pixels is that of its noise.

@@ -1,6 +1,7 @@
-"""The tracked stars of one frame, and their common attitude."""
+"""The tracked stars of one frame, their common attitude, and one from elsewhere."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.result import AttitudeEstimate
@@ -69,4 +70,19 @@ class TrackedAttitude:
 
     attitude: AttitudeEstimate
     rate_rad_s: np.ndarray
+    rate_covariance: np.ndarray
+
+
+class Hint(NamedTuple):
+    """
+    An attitude from elsewhere: from other heads, or a gyro.
+
+    quaternion (4,) is q_icrf_from_sensor with its covariance (3, 3) rad^2; rate (3,) rad/s with
+    its covariance (3, 3); all about sensor axes.
+    """
+
+    stamp_ns: int
+    quaternion: np.ndarray
+    covariance: np.ndarray
+    rate: np.ndarray
     rate_covariance: np.ndarray

@@ -11,7 +11,7 @@ from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import random_attitude
 from startracker_ros.core.stages.identification import IdentificationStage
-from startracker_ros.core.track.start import Hint
+from startracker_ros.core.track.tracks import Hint
 from startracker_ros.core.track.tracker import StarTracker
 from startracker_ros.tools.figures.correctness import verdict
 from startracker_ros.tools.figures.rows import Row

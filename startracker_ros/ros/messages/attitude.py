@@ -6,8 +6,7 @@ import numpy as np
 from sensor_msgs.msg import Imu
 from startracker_ros.core.attitude.result import AttitudeEstimate, covariance_icrf
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
-from startracker_ros.core.track.start import Hint
-from startracker_ros.core.track.tracks import TrackedAttitude
+from startracker_ros.core.track.tracks import Hint, TrackedAttitude
 from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp, rotation_covariance
 from startracker_ros.io.bags.telemetry import unit_quaternion
 from startracker_ros.ros.messages.geometry import quaternion_to_geometry, vector_to_geometry

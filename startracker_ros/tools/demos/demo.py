@@ -14,7 +14,6 @@ from startracker_ros.io.table import Result
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import quaternion_from_message
-from startracker_ros.ros.messages.clouds import tracks_from_message
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.tools.demos.live_demo import (
     Demo, draw_if_possible, read_stamped, start_time_s)
@@ -123,6 +122,7 @@ def run_demo(output: Path, *, seconds: float, seed: int) -> Result:
 
 def _draw(path: Path, bag: Path, recording: 'Recording') -> None:
     """Draw the last frame that has an image and an attitude, and all errors."""
+    from startracker_ros.ros.messages.clouds import tracks_from_message
     from startracker_ros.tools.report.picture import draw_run
     last_ns = int(np.intersect1d(recording.image_ns, recording.attitude_ns)[-1])
     frame = {record.topic: message for record, stamp_ns, message in read_stamped(

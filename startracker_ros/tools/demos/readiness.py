@@ -10,7 +10,7 @@ from rclpy.task import Future
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.probe import Probe
 
-_REPEAT_REQUEST_S = 2.0
+_REPEAT_REQUEST_S = 0.5
 CAMERA = ('camera_info received',)
 """What a stage counts in its diagnostics once it is set up for the camera."""
 
@@ -34,25 +34,30 @@ class _Node:
         self.condition = 'starting'
         self.task = ''
         self.received_s = 0.0
-        self.active = False
+        self.active_s = 0.0
+        """When the newest request was sent that was answered by a node that is active."""
         self._client: Client = probe.create_client(GetState, f'{name}/get_state')
-        self._futures: list[Future] = []
-        self._due_s = 0.0
+        self._requests: list[tuple[float, Future]] = []
 
-    def ask(self) -> None:
-        """Ask for the state until it is active; a response may be lost before the discovery."""
-        self.active = self.active or any(
-            future.done() and future.result().current_state.id == State.PRIMARY_STATE_ACTIVE
-            for future in self._futures)
-        if not self.active and self._client.service_is_ready() and time.monotonic() > self._due_s:
-            self._futures = [*self._futures[-5:], self._client.call_async(GetState.Request())]
-            self._due_s = time.monotonic() + _REPEAT_REQUEST_S
+    def ask(self, since_s: float) -> None:
+        """Ask for the state until it is active and asked since then; requests may be lost."""
+        self.active_s = max([self.active_s, *(
+            sent_s for sent_s, future in self._requests
+            if future.done() and future.result().current_state.id == State.PRIMARY_STATE_ACTIVE)])
+        sent_s = self._requests[-1][0] if self._requests else 0.0
+        is_connected = since_s <= time.monotonic()
+        if self.active_s > (since_s if is_connected else 0.0):
+            return
+        due_s = 0.0 if is_connected and sent_s <= since_s else sent_s + _REPEAT_REQUEST_S
+        if time.monotonic() > due_s and self._client.service_is_ready():
+            self._requests = [*self._requests[-5:], (
+                time.monotonic(), self._client.call_async(GetState.Request()))]
 
     def text(self, since_s: float) -> str:
-        """Return why the node is not ready, empty if it is; its diagnostics are since then."""
-        if self.active and not self.needs and self.received_s > since_s:
+        """Return why the node is not ready, empty if it is; it was asked since then."""
+        if self.active_s > since_s and not self.needs:
             return ''
-        if self.active and self.task and not self.needs:
+        if self.active_s and self.task and not self.needs:
             return 'waiting for connections'
         return self.condition
 
@@ -61,9 +66,9 @@ class Readiness:
     """
     Follows nodes until they are ready; the probe collects their diagnostics.
 
-    A node is ready when its lifecycle state is active, its diagnostics have counted what it needs,
-    and it has published them again since connected() was called: by then it has discovered what
-    the probe had.
+    A node is ready when its diagnostics have counted what it needs, and it has answered that it is
+    active to a request sent after connected() was called: by then it has discovered what the probe
+    had.
     """
 
     def __init__(self, probe: Probe, needs: Needs) -> None:
@@ -90,7 +95,7 @@ class Readiness:
                         node.condition = status.message
         self._seen = len(self._probe.diagnostics)
         for node in self._nodes.values():
-            node.ask()
+            node.ask(self._connected_s)
 
     def conditions(self) -> dict[str, str]:
         """Return why each node is not ready, empty for those that are."""
@@ -99,4 +104,4 @@ class Readiness:
     def activity(self) -> object:
         """Return what changes while a node starts: conditions, diagnostics while it loads."""
         return self.conditions(), [
-            node.received_s for node in self._nodes.values() if not node.active or node.needs]
+            node.received_s for node in self._nodes.values() if not node.active_s or node.needs]

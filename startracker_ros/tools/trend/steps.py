@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 FALSE_ALARM = 1e-10
 """Of one date. A month has 43,200 of them, at 1 a minute."""
@@ -58,7 +58,7 @@ def find_steps(stamp_ns: np.ndarray, values: np.ndarray, orbit_s: float) -> Step
     time_s = (stamps - stamps[0]) * 1e-9
     whitening, unwhitened = _whitening(values[known])
     white, found = values[known] @ whitening, list[Step]()
-    limit = chi2.isf(FALSE_ALARM, columns)
+    limit = chdtri(columns, FALSE_ALARM)
     scale = np.ones(columns)
     size, variance = _fits(time_s, white, orbit_s)
     while len(found) < _MOST_STEPS:
