@@ -43,6 +43,14 @@ class Mesh(NamedTuple):
         return self._replace(noise=factor * self.noise, median_noise=factor * self.median_noise)
 
 
+def readable(image: np.ndarray) -> np.ndarray:
+    """Return the image as compiled functions know it: uint16, in one block and read-only."""
+    # One type, so that each function is compiled once. Read-only, as in images out of DDS.
+    image = np.require(image, np.uint16, ['C', 'A']).view()
+    image.flags.writeable = False
+    return image
+
+
 def measure_background(image: np.ndarray, kernel: Kernel) -> Mesh:
     """
     Return the mesh of image (H, W) after smoothing: median and scaled MAD of each tile.

@@ -72,4 +72,5 @@ def _without_large(image: np.ndarray, level: np.ndarray, noise_dn: float) -> np.
         return image
     clean = image.copy()
     clean[mask] = np.rint(level[mask]).clip(0, np.iinfo(image.dtype).max)
+    clean.flags.writeable = False
     return clean

@@ -339,15 +339,16 @@ def _exceeds(image: np.ndarray, kernel: Kernel, u: int, v: int, limit: float) ->
                        min(max(v, 0), image.shape[0] - 1)) > limit
 
 
-def full_scale(image: np.ndarray, row_max: np.ndarray, background_dn: float) -> float:
+def full_scale(image: np.ndarray, row_max: np.ndarray, background_dn: float, bits: int) -> float:
     """
     Return the DN at which the image saturates, infinity when nothing in it is saturated.
 
-    row_max (H,) are the brightest pixels of the rows. The brightest pixel is at full scale when
-    it has the largest value of the type or of a 10, 12 or 14 bit camera (in the low or the high
-    bits), or when it belongs to a flat top, as where a camera clips at a lower level.
+    row_max (H,) are the brightest pixels of the rows, bits the depth of the pixels. The
+    brightest pixel is at full scale when it has the largest value of this depth or of a 10, 12 or
+    14 bit camera (in the low or the high bits), or when it belongs to a flat top, as where a
+    camera clips at a lower level.
     """
-    brightest, bits = int(row_max.max()), 8 * image.dtype.itemsize
+    brightest = int(row_max.max())
     if brightest == 2 ** bits - 1:
         return float(brightest)
     if brightest - background_dn < PLATEAU_DN:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.centroid.background import over_image, pixel_noise
+from startracker_ros.core.centroid.background import over_image, pixel_noise, readable
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.cleaning import (
     are_hits, cleaned, find_spoilt, NOT_SPOILT, Spoilt)
@@ -150,7 +150,7 @@ class Searched(NamedTuple):
     def fits(self, image: np.ndarray) -> bool:
         """Return whether an image has the size and the type of the one that was searched."""
         before = self.frame.image
-        return bool(before.shape == image.shape and before.dtype == image.dtype)
+        return bool(before.shape == image.shape and self.frame.bits == _bits(image))
 
 
 class CentroidExtractor:
@@ -195,8 +195,9 @@ class CentroidExtractor:
                          f'at least {MIN_SIDE_PX} px a side are needed'), before
         if before is not None and not before.fits(image):
             before = None
-        image = _readable(image)
-        frame = prepare(image, self._options.psf_sigma_px or FILTER_SIGMA_PX, self._threshold)
+        bits, image = _bits(image), readable(image)
+        frame = prepare(image, self._options.psf_sigma_px or FILTER_SIGMA_PX, self._threshold,
+                        bits)
         if frame.blank:
             return _none('blank', f'all pixels are {image[0, 0]} DN'), before
         if frame.saturated:
@@ -238,9 +239,10 @@ class CentroidExtractor:
         `before` of the next image.
         """
         check_image(image)
+        image = readable(image)
         clean = (image if before.spoilt == NOT_SPOILT else
                  cleaned(image, before.frame.mesh, before.spoilt, before.sigma_px)[0])
-        frame, rejections = replace(before.frame, image=_readable(clean)), Rejections()
+        frame, rejections = replace(before.frame, image=readable(clean)), Rejections()
         sigma_px = before.sigma_px
         if streak is None or streak.longest_px() < SHORTEST_PX:
             peaks, found = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
@@ -267,13 +269,12 @@ class CentroidExtractor:
         for u, v in stars:
             image[v - 1:v + 2, u - 1:u + 2] += np.outer((40, 80, 40), (1, 2, 1))
         streak = Streak(4.0, 2.0, 0.0, 31.5, 31.5)
-        for kind in (np.uint8, np.uint16):
-            frame = image.clip(0, 255).astype(kind)
-            self.extract(frame, streak)
-            _, searched = self.search(frame)
-            if searched is not None:
-                self.search_near(frame, stars.astype(float), np.full(3, 3.0), searched)
-            clear = prepare(_readable(frame), FILTER_SIGMA_PX, self._threshold)
+        frame = image.clip(0, 255).astype(np.uint8)
+        self.extract(frame, streak)
+        _, searched = self.search(frame)
+        if searched is not None:
+            self.search_near(frame, stars.astype(float), np.full(3, 3.0), searched)
+            clear = searched.frame
             cleaned(clear.image, clear.mesh, Spoilt(hits=True), FILTER_SIGMA_PX)
 
     def _result(self, centroids: Centroids, frame: Frame, sigma_px: float, most: int,
@@ -319,7 +320,7 @@ class CentroidExtractor:
         sigma_px = FILTER_SIGMA_PX if before is None else before.sigma_px
         image, hits = cleaned(frame.image, frame.mesh, spoilt, sigma_px)
         rejections.add('hot_pixel', hits)
-        return prepare(_readable(image), frame.kernel.sigma_px, self._threshold,
+        return prepare(readable(image), frame.kernel.sigma_px, self._threshold, frame.bits,
                        pixel_noise(image) if spoilt.hits else 0.0), spoilt
 
     def _match_filter(self, frame: Frame, known: KnownWidth, narrow: bool
@@ -330,7 +331,8 @@ class CentroidExtractor:
         sigma_px, known = self._width(frame, known, narrow)
         if 1 / FILTER_RATIO < sigma_px / frame.kernel.sigma_px < FILTER_RATIO:
             return frame, sigma_px, known
-        frame = prepare(frame.image, float(np.clip(sigma_px, *FILTER_RANGE_PX)), self._threshold)
+        frame = prepare(frame.image, float(np.clip(sigma_px, *FILTER_RANGE_PX)), self._threshold,
+                        frame.bits)
         return frame, *self._width(frame, known, narrow)
 
     def _width(self, frame: Frame, known: KnownWidth, narrow: bool) -> tuple[float, KnownWidth]:
@@ -398,7 +400,8 @@ class CentroidExtractor:
                  rejections: Rejections) -> tuple[Frame, Centroids, float, Rejections]:
         """Return frame and stars after the filter whose stars have the most light."""
         for filter_px in () if self._options.psf_sigma_px else WIDE_FILTERS_PX:
-            wide, others = prepare(frame.image, filter_px, self._threshold), Rejections()
+            wide = prepare(frame.image, filter_px, self._threshold, frame.bits)
+            others = Rejections()
             width_px, _ = measure_width(wide)
             stars, _ = self._points(wide, width_px, most, others)
             if _have_more_light(stars, points):
@@ -453,12 +456,8 @@ def _light(stars: Centroids, rank: int) -> float:
     return float(np.sort(stars.flux)[-rank]) if len(stars) >= rank else 0.0
 
 
-def _readable(image: np.ndarray) -> np.ndarray:
-    """Return the image as compiled functions know it: in one block and read-only."""
-    # Read-only, as in images out of DDS: padded rows are copied.
-    image = np.require(image, requirements=['C', 'A']).view()
-    image.flags.writeable = False
-    return image
+def _bits(image: np.ndarray) -> int:
+    return 8 * image.dtype.itemsize
 
 
 def check_image(image: np.ndarray) -> None:

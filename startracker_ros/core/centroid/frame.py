@@ -16,13 +16,18 @@ MIN_RADIUS_PX = 3
 
 @dataclass(frozen=True)
 class Frame:
-    """Image (H, W), the matched filter of its stars, its background and its peaks."""
+    """
+    Image (H, W) uint16, the matched filter of its stars, its background and its peaks.
+
+    bits is the depth of the pixels as they came, 8 or 16.
+    """
 
     image: np.ndarray
     kernel: Kernel
     mesh: Mesh
     search: Search
     full_scale_dn: float
+    bits: int
 
     @property
     def background_dn(self) -> float:
@@ -59,11 +64,12 @@ class Frame:
 
 
 def prepare(image: np.ndarray, filter_sigma_px: float, threshold: Threshold,
-            noise_dn: float = 0.0) -> Frame:
+            bits: int, noise_dn: float = 0.0) -> Frame:
     """
-    Return the frame of image (H, W) uint8 or uint16 with a filter of this width.
+    Return the frame of image (H, W) uint16 with a filter of this width.
 
-    noise_dn is the median noise of a pixel where it is known.
+    bits is the depth of the pixels as they came, noise_dn the median noise of a pixel where
+    it is known.
     """
     kernel = gaussian_kernel(filter_sigma_px)
     mesh = measure_background(image, kernel)
@@ -71,4 +77,4 @@ def prepare(image: np.ndarray, filter_sigma_px: float, threshold: Threshold,
         mesh = mesh.scaled(noise_dn * kernel.noise_gain / mesh.median_noise)
     search = find_peaks(image, kernel, mesh, threshold)
     return Frame(image, kernel, mesh, search,
-                 full_scale(image, search.row_max, mesh.median_level))
+                 full_scale(image, search.row_max, mesh.median_level, bits), bits)

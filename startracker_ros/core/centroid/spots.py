@@ -9,7 +9,7 @@ error that follows its size.
 
 import cv2
 import numpy as np
-from startracker_ros.core.centroid.background import measure_background, over_image
+from startracker_ros.core.centroid.background import measure_background, over_image, readable
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.connected import connected_spots
 from startracker_ros.core.centroid.quota import brightest
@@ -29,6 +29,7 @@ _SIZE_SHARE = 0.2  # of the size of a spot that its centre is off, beyond noise
 
 def find_spots(image: np.ndarray) -> Centroids:
     """Return the connected spots of an image (H, W), the brightest first."""
+    image = readable(image)
     height, width = image.shape
     mesh = measure_background(image, gaussian_kernel(_FILTER_SIGMA_PX))
     light = image.astype(np.float32)

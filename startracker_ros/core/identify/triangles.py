@@ -144,8 +144,8 @@ def _search_band(level: PairLevel, sky: SkyGrid, triangle: ImageTriangle, band: 
             if (low2 <= chord2 <= high2
                     and _sides_fit(triangle, band, separation[ab >> 1], separation[ac >> 1],
                                    2 * np.arcsin(np.sqrt(chord2) / 2))
-                    and (triangle.flat
-                         or triple_product(direction, a, b, c) * triangle.volume > 0)):
+                    and (triangle.flat or triple_product(
+                        direction, int(a), int(b), int(c)) * triangle.volume > 0)):
                 tested[0] += 1
                 steps += _SUPPORT_STEPS
                 found = support(sky, weights, reach, int(star[a]), int(star[b]), int(star[c]),

@@ -119,8 +119,8 @@ class Verifier:
         """
         weights, reach = support_weights(image, sigma_rad, np.asarray(base),
                                          self.data.tolerance_sigmas)
-        votes = np.array([support(self.data.sky, weights, reach, candidate[0], candidate[1],
-                                  candidate[2], 0) for candidate in stars], int)
+        votes = np.array([support(self.data.sky, weights, reach, first, second, third, 0)
+                          for first, second, third in stars[:, :3].tolist()], int)
         order = np.argsort(-votes, kind='stable')[:MAX_VERIFIED]
         # Candidates with a third of the votes of the best one or less are chance.
         return order[votes[order] > votes[order[0]] // 3] if len(order) else order
@@ -134,7 +134,7 @@ class Verifier:
         candidates so far.
         """
         seen = plane_points(self.data.equidistant, image)
-        result = verify(self.data, seen, sigma_rad, np.asarray(base), np.asarray(star, np.int32),
+        result = verify(self.data, seen, sigma_rad, np.asarray(base), np.asarray(star, int),
                         tested)
         attitude = None
         if result.false_alarm < 1:
