@@ -9,6 +9,7 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 
 import click
 from click.testing import CliRunner
@@ -250,6 +251,32 @@ def test_a_process_ends_by_ctrl_c_without_a_traceback(folder):
         _, stderr = solve.communicate(timeout=HANGS_S)
     assert solve.returncode == 130
     assert stderr.strip() == 'startracker: stopped'
+
+
+@pytest.mark.parametrize('begun', [False, True], ids=['starting', 'working'])
+def test_ctrl_c_ends_a_campaign_and_its_workers(begun):
+    campaign = process('campaign', 'hausdorff', '--trials', '100000', stdout=subprocess.DEVNULL,
+                       start_new_session=True)
+    children = Path('/proc', str(campaign.pid), 'task', str(campaign.pid), 'children')
+
+    def workers():
+        return [pid for pid in children.read_text().split() if b'spawn_main' in
+                Path('/proc', pid, 'cmdline').read_bytes()]
+
+    def busy(pid):
+        # User time beyond that of the imports, in ticks of 10 ms.
+        return int(Path('/proc', pid, 'stat').read_text().rsplit(')')[1].split()[11]) > 500
+    end_s = time.monotonic() + HANGS_S
+    while not (workers() and (not begun or all(map(busy, workers())))):
+        assert campaign.poll() is None and time.monotonic() < end_s
+        time.sleep(0.05)
+    pids = workers()
+    # To all of them, as a terminal does.
+    os.killpg(campaign.pid, signal.SIGINT)
+    _, stderr = campaign.communicate(timeout=HANGS_S)
+    assert campaign.returncode == 130
+    assert stderr.strip() == 'startracker: stopped'
+    assert not [pid for pid in pids if Path('/proc', pid).exists()]
 
 
 def test_workers_leave_ctrl_c_to_the_command():
