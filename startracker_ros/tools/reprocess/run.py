@@ -24,6 +24,7 @@ from startracker_ros.tools.reprocess.work import (
 
 SUMMARY = 'summary.json'
 ERRORS = 'errors.json'
+NOTHING = 'none'
 
 
 @dataclass(frozen=True)
@@ -67,15 +68,16 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
     Process all bags with all sets of parameters; a row for each bag, tracker and set.
 
     Finished segments of an earlier run with the same parameters are kept. What fails is in
-    errors.json of the folder and in the details of the result. BagError where there is no bag
-    that can be processed, OSError where the folder cannot be written.
+    errors.json of the folder; the condition not_processed has the bags and segments of which
+    nothing is in the run. BagError where there is no bag that can be processed, OSError where the
+    folder cannot be written.
     """
     load_parquet_writer()
     check_output(output_folder(request.folder) / ERRORS)
     bags = find_bags(request.bags, request.folder / COPIES)
     names = bag_names(bags)
     with cluster(workers, scheduler) as client:
-        segments, problems = _plan(client, bags, names, request)
+        segments, problems, unplanned = _plan(client, bags, names, request)
         runs = [_Run(item, request, segments) for item in request.sets]
         _process(client, runs)
     rows: list[RunRow] = []
@@ -90,25 +92,29 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
         'frames': sum(row.frames for row in rows),
         'cpu_s': sum(run.cpu_s for run in runs),
         'peak_worker_mb': max((run.peak_mb for run in runs), default=0.0),
-        'errors': f'{len(found)} rows in {ERRORS}' if found else 'none'})
+        'errors': f'{len(found)} rows in {ERRORS}' if found else NOTHING,
+        'not_processed': ', '.join(unplanned + [
+            key for run in runs for key in run.not_processed]) or NOTHING})
 
 
 def _plan(client: Any, bags: Sequence[Path], names: Sequence[str], request: Request
-          ) -> tuple[list[Segment], list[Problem]]:
-    """Return the segments of all bags, in their order, and what is wrong with bags."""
+          ) -> tuple[list[Segment], list[Problem], list[str]]:
+    """Return the segments of all bags, what is wrong with bags, the names of those without any."""
     tasks = [(bag.resolve(), name, request.source, request.segments)
              for bag, name in zip(bags, names)]
     plans: dict[int, Any] = dict(completed(client, plan_bag, tasks))
     segments: list[Segment] = []
     problems: list[Problem] = []
+    unplanned = []
     for number, name in enumerate(names):
         plan = plans[number]
         if isinstance(plan, Exception):
+            unplanned.append(name)
             problems.append(Problem(name, '', 0, 1, _text(plan)))
         else:
             segments += plan.segments
             problems += plan.problems
-    return segments, problems
+    return segments, problems, unplanned
 
 
 class _Run:
@@ -140,6 +146,12 @@ class _Run:
                 self.records[segment.key] = record
                 self.reused.add(segment.key)
         return tasks
+
+    @property
+    def not_processed(self) -> list[str]:
+        """Return the keys of the segments that failed, with the name of a set of parameters."""
+        return [f'{self.parameters.name}/{segment.key}'.lstrip('/') for segment in self.segments
+                if segment.key not in self.records]
 
     @property
     def peak_mb(self) -> float:
