@@ -77,7 +77,7 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
     bags = find_bags(request.bags, request.folder / COPIES)
     names = bag_names(bags)
     with cluster(workers, scheduler) as client:
-        segments, problems, unplanned = _plan(client, bags, names, request)
+        segments, problems = _plan(client, bags, names, request)
         runs = [_Run(item, request, segments) for item in request.sets]
         _process(client, runs)
     rows: list[RunRow] = []
@@ -88,33 +88,33 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
     if not rows and found:
         raise BagError(f'nothing to process: {found[0].bag}: {found[0].reason}; all problems are '
                        f'in {runs[0].folder / ERRORS}')
+    planned = {segment.name for segment in segments}
+    without = [name for name in names if name not in planned]
     return Result('reprocess', rows, {
         'frames': sum(row.frames for row in rows),
         'cpu_s': sum(run.cpu_s for run in runs),
         'peak_worker_mb': max((run.peak_mb for run in runs), default=0.0),
         'errors': f'{len(found)} rows in {ERRORS}' if found else NOTHING,
-        'not_processed': ', '.join(unplanned + [
-            key for run in runs for key in run.not_processed]) or NOTHING})
+        'not_processed': ', '.join([*without, *(
+            key for run in runs for key in run.not_processed)]) or NOTHING})
 
 
 def _plan(client: Any, bags: Sequence[Path], names: Sequence[str], request: Request
-          ) -> tuple[list[Segment], list[Problem], list[str]]:
-    """Return the segments of all bags, what is wrong with bags, the names of those without any."""
+          ) -> tuple[list[Segment], list[Problem]]:
+    """Return the segments of all bags, in their order, and what is wrong with bags."""
     tasks = [(bag.resolve(), name, request.source, request.segments)
              for bag, name in zip(bags, names)]
     plans: dict[int, Any] = dict(completed(client, plan_bag, tasks))
     segments: list[Segment] = []
     problems: list[Problem] = []
-    unplanned = []
     for number, name in enumerate(names):
         plan = plans[number]
         if isinstance(plan, Exception):
-            unplanned.append(name)
             problems.append(Problem(name, '', 0, 1, _text(plan)))
         else:
             segments += plan.segments
             problems += plan.problems
-    return segments, problems, unplanned
+    return segments, problems
 
 
 class _Run:
