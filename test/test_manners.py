@@ -329,7 +329,7 @@ def test_an_annotated_picture_says_what_it_shows(folder):
     assert shown.shape[1] == image.shape[1] and shown.shape[0] > image.shape[0] + 40
     # Two lines of text or more, the keys in the colours of the circles, blue first.
     strip = shown[image.shape[0]:].reshape(-1, 3)
-    for colour in ((120, 230, 90), (60, 190, 255), (235, 235, 235)):
+    for colour in ((120, 230, 90), (60, 190, 255), (255, 190, 150), (235, 235, 235)):
         assert (abs(strip.astype(int) - colour).max(axis=1) < 30).sum() > 20
 
 
