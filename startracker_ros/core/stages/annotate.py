@@ -53,11 +53,11 @@ class Labels:
     Texts of one picture, none of which covers another one or the circle of a pixel uv (N, 2).
 
     size is the scale of all marks, thick the width of their lines in px: pictures of any size look
-    the same on a page.
+    the same where they fill the width of a page, or a share of it.
     """
 
-    def __init__(self, shape: tuple[int, ...], uv: np.ndarray) -> None:
-        self.size = max(1.0, max(shape) / 1024)
+    def __init__(self, shape: tuple[int, ...], uv: np.ndarray, share: float = 1.0) -> None:
+        self.size = max(1.0, max(shape) / 1024) / share
         self.thick = round(self.size)
         self._shape = shape
         radius = _CIRCLE_PX * self.size
