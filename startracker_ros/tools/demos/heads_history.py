@@ -217,6 +217,7 @@ class HeadsHistory:
             limit = max(4.5 * np.median(sigma[:, row]), 1.1 * np.abs(error[:, row]).max())
             axis.set_ylim(-limit, limit)
         first.set_title('error of the fused attitude about the axes of the first head')
+        first.legend(loc='upper right', ncols=2)
         self._draw_heads(figure.add_subplot(grid[3], sharex=first), heads)
         for row, label in enumerate('xyz'):
             axis = figure.add_subplot(grid[4 + row], sharex=first)

@@ -49,16 +49,16 @@ class RunRow:
     when the covariance is true; None without truth.
     """
 
-    parameters: str
     bag: str
-    tracker: str
-    segments: int
-    reused: int
     frames: int
     with_attitude_percent: float
-    problems: int
     cross_rms_arcsec: float | None
     nees: float | None
+    problems: int
+    tracker: str
+    parameters: str
+    segments: int
+    reused: int
     smoothed_rms_arcsec: float | None
     smoothed_nees: float | None
 
@@ -190,13 +190,14 @@ class _Run:
             frames = sum(record.frames for record in records)
             attitudes = sum(record.attitudes for record in records)
             keys = {segment.begin_ns for segment in segments}
+            problems = sum(problem.bag == name and problem.begin_ns in keys
+                           and problem.tracker == segments[0].namespace
+                           for problem in self.problems)
             rows.append(RunRow(
-                self.parameters.name, name, tracker, len(segments),
-                sum(segment.key in self.reused for segment in segments), frames,
-                100 * attitudes / frames if frames else 0.0,
-                sum(problem.bag == name and problem.begin_ns in keys
-                    and problem.tracker == segments[0].namespace for problem in self.problems),
-                *_means([record.accuracy for record in records]),
+                name, frames, 100 * attitudes / frames if frames else 0.0,
+                *_means([record.accuracy for record in records]), problems, tracker,
+                self.parameters.name, len(segments),
+                sum(segment.key in self.reused for segment in segments),
                 *_means([record.smoothed for record in records])))
         return rows
 
