@@ -1,6 +1,7 @@
 """What several tests use, and which of them run where."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from importlib import import_module
 from importlib.util import find_spec
 import json
@@ -128,19 +129,19 @@ class InThisProcess:
     def __exit__(self, *error: object) -> None:
         pass
 
-    def map(self, work: Callable, *columns: Iterable) -> Iterator[Any]:  # noqa: A003
-        """Yield the results of work that goes to it and comes back as to another process."""
-        for piece in zip(*columns):
-            function, arguments = pickle.loads(pickle.dumps((work, piece)))
-            yield pickle.loads(pickle.dumps(function(*arguments)))
+    def submit(self, work: Callable, *piece: Any) -> Future:
+        """Return the result of work that goes to it and comes back as to another process."""
+        function, arguments = pickle.loads(pickle.dumps((work, piece)))
+        done: Future = Future()
+        done.set_result(pickle.loads(pickle.dumps(function(*arguments))))
+        return done
 
 
 @pytest.fixture(scope='module')
 def one_process() -> Iterator[None]:
     """Run the pieces of campaigns and benches in this process; others test that of several."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('startracker_ros.evaluation.campaign.parallel.ProcessPoolExecutor',
-                      InThisProcess)
+        patch.setattr('startracker_ros.evaluation.campaign.parallel.Processes', InThisProcess)
         yield
 
 

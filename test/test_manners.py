@@ -9,6 +9,7 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 
 import click
 from click.testing import CliRunner
@@ -252,6 +253,32 @@ def test_a_process_ends_by_ctrl_c_without_a_traceback(folder):
     assert stderr.strip() == 'startracker: stopped'
 
 
+@pytest.mark.parametrize('begun', [False, True], ids=['starting', 'working'])
+def test_ctrl_c_ends_a_campaign_and_its_workers(begun):
+    campaign = process('campaign', 'hausdorff', '--trials', '100000', stdout=subprocess.DEVNULL,
+                       start_new_session=True)
+    children = Path('/proc', str(campaign.pid), 'task', str(campaign.pid), 'children')
+
+    def workers():
+        return [pid for pid in children.read_text().split() if b'spawn_main' in
+                Path('/proc', pid, 'cmdline').read_bytes()]
+
+    def busy(pid):
+        # User time beyond that of the imports, in ticks of 10 ms.
+        return int(Path('/proc', pid, 'stat').read_text().rsplit(')')[1].split()[11]) > 500
+    end_s = time.monotonic() + HANGS_S
+    while not (workers() and (not begun or all(map(busy, workers())))):
+        assert campaign.poll() is None and time.monotonic() < end_s
+        time.sleep(0.05)
+    pids = workers()
+    # To all of them, as a terminal does.
+    os.killpg(campaign.pid, signal.SIGINT)
+    _, stderr = campaign.communicate(timeout=HANGS_S)
+    assert campaign.returncode == 130
+    assert stderr.strip() == 'startracker: stopped'
+    assert not [pid for pid in pids if Path('/proc', pid).exists()]
+
+
 def test_workers_leave_ctrl_c_to_the_command():
     with cluster(1) as client:
         pid, = client.run(os.getpid).values()
@@ -302,7 +329,7 @@ def test_an_annotated_picture_says_what_it_shows(folder):
     assert shown.shape[1] == image.shape[1] and shown.shape[0] > image.shape[0] + 40
     # Two lines of text or more, the keys in the colours of the circles, blue first.
     strip = shown[image.shape[0]:].reshape(-1, 3)
-    for colour in ((120, 230, 90), (60, 190, 255), (235, 235, 235)):
+    for colour in ((120, 230, 90), (60, 190, 255), (255, 190, 150), (235, 235, 235)):
         assert (abs(strip.astype(int) - colour).max(axis=1) < 30).sum() > 20
 
 

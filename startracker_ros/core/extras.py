@@ -51,6 +51,10 @@ def with_ros() -> Iterator[None]:
             "or pip install 'startracker_ros[ros]'") from error
 
 
+PAGE_IN = 10.0
+"""Width of a figure whose text, of 10 points, is legible where a page shows it 900 px wide."""
+
+
 def new_figure(**options: Any) -> Any:
     """Return a matplotlib Figure, which saves PNG files without pyplot and without a display."""
     with extra('report', 'matplotlib', 'A picture'):

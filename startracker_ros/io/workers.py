@@ -1,9 +1,10 @@
 """Tasks on processes of this machine or on a dask cluster, which replaces lost workers."""
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 import logging
-from multiprocessing import resource_tracker
+from multiprocessing import active_children, get_context, resource_tracker
 import os
 import signal
 from typing import Any
@@ -17,6 +18,29 @@ MEMORY_LIMIT = '2GiB'
 def default_workers() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
+
+
+class Processes(ProcessPoolExecutor):
+    """
+    New processes, by default one for each core, that end at once with the command or by Ctrl-C.
+
+    They are not forked: libraries read the number of threads when they are imported.
+    """
+
+    def __init__(self, workers: int | None = None) -> None:
+        super().__init__(workers, mp_context=get_context('spawn'))
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, **options: Any
+               ) -> Future[Any]:
+        # It starts processes.
+        with _ctrl_c_later():
+            return super().submit(function, *arguments, **options)
+
+    def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
+        if kind is not None:
+            for process in active_children():
+                process.terminate()
+        super().__exit__(kind, *error)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 from rclpy.client import Client
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -197,8 +197,11 @@ class Probe(Node):
     # --- time ---
 
     def spin_once(self, timeout_s: float) -> None:
-        """Process one message, if one comes in time."""
-        self._spinner.spin_once(timeout_sec=timeout_s)
+        """Process one message, if one comes in time; KeyboardInterrupt after SIGTERM as well."""
+        try:
+            self._spinner.spin_once(timeout_sec=timeout_s)
+        except ExternalShutdownException as error:
+            raise KeyboardInterrupt from error
 
     def spin_for(self, seconds: float) -> None:
         """Process messages for a time."""

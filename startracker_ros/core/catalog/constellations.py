@@ -1,5 +1,5 @@
 """
-Lines of well-known constellations, between stars by Hipparcos number.
+Names and lines of well-known constellations, between stars by Hipparcos number.
 
 The stars were looked up in the catalogue by position and magnitude of their Bayer letters; a test
 compares their constellations with the boundaries of the IAU.
@@ -49,3 +49,12 @@ FIGURES: dict[str, tuple[tuple[int, ...], ...]] = {
             65474)),
 }
 """Polylines of a constellation, by its IAU abbreviation."""
+NAMES = {
+    'And': 'Andromeda', 'Aql': 'Aquila', 'Ari': 'Aries', 'Aur': 'Auriga', 'Boo': 'Bootes',
+    'CMa': 'Canis Major', 'CMi': 'Canis Minor', 'Cas': 'Cassiopeia', 'Cen': 'Centaurus',
+    'Cep': 'Cepheus', 'CrB': 'Corona Borealis', 'Cru': 'Crux', 'Crv': 'Corvus', 'Cyg': 'Cygnus',
+    'Del': 'Delphinus', 'Dra': 'Draco', 'Gem': 'Gemini', 'Her': 'Hercules', 'Leo': 'Leo',
+    'Lyr': 'Lyra', 'Ori': 'Orion', 'Peg': 'Pegasus', 'Per': 'Perseus', 'Sco': 'Scorpius',
+    'Sgr': 'Sagittarius', 'Tau': 'Taurus', 'TrA': 'Triangulum Australe', 'Tri': 'Triangulum',
+    'UMa': 'Ursa Major', 'UMi': 'Ursa Minor', 'Vir': 'Virgo',
+}

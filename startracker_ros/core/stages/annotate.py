@@ -6,8 +6,10 @@ from startracker_ros.core.catalog.names import BRIGHT_STARS
 
 # Two ticks, right of the star and below it, leave the star itself free.
 RETICLE_TICKS_PX = np.array([(6.0, 0.0), (14.0, 0.0), (0.0, 6.0), (0.0, 14.0)])
-_FOUND = (255, 190, 60)
-_IDENTIFIED = (90, 230, 120)
+_FONT, _LETTERS = cv2.FONT_HERSHEY_SIMPLEX, 0.5
+_CIRCLE_PX = 9.0
+FOUND = (255, 190, 60)
+IDENTIFIED = (90, 230, 120)
 _REJECTED = (230, 90, 90)
 
 
@@ -27,43 +29,83 @@ def annotate(image: np.ndarray, uv: np.ndarray, hip: np.ndarray | None = None,
     Return (H, W, 3) uint8 RGB of an image with a circle on each pixel uv (N, 2).
 
     Stars with a Hipparcos number in hip (N,) are drawn in green with their name or number, others
-    in orange; a label that would cover another one of labels is left out. Small crosses in red are
-    on spots rejected (M, 2).
+    in orange; a label that would cover a circle or another one of labels is left out. Small
+    crosses in red are on spots rejected (M, 2).
     """
     picture = cv2.cvtColor(stretch(image), cv2.COLOR_GRAY2RGB)
     hip = np.zeros(len(uv), int) if hip is None else hip
-    labels = labels or Labels(image.shape)
+    labels = labels or Labels(image.shape, uv)
     size = labels.size
     for u, v in np.empty((0, 2)) if rejected is None else rejected:
         cv2.drawMarker(picture, (round(float(u)), round(float(v))), _REJECTED,
-                       cv2.MARKER_TILTED_CROSS, round(5 * size))
+                       cv2.MARKER_TILTED_CROSS, round(5 * size), labels.thick)
     for (u, v), number in zip(uv, hip):
         centre = (round(float(u)), round(float(v)))
-        colour = _IDENTIFIED if number else _FOUND
-        cv2.circle(picture, centre, round(9 * size), colour, 1, cv2.LINE_AA)
+        colour = IDENTIFIED if number else FOUND
+        cv2.circle(picture, centre, round(_CIRCLE_PX * size), colour, labels.thick, cv2.LINE_AA)
         if number:
-            labels.write(picture, BRIGHT_STARS.get(int(number), str(number)), centre, colour)
+            labels.write(picture, BRIGHT_STARS.get(int(number), f'HIP {number}'), centre, colour)
     return picture
 
 
 class Labels:
-    """Texts of one picture, none of which covers another; size is the scale of the marks."""
+    """
+    Texts of one picture, none of which covers another one or the circle of a pixel uv (N, 2).
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self.size = max(1.0, max(shape) / 1024)
-        self._taken: list[tuple[int, int, int, int]] = []
+    size is the scale of all marks, thick the width of their lines in px: pictures of any size look
+    the same where they fill the width of a page, or a share of it.
+    """
+
+    def __init__(self, shape: tuple[int, ...], uv: np.ndarray, share: float = 1.0) -> None:
+        self.size = max(1.0, max(shape) / 1024) / share
+        self.thick = round(self.size)
+        self._shape = shape
+        radius = _CIRCLE_PX * self.size
+        self._taken = np.hstack([uv - radius, uv + radius])
+        self._lines = np.empty((0, 2))
+
+    def keep_off(self, points: np.ndarray) -> None:
+        """Prefer places for texts that cover no points (M, 2) of a line."""
+        self._lines = np.vstack([self._lines, points])
 
     def write(self, picture: np.ndarray, text: str, centre: tuple[int, int],
               colour: tuple[int, int, int], radius: int = 0) -> None:
-        """Write a label beside a mark, unless it would leave the picture or cover one."""
-        size, aside = self.size, max(round(12 * self.size), radius + round(4 * self.size))
-        (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.35 * size, 1)
-        for left in (centre[0] + aside, centre[0] - aside - width):
-            box = (left, centre[1] - height, left + width, centre[1])
-            if (left >= 0 and box[2] < picture.shape[1] and box[1] >= 0
-                    and not any(box[0] < other[2] and other[0] < box[2] and box[1] < other[3]
-                                and other[1] < box[3] for other in self._taken)):
-                self._taken.append(box)
-                cv2.putText(picture, text, (left, centre[1]), cv2.FONT_HERSHEY_SIMPLEX,
-                            0.35 * size, colour, 1, cv2.LINE_AA)
-                return
+        """Write a label beside a mark, above or below it, unless it has no place there."""
+        (width, height), _ = cv2.getTextSize(text, _FONT, _LETTERS * self.size, self.thick)
+        u, v = centre
+        aside = max(round((_CIRCLE_PX + 3) * self.size), radius + round(4 * self.size))
+        boxes = [np.array([left, top, left + width, top + height]) for left, top in (
+            (u + aside, v - height // 2), (u - aside - width, v - height // 2),
+            (u - width // 2, v - aside - height), (u - width // 2, v + aside))]
+        free = [box for box in boxes if (box[:2] >= 0).all()
+                and (box[2:] < self._shape[1::-1]).all() and not self._covered(box)]
+        if free:
+            box = min(free, key=self._on_lines)
+            air = 3 * self.size
+            self._taken = np.vstack([self._taken, box + [-air, -air, air, air]])
+            cv2.putText(picture, text, (int(box[0]), int(box[3])), _FONT, _LETTERS * self.size,
+                        colour, self.thick, cv2.LINE_AA)
+
+    def corner(self, width: int, height: int, margin: int, *, right: bool) -> np.ndarray:
+        """
+        Return where the upper left end (2,) of a mark is, in the corner with the fewest marks.
+
+        With right, those at the right come first, among as many marks.
+        """
+        far = np.array(self._shape[1::-1]) - margin - (width, height)
+        places = [np.array([column, row]) for column in ((far[0], margin) if right
+                                                         else (margin, far[0]))
+                  for row in (far[1], margin)]
+        boxes = [np.hstack([place, place + (width, height)]) for place in places]
+        best = min(range(4), key=lambda number: self._covered(boxes[number]))
+        self._taken = np.vstack([self._taken, boxes[best]])
+        return places[best]
+
+    def _covered(self, box: np.ndarray) -> int:
+        """Return how many marks a box of left, top, right and bottom covers."""
+        taken = self._taken
+        return int(((taken[:, :2] < box[2:]) & (taken[:, 2:] > box[:2])).all(axis=1).sum())
+
+    def _on_lines(self, box: np.ndarray) -> int:
+        """Return how many points of lines are in a box."""
+        return int(((self._lines >= box[:2]) & (self._lines <= box[2:])).all(axis=1).sum())

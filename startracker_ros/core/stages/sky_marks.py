@@ -3,14 +3,14 @@
 import cv2
 import numpy as np
 from startracker_ros.core.astro.earth import earth_position_au
-from startracker_ros.core.catalog.constellations import FIGURES
+from startracker_ros.core.catalog.constellations import FIGURES, NAMES
 from startracker_ros.core.catalog.names import BRIGHT_STARS
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.stages.annotate import Labels
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 
-_BODY, _NAMED, _SCALE = (255, 235, 90), (150, 190, 255), (235, 235, 235)
+BODY, NAMED, _SCALE = (255, 235, 90), (150, 190, 255), (235, 235, 235)
 _LINE = (70, 95, 140)
 # Lines end so far from their stars, at most by a share of their length. They have so many points,
 # for distorted images.
@@ -26,8 +26,8 @@ def mark_bodies(picture: np.ndarray, bodies: tuple[BodyInImage, ...], labels: La
     for body in bodies:
         radius = round(max(body.radius_px, 12 * labels.size))
         centre = (round(body.u), round(body.v))
-        cv2.circle(picture, centre, radius, _BODY, max(1, round(labels.size)), cv2.LINE_AA)
-        labels.write(picture, body.name, centre, _BODY, radius)
+        cv2.circle(picture, centre, radius, BODY, labels.thick, cv2.LINE_AA)
+        labels.write(picture, body.name, centre, BODY, radius)
 
 
 def mark_named_stars(picture: np.ndarray, sky: SkyMapping, year: float, hip: np.ndarray,
@@ -39,35 +39,44 @@ def mark_named_stars(picture: np.ndarray, sky: SkyMapping, year: float, hip: np.
     for number, pixel in zip(catalog.hip[named], uv):
         if sky.camera.contains(pixel):
             labels.write(picture, BRIGHT_STARS[int(number)], tuple(map(round, pixel.tolist())),
-                         _NAMED)
+                         NAMED)
 
 
-def mark_figures(picture: np.ndarray, sky: SkyMapping, year: float, size: float) -> None:
-    """Draw the lines of the constellations, clear of the stars that they connect."""
+def mark_figures(picture: np.ndarray, sky: SkyMapping, year: float, labels: Labels) -> None:
+    """Draw the lines of the constellations, clear of the stars that they connect, and names."""
     catalog = load_catalog().brighter_than(6.0)
-    pairs = np.array([pair for lines in FIGURES.values() for line in lines
-                      for pair in zip(line, line[1:])])
     order = np.argsort(catalog.hip)
-    ends = order[np.searchsorted(catalog.hip, pairs, sorter=order)]
-    first, last = catalog.directions(year, earth_position_au(year))[ends.T]
+    directions = catalog.directions(year, earth_position_au(year))
     share = np.linspace(0, 1, _LINE_STEPS)[:, None]
-    for begin, end in zip(first, last):
-        along = begin + share * (end - begin)
-        uv = sky.pixels(along / np.linalg.norm(along, axis=1, keepdims=True))
-        seen = np.isfinite(uv).all(axis=1)
-        if not seen.any():
-            continue
-        length = np.linalg.norm(np.diff(uv[seen], axis=0), axis=1).sum()
-        gap = min(_LINE_GAP_PX * size, _LARGEST_GAP * length)
-        # To an end outside the image the distance is NaN, which is not near.
-        near = np.linalg.norm(uv[:, None] - uv[[0, -1]], axis=2) < gap
-        shown = uv[seen & ~near.any(axis=1)]
-        cv2.polylines(picture, [np.rint(shown * 2 ** _SHIFT).astype(np.int32)], False, _LINE,
-                      max(1, round(size)), cv2.LINE_AA, _SHIFT)
+    figures = {}
+    for name, lines in FIGURES.items():
+        pairs = np.array([pair for line in lines for pair in zip(line, line[1:])])
+        ends = order[np.searchsorted(catalog.hip, pairs, sorter=order)]
+        parts = []
+        for begin, end in directions[ends]:
+            along = begin + share * (end - begin)
+            uv = sky.pixels(along / np.linalg.norm(along, axis=1, keepdims=True))
+            seen = np.isfinite(uv).all(axis=1)
+            if not seen.any():
+                continue
+            length = np.linalg.norm(np.diff(uv[seen], axis=0), axis=1).sum()
+            gap = min(_LINE_GAP_PX * labels.size, _LARGEST_GAP * length)
+            # To an end outside the image the distance is NaN, which is not near.
+            near = np.linalg.norm(uv[:, None] - uv[[0, -1]], axis=2) < gap
+            shown = uv[seen & ~near.any(axis=1)]
+            cv2.polylines(picture, [np.rint(shown * 2 ** _SHIFT).astype(np.int32)], False, _LINE,
+                          labels.thick, cv2.LINE_AA, _SHIFT)
+            parts.append(shown[sky.camera.contains(shown)])
+        figures[name] = np.concatenate([*parts, np.empty((0, 2))])
+        labels.keep_off(figures[name])
+    for name, points in figures.items():
+        if len(points):
+            middle = np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()
+            labels.write(picture, NAMES[name], _point(points[middle]), NAMED)
 
 
-def mark_scale(picture: np.ndarray, sky: SkyMapping, size: float) -> None:
-    """Draw a bar of a round number of degrees, and arrows to north and east, in the corners."""
+def mark_scale(picture: np.ndarray, sky: SkyMapping, labels: Labels) -> None:
+    """Draw a bar of a round number of degrees, and arrows to north and east, in free corners."""
     height, width = picture.shape[:2]
     margin = round(_MARGIN * min(width, height))
     middle = np.array([(width - 1) / 2, (height - 1) / 2])
@@ -75,23 +84,38 @@ def mark_scale(picture: np.ndarray, sky: SkyMapping, size: float) -> None:
     deg_per_px = float(np.degrees(np.linalg.norm(right - left)))
     length_deg = next((step for step in _STEPS_DEG if step < _LONGEST * width * deg_per_px),
                       _STEPS_DEG[-1])
-    length, row = round(length_deg / deg_per_px), height - margin
-    thick = max(1, round(size))
-    cv2.line(picture, (margin, row), (margin + length, row), _SCALE, thick, cv2.LINE_AA)
-    for end in (margin, margin + length):
+    _draw_bar(picture, length_deg, round(length_deg / deg_per_px), margin, labels)
+    _draw_compass(picture, compass(sky, middle), margin, labels)
+
+
+def _draw_bar(picture: np.ndarray, length_deg: float, length: int, margin: int, labels: Labels
+              ) -> None:
+    size, thick = labels.size, labels.thick
+    left, top = labels.corner(length, round(26 * size), margin, right=False).tolist()
+    row = top + round(20 * size)
+    cv2.line(picture, (left, row), (left + length, row), _SCALE, thick, cv2.LINE_AA)
+    for end in (left, left + length):
         cv2.line(picture, (end, row - round(4 * size)), (end, row + round(4 * size)), _SCALE,
                  thick, cv2.LINE_AA)
     text = f'{length_deg:g} deg' if length_deg >= 1 else f'{60 * length_deg:.0f} arcmin'
-    cv2.putText(picture, text, (margin, row - round(8 * size)), cv2.FONT_HERSHEY_SIMPLEX,
-                0.4 * size, _SCALE, thick, cv2.LINE_AA)
-    arrow = _ARROW * min(width, height)
-    foot = np.array([width, height]) - 2 * margin - arrow
-    for name, way in compass(sky, middle).items():
-        head, letter = foot + arrow * way, foot + 1.35 * arrow * way
-        cv2.arrowedLine(picture, _point(foot), _point(head), _SCALE, thick, cv2.LINE_AA,
-                        tipLength=0.25)
-        cv2.putText(picture, name, _point(letter + [-4 * size, 4 * size]),
-                    cv2.FONT_HERSHEY_SIMPLEX, 0.4 * size, _SCALE, thick, cv2.LINE_AA)
+    cv2.putText(picture, text, (left, row - round(8 * size)), cv2.FONT_HERSHEY_SIMPLEX,
+                0.5 * size, _SCALE, thick, cv2.LINE_AA)
+
+
+def _draw_compass(picture: np.ndarray, ways: dict[str, np.ndarray], margin: int, labels: Labels
+                  ) -> None:
+    size, thick = labels.size, labels.thick
+    arrow = _ARROW * min(picture.shape[:2])
+    ends = np.stack([np.zeros(2), *(1.35 * arrow * way for way in ways.values())])
+    letter = 8 * size
+    low, high = ends.min(axis=0) - letter, ends.max(axis=0) + letter
+    width, height = np.ceil(high - low).astype(int).tolist()
+    foot = labels.corner(width, height, margin, right=True) - low
+    for name, way in ways.items():
+        cv2.arrowedLine(picture, _point(foot), _point(foot + arrow * way), _SCALE, thick,
+                        cv2.LINE_AA, tipLength=0.25)
+        cv2.putText(picture, name, _point(foot + 1.35 * arrow * way + [-5 * size, 5 * size]),
+                    cv2.FONT_HERSHEY_SIMPLEX, 0.5 * size, _SCALE, thick, cv2.LINE_AA)
 
 
 def compass(sky: SkyMapping, pixel: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,10 +1,8 @@
 """Ours, tetra3rs and cedar-solve on the same star lists: correct, wrong, time, database."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, fields
 from functools import lru_cache
-import multiprocessing
 import tempfile
 
 import numpy as np
@@ -13,6 +11,7 @@ from startracker_ros.evaluation.bench.peers import (
     CEDAR, Cedar, Database, measure_database, Solver, solvers, timed_attitudes, TUNED, WARM_UP)
 from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
 from startracker_ros.io.table import Result
+from startracker_ros.io.workers import Processes
 from startracker_ros.tools.figures.correctness import CORRECT_TEXT, is_correct
 from startracker_ros.tools.figures.machine import machine, peer_versions
 from startracker_ros.tools.figures.rows import Check, combined
@@ -124,10 +123,9 @@ def bounds(view: View, cell: Cell, figures: Mapping[str, Mapping[str, float]]) -
 
 def databases(views: Sequence[View], cedar: Cedar | None) -> Iterator[tuple[View, str, Database]]:
     """Yield the cost of each database, built in a new process."""
-    spawn = multiprocessing.get_context('spawn')
     for view in views:
         for solver in solvers():
-            with ProcessPoolExecutor(1, mp_context=spawn) as fresh:
+            with Processes(1) as fresh:
                 yield view, solver, fresh.submit(measure_database, solver, view).result()
         if cedar is not None:
             yield view, CEDAR, cedar.build(view)

@@ -1,9 +1,7 @@
 """Lost in space in fields of 2 and 3 deg with the deep catalogue: share, time, database."""
 
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 import ctypes
-import multiprocessing
 import os
 import tempfile
 import time
@@ -14,6 +12,7 @@ from startracker_ros.evaluation.bench.corpus import Cell, frames, View
 from startracker_ros.evaluation.bench.lost_in_space import CORRECT, kind_of, Outcome, WRONG
 from startracker_ros.evaluation.bench.peers import Ours, timed_attitudes, WARM_UP, WARM_UP_VIEW
 from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
+from startracker_ros.io.workers import Processes
 from startracker_ros.tools.figures.rows import Row
 
 VIEWS = {view.name: view for view in (
@@ -60,7 +59,6 @@ def narrow_field_rows(*, trials: int, seed: int, scheduler: str = '') -> Iterato
     views = list(VIEWS.values())
     done = parallel_trials(solve_frames, [(view,) for view in views], trials, _PART_TRIALS, seed,
                            title='narrow fields', scheduler=scheduler)
-    spawn = multiprocessing.get_context('spawn')
     for view, parts in zip(views, done):
         outcome = concatenated(parts)
         solved = 100 * float(np.mean(outcome.kind == CORRECT))
@@ -72,7 +70,7 @@ def narrow_field_rows(*, trials: int, seed: int, scheduler: str = '') -> Iterato
             time_ms = 1e3 * float(np.percentile(outcome.cpu_s, percentile))
             yield Row(f'{view.name}: time, {name}', time_ms, 'ms', f'<= {most:g}',
                       time_ms <= most)
-        with ProcessPoolExecutor(1, mp_context=spawn) as fresh:
+        with Processes(1) as fresh:
             build_s, memory_mb = fresh.submit(measure_build, view).result()
         yield Row(f'{view.name}: database, time', build_s, 's', '<= 3', build_s <= 3)
         yield Row(f'{view.name}: database, memory', memory_mb, 'MB', '<= 100', memory_mb <= 100)

@@ -1,15 +1,14 @@
 """Independent trials of a campaign on the cores of this machine, or on a cluster."""
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields
-from multiprocessing import get_context
 import os
 from typing import Any, TypeVar
 
 import numpy as np
 from rich.progress import track
 from startracker_ros.core.extras import extra
+from startracker_ros.io.workers import Processes
 
 _Arrays = TypeVar('_Arrays')
 
@@ -30,10 +29,9 @@ def parallel_map(work: Callable[..., Any], pieces: Iterable[tuple], *, title: st
         with Client(scheduler) as client:
             return client.gather([client.submit(work, *piece, pure=False) for piece in pieces])
     os.environ.update(OMP_NUM_THREADS='1', OPENBLAS_NUM_THREADS='1')
-    # The libraries read the number of threads when they are imported: not in a forked process.
-    with ProcessPoolExecutor(mp_context=get_context('spawn')) as executor:
-        done = executor.map(work, *zip(*pieces))
-        return list(track(done, title, total=len(pieces), transient=True))
+    with Processes() as executor:
+        done = [executor.submit(work, *piece) for piece in pieces]
+        return [each.result() for each in track(done, title, transient=True)]
 
 
 def split_trials(trials: int, size: int, seed: int) -> list[tuple[int, int]]:

@@ -91,7 +91,7 @@ class CentroidExtractorNode(CameraNode):
     def _report(self, header: Header, image: np.ndarray, extraction: Extraction) -> None:
         """Publish the centroids for viewers, and the status."""
         if self._annotated.get_subscription_count():
-            labels = Labels(image.shape)
+            labels = Labels(image.shape, extraction.centroids.uv)
             picture = annotate(image, extraction.centroids.uv, rejected=extraction.rejected_uv,
                                labels=labels)
             mark_bodies(picture, self._bodies, labels)

@@ -25,7 +25,8 @@ from startracker_ros.sim.sky.sources import SkyOptions
 
 _EPOCH_YEAR = 2026.5
 _CAMERA = Camera.from_fov(1024, 1024, 12.0)
-_SIDE_PX = 340
+_SIDE_PX, _SEPARATOR_PX, TITLE_PX = 340, 6, 30
+_GREY = (200, 200, 200)
 # Fewer grey levels make smaller files.
 _GREYS = 52
 
@@ -57,8 +58,10 @@ class Picture:
 
 # For effects on positions: noise would only make the files large.
 _QUIET = {'noise': False}
+# For those on the whole image, which is shown at a third of its size.
+_LARGE_STARS = {'psf_sigma_px': 2.5, 'zero_flux_e_s': 1e7, **_QUIET}
 # An even grey.
-_EVEN = {'stray_light_e': 200.0, 'stray_light_falloff_deg': 1000.0, **_QUIET}
+_EVEN = {'stray_light_e': 200.0, 'stray_light_falloff_deg': 1000.0, **_LARGE_STARS}
 
 
 def _planet(name: str) -> Options:
@@ -69,13 +72,13 @@ def _planet(name: str) -> Options:
 
 def _lens(name: str, value: float) -> Picture:
     """Return the picture of an effect that grows towards the corners."""
-    return Picture({name: value}, {'zero_flux_e_s': 2e7, **_QUIET}, corner=(60, 0), size_px=170,
-                   white_e=2000.0)
+    return Picture({name: value}, {'zero_flux_e_s': 2e7, **_QUIET}, corner=(103, 38), size_px=113,
+                   white_e=300.0)
 
 
 def _whole(effect: Options, white_e: float = 200.0) -> Picture:
     """Return the picture of an effect on the whole image."""
-    return Picture(effect, _QUIET, corner=(0, 0), size_px=1024, white_e=white_e)
+    return Picture(effect, _LARGE_STARS, corner=(0, 0), size_px=1024, white_e=white_e)
 
 
 _ROTATING = {'motion': 'constant_rate', 'rate_deg_s': (0.3, 0.4, 3.0)}
@@ -88,7 +91,7 @@ PICTURES = {
     'motion_smear': Picture({'motion_smear': True}, _ROTATING, corner=(560, 480), size_px=85),
     'rolling_shutter': Picture(
         {'line_time_us': 100.0}, {'motion': 'constant_rate', 'rate_deg_s': (0.0, 5.0, 0.0),
-                                  'psf_sigma_px': 2.5, 'zero_flux_e_s': 1e7, **_QUIET},
+                                  **_LARGE_STARS},
         corner=(0, 0), size_px=1024, overlay=True),
     'roll_jitter': Picture({'jitter_deg_s': 0.5}, {'motion': 'inertial', **_QUIET},
                            corner=(684, 0), size_px=340, frames=60),
@@ -101,8 +104,7 @@ PICTURES = {
     'full_well': Picture({'full_well_e': 1500.0}, {'psf_sigma_px': 1.2}, corner=(470, 580),
                          size_px=68, white_e=4000.0),
     'cosmic_rays': Picture({'cosmic_ray_hits_cm2_s': 20000.0, 'pixel_pitch_um': 3.0}),
-    'stray_light': Picture({'stray_light_e': 1500.0, 'stray_light_angle_deg': -60.0},
-                           _QUIET, corner=(0, 0), size_px=1024, white_e=2000.0),
+    'stray_light': _whole({'stray_light_e': 1500.0, 'stray_light_angle_deg': -60.0}, 2000.0),
     'planets': Picture({'planets': True}, _planet('Jupiter')),
     'satellites': Picture({'satellites': 8, 'satellite_rate_deg_s': 3.0},
                           {'motion': 'inertial', 'motion_smear': True, **_QUIET},
@@ -111,11 +113,11 @@ PICTURES = {
                                                  'psf_sigma_px': 3.0, **_QUIET},
                           camera=_NARROW, corner=(400, 330), size_px=340, white_e=50.0,
                           overlay=True),
-    'distortion': Picture({}, {'psf_sigma_px': 2.5, 'zero_flux_e_s': 1e7, **_QUIET}, camera=_WIDE,
+    'distortion': Picture({}, _LARGE_STARS, camera=_WIDE,
                           effect_camera=Camera(1024, 1024, _WIDE.fx, _WIDE.fy, 511.5, 511.5,
                                                (-0.4, 0.0, 0.0, 0.0, 0.0)),
                           corner=(0, 0), size_px=1024, overlay=True),
-    'coma': _lens('coma_corner_px', 10.0),
+    'coma': _lens('coma_corner_px', 15.0),
     'astigmatism': _lens('astigmatism_corner_px', 2.0),
     'vignetting': Picture({'vignetting_percent': 60.0}, _EVEN, corner=(0, 0), size_px=1024,
                           white_e=600.0),
@@ -126,13 +128,13 @@ PICTURES = {
     'readout_direction': Picture(
         {'readout_direction': 'up'},
         {'motion': 'constant_rate', 'rate_deg_s': (0.0, 5.0, 0.0), 'line_time_us': 100.0,
-         'psf_sigma_px': 2.5, 'zero_flux_e_s': 1e7, **_QUIET},
+         **_LARGE_STARS},
         corner=(0, 0), size_px=1024, overlay=True),
     'trails': _whole({'trails': 3}),
     'star_like_spots': Picture({'star_like_spots': 100}, corner=(342, 342), size_px=340),
     'debris': Picture({'debris': 150}, corner=(342, 342), size_px=340),
     'moon': _whole({'moon_e': 40000.0, 'moon_distance_deg': 2.0, 'blooming': True}),
-    'earth_limb': _whole({'earth_e': 3000.0, 'earth_angle_deg': 70.0}, 3000.0),
+    'earth_limb': _whole({'earth_e': 3000.0, 'earth_angle_deg': 70.0}, 500.0),
     'proton_storm': Picture({'cosmic_ray_hits_cm2_s': 3e5}),
     'blooming': Picture({'blooming': True}, {'full_well_e': 1500.0, 'psf_sigma_px': 1.2},
                         corner=(470, 580), size_px=68, white_e=2000.0),
@@ -143,9 +145,10 @@ PICTURES = {
     'column_pattern': Picture({'column_pattern_dn': 3.0}, size_px=113),
     'torn_frame': Picture({'torn_frame_probability': 0.5},
                           {'motion': 'constant_rate', 'rate_deg_s': (0.0, 2.0, 0.0),
-                           'psf_sigma_px': 2.5, 'zero_flux_e_s': 1e7, **_QUIET},
+                           **_LARGE_STARS},
                           corner=(0, 0), size_px=1024, overlay=True, time_s=0.8),
-    'harsh': Picture(PRESETS['harsh'], corner=(0, 0), size_px=1024, white_e=1500.0),
+    'harsh': Picture(PRESETS['harsh'], {'zero_flux_e_s': 1e7}, corner=(0, 0), size_px=1024,
+                     white_e=1500.0),
 }
 
 
@@ -174,7 +177,7 @@ def _render(picture: Picture, values: Options, camera: Camera) -> np.ndarray:
 
 
 def draw(picture: Picture) -> np.ndarray:
-    """Return the picture (H, W, 3) uint8 BGR."""
+    """Return the picture (H, W, 3) uint8 BGR, with a title of each half above it."""
     without = _render(picture, picture.shared, picture.camera)
     with_it = _render(picture, picture.shared | picture.effect,
                       picture.effect_camera or picture.camera)
@@ -185,9 +188,23 @@ def draw(picture: Picture) -> np.ndarray:
     left, right = (np.uint8(np.rint(g * (_GREYS - 1)) * (255 // (_GREYS - 1)))
                    for g in grey)
     if picture.overlay:
-        return np.stack([right, right, left], -1)
-    separator = np.full((_SIDE_PX, 6), 128, np.uint8)
-    return cv2.cvtColor(np.hstack([left, separator, right]), cv2.COLOR_GRAY2BGR)
+        both = np.stack([right, right, left], -1)
+        return np.vstack([_titles(both.shape[1], (('without', 0, (0, 0, 255)),
+                                                  ('with', _SIDE_PX // 2, (255, 255, 0)))), both])
+    beside = _SIDE_PX + _SEPARATOR_PX
+    separator = np.full((_SIDE_PX, _SEPARATOR_PX), 128, np.uint8)
+    both = cv2.cvtColor(np.hstack([left, separator, right]), cv2.COLOR_GRAY2BGR)
+    return np.vstack([_titles(both.shape[1], (('without', 0, _GREY), ('with', beside, _GREY))),
+                      both])
+
+
+def _titles(width: int, titles: tuple[tuple[str, int, tuple[int, int, int]], ...]) -> np.ndarray:
+    """Return a strip (H, width, 3) with titles: text, column, colour."""
+    strip = np.zeros((TITLE_PX, width, 3), np.uint8)
+    for text, column, colour in titles:
+        cv2.putText(strip, text, (column + 8, TITLE_PX - 9), cv2.FONT_HERSHEY_SIMPLEX, 0.7,
+                    colour, 1, cv2.LINE_AA)
+    return strip
 
 
 def main(folder: Path = Path('docs/pictures')) -> None:

@@ -89,7 +89,7 @@ def reprocess(bags: tuple[str, ...], output: Path, source: str | None, files: tu
     from startracker_ros.tools.reprocess.output import chosen_topics
     from startracker_ros.tools.reprocess.parameters import parameter_sets
     from startracker_ros.tools.reprocess.plan import SegmentOptions
-    from startracker_ros.tools.reprocess.run import reprocess as run, Request
+    from startracker_ros.tools.reprocess.run import ERRORS, NOTHING, reprocess as run, Request
     with usage_error_on(ValueError):
         sets, unused = parameter_sets(files, settings)
         segments = SegmentOptions(segment_s=segment_s, overlap_s=overlap_s)
@@ -102,8 +102,10 @@ def reprocess(bags: tuple[str, ...], output: Path, source: str | None, files: tu
         result = run(Request(bags, output, source or '', segments, topics, smooth, sets),
                      workers=_workers(workers), scheduler=scheduler)
     print_result(result, as_json)
-    if not result.conditions['frames']:
-        click.echo(f'startracker: {output}: no frame was processed, see errors.json', err=True)
+    failed = result.conditions['not_processed']
+    if failed != NOTHING or not result.conditions['frames']:
+        what = f'not processed: {failed}' if failed != NOTHING else 'no frame was processed'
+        click.echo(f'startracker: {output}: {what}; see {ERRORS}', err=True)
         sys.exit(FAILED)
 
 

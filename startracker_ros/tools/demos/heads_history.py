@@ -10,8 +10,9 @@ import numpy as np
 from startracker_ros.core.astro.bodies import bright_bodies
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.exclusion import STEP_S
-from startracker_ros.core.extras import new_figure
+from startracker_ros.core.extras import new_figure, PAGE_IN
 from startracker_ros.core.maths.rotation import ARCSEC, matrix_from_quaternion, multiply
+from startracker_ros.io.output import write_picture
 from startracker_ros.io.recordings.recording import Recording
 from startracker_ros.sim.sky.motion import SteadyMotion
 from startracker_ros.tools.demos.heads_orbit import MOUNTS, START_NS
@@ -203,9 +204,9 @@ class HeadsHistory:
 
     def draw(self, path: Path, recording: Recording, heads: HeadsRecording) -> None:
         """Write a PNG: error of the fused attitude, heads in use, errors of the mounts."""
-        figure = new_figure(figsize=(13, 13))
+        figure = new_figure(figsize=(PAGE_IN, 13))
         figure.suptitle('three heads, one attitude: each blinded in turn by Moon, Sun and Earth')
-        grid = figure.add_gridspec(7, 1, height_ratios=(1, 1, 1, 0.8, 1, 1, 1))
+        grid = figure.add_gridspec(7, 1, height_ratios=(1, 1, 1, 1.3, 1, 1, 1))
         stamps, error, sigma = recording.errors()
         first: Any = None
         for row, name in enumerate(('x, cross', 'y, cross', 'z, roll')):
@@ -216,6 +217,7 @@ class HeadsHistory:
             limit = max(4.5 * np.median(sigma[:, row]), 1.1 * np.abs(error[:, row]).max())
             axis.set_ylim(-limit, limit)
         first.set_title('error of the fused attitude about the axes of the first head')
+        first.legend(loc='upper right', ncols=2)
         self._draw_heads(figure.add_subplot(grid[3], sharex=first), heads)
         for row, label in enumerate('xyz'):
             axis = figure.add_subplot(grid[4 + row], sharex=first)
@@ -227,7 +229,7 @@ class HeadsHistory:
             axis.grid(alpha=0.3)
         axis.legend(loc='upper right', ncols=2)
         axis.set_xlabel('time [s]')
-        figure.savefig(path, dpi=100)
+        write_picture(path, figure, dpi=130)
 
     def _draw_heads(self, axis: Any, heads: HeadsRecording) -> None:
         """Draw a bar for each head: its frames with attitude, in use by the fusion, the bodies."""
@@ -247,10 +249,10 @@ class HeadsHistory:
                     begin_s = self.time_s[blinding.first]
                     axis.broken_barh([(begin_s, self.time_s[blinding.end - 1] - begin_s)],
                                      (row + 0.2, 0.2), color=_COLOURS[blinding.body], linewidth=0)
-                    axis.text(begin_s, row + 0.22, blinding.body, fontsize=7)
+                    axis.text(begin_s, row + 0.22, blinding.body, fontsize=9)
         axis.set_yticks(range(len(MOUNTS)), MOUNTS)
         axis.set_title('green: in use by the fusion; olive: attitude of the head; above: bodies '
-                       'within their exclusion angles', fontsize=9)
+                       'within their exclusion angles')
 
     def _since_s(self, stamp_ns: np.ndarray) -> np.ndarray:
         return (stamp_ns - self.stamp_ns[0]) * 1e-9

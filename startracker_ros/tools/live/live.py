@@ -16,7 +16,6 @@ import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
-from rclpy.executors import ExternalShutdownException
 from rich.live import Live
 from rich.table import Table
 from sensor_msgs.msg import Image, Imu, PointCloud2
@@ -222,7 +221,7 @@ def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None 
             if record:
                 rig.processes.start('bag_recorder', {'folder': str(bag)})
             rig.processes.start('composed_pipeline', _pipeline_parameters(error_px))
-            with suppress(KeyboardInterrupt, ExternalShutdownException):
+            with suppress(KeyboardInterrupt):
                 _watch(rig, view, begin_s + seconds, {
                     **asdict(capture), 'camera_file': str(camera_file)})
             codes = rig.stop()

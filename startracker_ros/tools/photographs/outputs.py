@@ -8,19 +8,17 @@ import textwrap
 import cv2
 import numpy as np
 from startracker_ros.core.camera.sip import fit_sip, wcs_header
-from startracker_ros.core.stages.annotate import annotate, Labels
+from startracker_ros.core.stages.annotate import annotate, FOUND, IDENTIFIED, Labels
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.stages.sky_marks import (
-    mark_bodies, mark_figures, mark_named_stars, mark_scale)
+    BODY, mark_bodies, mark_figures, mark_named_stars, mark_scale, NAMED)
 from startracker_ros.core.stages.solution import Solution
 from startracker_ros.io.images.images import Photograph
 from startracker_ros.io.output import output_folder, write_output
 
 
 Colour = tuple[int, int, int]
-# Those of the circles.
-_FOUND, _IDENTIFIED = (255, 190, 60), (90, 230, 120)
 _FONT, _TEXT, _SMALLEST_TEXT = cv2.FONT_HERSHEY_SIMPLEX, (235, 235, 235), 0.5
 
 
@@ -53,41 +51,46 @@ def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMappin
     uv (N, 2) are its spots, hip (N,) their Hipparcos numbers, 0 for none; sky is None where the
     attitude is unknown.
     """
-    labels = Labels(image.shape)
+    labels = Labels(image.shape, uv)
     # Names come first, so that no number covers them.
     overlay = np.zeros((*image.shape, 3), np.uint8)
     if sky is not None:
-        mark_figures(overlay, sky, year, labels.size)
+        mark_scale(overlay, sky, labels)
+        mark_figures(overlay, sky, year, labels)
         mark_bodies(overlay, bodies, labels)
         mark_named_stars(overlay, sky, year, hip, labels)
-        mark_scale(overlay, sky, labels.size)
     return np.maximum(annotate(image, uv, hip, labels=labels), overlay)
 
 
 def caption(name: str, solution: Solution, year: float) -> list[tuple[str, Colour]]:
     """Return what stands below a picture: what it shows, and what its marks mean."""
-    found = (f'RA {solution.ra_deg:.4f} deg, Dec {solution.dec_deg:+.4f} deg, position angle of '
-             f'image up {solution.roll_deg:.2f} deg, field {solution.fov_deg:.3f} deg, '
+    found = (f'RA {solution.ra_deg:.4f} deg, Dec {solution.dec_deg:+.4f} deg, roll '
+             f'{solution.roll_deg:.2f} deg, field {solution.fov_deg:.3f} deg, '
              f'{solution.matched} stars, residual {solution.residual_arcsec:.2f} arcsec, '
              f'ICRS, epoch J{year:.2f}'
              if solution.sky is not None else f'not solved: {solution.reason}')
     lines = [(f'{name}: {found}', _TEXT)]
     if solution.sky is not None:
-        lines.append(('green circle: identified star with its name or HIP number', _IDENTIFIED))
-    return [*lines, ('orange circle: spot that is not identified', _FOUND)]
+        lines += [('green circle: identified star with its name or number in Hipparcos',
+                   IDENTIFIED),
+                  ('blue: constellations, bright stars that are not identified', NAMED)]
+    if solution.bodies:
+        lines.append(('yellow circle: planet, Moon or Sun', BODY))
+    return [*lines, ('orange circle: spot that is not identified', FOUND)]
 
 
 def captioned(picture: np.ndarray, lines: Sequence[tuple[str, Colour]]) -> np.ndarray:
     """Return a picture (H, W, 3) with lines of text below it, folded to its width."""
     width = picture.shape[1]
     scale = max(_SMALLEST_TEXT, width / 2000)
-    letter, height = cv2.getTextSize('0', _FONT, scale, 1)[0]
+    thick = max(1, round(width / 1024))
+    letter, height = cv2.getTextSize('0', _FONT, scale, thick)[0]
     folded = [(part, colour) for text, colour in lines
               for part in textwrap.wrap(text, max(10, int(0.97 * width / letter)))]
     strip = np.zeros((2 * height * len(folded) + height, width, 3), np.uint8)
     for number, (text, colour) in enumerate(folded, 1):
         cv2.putText(strip, text, (letter, 2 * height * number - height // 3), _FONT, scale,
-                    colour, 1, cv2.LINE_AA)
+                    colour, thick, cv2.LINE_AA)
     return np.vstack([picture, strip])
 
 

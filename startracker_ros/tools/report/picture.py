@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from startracker_ros.core.extras import new_figure
-from startracker_ros.core.stages.annotate import annotate
+from startracker_ros.core.extras import new_figure, PAGE_IN
+from startracker_ros.core.stages.annotate import annotate, Labels
 from startracker_ros.io.output import write_picture
 from startracker_ros.io.recordings.recording import gaps_after, Recording
 
@@ -27,21 +27,26 @@ def draw_error(axis: Any, time_s: np.ndarray, error: np.ndarray, sigma: np.ndarr
     axis.grid(alpha=0.3)
 
 
+def draw_field(axis: Any, image: np.ndarray, uv: np.ndarray, hip: np.ndarray, title: str, *,
+               bare: np.ndarray = np.empty((0, 2))) -> None:
+    """Draw an image (H, W) with its stars, half a page wide; no label is on a pixel of bare."""
+    labels = Labels(image.shape, np.vstack([uv, bare]), share=0.5)
+    axis.imshow(annotate(image, uv, hip, labels=labels))
+    axis.set(xlabel='u [px]', ylabel='v [px]', title=title)
+
+
 def draw_run(path: Path, recording: Recording, image: np.ndarray, uv: np.ndarray,
              hip: np.ndarray, title: str) -> None:
     """Write a PNG: image (H, W) with tracks at uv (N, 2), labelled with hip (N,)."""
-    figure = new_figure(figsize=(15, 8))
+    figure = new_figure(figsize=(PAGE_IN, 5.6))
     figure.suptitle(title)
-    grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1))
-    field = figure.add_subplot(grid[:, 0])
-    field.imshow(annotate(image, uv, hip))
-    field.set(xlabel='u [px]', ylabel='v [px]',
-              title=f'star field: {np.count_nonzero(hip)} stars with Hipparcos numbers, '
-              f'{np.count_nonzero(hip == 0)} not yet confirmed')
+    grid = figure.add_gridspec(3, 2, width_ratios=(1.25, 1))
+    draw_field(figure.add_subplot(grid[:, 0]), image, uv, hip,
+               f'{np.count_nonzero(hip)} stars identified, {np.count_nonzero(hip == 0)} not yet')
     stamps, error, sigma = recording.errors()
     time_s = (stamps - recording.image_ns[0]) / 1e9 if len(stamps) else stamps
     axis: Any = None
-    for row, name in enumerate(('x, cross boresight', 'y, cross boresight', 'z, roll')):
+    for row, name in enumerate(('x, cross', 'y, cross', 'z, roll')):
         axis = figure.add_subplot(grid[row, 1], sharex=axis)
         draw_error(axis, time_s, error[:, row], sigma[:, row], f'{name}\n[arcsec]', markersize=2)
         if len(stamps):
@@ -50,5 +55,5 @@ def draw_run(path: Path, recording: Recording, image: np.ndarray, uv: np.ndarray
             axis.set_ylim(-limit, limit)
     axis.set_xlabel('time since the first image [s]')
     figure.axes[1].legend(loc='upper right', ncols=2)
-    figure.axes[1].set_title('attitude error against truth, about sensor axes')
-    write_picture(path, figure, dpi=110)
+    figure.axes[1].set_title('attitude error against truth')
+    write_picture(path, figure, dpi=165)

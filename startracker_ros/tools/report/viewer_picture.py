@@ -10,7 +10,7 @@ import sys
 from typing import Any
 
 import numpy as np
-from startracker_ros.core.extras import new_figure
+from startracker_ros.core.extras import new_figure, PAGE_IN
 from startracker_ros.core.maths.rotation import matrix_from_quaternion, rotate
 from startracker_ros.core.stages.annotate import RETICLE_TICKS_PX, stretch
 from startracker_ros.io.output import write_picture
@@ -32,20 +32,19 @@ def draw_viewer(bag: Path, output: Path) -> None:
     image = read_frame(bag, recording, int(np.searchsorted(recording.image_ns, stamp_ns)))
     if image is None:
         raise ValueError(f'{bag} has no image of {stamp_ns} ns')
-    figure = new_figure(figsize=(14, 8), facecolor='#e8eaee')
+    figure = new_figure(figsize=(PAGE_IN, 6), facecolor='#e8eaee')
     grid = figure.add_gridspec(4, 3, width_ratios=(1, 1, 0.9))
     _draw_image(figure.add_subplot(grid[:3, 0]), image, recording, stamp_ns)
     _draw_sky(figure.add_subplot(grid[:3, 1], projection='3d'), recording, stamp_ns)
     _draw_states(figure.add_subplot(grid[3, :2]), recording)
     for row, (title, names, stamps, values) in enumerate(_plots(recording)):
         axes = figure.add_subplot(grid[row, 2])
-        axes.set_title(title, fontsize=9, loc='left')
+        axes.set_title(title, loc='left')
         for name, column in zip(names, values):
             axes.plot((stamps - recording.image_ns[0]) / 1e9, column, label=name, linewidth=1)
         axes.axvline((stamp_ns - recording.image_ns[0]) / 1e9, color='gray', linewidth=0.8)
-        axes.legend(fontsize=7, loc='upper right', ncols=4)
-        axes.tick_params(labelsize=7)
-    write_picture(output, figure, dpi=80, pil_kwargs={'optimize': True})
+        axes.legend(fontsize=9, loc='upper right', ncols=4, handlelength=1)
+    write_picture(output, figure, dpi=112, pil_kwargs={'optimize': True})
 
 
 def _draw_image(axes: Any, image: np.ndarray, recording: Recording, stamp_ns: int) -> None:
@@ -55,7 +54,7 @@ def _draw_image(axes: Any, image: np.ndarray, recording: Recording, stamp_ns: in
     ends = np.stack([rows['u'], rows['v']], -1)[:, None] + RETICLE_TICKS_PX
     for pair in ends.reshape(-1, 2, 2):
         axes.plot(*pair.T, color='#ffbe3c', linewidth=1)
-    axes.set_title('image_raw and image_markers', fontsize=9, loc='left')
+    axes.set_title('image_raw and image_markers', loc='left')
     axes.set_axis_off()
 
 
@@ -71,21 +70,21 @@ def _draw_sky(axes: Any, recording: Recording, stamp_ns: int) -> None:
             matrix_from_quaternion(quaternion), 0.4, 'star_tracker_optical_frame')):
         for column, colour in enumerate(('#ff5555', '#55ff55', '#5599ff')):
             axes.plot(*np.stack([np.zeros(3), length * matrix[:, column]], -1), color=colour)
-        axes.text(*(length * matrix[:, 2]), label, color='white', fontsize=7)
+        axes.text(*(length * matrix[:, 2]), f'{label}\n', color='white',
+                  ha='center', va='bottom')
     boresight = matrix_from_quaternion(quaternion)[:, 2]
     around = 0.5 * boresight[:, None] + [-0.36, 0.36]
     axes.set(xlim=around[0], ylim=around[1], zlim=around[2])
     axes.view_init(elev=25, azim=float(np.degrees(np.arctan2(boresight[1], boresight[0])) - 75))
-    axes.set_title('tracks, in their place on the sky', fontsize=9, loc='left')
+    axes.set_title('tracks, in their place on the sky', loc='left')
 
 
 def _draw_states(axes: Any, recording: Recording) -> None:
     time_s = (recording.state_frame_ns() - recording.image_ns[0]) / 1e9
     names = ('LOST', 'ACQUIRING', 'TRACKING')
     axes.step(time_s, [names.index(state) for state in recording.state], where='post')
-    axes.set_yticks(range(len(names)), names, fontsize=7)
-    axes.set_title('tracker_state', fontsize=9, loc='left')
-    axes.tick_params(labelsize=7)
+    axes.set_yticks(range(len(names)), names)
+    axes.set_title('tracker_state', loc='left')
 
 
 def _plots(recording: Recording) -> list[tuple[str, tuple[str, ...], np.ndarray, np.ndarray]]:
@@ -95,7 +94,7 @@ def _plots(recording: Recording) -> list[tuple[str, tuple[str, ...], np.ndarray,
     return [
         ('attitude, q_icrf_from_sensor', tuple('xyzw'), stamps, recording.quaternion.T),
         ('body rate [rad/s]', tuple('xyz'), stamps, recording.rate_rad_s.T),
-        ('attitude variance about ICRF axes [rad^2]', tuple('xyz'), stamps,
+        ('attitude variance [rad^2]', tuple('xyz'), stamps,
          np.diagonal(about_icrf, axis1=1, axis2=2).T),
         ('stars', ('centroids', 'tracks'), recording.tracks.stamp_ns, np.stack([
             np.interp(recording.tracks.stamp_ns, recording.centroids.stamp_ns,

@@ -24,6 +24,7 @@ from startracker_ros.tools.reprocess.work import (
 
 SUMMARY = 'summary.json'
 ERRORS = 'errors.json'
+NOTHING = 'none'
 
 
 @dataclass(frozen=True)
@@ -48,16 +49,16 @@ class RunRow:
     when the covariance is true; None without truth.
     """
 
-    parameters: str
     bag: str
-    tracker: str
-    segments: int
-    reused: int
     frames: int
     with_attitude_percent: float
-    problems: int
     cross_rms_arcsec: float | None
     nees: float | None
+    problems: int
+    tracker: str
+    parameters: str
+    segments: int
+    reused: int
     smoothed_rms_arcsec: float | None
     smoothed_nees: float | None
 
@@ -67,8 +68,9 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
     Process all bags with all sets of parameters; a row for each bag, tracker and set.
 
     Finished segments of an earlier run with the same parameters are kept. What fails is in
-    errors.json of the folder and in the details of the result. BagError where there is no bag
-    that can be processed, OSError where the folder cannot be written.
+    errors.json of the folder; the condition not_processed has the bags and segments of which
+    nothing is in the run. BagError where there is no bag that can be processed, OSError where the
+    folder cannot be written.
     """
     load_parquet_writer()
     check_output(output_folder(request.folder) / ERRORS)
@@ -86,11 +88,15 @@ def reprocess(request: Request, *, workers: int, scheduler: str = '') -> Result:
     if not rows and found:
         raise BagError(f'nothing to process: {found[0].bag}: {found[0].reason}; all problems are '
                        f'in {runs[0].folder / ERRORS}')
+    planned = {segment.name for segment in segments}
+    without = [name for name in names if name not in planned]
     return Result('reprocess', rows, {
         'frames': sum(row.frames for row in rows),
         'cpu_s': sum(run.cpu_s for run in runs),
         'peak_worker_mb': max((run.peak_mb for run in runs), default=0.0),
-        'errors': f'{len(found)} rows in {ERRORS}' if found else 'none'})
+        'errors': f'{len(found)} rows in {ERRORS}' if found else NOTHING,
+        'not_processed': ', '.join([*without, *(
+            key for run in runs for key in run.not_processed)]) or NOTHING})
 
 
 def _plan(client: Any, bags: Sequence[Path], names: Sequence[str], request: Request
@@ -142,6 +148,12 @@ class _Run:
         return tasks
 
     @property
+    def not_processed(self) -> list[str]:
+        """Return the keys of the segments that failed, with the name of a set of parameters."""
+        return [f'{self.parameters.name}/{segment.key}'.lstrip('/') for segment in self.segments
+                if segment.key not in self.records]
+
+    @property
     def peak_mb(self) -> float:
         """Return the memory of the largest worker."""
         return max((record.peak_mb for record in self.records.values()), default=0.0)
@@ -178,13 +190,14 @@ class _Run:
             frames = sum(record.frames for record in records)
             attitudes = sum(record.attitudes for record in records)
             keys = {segment.begin_ns for segment in segments}
+            problems = sum(problem.bag == name and problem.begin_ns in keys
+                           and problem.tracker == segments[0].namespace
+                           for problem in self.problems)
             rows.append(RunRow(
-                self.parameters.name, name, tracker, len(segments),
-                sum(segment.key in self.reused for segment in segments), frames,
-                100 * attitudes / frames if frames else 0.0,
-                sum(problem.bag == name and problem.begin_ns in keys
-                    and problem.tracker == segments[0].namespace for problem in self.problems),
-                *_means([record.accuracy for record in records]),
+                name, frames, 100 * attitudes / frames if frames else 0.0,
+                *_means([record.accuracy for record in records]), problems, tracker,
+                self.parameters.name, len(segments),
+                sum(segment.key in self.reused for segment in segments),
                 *_means([record.smoothed for record in records])))
         return rows
 

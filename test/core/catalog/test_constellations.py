@@ -1,8 +1,8 @@
-"""The lines of the constellations are between stars of these constellations."""
+"""Lines of the constellations are between their stars, and they have their names."""
 
 from astropy.coordinates import get_constellation, SkyCoord
 import numpy as np
-from startracker_ros.core.catalog.constellations import FIGURES
+from startracker_ros.core.catalog.constellations import FIGURES, NAMES
 from startracker_ros.core.catalog.stars import load_catalog
 
 # Alpheratz is a corner of the square of Pegasus, Elnath one of the pentagon of Auriga.
@@ -19,6 +19,11 @@ def test_every_star_is_bright_and_within_the_boundaries_of_the_iau():
                               short_name=True)
     for (name, hip), constellation in zip(named, found):
         assert constellation == SHARED.get((name, hip), name), (name, hip)
+    # A star of each that is not shared.
+    first = [place[lines[0][-1]] for lines in FIGURES.values()]
+    names = get_constellation(SkyCoord(catalog.ra_rad[first], catalog.dec_rad[first], unit='rad'))
+    assert [name.strip().replace('ö', 'o') for name in names] == [*NAMES.values()]
+    assert [*NAMES] == [*FIGURES]
 
 
 def test_no_line_is_drawn_twice_or_across_the_sky():

@@ -12,6 +12,7 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, quaternion_from_pointing, radec_from_unit)
+from startracker_ros.core.stages.annotate import annotate, Labels
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
@@ -138,3 +139,36 @@ def test_the_belt_of_orion_is_a_line_that_spares_its_stars():
         assert around(pixel).any() and not around(pixel + 6 * away).any()
     for star in (alnitak, alnilam):
         assert not around(star).any()
+
+
+def test_labels_cover_neither_circles_nor_one_another():
+    uv = np.array([[500.0, 300.0], [530.0, 300.0], [470.0, 310.0], [1010.0, 20.0], [3.0, 740.0]])
+    shape = (768, 1024)
+    labels, columns, rows = Labels(shape, uv), *np.meshgrid(np.arange(1024), np.arange(768))
+    texts = []
+    for u, v in uv.astype(int):
+        picture = np.zeros((*shape, 3), np.uint8)
+        labels.write(picture, f'HIP {u}', (u, v), (255, 255, 255))
+        texts.append(picture.any(axis=2))
+    # The star in the middle has others on both sides: its name is above or below.
+    assert all(text.sum() > 50 for text in texts)
+    assert np.sum(texts, axis=0).max() == 1
+    for u, v in uv:
+        assert not np.any(texts, axis=0)[np.hypot(columns - u, rows - v) < 10].any()
+    picture[:] = 0
+    for _ in range(4):
+        labels.write(picture, 'a name', (500, 300), (255, 255, 255))
+    before = picture.copy()
+    labels.write(picture, 'no place', (500, 300), (255, 255, 255))
+    assert np.array_equal(picture, before)
+
+
+def test_north_is_where_no_star_is():
+    sky = SkyMapping(CAMERA, quaternion_from_pointing(*np.radians([180.0, -50.0, 0.0])))
+    black, corner = np.zeros((768, 1024), np.uint8), np.array([[960.0, 700.0]])
+
+    def below(spots):
+        """Return whether the lower right corner has something that is no circle."""
+        picture = annotated(black, spots, np.zeros(len(spots), int), sky, YEAR)
+        return (picture[650:, 900:] != annotate(black, spots)[650:, 900:]).any()
+    assert below(np.empty((0, 2))) and not below(corner)

@@ -113,7 +113,7 @@ def test_narrow_bounds_can_fail(monkeypatch):
         for view, in cases])
     monkeypatch.setattr(narrow_field, 'measure_build', lambda view: (
         (2.0, 50.0) if view.name == 'N3' else (4.0, 150.0)))
-    monkeypatch.setattr(narrow_field, 'ProcessPoolExecutor', InThisProcess)
+    monkeypatch.setattr(narrow_field, 'Processes', InThisProcess)
     failing = [row.case for row in narrow_field.narrow_field_rows(trials=2, seed=1)
                if not row.holds]
     assert failing == ['N3: correct', 'N3: time, median', 'N3: time, p99', 'N2: correct',

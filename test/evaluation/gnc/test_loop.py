@@ -1,6 +1,9 @@
 """The loop around Basilisk, with a star tracker that reports the truth or worse."""
 
+from pathlib import Path
+
 import numpy as np
+from pictures import assert_legible
 import pytest
 from startracker_ros.core.maths.rotation import (
     ARCSEC, matrix_from_quaternion, multiply, quaternion_from_rotation_vector, random_attitude)
@@ -81,6 +84,14 @@ def test_the_figures_hold_and_can_be_drawn(history, tmp_path):
     assert rows['longest hold by propagation'].ours == pytest.approx(10.0, abs=0.5)
     draw(tmp_path / 'loop.png', history, 'loop')
     assert (tmp_path / 'loop.png').stat().st_size > 10_000
+
+
+def test_the_phases_and_all_texts_are_legible_in_the_picture(history, monkeypatch):
+    figures = []
+    monkeypatch.setattr('startracker_ros.evaluation.gnc.history.write_picture',
+                        lambda path, figure, **options: figures.append(figure))
+    draw(Path('loop.png'), history, 'loop')
+    assert_legible(figures[0])
 
 
 def test_the_navigation_predicts_what_basilisk_integrates(basilisk):

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.sim.sky.gallery import draw, PICTURES
+from startracker_ros.sim.sky.gallery import draw, PICTURES, TITLE_PX
 
 DOCS = Path(__file__).parents[3] / 'docs'
 
@@ -26,4 +26,16 @@ def test_pictures_are_those_of_the_command(name):
     # Another processor may round one pixel in a thousand to the next grey.
     assert (np.abs(drawn - shown) > 5).mean() < 1e-3
     if not PICTURES[name].overlay:
-        assert (drawn[:, :340] != drawn[:, 346:]).any()
+        halves = drawn[TITLE_PX:]
+        assert (halves[:, :340] != halves[:, 346:]).any()
+
+
+@pytest.mark.parametrize('name', ['coma', 'astigmatism', 'earth_limb', 'stray_light', 'harsh'])
+def test_stars_are_seen_in_both_halves_under_their_titles(name):
+    shown = cv2.imread(str(DOCS / 'pictures' / f'{name}.png'), cv2.IMREAD_GRAYSCALE)
+    for half in (shown[:, :340], shown[:, 346:]):
+        assert (half[:TITLE_PX] > 150).sum() > 50
+        # Brighter than what is around, which may be the glow of a bright body.
+        smooth = cv2.medianBlur(half[TITLE_PX:], 31)
+        stars, _ = cv2.connectedComponents(np.uint8(half[TITLE_PX:] > smooth.astype(int) + 50))
+        assert stars - 1 >= 4

@@ -3,12 +3,15 @@
 from dataclasses import replace
 import hashlib
 import json
+import re
 import resource
 import shutil
 import struct
 
+from click.testing import CliRunner
 import numpy as np
 import pytest
+from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.errors import BagError
@@ -129,6 +132,17 @@ def test_each_bad_bag_is_a_row_and_the_good_one_is_done(bad_bags, flight, reproc
     assert 'two cameras' in reasons['two_cameras']
     assert 'no MCAP file' in reasons['zero'] and 'no MCAP file' in reasons['text']
     assert sum(row['frames'] for row in result.records) == 130
+
+
+def test_what_is_not_processed_is_named_and_status_1(bad_bags, flight, reprocess, tmp_path):
+    bags = [str(bad_bags / name) for name in ('two_cameras', 'text.mcap')]
+    options = ['--no-bags', '--segment-s', '120', '--workers', '1', '-o', str(tmp_path / 'run')]
+    done = CliRunner().invoke(main, ['reprocess', *bags, str(flight), *options])
+    assert done.exit_code == 1
+    assert re.search(r'run: not processed: text, two_cameras/star_tracker/\d+; see errors.json\n$',
+                     done.stderr)
+    whole = CliRunner().invoke(main, ['reprocess', str(flight), *options])
+    assert whole.exit_code == 0 and whole.stderr == ''
 
 
 def test_of_a_truncated_bag_the_rest_is_used(bad_bags, reprocess, tmp_path):

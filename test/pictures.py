@@ -1,0 +1,33 @@
+"""What people see of a figure of matplotlib: its texts, on a page that shows it 900 px wide."""
+
+from itertools import combinations
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.transforms import Bbox
+
+PAGE_PX, LEAST_PX = 900, 10
+
+
+def assert_legible(figure: Any) -> None:
+    """Assert that texts are large enough, within the figure, and that none covers another."""
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    width, height = figure.bbox.size
+    draw, lines = renderer.draw_text, []
+
+    def draw_text(gc: Any, x: float, y: float, text: str, font: Any, angle: float,
+                  ismath: Any = False, mtext: Any = None) -> None:
+        assert angle in (0, 90)
+        size = renderer.get_text_width_height_descent(text, font, ismath)[:2]
+        box = Bbox.from_bounds(x, y, size[0], -size[1]) if angle == 0 else (
+            Bbox.from_bounds(x, y, -size[1], -size[0]))
+        lines.append((text, font.get_size_in_points() / 72 * figure.dpi, box))
+        draw(gc, x, y, text, font, angle, ismath, mtext)
+    renderer.draw_text = draw_text
+    figure.draw(renderer)
+    assert lines
+    for text, size_px, box in lines:
+        assert size_px * PAGE_PX / width >= LEAST_PX, text
+        assert 0 <= box.xmin and box.xmax <= width and 0 <= box.ymin and box.ymax <= height, text
+    for (one, _, first), (other, _, second) in combinations(lines, 2):
+        assert not first.overlaps(second), (one, other)
