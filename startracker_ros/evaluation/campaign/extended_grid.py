@@ -25,6 +25,7 @@ _PART_TRIALS = 500
 _DRIFT_DRAWS = 2000
 _FEW_STARS = 6
 """The grid algorithm wants so many stars in an image."""
+_STAR_TICKS = range(2, 21, 2)
 
 POSITIONS = [Condition(position_px=noise) for noise in (0.0, 0.2, 0.35, 0.5, 0.75, 1.0)]
 MAGNITUDES = [Condition(position_px=0.3, magnitude_sigma=noise)
@@ -259,7 +260,7 @@ def _draw_noise(tally: dict[Condition, Tally], folder: Path) -> Path:
         axis.set_xlabel(label)
         axis.grid(alpha=0.3)
     axes[0].set_ylabel('success, none falsely, %')
-    axes[0].legend(fontsize='small')
+    axes[0].legend()
     return save_picture(figure, folder / 'figures_10_11_noise.png')
 
 
@@ -278,9 +279,9 @@ def _draw_star_counts(tally: dict[Condition, Tally], folder: Path) -> Path:
             one = tally[condition]
             axis.plot(*_by_stars(one, 100 * one.solved('grid')), 'o-', markersize=3,
                       label=f'{getattr(condition, name):g} {unit}')
-        axis.set_xlabel('stars in the image')
+        axis.set(xlabel='stars in the image', xticks=_STAR_TICKS)
         axis.grid(alpha=0.3)
-        axis.legend(fontsize='small')
+        axis.legend()
     axes[0].set_ylabel('success of the grid alone, %')
     return save_picture(figure, folder / 'figures_12_13_stars.png')
 
@@ -293,7 +294,7 @@ def _draw_neighbours(tally: Tally, folder: Path) -> Path:
     for column, legend, style in zip(share.T.reshape(2, -1), ('extended image', 'plain image'),
                                      ('s-', 'v:')):
         axis.plot(counts, column, style, label=legend)
-    axis.set(xlabel='stars in the image', ylabel='nearest neighbour right, %')
+    axis.set(xlabel='stars in the image', ylabel='nearest neighbour right, %', xticks=_STAR_TICKS)
     axis.grid(alpha=0.3)
     axis.legend()
     return save_picture(figure, folder / 'figure_14_neighbours.png')
@@ -306,8 +307,9 @@ def _draw_periods(tally: dict[Condition, Tally], folder: Path) -> Path:
     for method, legend, style in _CURVES[:2]:
         success.plot(period_s, [tally[condition].percent(method) for condition in PERIODS], style,
                      label=legend)
-    success.set(xlabel='update period, s (0.3 px)', ylabel='success, none falsely, %')
-    success.legend(fontsize='small')
+    success.set(xlabel='update period, s (0.3 px)', ylabel='success, none falsely, %',
+                ylim=(97, 100))
+    success.legend()
     rng = np.random.default_rng(0)
     drift.plot(period_s, [gyro_drift_px(condition, _DRIFT_DRAWS, rng).mean()
                           for condition in PERIODS], 'o-')
@@ -322,7 +324,8 @@ def _draw_times(tally: Tally, folder: Path) -> Path:
     axis: Any = figure.subplots()
     for column, legend, style in ((0, 'verified', 'o-'), (1, 'grid alone', 's--')):
         axis.plot(*_by_stars(tally, tally.time_ms[:, column]), style, label=legend)
-    axis.set(xlabel='stars in the image', ylabel='time of a frame, ms', ylim=(0, None))
+    axis.set(xlabel='stars in the image', ylabel='time of a frame, ms', xticks=_STAR_TICKS,
+             ylim=(0, None))
     axis.grid(alpha=0.3)
     axis.legend()
     return save_picture(figure, folder / 'figure_17_time.png')

@@ -4,8 +4,10 @@ Frames of a narrow field identified by extended grids, by the grid alone and by 
 Qian, Sun, Cai, Huang.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import cramer_rao
@@ -72,7 +74,7 @@ class Tally:
     stars whose nearest neighbour is in the catalogue, and those with the same one in the
     combined and in the plain image. pairs (F, B) counts pairs of stars by their separation, in
     bins of BIN_DEG. time_ms (F, 3) is the process CPU time of identify(), of the patterns
-    alone, and of the Pyramid without a prediction, which is NaN but for the first condition.
+    alone, and of the Pyramid without a prediction, NaN but under the condition by default.
     """
 
     stars: np.ndarray
@@ -193,7 +195,9 @@ def _frame(identifier: ExtendedGridIdentifier, pyramid: PyramidIdentifier, condi
         magnitude_sigma=condition.magnitude_sigma)
     seen = centroids.flux >= 1e6 * 10 ** (-0.4 * condition.magnitude_limit)
     centroids, hip = centroids.select(seen), hip[seen]
-    cpu_s, result = cpu_timed(identifier.identify, centroids, prior)
+    # The times of one condition are shown.
+    timed = cpu_timed if condition == Condition() else _untimed
+    cpu_s, result = timed(identifier.identify, centroids, prior)
     pyramid_s = np.nan
     if condition == Condition():
         pyramid_s, _ = cpu_timed(pyramid.identify, centroids)
@@ -201,11 +205,11 @@ def _frame(identifier: ExtendedGridIdentifier, pyramid: PyramidIdentifier, condi
     field = identifier.field_stars(centroids)
     hip_seen = hip[field.index]
     observed = field.direction[:, :2] / field.direction[:, 2:]
-    predict_s, sky = cpu_timed(identifier.predicted_field, prior.quaternion)
+    predict_s, sky = timed(identifier.predicted_field, prior.quaternion)
     hip_known = identifier.onboard.hip[sky.star]
     image = sky.brightest(len(observed))
     beyond = image.tangent[~image.inside]
-    grid_s, grid = cpu_timed(identifier.recognise, observed, sky)
+    grid_s, grid = timed(identifier.recognise, observed, sky)
     sigma = np.hypot(condition.position_px, CATALOG_SIGMA_PX) * identifier.camera.pixel_rad
     rows = {
         'grid': grid,
@@ -220,6 +224,11 @@ def _frame(identifier: ExtendedGridIdentifier, pyramid: PyramidIdentifier, condi
                                                        hip_known),
             _separations(field.direction),
             [1e3 * time_s for time_s in (cpu_s, predict_s + grid_s, pyramid_s)])
+
+
+def _untimed(function: Callable, *arguments: object) -> tuple[float, Any]:
+    """Return NaN for the time, and what a function returns."""
+    return np.nan, function(*arguments)
 
 
 def _separations(direction: np.ndarray) -> np.ndarray:

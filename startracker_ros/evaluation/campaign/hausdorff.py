@@ -202,7 +202,7 @@ def run_hausdorff_campaign(*, trials: int, seed: int, scheduler: str = '',
 
 def draw_times(found: dict[tuple[str, float], Outcomes], slow: SlowPeer, folder: Path) -> Path:
     """Draw the times of all methods over the magnitude limit and of the slow peer."""
-    figure = new_figure(figsize=(9, 3.2))
+    figure = new_figure(figsize=(9, 3.8))
     over, bars = figure.subplots(1, 2, width_ratios=(2, 1))
     for method, style in (('pivot', 'o-'), ('segment', 's--')):
         limits = sorted(limit for name, limit in found if name == method)
@@ -213,7 +213,8 @@ def draw_times(found: dict[tuple[str, float], Outcomes], slow: SlowPeer, folder:
     over.plot(limits, [found[method, limit].mean_ms('pyramid') for limit in limits], '^:',
               label='Pyramid, frames of segment')
     over.set(xlabel='magnitude limit', ylabel='time of a direction, ms', yscale='log')
-    over.legend(fontsize='x-small', ncols=2)
+    figure.legend(*over.get_legend_handles_labels(), loc='outside upper center',
+                  ncols=3)
     bars.bar(list(slow.time_ms), list(slow.time_ms.values()))
     bars.set(ylabel='time of a field, ms', yscale='log', title=f'20 deg, V {SLOW_CELL:g}')
     for axis in (over, bars):

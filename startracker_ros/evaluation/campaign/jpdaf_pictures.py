@@ -19,8 +19,11 @@ def draw_errors(found: Mapping[Cell, Mapping[str, np.ndarray]], folder: Path) ->
     cells = [cell for cell in found if cell.variance_px2 == 0.02]
     for axis, cell in zip(figure.subplots(2, len(cells) // 2, sharex=True, sharey=True).flat,
                           cells):
+        # It covers another one.
+        *_, last = found[cell]
         for method, error in found[cell].items():
-            axis.plot(np.arange(FRAMES), error, linewidth=1, label=method)
+            axis.plot(np.arange(FRAMES), error, '--' if method == last else '-', linewidth=1,
+                      label=method)
         axis.set_title(str(cell))
         axis.set_ylim(bottom=0)
         axis.grid(alpha=0.3)
@@ -42,10 +45,16 @@ def draw_tracks(runs: Sequence[Run], estimates: Estimates, folder: Path) -> Path
     axes[0].set_title(f'2: a star under jitter, {FRAMES} frames')
     axes[0].legend()
     for axis, number, run, each in zip(axes[1:], (5, 6), runs, estimates):
+        # In 400 frames a turning image moves its stars by some pixels only.
+        times = {'linear': 1, 'turning': 10}[run.cell.motion]
         for star in range(STARS):
-            axis.plot(*each['JPDAF'].uv[:, star].T, '.', markersize=2)
-            axis.plot(*run.uv[:, star].T, color='black', linewidth=0.5)
-        axis.set_title(f'{number}: tracks of four stars, {run.cell.motion}')
+            start = run.uv[0, star]
+            seen, true = (start + times * (uv[:, star] - start)
+                          for uv in (each['JPDAF'].uv, run.uv))
+            axis.plot(*seen.T, '.', markersize=2)
+            axis.plot(*true.T, color='black', linewidth=0.5)
+        axis.set_title(f'{number}: four stars, {run.cell.motion}'
+                       + f', motion times {times}' * (times > 1))
     for axis in axes:
         axis.set(xlabel='u, px', ylabel='v, px')
         axis.invert_yaxis()

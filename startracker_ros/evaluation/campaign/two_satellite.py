@@ -286,11 +286,11 @@ def draw_errors(scene: Scene, scales: dict[str, np.ndarray], seed: int, folder: 
     axis.set(xlabel='scale of the errors', ylabel='mean error of the target, m', xscale='log',
              yscale='log')
     axis.grid(alpha=0.3)
-    axis.legend(fontsize='small')
+    axis.legend()
     pictures = [save_picture(figure, folder / 'scales.png')]
     error = scene.draw((ALL, ALL), NEES_DRAWS, seed)[0] @ scene.axes.T
     figure = new_figure(figsize=(9, 2.8))
-    for name, values, axis in zip('XYZ', error.T, figure.subplots(1, 3, sharey=True)):
+    for name, values, axis in zip('XYZ', error.T, figure.subplots(1, 3, sharex=True, sharey=True)):
         sigma_m = values.std()
         _, edges, _ = axis.hist(values, 40, density=True)
         axis.plot(edges, stats.norm.pdf(edges, scale=sigma_m), 'k-')
@@ -315,5 +315,5 @@ def draw_baselines(table: dict[float, tuple[float, np.ndarray]], folder: Path) -
     above.set_xticks(ticks, [f'{table[degree][0]:.0f}' for degree in ticks])
     above.set_xlabel('angle between the lines of sight, deg')
     axis.grid(alpha=0.3, which='both')
-    axis.legend()
+    figure.legend(*axis.get_legend_handles_labels(), loc='outside lower center', ncols=4)
     return save_picture(figure, folder / 'two_satellite.png')

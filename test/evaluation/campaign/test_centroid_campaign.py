@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.centroid.moments import WEIGHTS
 from startracker_ros.evaluation.campaign.centroid import (
-    conclusions, FACTORS, METHODS, Photograph, without_lens)
+    conclusions, FACTORS, Photograph, without_lens)
 
 
 @pytest.fixture(scope='module')
@@ -23,22 +24,25 @@ def document(sky_data, tmp_path_factory):
 
 
 def test_the_fit_is_nearest_to_the_sky(document):
-    rows = {row['method']: row for row in document['rows']}
-    assert tuple(rows) == METHODS
-    best = min(row['right_ppm'] for name, row in rows.items() if name != 'gaussian')
-    assert rows['gaussian']['right_ppm'] < 0.7 * best
-    assert rows['gaussian']['worst_over_right'] == 1
+    rows = {row['case']: row for row in document['rows']}
+    right, double = ({method: rows[f'{method}: scatter, {factor} times the right threshold']
+                      for method in WEIGHTS} for factor in (1, 2))
+    assert all(150 < row['as_published'] < 900 for row in right.values())
+    assert right['binary']['beyond'] < 0.7 * min(row['as_published'] for row in right.values())
+    assert right['binary']['paper'] == 'the least' and right['binary']['holds']
     # Twice the threshold leaves hardly more than the brightest pixel.
-    assert all(rows[name]['double_ppm'] > 1.3 * rows[name]['right_ppm'] for name in METHODS[:4])
-    assert all(150 < row['right_ppm'] < 900 or name == 'gaussian' for name, row in rows.items())
+    assert all(double[method]['as_published'] > 1.3 * right[method]['as_published']
+               for method in WEIGHTS)
+    assert rows['thresholded: worst over right threshold']['beyond'] == 1
 
 
 def test_the_conclusions_of_the_paper_are_tested(document):
-    results = {key: text for key, text in document['conditions'].items() if 'paper' in key}
-    assert len(results) == 3
-    assert all(text.split(';')[0] in ('confirmed', 'not confirmed') and '% of 50 draws' in text
-               for text in results.values())
-    assert document['conditions']['seed'] == 3
+    conditions = document['conditions']
+    results = {key: text for key, text in conditions.items() if key.startswith('paper')}
+    assert len(results) == 3 and set(results.values()) <= {'confirmed', 'not confirmed'}
+    shares = [row['as_published'] for row in document['rows'] if row['case'].startswith('draws')]
+    assert len(shares) == 3 and all(0 <= share <= 100 and share % 2 == 0 for share in shares)
+    assert conditions['seed'] == 3 and conditions['draws'].startswith('50 choices')
 
 
 def test_conclusions_follow_from_the_figures():
