@@ -28,7 +28,7 @@ class FramePairs:
         return stamp_ns in self._waiting[topic]
 
     def add(self, topic: str, stamp_ns: int, value: Any) -> tuple[Any, ...] | None:
-        """Add a value of a topic; return those of its frame in the order of the topics, or None."""
+        """Add a value of a topic; return all of its frame in the order of topics, or None."""
         self._waiting[topic][stamp_ns] = value
         complete = all(stamp_ns in waiting for waiting in self._waiting.values())
         pair = (tuple(waiting.pop(stamp_ns) for waiting in self._waiting.values()) if complete

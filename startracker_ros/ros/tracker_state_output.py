@@ -7,6 +7,7 @@ from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.tracker import StarTracker, TrackerState
+from startracker_ros.io.bags.tracker_state import NAME, tracker_state_values
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
@@ -57,19 +58,9 @@ class TrackerStateOutput:
         diagnostics = self._node.diagnostics
         level = OK if tracker.state is TrackerState.TRACKING else WARN
         self._has_tracked |= level == OK
-        values: dict[str, object] = {
-            'stars_matched': tracker.stars_matched,
-            'residual_px': f'{tracker.residual_px:.3f}',
-            'frames_since_fix': tracker.frames_since_fix,
-            'checks_passed': tracker.checks_passed,
-            'late_frames': tracker.late_frames,
-            'rejected_centroids': tracker.rejected_centroids,
-            'gyro': tracker.gyro_condition,
-            'stamp_sigma_ms': f'{tracker.stamp_sigma_s * 1e3:.3f}',
-            'reason': tracker.contradiction or tracker.reason}
-        values.update(self._blinding)
+        values = {**tracker_state_values(tracker), **self._blinding}
         status = status_message(
-            'star_tracker: state', self._node.hardware_id, level, tracker.state.value, values)
+            NAME, self._node.hardware_id, level, tracker.state.value, values)
         self._state.publish(status)
         self._status.publish(DiagnosticArray(
             header=make_header(self._newest_ns, self._node.sensor_frame_id), status=[status]))
