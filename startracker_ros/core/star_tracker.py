@@ -146,10 +146,9 @@ class StarTracker:
         """Identify a frame for the tracker."""
         identification, centroids = self.identification.identify(stamp_ns, centroids)
         self.tracker.identified(stamp_ns, centroids, identification.hip)
-        identifier, sky = self.identification.identifier, self.attitude.sky
-        sky.look_from(self.motion.at(stamp_ns))
-        return icrf_identification(
-            identification, centroids, identifier.camera, sky, identifier.options)
+        identifier = self.identification.identifier
+        return icrf_identification(identification, centroids, identifier.camera,
+                                   self.attitude.sky.at(stamp_ns), identifier.options)
 
     def _late(self, stamp_ns: int, centroids: Centroids) -> FrameResult | None:
         """Return the result of a frame that is not newer; forget all if time was set back."""

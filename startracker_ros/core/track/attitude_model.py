@@ -85,9 +85,8 @@ class AttitudeModel(StarModel):
     gyro_trouble is the reason why the rates of a gyro are not used, empty without one.
     """
 
-    def __init__(self, camera: Camera, sky: ApparentCatalog, options: TrackerOptions,
-                 gyro: Gyro) -> None:
-        super().__init__(camera, sky, options)
+    def __init__(self, camera: Camera, options: TrackerOptions, gyro: Gyro) -> None:
+        super().__init__(camera, options)
         self._gyro = gyro
         across, roll = options.acceleration_deg_s2, options.roll_acceleration_deg_s2
         self._acceleration_rad_s2 = np.radians([across, across, roll])
@@ -118,11 +117,11 @@ class AttitudeModel(StarModel):
         self._measured: AttitudeEstimate | None = None
         self._uv = np.empty((0, 2))
 
-    def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
+    def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
         nominal: tuple[_Hypothesis, Correction] | None = None
         dark = self.is_dark(frame)
-        icrf = self._sky.direction(self.bank.star_index)
+        icrf = sky.direction(self.bank.star_index)
         uv = np.ascontiguousarray(frame.uv)
         repeated, self._uv = np.array_equal(uv, self._uv), uv
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
@@ -339,9 +338,10 @@ class AttitudeModel(StarModel):
     def measured_attitude(self) -> AttitudeEstimate | None:
         return self._measured
 
-    def with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
+    def with_systematic_errors(self, estimate: AttitudeEstimate, velocity_sigma_m_s: float
+                               ) -> AttitudeEstimate:
         """Return also what the acceleration within the exposure turns the stars by, taken out."""
-        estimate = super().with_systematic_errors(estimate)
+        estimate = super().with_systematic_errors(estimate, velocity_sigma_m_s)
         turn, covariance = self._acceleration.shift(
             self._exposure_s, self._state.rate, self._camera.fx)
         return replace(estimate, quaternion=turned(estimate.quaternion, -turn),

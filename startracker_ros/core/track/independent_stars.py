@@ -27,9 +27,8 @@ from startracker_ros.core.track.start import Start
 class IndependentStarsModel(StarModel):
     """A filter of position and velocity on the image for each star (JPDAF)."""
 
-    def __init__(self, camera: Camera, sky: ApparentCatalog, options: TrackerOptions, gyro: Gyro
-                 ) -> None:
-        super().__init__(camera, sky, options)
+    def __init__(self, camera: Camera, options: TrackerOptions, gyro: Gyro) -> None:
+        super().__init__(camera, options)
         self._gyro = gyro
         self._centre = np.array([camera.cx, 0.0, camera.cy, 0.0])
 
@@ -42,11 +41,11 @@ class IndependentStarsModel(StarModel):
         self._acceleration_px_s2 = (acceleration_rad_s2 * self._camera.fx,
                                     acceleration_rad_s2 * self._camera.fy)
 
-    def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
+    def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
         self._predict(stamp_ns)
         self._stamp_ns = stamp_ns
-        unassociated = self._update(frame)
-        fit = self._fit()
+        unassociated = self._update(frame, sky)
+        fit = self._fit(sky)
         if fit is None or not fit.is_good(
                 int(np.count_nonzero(self.bank.confirmed)), self._options.min_stars,
                 self._options.max_residual_px):
@@ -114,14 +113,14 @@ class IndependentStarsModel(StarModel):
         along = np.stack([y * camera.fx / camera.fy, -x * camera.fy / camera.fx], 1)
         return np.einsum('na,nb,ij->naibj', along, along, roll).reshape(-1, 4, 4)
 
-    def _update(self, frame: Centroids) -> np.ndarray:
+    def _update(self, frame: Centroids, sky: ApparentCatalog) -> np.ndarray:
         """Update the tracks by a frame; return the mask (M,) of its centroids in no gate."""
         bank, sigma_px = self.bank, self.sigma_px(frame)
         variance = sigma_px ** 2
         confirmed = None
         if self._options.sna_confirmation:
             confirmed = star_neighbourhood(
-                self._camera, bank.uv, self._sky.direction(bank.star_index), frame.uv, sigma_px)
+                self._camera, bank.uv, sky.direction(bank.star_index), frame.uv, sigma_px)
         probability, unassociated = associate_stars(
             bank.uv, bank.uv_covariance, frame.uv, variance, self._detection,
             self._options.association, confirmed)
@@ -146,9 +145,9 @@ class IndependentStarsModel(StarModel):
         most = 2.0 if self._options.solver == 'triad' else np.inf
         return np.clip(bank.variance * information, 1.0, most)
 
-    def _fit(self) -> RotationFit | None:
+    def _fit(self, sky: ApparentCatalog) -> RotationFit | None:
         try:
-            return fit_rotation(self._camera, self._sky.direction(self.bank.star_index),
+            return fit_rotation(self._camera, sky.direction(self.bank.star_index),
                                 self.bank.uv, self.bank.sigma_uv, self.bank.detected,
                                 self._options.solver)
         except AttitudeError:
@@ -176,10 +175,10 @@ class NeighbourhoodModel(IndependentStarsModel):
         bank = replace(bank, state=state, covariance=covariance)
         self.bank = bank.select(self._camera.contains(bank.uv))
 
-    def _update(self, frame: Centroids) -> np.ndarray:
+    def _update(self, frame: Centroids, sky: ApparentCatalog) -> np.ndarray:
         bank, sigma_px = self.bank, self.sigma_px(frame)
         centroid = star_neighbourhood(
-            self._camera, bank.uv, self._sky.direction(bank.star_index), frame.uv, sigma_px)
+            self._camera, bank.uv, sky.direction(bank.star_index), frame.uv, sigma_px)
         detected = np.flatnonzero(centroid >= 0)
         state, covariance = bank.state.copy(), bank.covariance.copy()
         state[detected[:, None], POSITION] = frame.uv[centroid[detected]]

@@ -152,8 +152,7 @@ class Solvers:
             # In 9 days no bright star moves by 0.1 arcsec.
             year = when.year if when.source == OPTION else round(20 * when.year) / 20
             identifier, onboard = self._calibrations(camera, year)
-            sky = ApparentCatalog(onboard)
-            sky.look_from(observer)
+            sky = ApparentCatalog(onboard, observer)
             start_s = time.perf_counter()
             # A new extractor, so that no image depends on those before.
             solution = solve_image(image, CentroidExtractor(), identifier, sky, bodies)

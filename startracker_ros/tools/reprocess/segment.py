@@ -185,7 +185,7 @@ class SegmentRun:
         attitude = frame.attitude
         if attitude is None:
             return NO_STARS, None
-        tracks, sky = frame.tracks, pipeline.attitude.sky
+        tracks, sky = frame.tracks, pipeline.attitude.sky.at(frame.stamp_ns)
         used = tracks.usable
         hip, uv = tracks.hip[used], tracks.uv[used]
         stars = Stars(sky.direction(sky.onboard.index_of(hip)), uv,

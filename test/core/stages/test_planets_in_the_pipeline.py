@@ -77,10 +77,9 @@ def test_a_planet_is_no_star_and_has_its_name(pipeline, name, year, magnitude):
     frames = frames_at(name, year, detector=DEEP)
     result, spots = process(pipeline, frames)
     frame = frames[-1][1]
-    sky = SkyMapping(CAMERA, result.attitude.quaternion,
-                     pipeline.tracker.sky.observer.vantage)
-    seen = {body.name: body for body in Bodies(
-        pipeline.tracker.sky.observer.bodies).in_image(sky)}
+    observer = pipeline.tracker.sky.at(result.stamp_ns).observer
+    sky = SkyMapping(CAMERA, result.attitude.quaternion, observer.vantage)
+    seen = {body.name: body for body in Bodies(observer.bodies).in_image(sky)}
     assert seen[name].magnitude == pytest.approx(magnitude, abs=0.15)
     planets = frame.stars.uv[frame.stars.hip == 0]
     assert np.linalg.norm(planets - (seen[name].u, seen[name].v), axis=1).min() < 1
@@ -91,7 +90,7 @@ def test_a_star_that_a_planet_covers_is_not_identified(pipeline):
     frames = frames_at('Saturn', APPULSE_YEAR)
     result, spots = process(pipeline, frames)
     assert spots >= 2 and APPULSE_HIP not in result.tracks.hip
-    onboard, sky = pipeline.tracker.sky.onboard, pipeline.tracker.sky
+    onboard, sky = pipeline.tracker.sky.onboard, pipeline.tracker.sky.at(result.stamp_ns)
     star = onboard.index_of([APPULSE_HIP])
     assert sky.crowded(star) and not onboard.crowded[star]
 
