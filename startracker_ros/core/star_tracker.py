@@ -25,8 +25,8 @@ from startracker_ros.core.stages.attitude import AttitudeStage
 from startracker_ros.core.stages.extraction import ExtractionStage
 from startracker_ros.core.stages.identification import IdentificationStage
 from startracker_ros.core.stages.parameters import options_of_keywords, StarTrackerOptions
-from startracker_ros.core.stages.tracking import make_star_tracker
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.stages.tracking import make_track_filter
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.core.track.tracks import Tracks
 
 
@@ -69,7 +69,7 @@ class StarTracker:
             camera, epoch_year, options.identification, options.check, gyro=options.gyro,
             band=options.band)
         self.motion = ObserverMotion(options.aberration)
-        self.tracker = make_star_tracker(
+        self.tracker = make_track_filter(
             camera, epoch_year, options.tracker, options.gyro, self.motion, options.band)
         self.attitude = AttitudeStage(
             camera, epoch_year, options.validation, self.motion,

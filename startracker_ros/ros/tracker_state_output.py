@@ -6,7 +6,7 @@ from startracker_ros.core.astro.exclusion import BlindingForecast, ExclusionOpti
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.tracker import StarTracker, TrackerState
+from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
 from startracker_ros.io.bags.tracker_state import NAME, tracker_state_values
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
@@ -35,7 +35,7 @@ class TrackerStateOutput:
         self._state = node.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
         self._status = node.advertise(DiagnosticArray, 'tracker_status', qos.STATE)
 
-    def begin(self, tracker: StarTracker) -> None:
+    def begin(self, tracker: TrackFilter) -> None:
         """Publish the state of a new tracker; name the options that have no effect with it."""
         options = self._node.options(TrackerOptions)
         gyro = self._node.options(GyroErrorOptions)
@@ -45,7 +45,7 @@ class TrackerStateOutput:
                 f'no effect with model = {options.model}: {", ".join(ignored)}')
         self.publish(tracker)
 
-    def publish(self, tracker: StarTracker, stamp_ns: int | None = None) -> None:
+    def publish(self, tracker: TrackFilter, stamp_ns: int | None = None) -> None:
         """
         Publish the state of a tracker, and report it as the condition of the node.
 
@@ -78,7 +78,7 @@ class TrackerStateOutput:
             diagnostics.report(level, f'{tracker.state.value}: {tracker.reason}',
                                expected=not self._has_tracked)
 
-    def _forecast(self, tracker: StarTracker, stamp_ns: int) -> dict[str, object]:
+    def _forecast(self, tracker: TrackFilter, stamp_ns: int) -> dict[str, object]:
         """Return the values of the blinding to come, none where the attitude is unknown."""
         tracked, hint = tracker.attitude, tracker.hints.newest
         if tracked is not None:

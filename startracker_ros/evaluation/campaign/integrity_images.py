@@ -14,7 +14,7 @@ from startracker_ros.core.maths.rotation import ARCSEC, random_attitude
 from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.evaluation.campaign.integrity_tally import (
     CAMERA, EPOCH_YEAR, START_NS, STEP_NS, Tally, tally_of_frame)
 from startracker_ros.sim.sky.artefacts import ArtefactOptions

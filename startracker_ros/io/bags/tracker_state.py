@@ -1,11 +1,11 @@
 """The values of `tracker_state`, as the node publishes them and as reprocessing writes them."""
 
-from startracker_ros.core.track.tracker import StarTracker
+from startracker_ros.core.track.track_filter import TrackFilter
 
 NAME = 'star_tracker: state'
 
 
-def tracker_state_values(tracker: StarTracker) -> dict[str, object]:
+def tracker_state_values(tracker: TrackFilter) -> dict[str, object]:
     """Return the values of a tracker after its newest frame."""
     return {
         'stars_matched': tracker.stars_matched,

@@ -14,7 +14,7 @@ from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_U
 from startracker_ros.core.identify.extended_grid import ExtendedGridOptions
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.stages.identification import CheckOptions, IdentificationStage
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud
 from startracker_ros.ros import qos

@@ -10,7 +10,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.star_tracker import StarTracker
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.cloud_rows import centroid_rows, star_rows, track_rows
 from startracker_ros.io.bags.qos import QosProfile

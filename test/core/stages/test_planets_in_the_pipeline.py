@@ -10,7 +10,7 @@ from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, radec_fr
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.star_tracker import StarTracker
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.sim.sky.bright_bodies import BrightBodyOptions
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions

@@ -1,4 +1,4 @@
-"""The star tracker: from identified frames to tracks."""
+"""The filter of the tracks: from identified frames of stars to tracks of stars."""
 
 from collections import deque
 from dataclasses import replace
@@ -48,7 +48,7 @@ class TrackerState(StrEnum):
     TRACKING = 'TRACKING'
 
 
-class StarTracker:
+class TrackFilter:
     """
     Tracks identified stars through frames of centroids.
 
@@ -160,7 +160,7 @@ class StarTracker:
 
     def warm_up(self) -> None:
         """Compile and load what a frame needs, with a second tracker of a synthetic field."""
-        tracker = StarTracker(self._camera, self._onboard, self._options)
+        tracker = TrackFilter(self._camera, self._onboard, self._options)
         centroids, hip = synthetic_field(self._onboard, self._camera)
         # A gyro is used only after some frames.
         for stamp_ns in range(0, 10 ** 9, 10 ** 8):
