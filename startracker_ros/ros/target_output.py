@@ -21,7 +21,7 @@ class TargetOutput:
         self._publisher = node.advertise(PointCloud2, 'target_centroid', qos.LIST)
 
     def update(self, targets: TargetTracker, stars: TrackFilter, centroids: Centroids,
-               directed: bool, camera: Camera, header: Header) -> PredictedCentroids | None:
+               windowed: bool, camera: Camera, header: Header) -> PredictedCentroids | None:
         """
         Publish the target of a frame, an empty cloud if there is none.
 
@@ -31,7 +31,7 @@ class TargetOutput:
         if tracked is None or not self._publisher.get_subscription_count():
             return None
         target = targets.update(
-            ns_from_stamp(header.stamp), tracked.attitude, centroids, directed)
+            ns_from_stamp(header.stamp), tracked.attitude, centroids, windowed)
         self._publisher.publish(centroids_to_message(
             Centroids.empty() if target is None else target.centroid, camera, header))
         self._diagnostics.values.update(

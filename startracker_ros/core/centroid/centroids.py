@@ -70,7 +70,7 @@ class Centroids:
                          self.common[chosen], self.exposure_s)
 
     @property
-    def common_error(self) -> np.ndarray:
+    def correlated_error(self) -> np.ndarray:
         """Return the covariance (2, 2) px^2 of the error that all stars share, zero for none."""
         if not len(self):
             return np.zeros((2, 2))

@@ -24,9 +24,9 @@ import numpy as np
 from startracker_ros.core.centroid.background import over_image, pixel_noise
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.cleaning import (
-    are_hits, cleaned, find_spoilt, NOT_SPOILT, Spoilt)
+    are_hits, cleaned, find_contamination, CLEAN, Contamination)
 from startracker_ros.core.centroid.detection import Peaks, Threshold
-from startracker_ros.core.centroid.directed import peaks_near
+from startracker_ros.core.centroid.windowed_search import peaks_near
 from startracker_ros.core.centroid.frame import Frame, prepare
 from startracker_ros.core.centroid.hits import is_hit, is_single
 from startracker_ros.core.centroid.moments import Segmentation, WEIGHTS
@@ -137,14 +137,14 @@ class Searched(NamedTuple):
     What a searched image leaves for those after it.
 
     frame is that image with its background, sigma_px the PSF sigma of its stars, known the last
-    one that was certain; spoilt is what was taken out of it; any_shape is whether it has stars
-    that no point describes.
+    one that was certain; contamination is what was taken out of it; any_shape is whether it has
+    stars that no point describes.
     """
 
     frame: Frame
     sigma_px: float
     known: KnownWidth
-    spoilt: Spoilt
+    contamination: Contamination
     any_shape: bool = False
 
     def fits(self, image: np.ndarray) -> bool:
@@ -204,7 +204,7 @@ class CentroidExtractor:
                          frame), before
         most = most_stars or self._options.max_stars
         taken_out, rejections = Rejections(), Rejections()
-        frame, spoilt = self._clean(frame, before, taken_out)
+        frame, contamination = self._clean(frame, before, taken_out)
         frame, sigma_px, known = self._match_filter(
             frame, KnownWidth() if before is None or narrow else before.known.older(), narrow)
         rejections.add('disc', frame.search.discs)
@@ -222,10 +222,11 @@ class CentroidExtractor:
             centroids = self._search_streaks(frame, streak, sigma_px, most, rejections)
         if not len(centroids) and frame.search.too_many:
             return (_none('too_many', f'{frame.search.found} peaks: noise, not stars', frame),
-                    before and before._replace(frame=frame, known=known, spoilt=spoilt))
+                    before and before._replace(
+                        frame=frame, known=known, contamination=contamination))
         rejections.include(taken_out)
         return (self._result(centroids, frame, sigma_px, most, rejections, streak),
-                Searched(frame, sigma_px, known, spoilt, any_shape))
+                Searched(frame, sigma_px, known, contamination, any_shape))
 
     def search_near(self, image: np.ndarray, uv: np.ndarray, radius_px: np.ndarray,
                     before: Searched, streak: Streak | None = None
@@ -238,15 +239,15 @@ class CentroidExtractor:
         `before` of the next image.
         """
         check_image(image)
-        clean = (image if before.spoilt == NOT_SPOILT else
-                 cleaned(image, before.frame.mesh, before.spoilt, before.sigma_px)[0])
+        clean = (image if before.contamination == CLEAN else
+                 cleaned(image, before.frame.mesh, before.contamination, before.sigma_px)[0])
         frame, rejections = replace(before.frame, image=_readable(clean)), Rejections()
         sigma_px = before.sigma_px
         if streak is None or streak.longest_px() < SHORTEST_PX:
             peaks, found = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
                                       radius_px)
-            if not before.spoilt.hits and are_hits(frame, peaks, sigma_px):
-                before = before._replace(spoilt=before.spoilt._replace(hits=True))
+            if not before.contamination.hits and are_hits(frame, peaks, sigma_px):
+                before = before._replace(contamination=before.contamination._replace(hits=True))
                 return self.search_near(image, uv, radius_px, before, streak)
             rejections.add('faint', uv[~found])
             centroids = self._measure(frame, peaks, sigma_px, rejections)[0]
@@ -274,7 +275,7 @@ class CentroidExtractor:
             if searched is not None:
                 self.search_near(frame, stars.astype(float), np.full(3, 3.0), searched)
             clear = prepare(_readable(frame), FILTER_SIGMA_PX, self._threshold)
-            cleaned(clear.image, clear.mesh, Spoilt(hits=True), FILTER_SIGMA_PX)
+            cleaned(clear.image, clear.mesh, Contamination(hits=True), FILTER_SIGMA_PX)
 
     def _result(self, centroids: Centroids, frame: Frame, sigma_px: float, most: int,
                 rejections: Rejections, streak: Streak | None) -> Extraction:
@@ -309,18 +310,18 @@ class CentroidExtractor:
             frame.image, frame.mesh, frame.full_scale_dn, stars, streak is not None)
 
     def _clean(self, frame: Frame, before: Searched | None, rejections: Rejections
-               ) -> tuple[Frame, Spoilt]:
-        """Return the frame, searched anew without what spoils the image, and what that is."""
-        spoilt = find_spoilt(frame)
-        if spoilt == NOT_SPOILT:
-            return frame, spoilt
+               ) -> tuple[Frame, Contamination]:
+        """Return the frame, searched anew without its contamination, and what that is."""
+        contamination = find_contamination(frame)
+        if contamination == CLEAN:
+            return frame, contamination
         rejections.add('disc', frame.search.discs)
         rejections.add('line', frame.search.lines)
         sigma_px = FILTER_SIGMA_PX if before is None else before.sigma_px
-        image, hits = cleaned(frame.image, frame.mesh, spoilt, sigma_px)
+        image, hits = cleaned(frame.image, frame.mesh, contamination, sigma_px)
         rejections.add('hot_pixel', hits)
         return prepare(_readable(image), frame.kernel.sigma_px, self._threshold,
-                       pixel_noise(image) if spoilt.hits else 0.0), spoilt
+                       pixel_noise(image) if contamination.hits else 0.0), contamination
 
     def _match_filter(self, frame: Frame, known: KnownWidth, narrow: bool
                       ) -> tuple[Frame, float, KnownWidth]:

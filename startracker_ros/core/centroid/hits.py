@@ -107,7 +107,7 @@ def is_storm(image: np.ndarray, uv: np.ndarray, level: np.ndarray) -> bool:
     """
     Return whether the peaks uv (K, 2), brightest first, are hits for the most part.
 
-    Stars are told apart even if they are narrower than a pixel: some lie between two pixels.
+    Stars are distinguished even if they are narrower than a pixel: some lie between two pixels.
     """
     shares = np.empty(min(len(uv), BRIGHT_PEAKS))
     single = 0

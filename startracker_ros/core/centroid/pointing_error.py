@@ -46,7 +46,7 @@ MODEL_ERROR = 0.015  # of the light of a star, by which a Gaussian may be wrong
 def pointing_error(image: np.ndarray, mesh: Mesh, full_scale: float, stars: np.ndarray,
                    streaked: bool) -> np.ndarray:
     """
-    Return the covariance (2, 2) px^2 of the common error of an image, zero without any.
+    Return the covariance (2, 2) px^2 of the correlated error of an image, zero without any.
 
     stars (K, 7) are fitted, brightest first, with the parameters of streak_fit.
     """

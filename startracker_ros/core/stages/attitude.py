@@ -6,7 +6,7 @@ import numpy as np
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.attitude.protection import ProtectionOptions
-from startracker_ros.core.attitude.result import with_common_error
+from startracker_ros.core.attitude.result import with_correlated_error
 from startracker_ros.core.attitude.validation import (
     AttitudeValidator, TrustedAttitude, ValidationOptions)
 from startracker_ros.core.camera.model import Camera
@@ -78,5 +78,5 @@ class AttitudeStage:
             self.sky.at(stamp_ns), centroids.uv, hip, centroids.covariance)
         if solved.attitude is None:
             return solved
-        return replace(solved, attitude=with_common_error(
-            solved.attitude, centroids.common_error, self._camera))
+        return replace(solved, attitude=with_correlated_error(
+            solved.attitude, centroids.correlated_error, self._camera))

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.core.attitude.gyro import Gyro
-from startracker_ros.core.attitude.result import with_common_error
+from startracker_ros.core.attitude.result import with_correlated_error
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
@@ -49,13 +49,13 @@ class IndependentStarsModel(StarModel):
         if fit is None or not fit.is_good(
                 int(np.count_nonzero(self.bank.confirmed)), self._options.min_stars,
                 self._options.max_residual_px):
-            if self.uses_gyro and not self.is_dark(frame):
+            if self.uses_gyro and not self.is_sparse(frame):
                 self.gyro_trouble = ('the stars are not where the roll of imu has them: is it in '
                                      'rad/s and on the axes of the sensor?')
             return FrameUpdate(False, fit, unassociated)
         self._estimate_rate(fit)
-        fit = replace(fit, attitude=with_common_error(
-            fit.attitude, frame.common_error, self._camera))
+        fit = replace(fit, attitude=with_correlated_error(
+            fit.attitude, frame.correlated_error, self._camera))
         return FrameUpdate(True, fit, unassociated)
 
     def _predict(self, stamp_ns: int) -> None:

@@ -149,6 +149,6 @@ class StarModel(ABC):
             variance += np.maximum(floor - variance, 0.0)
         return error
 
-    def is_dark(self, frame: Centroids) -> bool:
+    def is_sparse(self, frame: Centroids) -> bool:
         """Return whether a frame holds too few centroids for an attitude."""
         return len(frame) < self._options.min_stars

@@ -166,11 +166,11 @@ class TargetTracker:
         self.spots = 0
 
     def update(self, stamp_ns: int, attitude: AttitudeEstimate, centroids: Centroids,
-               directed: bool = False) -> TargetSpot | None:
+               windowed: bool = False) -> TargetSpot | None:
         """
         Process a frame with its attitude; return the target if it is detected.
 
-        Where directed, only what was predicted was measured. Stamps ascend; one that is not newer
+        Where windowed, only what was predicted was measured. Stamps ascend; one that is not newer
         begins anew. Frames without an attitude are left out.
         """
         dt_s = (stamp_ns - self._stamp_ns) * 1e-9
@@ -206,11 +206,11 @@ class TargetTracker:
         if self._target is not None and all(track is not self._target for track in kept):
             self._target = None
         self._before = left.select(free), directions[free], variance[free]
-        if not directed:
+        if not windowed:
             self._needs_search = bool(free.any()) and not self._searched_before
         # A pair of chance is seldom seen a third time, a faint target is and may then be missed.
         self._needs_search |= any(track.detections > 2 for track in dropped)
-        self._searched_before = not directed
+        self._searched_before = not windowed
         if target is None or self._target is None:
             return None
         return TargetSpot(left.select(np.array([associated[target]])),

@@ -288,7 +288,7 @@ class TrackFilter:
             self._acquire(frame, f'two identifications {rate_deg_s:.3g} deg/s apart')
             return
         self._enter(TrackerState.TRACKING, start.reason)
-        self.hints.begun(start)
+        self.hints.started(start)
         self._model.start(start)
         most = slice(self._options.max_stars)
         self._add_tracks(frame.star_index[most], frame.centroids.select(most), confirmed=True)
@@ -367,8 +367,8 @@ class TrackFilter:
 
     def _end_bad_frame(self, frame: Centroids) -> None:
         """Drop missed stars, and enter LOST after max_bad_frames."""
-        # A dark frame is no evidence against the tracks.
-        self._bad_frames += not self._model.is_dark(frame)
+        # A sparse frame is no evidence against the tracks.
+        self._bad_frames += not self._model.is_sparse(frame)
         self._model.bank = self._model.bank.select(self._kept(frame))
         if self._bad_frames >= self._options.max_bad_frames:
             self._enter(TrackerState.LOST, f'{self._bad_frames} bad frames: {self.stars_matched} '
@@ -376,9 +376,9 @@ class TrackFilter:
 
     def _kept(self, frame: Centroids) -> np.ndarray:
         """Return the tracks (N,) that are not missed too often."""
-        bank, dark = self._model.bank, self._model.is_dark(frame)
+        bank, sparse = self._model.bank, self._model.is_sparse(frame)
         return kept_tracks(self._tracked_sky.crowded(bank.star_index), bank.missed, bank.age,
-                           bank.confirmed, math.inf if dark else float(self._options.max_missed))
+                           bank.confirmed, math.inf if sparse else float(self._options.max_missed))
 
     def _add_tracks(self, star_index: np.ndarray, centroids: Centroids, *, confirmed: bool
                     ) -> None:

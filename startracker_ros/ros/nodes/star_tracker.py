@@ -81,7 +81,7 @@ class StarTrackerNode(CameraNode):
 
     def _on_centroids(self, message: PointCloud2) -> None:
         rows = read_cloud(message, CENTROID_DTYPE)
-        centroids, directed = centroids_from_rows(rows), bool(rows['directed'].any())
+        centroids, windowed = centroids_from_rows(rows), bool(rows['directed'].any())
         camera, header = self.camera_or_drop(), message.header
         if camera is None or not self.in_order('centroids', header.stamp):
             return
@@ -93,13 +93,13 @@ class StarTrackerNode(CameraNode):
         if self._frame_attitude.get_subscription_count():
             self._frame_attitude.publish(attitude_to_imu(self._tracker.frame_attitude, header))
         self._tracks.publish(tracks_to_message(tracks, camera, header))
-        self.defer(partial(self._finish, header, camera, centroids, directed))
+        self.defer(partial(self._finish, header, camera, centroids, windowed))
 
-    def _finish(self, header: Header, camera: Camera, centroids: Centroids, directed: bool
+    def _finish(self, header: Header, camera: Camera, centroids: Centroids, windowed: bool
                 ) -> None:
         """Do with a frame what its attitude does not depend on."""
         targets = self._target.update(
-            self._target_tracker, self._tracker, centroids, directed, camera, header)
+            self._target_tracker, self._tracker, centroids, windowed, camera, header)
         self._predicted.publish(self._tracker, targets, camera, header)
         self._state.publish(self._tracker, ns_from_stamp(header.stamp))
         self._observer.report(ns_from_stamp(header.stamp))

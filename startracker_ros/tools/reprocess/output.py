@@ -68,7 +68,7 @@ class SegmentBag:
             self._camera = camera
         if sends('centroids') and extracted:
             send('centroids', cdr.point_cloud(stamp_ns, frame_id, centroid_rows(
-                centroids, camera, pipeline.extraction.directed)))
+                centroids, camera, pipeline.extraction.windowed)))
         found = frame.identification
         if sends('stars') and found is not None and len(found.hip) == len(centroids):
             send('stars', cdr.point_cloud(stamp_ns, frame_id, star_rows(

@@ -44,7 +44,7 @@ def pipelines():
 
 
 def run(pipeline, q, state, sigma_px=0.01, frames=4, odometry=True, seed=1):
-    """Return the last frame of a resting camera, and the identified one."""
+    """Return the last frame of a camera at rest, and the identified one."""
     rng, sky = np.random.default_rng(seed), sky_of(state.velocity_m_s)
     pipeline.reset()
     identified = None

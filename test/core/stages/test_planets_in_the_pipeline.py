@@ -22,7 +22,7 @@ CAMERA, STEP_NS = Camera.from_fov(640, 480, 14.0), 10 ** 8
 DEEP = DetectorOptions(full_well_e=2e6, gain_e_per_dn=32.0, bit_depth=16)
 DISCS = BrightBodyOptions(bright_bodies=True, sun_glare_deg=0.0, moon_glare_deg=0.0,
                           earth_glare_deg=0.0)
-# Saturn passed at 54 arcsec from a star of V 5.9, which is not to be told from it then.
+# Saturn passed at 54 arcsec from a star of V 5.9, which it hides then.
 APPULSE_YEAR, APPULSE_HIP = 2026.05065, 117761
 
 
@@ -58,7 +58,7 @@ def process(pipeline, frames):
     for stamp_ns, frame in frames:
         centroids = pipeline.extraction.extract(
             stamp_ns, frame.image, pipeline.tracker.predicted).centroids
-        result = pipeline.process_centroids(stamp_ns, centroids, pipeline.extraction.directed)
+        result = pipeline.process_centroids(stamp_ns, centroids, pipeline.extraction.windowed)
         if result.identification is not None:
             assert result.identification.attitude is not None, result.identification.reason
             assert_only_stars(centroids.uv, result.identification.hip, frame.stars)

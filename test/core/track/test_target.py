@@ -31,7 +31,7 @@ class Sky:
         return q, AttitudeEstimate(multiply(q, error), np.eye(3) * ARCSEC ** 2, 20, np.empty(0),
                                    1.0)
 
-    def update(self, tracker, spots, *, noise=0, directed=False):
+    def update(self, tracker, spots, *, noise=0, windowed=False):
         """Show the next frame with spots on ICRF (K, 3); return the result of the tracker."""
         q, attitude = self.attitude()
         stars = ONBOARD.direction[ONBOARD.magnitude < 6.5]
@@ -43,7 +43,7 @@ class Sky:
         self.stamp_ns = 10 ** 18 + self.frame * STEP_NS
         self.frame += 1
         return tracker.update(self.stamp_ns, attitude, Centroids(
-            uv, np.full(count, 1e4), np.full(count, 50.0), np.full(count, SIGMA_PX)), directed)
+            uv, np.full(count, 1e4), np.full(count, 50.0), np.full(count, SIGMA_PX)), windowed)
 
 
 def moving(rate_deg_s, frame, *, aside_deg=0.0):
@@ -124,7 +124,7 @@ def test_a_target_is_predicted_in_the_next_image(rate_deg_s):
     for frame in range(20):
         hidden = frame >= 16
         sky.update(tracker, np.empty((0, 3)) if hidden else moving(rate_deg_s, frame),
-                   directed=frame > 1)
+                   windowed=frame > 1)
         if frame < 2:
             continue
         predicted = tracker.predicted(sky.turn)
@@ -161,10 +161,10 @@ def test_a_second_whole_image_is_wanted_for_what_is_no_star():
     nothing = np.empty((0, 3))
     wanted = []
     # The prediction of one frame comes too late for the next one.
-    for spot, directed in ((nothing, False), (nothing, True), (moving(0.0, 0), False),
+    for spot, windowed in ((nothing, False), (nothing, True), (moving(0.0, 0), False),
                            (nothing, True), (moving(0.0, 0), False), (moving(0.0, 0), False),
                            (nothing, True), (nothing, False)):
-        sky.update(tracker, spot, directed=directed)
+        sky.update(tracker, spot, windowed=windowed)
         wanted.append(anywhere(sky, tracker))
     assert wanted == [False, False, True, True, True, False, False, False]
 
@@ -172,9 +172,9 @@ def test_a_second_whole_image_is_wanted_for_what_is_no_star():
 def test_a_faint_target_that_is_missed_is_searched_again():
     sky, tracker = Sky(), TargetTracker(CAMERA, ApparentSky(ONBOARD))
     for frame in range(4):
-        sky.update(tracker, moving(0.004, frame), directed=frame > 1)
+        sky.update(tracker, moving(0.004, frame), windowed=frame > 1)
         assert anywhere(sky, tracker) == (frame == 0)
-    sky.update(tracker, np.empty((0, 3)), directed=True)
+    sky.update(tracker, np.empty((0, 3)), windowed=True)
     assert anywhere(sky, tracker)
     for frame in (5, 6):
         sky.update(tracker, moving(0.004, frame))
