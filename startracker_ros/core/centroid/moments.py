@@ -12,7 +12,6 @@ import numpy as np
 from startracker_ros.core.centroid.gaussian_fit import Fit
 from startracker_ros.core.centroid.noise import NoiseModel, pixel_variance
 from startracker_ros.core.centroid.psf import FLUX, LEVEL, profile, SHARE, SIGMA
-from startracker_ros.core.centroid.threshold import iterative_threshold
 from startracker_ros.core.centroid.windows import Windows
 from startracker_ros.core.compiled import compiled
 
@@ -21,6 +20,7 @@ SEGMENT_SIGMAS = 3.0  # noise of a pixel, above which it belongs to a star
 BINARY, GREY, SQUARED, THRESHOLDED = range(4)
 PHASES = 32  # positions of a star within its pixel over which its error is averaged
 _STRIDE = 13  # of a lattice with one point in each of 32 columns and 32 rows
+_CONVERGED, _MAX_ITERATIONS = 1e-3, 30  # of the iterative threshold: share of the range
 _FAR_SIGMAS = 8.0  # noise never lifts a pixel that far to the threshold
 
 
@@ -163,3 +163,29 @@ def _expected(kind: int, light: float, sigma: float, threshold: float) -> tuple[
         return square, (m ** 4 * above + 4 * m ** 3 * s * density + 6 * m * m * s * s * second
                         + 4 * m * s ** 3 * third + s ** 4 * fourth)
     return m * above + s * density, square
+
+
+@compiled
+def iterative_threshold(window: np.ndarray) -> float:
+    """
+    Return the value that is the mean of the means of the pixels of (n, n) below and above it.
+
+    The iteration starts halfway between the darkest and the brightest pixel.
+    """
+    low, high = window.min(), window.max()
+    threshold = (low + high) / 2
+    for _ in range(_MAX_ITERATIONS):
+        bright, total, bright_total = 0, 0.0, 0.0
+        for y in range(window.shape[0]):
+            for x in range(window.shape[1]):
+                total += window[y, x]
+                if window[y, x] >= threshold:
+                    bright, bright_total = bright + 1, bright_total + window[y, x]
+        if bright == 0 or bright == window.size:
+            break
+        before = threshold
+        threshold = (bright_total / bright
+                     + (total - bright_total) / (window.size - bright)) / 2
+        if abs(threshold - before) < _CONVERGED * (high - low):
+            break
+    return threshold
