@@ -1,6 +1,7 @@
 """Independent tracks: the JPDA filter of Sadeghi, Sabahi and Saberali, and their baseline."""
 
 from dataclasses import replace
+from math import cos, sin
 import math
 
 import numpy as np
@@ -12,7 +13,6 @@ from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.track.attitude_model import GYRO_SILENCE_S
 from startracker_ros.core.track.jpdaf import predict, update
-from startracker_ros.core.track.measured_roll import rolled
 from startracker_ros.core.track.model import FrameUpdate, rate_between, StarModel
 from startracker_ros.core.track.motion_models import (
     body_rate, constant_velocity, coordinated_turn, image_jacobian, POSITION, turn_curvature,
@@ -204,3 +204,18 @@ class NeighbourhoodModel(IndependentStarsModel):
         self.bank.state[:, VELOCITY] = jacobian @ self.rate_rad_s
         self.bank.covariance[:, 1::2, 1::2] = (
             jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2))
+
+
+def rolled(camera: Camera, rate_rad_s: float, dt_s: float) -> np.ndarray:
+    """
+    Return the transition (4, 4) of a star, as seen from the principal point, by a known roll.
+
+    Position and velocity turn by rate_rad_s dt_s (body rate z), and the velocity gains that of the
+    image under rate_rad_s. With F of the motion without the roll the state becomes
+    rolled(rate, dt) F rolled(-rate before, 0) X: equation 18 of Sadeghi, Sabahi and Saberali.
+    """
+    aspect = camera.fx / camera.fy
+    sine, cosine = sin(rate_rad_s * dt_s), cos(rate_rad_s * dt_s)
+    turn = np.array([[cosine, sine * aspect], [-sine / aspect, cosine]])
+    flow = rate_rad_s * np.array([[0.0, aspect], [-1 / aspect, 0.0]])
+    return np.kron(turn, np.eye(2)) + np.kron(flow @ turn, [[0.0, 0.0], [1.0, 0.0]])

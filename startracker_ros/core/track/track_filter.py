@@ -16,13 +16,14 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.maths.rotation import attitude_error
+from startracker_ros.core.track.attitude_model import AttitudeModel
 from startracker_ros.core.track.consistency import (
     expected_stars, PRESENT_PX, PRESENT_SIGMAS, RowPattern)
 from startracker_ros.core.track.frame_masks import kept_after_fit, kept_tracks, usable_centroids
 from startracker_ros.core.track.identified import fit_identified, IdentifiedFrame
 from startracker_ros.core.track.in_view import StarsInView
-from startracker_ros.core.track.model import FrameUpdate
-from startracker_ros.core.track.models import make_model
+from startracker_ros.core.track.independent_stars import IndependentStarsModel, NeighbourhoodModel
+from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.new_stars import match_new_stars
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.prediction import predict_stars, visible_stars
@@ -404,3 +405,11 @@ class TrackFilter:
             *map(np.ascontiguousarray, (centroids.uv, centroids.sigma_px)))
         self.rejected_centroids += rejected
         return centroids.select(good) if rejected else centroids, good
+
+
+def make_model(camera: Camera, options: TrackerOptions, gyro: Gyro) -> StarModel:
+    """Return the model that the options name."""
+    if options.model == 'attitude':
+        return AttitudeModel(camera, options, gyro)
+    model = NeighbourhoodModel if options.model == 'sna' else IndependentStarsModel
+    return model(camera, options, gyro)

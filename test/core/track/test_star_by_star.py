@@ -10,7 +10,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector, rotate)
 from startracker_ros.core.stages.parameters import options_of_keywords, ParameterError
-from startracker_ros.core.track.measured_roll import rolled
+from startracker_ros.core.track.independent_stars import rolled
 from startracker_ros.core.track.motion_models import constant_velocity, image_jacobian
 from startracker_ros.core.track.options import JPDAF_MODELS, TrackerOptions
 from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
