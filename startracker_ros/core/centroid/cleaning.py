@@ -13,7 +13,7 @@ HIT_SHARE = 0.1  # of the peaks near predicted stars, from which on hits are tak
 LARGE_PX = 120  # across; the longest streak of a star is shorter
 LARGE_PEAKS = 30  # on lines and discs, from which on these are taken out as a whole
 LARGE_SIGMAS = 3.0  # above the background
-MARGIN_PX = 3  # around something large, where its light falls below that
+MARGIN_PX = 3  # around something large, where its flux falls below that
 MAX_SHARE = 0.6  # of the image; more is no artefact in a field of stars
 
 

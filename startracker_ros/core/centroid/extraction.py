@@ -12,7 +12,7 @@ Star image to centroids, with a reason for every spot left out.
 5. Points after wider filters, if many spots are no stars: a narrow one cuts defocused rings.
 
 6. Spots of any shape (spots.py) beside the points, if these are still not most of the bright
-   spots: no point, streak or disc describes an aberrated or clipped star, but its light is there.
+   spots: no point, streak or disc describes an aberrated or clipped star, but its flux is there.
 
 Once an image was searched, search_near() measures stars at known positions only.
 """
@@ -50,7 +50,7 @@ FILTER_RATIO = 2.0  # a filter wrong by more than this factor is replaced
 FILTER_RANGE_PX = (0.5, 5.0)
 WIDE_FILTERS_PX = (2.5, 5.0)  # for stars that a narrow filter finds in pieces,
 MISSHAPEN, MISSHAPEN_SHARE = ('elongated', 'too_wide', 'not_fitted'), 0.5  # for each star
-WHOLE_STARS, WHOLE_RATIO = (4, 10), 2.0  # as many as were found have more light, if whole
+WHOLE_STARS, WHOLE_RATIO = (4, 10), 2.0  # as many as were found have more flux, if whole
 SPARE_PEAKS = 2  # peaks fitted per star wanted, as some will be rejected
 MOST_COMPARED = 40  # stars, the brightest, in the search for an error that all share
 MISSED_SHARE, LEAST_MISSED = 0.1, 2  # misshapen spots for each star, and at least
@@ -77,7 +77,7 @@ class ExtractionOptions(Options):
         high=65535.0)
     method: str = option(
         'gaussian', 'gaussian: fit of the point spread function; others: mean of the pixels of '
-        'a star with weight 1, light, light squared, light above the threshold',
+        'a star with weight 1, flux, flux squared, flux above the threshold',
         choices=(*WEIGHTS, 'gaussian'))
     psf_sigma_px: float = option(
         0.0, 'width (1 sigma) of a star image, 0: estimated from each image',
@@ -397,7 +397,7 @@ class CentroidExtractor:
 
     def _as_wide(self, frame: Frame, points: Centroids, sigma_px: float, most: int,
                  rejections: Rejections) -> tuple[Frame, Centroids, float, Rejections]:
-        """Return frame and stars after the filter whose stars have the most light."""
+        """Return frame and stars after the filter whose stars have the most flux."""
         for filter_px in () if self._options.psf_sigma_px else WIDE_FILTERS_PX:
             wide, others = prepare(frame.image, filter_px, self._threshold), Rejections()
             width_px, _ = measure_width(wide)
@@ -446,11 +446,11 @@ def _shows_streaks(spots: Centroids, points: Centroids, streaks: Centroids, long
 def _have_more_light(others: Centroids, stars: Centroids) -> bool:
     """Return whether others are whole where stars are pieces, by the star of a rank."""
     rank = int(np.clip(len(stars), *WHOLE_STARS))
-    return _light(others, rank) > WHOLE_RATIO * _light(stars, rank)
+    return _flux_of_rank(others, rank) > WHOLE_RATIO * _flux_of_rank(stars, rank)
 
 
-def _light(stars: Centroids, rank: int) -> float:
-    """Return the light of the star of a rank, the brightest being 1; zero where there is none."""
+def _flux_of_rank(stars: Centroids, rank: int) -> float:
+    """Return the flux of the star of a rank, the brightest being 1; zero where there is none."""
     return float(np.sort(stars.flux)[-rank]) if len(stars) >= rank else 0.0
 
 

@@ -1,7 +1,7 @@
 """
 Pixels hit by particles, and hot pixels: sharper than any star image.
 
-The light of a star of width sigma falls into the pixels around its brightest one. Of the four
+The flux of a star of width sigma falls into the pixels around its brightest one. Of the four
 next to it, the third brightest has at least a share r(sigma) of it, wherever the star is within
 its pixel; a hit leaves three of the four dark, or all. A lens is sharper here than there: r is
 that of a star narrower than the median.
@@ -20,7 +20,7 @@ NARROWEST = 0.7  # star, in widths of the median one
 MARGIN_SIGMAS = 2.0
 STORM_PEAKS = 30  # single pixels among the peaks, from which on hits are removed from the image
 BRIGHT_PEAKS = 100
-DARK_SHARE = 0.1  # of the brightest pixel: light in the eight around it, in a storm
+DARK_SHARE = 0.1  # of the brightest pixel: flux in the eight around it, in a storm
 HIT_SIGMAS = 8.0
 TRACK_PX = 5  # removed pixel by pixel from both ends
 _AROUND = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1))
@@ -83,7 +83,7 @@ def _brightest_of_nine(image: np.ndarray, u: int, v: int) -> tuple[int, int]:
 
 @compiled
 def _share_around(image: np.ndarray, u: int, v: int, level: float) -> float:
-    """Return the light in the pixels around the brightest one at u, v over that of this one."""
+    """Return the flux in the pixels around the brightest one at u, v over that of this one."""
     u, v = _brightest_of_nine(image, u, v)
     around = count = 0.0
     for y in range(max(v - 1, 0), min(v + 2, image.shape[0])):
@@ -95,7 +95,7 @@ def _share_around(image: np.ndarray, u: int, v: int, level: float) -> float:
 
 @compiled
 def is_single(image: np.ndarray, uv: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """Return which peaks (K,) at uv (K, 2) are one pixel, with hardly any light around it."""
+    """Return which peaks (K,) at uv (K, 2) are one pixel, with hardly any flux around it."""
     single = np.empty(len(uv), np.bool_)
     for i in range(len(uv)):
         single[i] = abs(_share_around(image, uv[i, 0], uv[i, 1], level[i])) <= LONE_PIXEL
