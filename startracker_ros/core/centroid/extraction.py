@@ -3,7 +3,7 @@ Star image to centroids, with a reason for every spot left out.
 
 1. Background and peaks of the image (frame.py), after a matched filter. Discs, lines and storms
    of hits are taken out here, before the brightest peaks of each cell of the image are chosen.
-2. Width of the stars (width.py), that of an image before where this one does not show it; if
+2. PSF sigma (psf_sigma.py), that of an image before where this one does not show it; if
    the filter does not match, step 1 once more.
 3. Points (point_stars.py): rough fit, which rejects what is no star and measures the noise, then
    the final fit.
@@ -41,11 +41,11 @@ from startracker_ros.core.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.core.centroid.streak_fit import streaks_at
 from startracker_ros.core.centroid.streak_search import estimate_streak, search_streaks
 from startracker_ros.core.centroid.streak_stars import measure_streaks
-from startracker_ros.core.centroid.width import measure_width
+from startracker_ros.core.centroid.psf_sigma import measure_psf_sigma
 from startracker_ros.core.options import option, Options
 
 MIN_SIDE_PX = 8
-FILTER_SIGMA_PX = 1.0  # while the width of the stars is unknown
+FILTER_SIGMA_PX = 1.0  # while the PSF sigma is unknown
 FILTER_RATIO = 2.0  # a filter wrong by more than this factor is replaced
 FILTER_RANGE_PX = (0.5, 5.0)
 WIDE_FILTERS_PX = (2.5, 5.0)  # for stars that a narrow filter finds in pieces,
@@ -54,7 +54,7 @@ WHOLE_STARS, WHOLE_RATIO = (4, 10), 2.0  # as many as were found have more flux,
 SPARE_PEAKS = 2  # peaks fitted per star wanted, as some will be rejected
 MOST_COMPARED = 40  # stars, the brightest, in the search for an error that all share
 MISSED_SHARE, LEAST_MISSED = 0.1, 2  # misshapen spots for each star, and at least
-WIDTH_IMAGES = 60  # searched ones, for which a width stays known
+SIGMA_IMAGES = 60  # searched ones, for which a PSF sigma stays known
 STREAK_SHARE = 0.5  # of the brightest spots in an image of streaks
 LEAST_ELONGATED = 4  # spots that may be streaks of stars,
 ELONGATED_SHARE = 0.15  # if there are so many for each star
@@ -99,7 +99,7 @@ class Extraction:
 
     status is 'ok', 'no_stars', 'blank', 'saturated', 'too_small' or 'too_many'; reason explains
     it, empty when ok. background_dn and noise_dn (1 sigma of a pixel) are medians over the
-    image, psf_sigma_px the width fitted with; NaN where not measured. rejected counts the
+    image, psf_sigma_px that fitted with; NaN where not measured. rejected counts the
     spots left out, by reason; rejected_uv (R, 2) px are where they are. streak is the motion
     fitted with, None for points.
     """
@@ -120,15 +120,15 @@ class Extraction:
         return 0.0 if self.streak is None else self.streak.length_px
 
 
-class KnownWidth(NamedTuple):
+class KnownSigma(NamedTuple):
     """PSF sigma in px that an image showed with certainty, 0 for none, some images ago."""
 
     sigma_px: float = 0.0
     images: int = 0
 
-    def older(self) -> 'KnownWidth':
+    def older(self) -> 'KnownSigma':
         """Return what is known of it in the next image."""
-        return KnownWidth() if self.images >= WIDTH_IMAGES else self._replace(
+        return KnownSigma() if self.images >= SIGMA_IMAGES else self._replace(
             images=self.images + 1)
 
 
@@ -143,7 +143,7 @@ class Searched(NamedTuple):
 
     frame: Frame
     sigma_px: float
-    known: KnownWidth
+    known: KnownSigma
     contamination: Contamination
     any_shape: bool = False
 
@@ -206,7 +206,7 @@ class CentroidExtractor:
         taken_out, rejections = Rejections(), Rejections()
         frame, contamination = self._clean(frame, before, taken_out)
         frame, sigma_px, known = self._match_filter(
-            frame, KnownWidth() if before is None or narrow else before.known.older(), narrow)
+            frame, KnownSigma() if before is None or narrow else before.known.older(), narrow)
         rejections.add('disc', frame.search.discs)
         rejections.add('line', frame.search.lines)
         any_shape = False
@@ -235,7 +235,7 @@ class CentroidExtractor:
         Return the stars of image (H, W) within radius_px (K,) of predicted positions uv (K, 2).
 
         before is the last image that was searched, of the same size and type; it gives
-        background and width, and its contamination is taken out here too. The second result is
+        background and PSF sigma, and its contamination is taken out here too. The second result is
         `before` of the next image.
         """
         check_image(image)
@@ -323,25 +323,25 @@ class CentroidExtractor:
         return prepare(_readable(image), frame.kernel.sigma_px, self._threshold,
                        pixel_noise(image) if contamination.hits else 0.0), contamination
 
-    def _match_filter(self, frame: Frame, known: KnownWidth, narrow: bool
-                      ) -> tuple[Frame, float, KnownWidth]:
+    def _match_filter(self, frame: Frame, known: KnownSigma, narrow: bool
+                      ) -> tuple[Frame, float, KnownSigma]:
         """Return the frame, filtered anew if the filter does not match, and the PSF sigma."""
         if not frame.search.found:
             return frame, self._options.psf_sigma_px or FILTER_SIGMA_PX, known
-        sigma_px, known = self._width(frame, known, narrow)
+        sigma_px, known = self._psf_sigma(frame, known, narrow)
         if 1 / FILTER_RATIO < sigma_px / frame.kernel.sigma_px < FILTER_RATIO:
             return frame, sigma_px, known
         frame = prepare(frame.image, float(np.clip(sigma_px, *FILTER_RANGE_PX)), self._threshold)
-        return frame, *self._width(frame, known, narrow)
+        return frame, *self._psf_sigma(frame, known, narrow)
 
-    def _width(self, frame: Frame, known: KnownWidth, narrow: bool) -> tuple[float, KnownWidth]:
+    def _psf_sigma(self, frame: Frame, known: KnownSigma, narrow: bool) -> tuple[float, KnownSigma]:
         """Return the PSF sigma: where a frame does not show it, the one that is known."""
         if self._options.psf_sigma_px:
             return self._options.psf_sigma_px, known
-        width_px, certain = measure_width(frame, narrow)
+        sigma_px, certain = measure_psf_sigma(frame, narrow)
         if certain:
-            known = KnownWidth(width_px)
-        return known.sigma_px or width_px, known
+            known = KnownSigma(sigma_px)
+        return known.sigma_px or sigma_px, known
 
     def _points(self, frame: Frame, sigma_px: float, most: int, rejections: Rejections
                 ) -> tuple[Centroids, bool]:
@@ -373,7 +373,7 @@ class CentroidExtractor:
                       rejections: Rejections, smeared: bool
                       ) -> tuple[Frame, Centroids, float, Rejections, Streak | None, bool]:
         """
-        Return frame, stars, their width and motion where other shapes than points explain more.
+        Return frame, stars, PSF sigma and motion where other shapes than points explain more.
 
         The last result is whether spots of any shape are among the stars.
         """
@@ -400,10 +400,10 @@ class CentroidExtractor:
         """Return frame and stars after the filter whose stars have the most flux."""
         for filter_px in () if self._options.psf_sigma_px else WIDE_FILTERS_PX:
             wide, others = prepare(frame.image, filter_px, self._threshold), Rejections()
-            width_px, _ = measure_width(wide)
-            stars, _ = self._points(wide, width_px, most, others)
-            if _have_more_light(stars, points):
-                frame, points, sigma_px, rejections = wide, stars, width_px, others
+            wide_sigma_px, _ = measure_psf_sigma(wide)
+            stars, _ = self._points(wide, wide_sigma_px, most, others)
+            if _have_more_flux(stars, points):
+                frame, points, sigma_px, rejections = wide, stars, wide_sigma_px, others
         return frame, points, sigma_px, rejections
 
     def _search_streaks(self, frame: Frame, streak: Streak, sigma_px: float, most: int,
@@ -443,7 +443,7 @@ def _shows_streaks(spots: Centroids, points: Centroids, streaks: Centroids, long
             and explained > STREAK_SHARE * min(len(spots), BRIGHT_SPOTS))
 
 
-def _have_more_light(others: Centroids, stars: Centroids) -> bool:
+def _have_more_flux(others: Centroids, stars: Centroids) -> bool:
     """Return whether others are whole where stars are pieces, by the star of a rank."""
     rank = int(np.clip(len(stars), *WHOLE_STARS))
     return _flux_of_rank(others, rank) > WHOLE_RATIO * _flux_of_rank(stars, rank)

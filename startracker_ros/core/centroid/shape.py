@@ -1,4 +1,4 @@
-"""Whether a fitted spot has the shape of a star: width and elongation."""
+"""Whether a fitted spot has the shape of a star: size and elongation."""
 
 import math
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from startracker_ros.core.centroid.windows import Windows
 from startracker_ros.core.compiled import compiled, reordered
 
 WIDTH_RATIO = 2.0  # of the alternative hypotheses: half as wide, twice as wide
-MARGIN = 9.0  # of chi-square, by which another width must be better
+MARGIN = 9.0  # of chi-square, by which another sigma must be better
 MAX_ELONGATION = 0.4
 COMMON_ELONGATION = 0.08  # of all spots together,
 COMMON_SIGMAS = 4.0  # if it is so significant
@@ -111,7 +111,7 @@ def _smeared(moments: np.ndarray, chosen: np.ndarray) -> bool:
 
 @compiled
 def _classify(fit: Fit, windows: Windows) -> Shape:
-    narrow, wide = _test_widths(fit, windows)
+    narrow, wide = _test_sigmas(fit, windows)
     moments = _moments(fit, windows)
     return Shape(narrow, wide, _grow(_elongated(moments), windows), _smeared(moments, ~narrow))
 
@@ -130,8 +130,8 @@ def _grow(streak: np.ndarray, windows: Windows) -> np.ndarray:
 
 
 @compiled
-def _test_widths(fit: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
-    """Return narrow and wide (K,): another width has a chi-square better by MARGIN."""
+def _test_sigmas(fit: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """Return narrow and wide (K,): another sigma has a chi-square better by MARGIN."""
     stars, count, filled = windows.data.shape
     narrow, wide = np.empty(stars, np.bool_), np.empty(stars, np.bool_)
     columns, rows = np.empty((3, filled), np.float32), np.empty((3, count), np.float32)
