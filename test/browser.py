@@ -25,7 +25,7 @@ TIMEOUT_S = 300
 
 
 class BrowserError(RuntimeError):
-    """Chromium did not do as told."""
+    """Chromium did not do what it was asked for."""
 
 
 class Page:

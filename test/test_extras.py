@@ -82,7 +82,7 @@ def test_without_ros(arguments: list[str], needs_ros: bool, without_ros: dict[st
 @pytest.mark.parametrize('found', ['0.60.0', '0.9.1'])
 def test_an_old_numba_is_named(module: str, arguments: list[str], program: str, found: str,
                                tmp_path: Path) -> None:
-    # What is installed is told by the first of these folders on the path.
+    # What is installed is found in the first of these folders on the path.
     folder = tmp_path / f'numba-{found}.dist-info'
     folder.mkdir()
     (folder / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: numba\nVersion: {found}\n')

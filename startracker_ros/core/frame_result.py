@@ -8,7 +8,7 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.identify.identification import Identification
 from startracker_ros.core.maths.rotation import (
     matrix_from_quaternion, multiply, quaternion_from_rotation_vector)
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
 
 

@@ -25,8 +25,8 @@ from startracker_ros.core.stages.attitude import AttitudeStage
 from startracker_ros.core.stages.extraction import ExtractionStage
 from startracker_ros.core.stages.identification import IdentificationStage
 from startracker_ros.core.stages.parameters import options_of_keywords, StarTrackerOptions
-from startracker_ros.core.stages.tracking import make_star_tracker
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.stages.tracking import make_track_filter
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.core.track.tracks import Tracks
 
 
@@ -69,7 +69,7 @@ class StarTracker:
             camera, epoch_year, options.identification, options.check, gyro=options.gyro,
             band=options.band)
         self.motion = ObserverMotion(options.aberration)
-        self.tracker = make_star_tracker(
+        self.tracker = make_track_filter(
             camera, epoch_year, options.tracker, options.gyro, self.motion, options.band)
         self.attitude = AttitudeStage(
             camera, epoch_year, options.validation, self.motion,
@@ -121,35 +121,34 @@ class StarTracker:
         if late is not None:
             return late
         extraction = self.extraction.extract(stamp_ns, image, self.tracker.predicted)
-        return self._update(stamp_ns, extraction.centroids, self.extraction.directed,
+        return self._update(stamp_ns, extraction.centroids, self.extraction.windowed,
                             extraction.reason)
 
-    def process_centroids(self, stamp_ns: int, centroids: Centroids, directed: bool = False
+    def process_centroids(self, stamp_ns: int, centroids: Centroids, windowed: bool = False
                           ) -> FrameResult:
         """
         Process the centroids of an image; ValueError for any other type.
 
-        Where directed, only stars that the tracker predicted were measured: no check of it.
+        Where windowed, only stars that the tracker predicted were measured: no check of it.
         """
         if not isinstance(centroids, Centroids):
             raise ValueError(
                 f'centroids are of type {type(centroids).__name__}, must be Centroids')
         late = self._late(stamp_ns, centroids)
-        return late or self._update(stamp_ns, centroids, directed, '')
+        return late or self._update(stamp_ns, centroids, windowed, '')
 
-    def identifier_is_idle(self, stamp_ns: int, directed: bool = False) -> bool:
+    def identifier_is_idle(self, stamp_ns: int, windowed: bool = False) -> bool:
         """Return whether the next frame needs no identification."""
-        return self.identification.rests(
-            stamp_ns, self.tracker.state is TrackerState.TRACKING, directed)
+        return self.identification.is_idle(
+            stamp_ns, self.tracker.state is TrackerState.TRACKING, windowed)
 
     def identify(self, stamp_ns: int, centroids: Centroids) -> Identification:
         """Identify a frame for the tracker."""
         identification, centroids = self.identification.identify(stamp_ns, centroids)
         self.tracker.identified(stamp_ns, centroids, identification.hip)
-        identifier, sky = self.identification.identifier, self.attitude.sky
-        sky.look_from(self.motion.at(stamp_ns))
-        return icrf_identification(
-            identification, centroids, identifier.camera, sky, identifier.options)
+        identifier = self.identification.identifier
+        return icrf_identification(identification, centroids, identifier.camera,
+                                   self.attitude.sky.at(stamp_ns), identifier.options)
 
     def _late(self, stamp_ns: int, centroids: Centroids) -> FrameResult | None:
         """Return the result of a frame that is not newer; forget all if time was set back."""
@@ -163,10 +162,10 @@ class StarTracker:
         self._newest_ns = stamp_ns
         return None
 
-    def _update(self, stamp_ns: int, centroids: Centroids, directed: bool, extraction_reason: str
+    def _update(self, stamp_ns: int, centroids: Centroids, windowed: bool, extraction_reason: str
                 ) -> FrameResult:
         # As for the nodes, the state before the frame counts: both work on it at the same time.
-        idle = self.identifier_is_idle(stamp_ns, directed)
+        idle = self.identifier_is_idle(stamp_ns, windowed)
         tracks = self.tracker.update(stamp_ns, centroids) or Tracks.empty()
         tracked = self.tracker.attitude
         trusted = self.attitude.from_tracks(stamp_ns, tracks, tracked)

@@ -1,1 +1,1 @@
-"""The only room that imports rclpy: nodes, messages, parameters, processes."""
+"""The only package that imports rclpy: nodes, messages, parameters, processes."""

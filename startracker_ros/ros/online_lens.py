@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from sensor_msgs.msg import CameraInfo, PointCloud2, Temperature
 from sensor_msgs.srv import SetCameraInfo
@@ -11,18 +12,18 @@ from startracker_ros.core.calibration.online import OnlineCalibration, OnlineOpt
 from startracker_ros.core.calibration.tracked_frames import tracked_frame
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
-from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.options import option, Options
-from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
 from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, WARN
+from startracker_ros.ros.frame_pairs import FramePairs
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import centroids_from_message, tracks_from_message
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.odometry_input import OdometryInput
+from std_msgs.msg import Header
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,7 @@ class OnlineLens:
         self._calibration: OnlineCalibration | None = None
         self._wanted: Camera | None = None
         self._temperature_c = math.nan
-        self._centroids: dict[int, Centroids] = {}
-        self._tracks: dict[int, Tracks] = {}
+        self._pairs = FramePairs('centroids', 'tracks')
         self._applies = node.options(OnlineOptions).calibration_mode == 'apply'
         self._proposed = node.advertise(CameraInfo, 'proposed_camera_info', qos.STATE)
         node.subscribe(PointCloud2, 'centroids', self._on_centroids, qos.LIST)
@@ -57,8 +57,7 @@ class OnlineLens:
     def rebuild(self, camera: Camera, onboard: OnboardCatalog) -> None:
         """Begin with a camera, or go on when it is the one that was proposed."""
         self._onboard = onboard
-        self._centroids.clear()
-        self._tracks.clear()
+        self._pairs.clear()
         if self._calibration is not None and camera == self._wanted:
             self._calibration.use(camera)
         else:
@@ -72,26 +71,20 @@ class OnlineLens:
         self._temperature_c = message.temperature
 
     def _on_centroids(self, message: PointCloud2) -> None:
-        self._centroids[ns_from_stamp(message.header.stamp)] = centroids_from_message(message)
-        self._pair(ns_from_stamp(message.header.stamp), message.header.frame_id)
+        self._pair('centroids', message.header, centroids_from_message(message))
 
     def _on_tracks(self, message: PointCloud2) -> None:
         tracks = tracks_from_message(message)
-        if not self._node.in_order('tracks', message.header.stamp):
-            return
-        self._tracks[ns_from_stamp(message.header.stamp)] = tracks
-        self._pair(ns_from_stamp(message.header.stamp), message.header.frame_id)
+        if self._node.in_order('tracks', message.header.stamp):
+            self._pair('tracks', message.header, tracks)
 
-    def _pair(self, stamp_ns: int, frame_id: str) -> None:
+    def _pair(self, topic: str, header: Header, value: Any) -> None:
         """Use a frame of which both clouds have come."""
-        for waiting in (self._centroids, self._tracks):
-            while len(waiting) > qos.LIST.depth:
-                del waiting[next(iter(waiting))]
-        camera = self._node.camera_or_drop()
-        if camera is None or self._calibration is None or not (
-                stamp_ns in self._centroids and stamp_ns in self._tracks):
+        stamp_ns = ns_from_stamp(header.stamp)
+        pair, camera = self._pairs.add(topic, stamp_ns, value), self._node.camera_or_drop()
+        if pair is None or camera is None or self._calibration is None:
             return
-        centroids, tracks = self._centroids.pop(stamp_ns), self._tracks.pop(stamp_ns)
+        centroids, tracks = pair
         if not len(tracks):
             return
         vantage = self._observer.motion.at(stamp_ns).vantage
@@ -104,7 +97,7 @@ class OnlineLens:
             return
         self._describe(self._calibration)
         if proposal is not None:
-            self._propose(proposal, stamp_ns, frame_id)
+            self._propose(proposal, stamp_ns, header.frame_id)
 
     def _describe(self, calibration: OnlineCalibration) -> None:
         self._node.diagnostics.report(OK, 'calibrating from tracked stars')

@@ -5,7 +5,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.track.target import TargetTracker
-from startracker_ros.core.track.tracker import StarTracker
+from startracker_ros.core.track.track_filter import TrackFilter
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.clouds import centroids_to_message
@@ -20,8 +20,8 @@ class TargetOutput:
         self._diagnostics = node.diagnostics
         self._publisher = node.advertise(PointCloud2, 'target_centroid', qos.LIST)
 
-    def update(self, targets: TargetTracker, stars: StarTracker, centroids: Centroids,
-               directed: bool, camera: Camera, header: Header) -> PredictedCentroids | None:
+    def update(self, targets: TargetTracker, stars: TrackFilter, centroids: Centroids,
+               windowed: bool, camera: Camera, header: Header) -> PredictedCentroids | None:
         """
         Publish the target of a frame, an empty cloud if there is none.
 
@@ -31,7 +31,7 @@ class TargetOutput:
         if tracked is None or not self._publisher.get_subscription_count():
             return None
         target = targets.update(
-            ns_from_stamp(header.stamp), tracked.attitude, centroids, directed)
+            ns_from_stamp(header.stamp), tracked.attitude, centroids, windowed)
         self._publisher.publish(centroids_to_message(
             Centroids.empty() if target is None else target.centroid, camera, header))
         self._diagnostics.values.update(

@@ -6,7 +6,8 @@ from startracker_ros.core.astro.exclusion import BlindingForecast, ExclusionOpti
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.tracker import StarTracker, TrackerState
+from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
+from startracker_ros.io.bags.tracker_state import NAME, tracker_state_values
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
@@ -34,7 +35,7 @@ class TrackerStateOutput:
         self._state = node.advertise(DiagnosticStatus, 'tracker_state', qos.STATE)
         self._status = node.advertise(DiagnosticArray, 'tracker_status', qos.STATE)
 
-    def begin(self, tracker: StarTracker) -> None:
+    def begin(self, tracker: TrackFilter) -> None:
         """Publish the state of a new tracker; name the options that have no effect with it."""
         options = self._node.options(TrackerOptions)
         gyro = self._node.options(GyroErrorOptions)
@@ -44,7 +45,7 @@ class TrackerStateOutput:
                 f'no effect with model = {options.model}: {", ".join(ignored)}')
         self.publish(tracker)
 
-    def publish(self, tracker: StarTracker, stamp_ns: int | None = None) -> None:
+    def publish(self, tracker: TrackFilter, stamp_ns: int | None = None) -> None:
         """
         Publish the state of a tracker, and report it as the condition of the node.
 
@@ -57,19 +58,9 @@ class TrackerStateOutput:
         diagnostics = self._node.diagnostics
         level = OK if tracker.state is TrackerState.TRACKING else WARN
         self._has_tracked |= level == OK
-        values: dict[str, object] = {
-            'stars_matched': tracker.stars_matched,
-            'residual_px': f'{tracker.residual_px:.3f}',
-            'frames_since_fix': tracker.frames_since_fix,
-            'checks_passed': tracker.checks_passed,
-            'late_frames': tracker.late_frames,
-            'rejected_centroids': tracker.rejected_centroids,
-            'gyro': tracker.gyro_condition,
-            'stamp_sigma_ms': f'{tracker.stamp_sigma_s * 1e3:.3f}',
-            'reason': tracker.contradiction or tracker.reason}
-        values.update(self._blinding)
+        values = {**tracker_state_values(tracker), **self._blinding}
         status = status_message(
-            'star_tracker: state', self._node.hardware_id, level, tracker.state.value, values)
+            NAME, self._node.hardware_id, level, tracker.state.value, values)
         self._state.publish(status)
         self._status.publish(DiagnosticArray(
             header=make_header(self._newest_ns, self._node.sensor_frame_id), status=[status]))
@@ -87,7 +78,7 @@ class TrackerStateOutput:
             diagnostics.report(level, f'{tracker.state.value}: {tracker.reason}',
                                expected=not self._has_tracked)
 
-    def _forecast(self, tracker: StarTracker, stamp_ns: int) -> dict[str, object]:
+    def _forecast(self, tracker: TrackFilter, stamp_ns: int) -> dict[str, object]:
         """Return the values of the blinding to come, none where the attitude is unknown."""
         tracked, hint = tracker.attitude, tracker.hints.newest
         if tracked is not None:

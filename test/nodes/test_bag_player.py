@@ -233,9 +233,9 @@ def test_a_golden_bag_drives_the_pipeline(nodes, probe):
     nodes.start('bag_player', {'path': str(bag), 'loop': True, 'rate': 2.0,
                                'topics': ['/image_raw', '/camera_info', '/imu']})
     probe.wait(lambda: len(probe.received['attitude_cov']) >= 20, 'attitudes')
-    told = probe.received['attitude_cov']
-    assert {ns_from_stamp(pose.header.stamp) for pose in told} <= truth.keys()
-    for pose in told:
+    poses = probe.received['attitude_cov']
+    assert {ns_from_stamp(pose.header.stamp) for pose in poses} <= truth.keys()
+    for pose in poses:
         q = pose.pose.pose.orientation
         turn = Rotation.from_quat([q.x, q.y, q.z, q.w])
         error = (turn * Rotation.from_quat(truth[ns_from_stamp(pose.header.stamp)]).inv()

@@ -1,4 +1,4 @@
-"""Gaps, silence and jumps of time, told from the stamps and arrivals of frames."""
+"""Gaps, silence and jumps of time, found by the stamps and arrivals of frames."""
 
 import pytest
 from startracker_ros.ros.cadence import Cadence

@@ -68,9 +68,9 @@ def test_the_bag_holds_every_message_of_every_frame(messages):
         stamps[topic] = sorted(stamp_ns(m) for m in messages[topic])
         assert len(stamps[topic]) == FRAMES, topic
         assert stamps[topic] == stamps['/image_raw'], topic
-    # The camera is told before the first image, too.
-    told = {stamp_ns(m) for m in messages['/camera_info']}
-    assert told >= set(stamps['/image_raw'])
+    # The camera is published before the first image, too.
+    described = {stamp_ns(m) for m in messages['/camera_info']}
+    assert described >= set(stamps['/image_raw'])
     gyro_ns = [stamp_ns(m) for m in messages['/imu']]
     # From when the recorder has found the topic, which on a busy machine takes a while.
     assert abs(gyro_ns[-1] - stamps['/image_raw'][-1]) <= 1
@@ -83,9 +83,9 @@ def test_most_images_after_the_first_attitude_are_searched_in_windows(messages):
     """Although the recorder subscribes to the target."""
     assert not any(m.width for m in messages['/target_centroid'])
     first_ns = min(stamp_ns(m) for m in messages['/attitude'])
-    directed = [read_cloud(m, CENTROID_DTYPE)['directed'].any()
+    windowed = [read_cloud(m, CENTROID_DTYPE)['directed'].any()
                 for m in messages['/centroids'] if stamp_ns(m) > first_ns]
-    assert sum(directed) > len(directed) / 2
+    assert sum(windowed) > len(windowed) / 2
 
 
 def test_attitudes_agree_with_the_truth(demo, messages):

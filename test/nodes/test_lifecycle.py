@@ -140,7 +140,7 @@ def check_parameters(probe, places, folder):
                    for row in rows if row.read_only]
         results = ask_once(probe, SetParameters, f'{place}/set_parameters',
                            SetParameters.Request(parameters=wishes)).results
-        told = log(folder, place.strip('/').replace('/', '.'))
+        lines = log(folder, place.strip('/').replace('/', '.'))
         for k, row in enumerate(settable):
             if row.name == 'camera_file':
                 assert not results[2 * k].successful
@@ -153,7 +153,7 @@ def check_parameters(probe, places, folder):
             assert results[2 * k].successful, (node, row.name, results[2 * k].reason)
             assert results[2 * k + 1].successful, (node, row.name, results[2 * k + 1].reason)
             # Once with the other value, once with that of before.
-            assert len(re.findall(rf'parameters changed: {row.name} = ', told)) == 2
+            assert len(re.findall(rf'parameters changed: {row.name} = ', lines)) == 2
         refused = results[2 * len(settable):]
         for row, result in zip(wrong, refused):
             assert not result.successful, (node, row.name)
@@ -295,18 +295,18 @@ def test_each_transition_is_one_line_in_the_log(nodes, probe, tmp_path):
     probe.wait(lambda: transitions(tmp_path, 'attitude_estimator').count(
         'publishing attitude') >= 3, 'an attitude with another camera')
     fly(6)
-    told = transitions(tmp_path, 'star_tracker')
-    assert kinds()[:6] == ['LOST', 'ACQUIRING', 'TRACKING', 'LOST', 'ACQUIRING', 'TRACKING'], told
-    assert all(': ' in line and line.partition(': ')[2] for line in told
+    lines = transitions(tmp_path, 'star_tracker')
+    assert kinds()[:6] == ['LOST', 'ACQUIRING', 'TRACKING', 'LOST', 'ACQUIRING', 'TRACKING'], lines
+    assert all(': ' in line and line.partition(': ')[2] for line in lines
                if line.startswith(('LOST', 'ACQUIRING', 'TRACKING')))
     for node in PIPELINE:
-        told = transitions(tmp_path, node)
-        assert len([line for line in told if line.startswith('camera 256 x 256 px')]) == 2, told
+        lines = transitions(tmp_path, node)
+        assert len([line for line in lines if line.startswith('camera 256 x 256 px')]) == 2, lines
         # Some fifty frames and a handful of transitions.
-        assert len(told) <= 24, told
-        repeats = [a for a, b in zip(told, told[1:]) if a == b]
+        assert len(lines) <= 24, lines
+        repeats = [a for a, b in zip(lines, lines[1:]) if a == b]
         assert repeats == []
     estimator = transitions(tmp_path, 'attitude_estimator')
     assert estimator.count('publishing attitude') == 3, estimator
     assert [line for line in estimator if line.startswith('no attitude: ')], estimator
-    assert 'resting while the star tracker tracks' in transitions(tmp_path, 'star_identifier')
+    assert 'idle while the star tracker tracks' in transitions(tmp_path, 'star_identifier')

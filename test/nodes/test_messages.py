@@ -154,12 +154,12 @@ def test_centroids_keep_covariance_row_time_and_how_they_were_found():
     covariance = np.array([[[0.01, 0.004], [0.004, 0.09]], [[0.02, 0.0], [0.0, 0.02]]])
     centroids = Centroids(np.array([[10.0, 20.0], [30.0, 40.0]]), np.ones(2), np.ones(2),
                           np.sqrt([0.05, 0.02]), covariance, np.array([-1e-3, 2e-3]))
-    for directed in (True, False):
-        cloud = centroids_to_message(centroids, CAMERA, HEADER, directed)
+    for windowed in (True, False):
+        cloud = centroids_to_message(centroids, CAMERA, HEADER, windowed)
         again = centroids_from_message(cloud)
         np.testing.assert_allclose(again.covariance, covariance, rtol=1e-6)
         np.testing.assert_allclose(again.delay_s, centroids.delay_s, rtol=1e-6)
-        assert (read_cloud(cloud, CENTROID_DTYPE)['directed'] == directed).all()
+        assert (read_cloud(cloud, CENTROID_DTYPE)['directed'] == windowed).all()
 
 
 def test_targets_and_bodies_among_the_predictions_are_no_stars():

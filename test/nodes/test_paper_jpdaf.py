@@ -17,7 +17,7 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.rotation import (
     attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
-from startracker_ros.core.stages.tracking import make_star_tracker
+from startracker_ros.core.stages.tracking import make_track_filter
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
 from startracker_ros.io.bags.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
@@ -72,7 +72,7 @@ def options():
 
 def by_the_core(sent, chosen):
     """Return the quaternion of each frame of the messages by the core, None where it has none."""
-    tracker = make_star_tracker(
+    tracker = make_track_filter(
         CAMERA, epoch_year_from_stamp(START_NS), chosen, motion=ObserverMotion(
             AberrationOptions(aberration='none')))
     for frame in sent:

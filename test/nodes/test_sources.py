@@ -113,8 +113,8 @@ def test_another_camera_is_told_of_before_its_first_image(nodes, probe, tmp_path
         """Return for all pairs of images that are known whether the camera was another one."""
         found = []
         for stamp_ns in sent[Image].keys() & sent[CameraInfo].keys():
-            (image_ns, width), (info_ns, told) = sent[Image][stamp_ns], sent[CameraInfo][stamp_ns]
-            assert told == width
+            (image_ns, width), (info_ns, info) = sent[Image][stamp_ns], sent[CameraInfo][stamp_ns]
+            assert info == width
             if stamp_ns - 100_000_000 in sent[Image]:
                 another = width != sent[Image][stamp_ns - 100_000_000][1]
                 assert (info_ns < image_ns) == another

@@ -252,7 +252,7 @@ def test_an_identifier_works_on_when_its_tracker_has_ended(nodes, probe):
     def identified_ns():
         return {ns_from_stamp(message.header.stamp) for message in probe.received['stars']}
     probe.send_until(
-        send, lambda: probe.find_diagnostic('resting while the star tracker tracks')
+        send, lambda: probe.find_diagnostic('idle while the star tracker tracks')
         and identified_ns(), 'the first check, then a frame that is left out', period_s=0.3)
     left_out_ns = send()
     probe.spin_for(1.0)

@@ -25,7 +25,7 @@ class AttitudePropagator:
     """
     Attitude and gyro drift, propagated by gyro rates and updated by attitudes of frames.
 
-    A prediction beyond the newest rate does not spoil the next one: rates that come late, as
+    A prediction beyond the newest rate does not harm the next one: rates that come late, as
     those of a stopped process do, are used then.
     """
 

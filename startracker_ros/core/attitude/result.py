@@ -54,7 +54,7 @@ def pointing_covariance(common_px2: np.ndarray, camera: Camera,
     return turn @ common_px2 @ turn.T
 
 
-def with_common_error(attitude: AttitudeEstimate, common_px2: np.ndarray, camera: Camera
+def with_correlated_error(attitude: AttitudeEstimate, common_px2: np.ndarray, camera: Camera
                       ) -> AttitudeEstimate:
     """Return an attitude whose covariance contains an error (2, 2) px^2 that all stars share."""
     return replace(attitude, covariance_sensor=attitude.covariance_sensor

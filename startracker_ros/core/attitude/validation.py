@@ -70,10 +70,9 @@ class AttitudeValidator:
     The sign of the quaternion is continuous from one accepted attitude to the next.
     """
 
-    def __init__(self, camera: Camera, sky: ApparentCatalog, options: ValidationOptions,
+    def __init__(self, camera: Camera, options: ValidationOptions,
                  protection: ProtectionOptions = ProtectionOptions()) -> None:
         self._camera = camera
-        self._sky = sky
         self._options, self._protection = options, protection
         self.reset()
 
@@ -85,7 +84,8 @@ class AttitudeValidator:
         """Forget the sign of the last quaternion."""
         self._previous: np.ndarray | None = None
 
-    def solve(self, uv: np.ndarray, hip: np.ndarray, error_px2: np.ndarray) -> TrustedAttitude:
+    def solve(self, sky: ApparentCatalog, uv: np.ndarray, hip: np.ndarray,
+              error_px2: np.ndarray) -> TrustedAttitude:
         """
         Return the attitude of stars at pixels uv (N, 2) with covariances error_px2 (N, 2, 2).
 
@@ -100,7 +100,7 @@ class AttitudeValidator:
         from startracker_ros.core.attitude.estimate import (
             AttitudeError, estimate_attitude, mean_chi2)
         from startracker_ros.core.attitude.systematic_errors import with_velocity_error
-        known, icrf = self._known(hip)
+        known, icrf = _known(sky, hip)
         if len(icrf) < self._options.min_stars:
             return self._too_few(len(icrf), 'identified')
         uv, error_px2 = uv[known], error_px2[known]
@@ -122,20 +122,20 @@ class AttitudeValidator:
         excess = attitude.chi2 / mean if attitude.chi2 > chdtri(mean, FALSE_ALARM) else 1.0
         attitude = with_velocity_error(replace(
             attitude, covariance_sensor=attitude.covariance_sensor * excess),
-            self._sky.observer.velocity_sigma_m_s, sensor, sigma_rad)
+            sky.observer.velocity_sigma_m_s, sensor, sigma_rad)
         return self._trusted(attitude, partial(
             protection_level, attitude.covariance_sensor, sensor, sigma_rad,
             attitude.residual_rad, self._protection))
 
-    def check(self, tracked: AttitudeEstimate, uv: np.ndarray, hip: np.ndarray,
-              sigma_px: np.ndarray, residual_px: np.ndarray) -> TrustedAttitude:
+    def check(self, sky: ApparentCatalog, tracked: AttitudeEstimate, uv: np.ndarray,
+              hip: np.ndarray, sigma_px: np.ndarray, residual_px: np.ndarray) -> TrustedAttitude:
         """
         Return the attitude of a star tracker, if the rms residual of its tracks (N,) is small.
 
         uv (N, 2) px are the positions of the tracks, sigma_px and residual_px (N,) those of their
         centroids.
         """
-        known, icrf = self._known(hip)
+        known, icrf = _known(sky, hip)
         if len(icrf) < self._options.min_stars:
             return self._too_few(len(icrf), 'tracked')
         if len(icrf) < len(uv):
@@ -173,12 +173,13 @@ class AttitudeValidator:
         return TrustedAttitude(
             replace(attitude, quaternion=self._previous), 'trusted', protection)
 
-    def _known(self, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return which stars (N,) the catalogue holds, and the directions (K, 3) of these."""
-        index = self._sky.onboard.index_of(hip)
-        known = index >= 0
-        return known, self._sky.direction(index if known.all() else index[known])
-
     def _too_few(self, count: int, kind: str) -> TrustedAttitude:
         return TrustedAttitude(
             None, f'{count} {kind} stars, min_stars is {self._options.min_stars}')
+
+
+def _known(sky: ApparentCatalog, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return which stars (N,) the catalogue holds, and the directions (K, 3) of these."""
+    index = sky.onboard.index_of(hip)
+    known = index >= 0
+    return known, sky.direction(index if known.all() else index[known])

@@ -230,10 +230,10 @@ def _reason(fit: _Fit, camera: Camera, attitude: AttitudeEstimate, nominal: Came
         return (f'{matched} stars leave the lens open: the middle of the image is uncertain by '
                 f'{sigma_px:.2g} px')
     # The width of the image, from edge to edge, with the distortion or without it.
-    seen, told = camera.seen_x_rad, nominal.fov_x_rad
-    off = min(abs(camera.radius(fov / 2) / camera.radius(told / 2) - 1)
+    seen, given = camera.seen_x_rad, nominal.fov_x_rad
+    off = min(abs(camera.radius(fov / 2) / camera.radius(given / 2) - 1)
               for fov in (seen, camera.fov_x_rad))
-    # So many stars determine the lens by themselves: the told field of view is the error.
+    # So many stars determine the lens by themselves: the given field of view is the error.
     limit = focal_error * (_LIMIT_FACTOR if matched >= _SURE_MATCHES else 1)
     if off > limit + _LIMIT_SIGMAS * np.sqrt(fit.covariance[3, 3]):
         return (f'the field of view that fits, {np.degrees(seen):.4g} deg, is '

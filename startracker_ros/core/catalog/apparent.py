@@ -1,8 +1,11 @@
 """The on-board catalogue as a moving observer sees it."""
 
+from copy import copy
+
 import numpy as np
-from startracker_ros.core.astro.aberration import apparent_directions
-from startracker_ros.core.astro.observer_motion import AT_REST, Observer
+from startracker_ros.core.astro.aberration import apparent_directions, Vantage
+from startracker_ros.core.astro.bodies import BodiesInSky
+from startracker_ros.core.astro.observer_motion import AT_REST, Observer, ObserverMotion
 from startracker_ros.core.catalog.onboard import CROWD_MAGNITUDES, OnboardCatalog
 from startracker_ros.core.compiled import compiled
 
@@ -12,63 +15,103 @@ _TOLERANCE_M_S = 1.5
 
 class ApparentCatalog:
     """
-    Apparent directions of catalogue entries, computed when they are needed.
+    Apparent directions of catalogue entries for one observer, computed when they are needed.
 
-    An attitude that is fitted to them is that of the sensor in ICRF, on GCRS axes. observer is
-    the one of the last look_from().
+    An attitude that is fitted to them is that of the sensor in ICRF, on GCRS axes. version is the
+    same object as long as the directions are the same.
     """
 
-    def __init__(self, onboard: OnboardCatalog) -> None:
-        self.onboard = onboard
-        self.observer = AT_REST
-        self._vantage = AT_REST.vantage
-        self._direction = onboard.direction
-        self._computed = np.empty(0, bool)
-        self.version = 0
-        self._bodies = AT_REST.bodies
-        self._crowded, self._compared = onboard.crowded, np.empty(0, bool)
+    def __init__(self, onboard: OnboardCatalog, observer: Observer = AT_REST) -> None:
+        self.onboard, self.observer = onboard, observer
+        self._directions = _Directions(onboard, observer.vantage)
+        self._crowding = _Crowding(onboard, observer.bodies)
 
-    def look_from(self, observer: Observer) -> None:
-        """Set the observer; version changes with the directions."""
-        self.observer = observer
-        if observer.bodies is not self._bodies:
-            self._bodies = observer.bodies
-            self._crowded = self.onboard.crowded.copy()
-            self._compared = np.zeros(len(self.onboard), bool)
-        before, after = self._vantage, observer.vantage
-        if after is before:
-            return
-        if before is not None and after is not None:
-            change_m_s = after.velocity_m_s - before.velocity_m_s
-            if change_m_s @ change_m_s < _TOLERANCE_M_S ** 2:
-                return
-        self._vantage = after
-        self.version += 1
-        if after is None:
-            self._direction = self.onboard.direction
-        else:
-            if before is None:
-                self._direction = np.empty_like(self.onboard.direction)
-            self._computed = np.zeros(len(self.onboard), bool)
+    def seen_by(self, observer: Observer) -> 'ApparentCatalog':
+        """Return the catalogue for another observer; what is the same is not computed again."""
+        if observer is self.observer:
+            return self
+        seen = copy(self)
+        seen.observer = observer
+        if not self._directions.hold_for(observer.vantage):
+            seen._directions = _Directions(self.onboard, observer.vantage)
+        if observer.bodies is not self._crowding.bodies:
+            seen._crowding = _Crowding(self.onboard, observer.bodies)
+        return seen
+
+    @property
+    def version(self) -> object:
+        """Return an object that stands for the directions."""
+        return self._directions
 
     def direction(self, star_index: np.ndarray) -> np.ndarray:
         """Return the apparent unit vectors (M, 3) of entries (M,)."""
+        return self._directions.of(star_index)
+
+    def crowded(self, star_index: np.ndarray) -> np.ndarray:
+        """Return which entries (M,) are blended: with a neighbour, a planet, the Moon, the Sun."""
+        return self._crowding.of(star_index)
+
+
+class ApparentSky:
+    """The on-board catalogue as a moving observer sees it, at rest without a motion."""
+
+    def __init__(self, onboard: OnboardCatalog, motion: ObserverMotion | None = None) -> None:
+        self.onboard = onboard
+        self._motion = motion
+        self._newest = ApparentCatalog(onboard)
+
+    def at(self, stamp_ns: int) -> ApparentCatalog:
+        """Return the catalogue for the observer of a stamp."""
+        if self._motion is not None:
+            self._newest = self._newest.seen_by(self._motion.at(stamp_ns))
+        return self._newest
+
+
+class _Directions:
+    """The directions that were computed for a vantage."""
+
+    def __init__(self, onboard: OnboardCatalog, vantage: Vantage | None) -> None:
+        self._onboard, self._vantage = onboard, vantage
+        self._direction = onboard.direction
+        if vantage is not None:
+            self._direction = np.empty_like(onboard.direction)
+            self._computed = np.zeros(len(onboard), bool)
+
+    def hold_for(self, vantage: Vantage | None) -> bool:
+        """Return whether the directions of another vantage are the same."""
+        own = self._vantage
+        if own is None or vantage is None:
+            return own is vantage
+        change_m_s = vantage.velocity_m_s - own.velocity_m_s
+        return bool(change_m_s @ change_m_s < _TOLERANCE_M_S ** 2)
+
+    def of(self, star_index: np.ndarray) -> np.ndarray:
         if self._vantage is not None:
             missing = _missing(self._computed, star_index)
             if len(missing):
                 self._computed[missing] = True
                 self._direction[missing] = apparent_directions(
-                    self.onboard.direction[missing], self._vantage)
+                    self._onboard.direction[missing], self._vantage)
         return self._direction.take(star_index, axis=0)
 
-    def crowded(self, star_index: np.ndarray) -> np.ndarray:
-        """Return which entries (M,) are blended: with a neighbour, a planet, the Moon, the Sun."""
-        if self._bodies is not None:
+
+class _Crowding:
+    """Which entries were compared with planets, Moon and Sun, and which are blended."""
+
+    def __init__(self, onboard: OnboardCatalog, bodies: BodiesInSky | None) -> None:
+        self._onboard, self.bodies = onboard, bodies
+        self._crowded = onboard.crowded
+        if bodies is not None:
+            self._crowded = onboard.crowded.copy()
+            self._compared = np.zeros(len(onboard), bool)
+
+    def of(self, star_index: np.ndarray) -> np.ndarray:
+        if self.bodies is not None:
             missing = star_index[~self._compared[star_index]]
             if len(missing):
-                onboard = self.onboard
-                near = self._bodies.near(onboard.direction[missing], onboard.magnitude[missing],
-                                         onboard.crowd_rad, CROWD_MAGNITUDES)
+                onboard = self._onboard
+                near = self.bodies.near(onboard.direction[missing], onboard.magnitude[missing],
+                                        onboard.crowd_rad, CROWD_MAGNITUDES)
                 self._crowded[missing] |= near.any(axis=1)
                 self._compared[missing] = True
         return self._crowded[star_index]

@@ -20,7 +20,7 @@ class Centroids:
     """
     Star images of one frame, brightest first; all arrays float64.
 
-    uv (N, 2) px, (0, 0) the centre of the top-left pixel; flux (N,) total light in DN;
+    uv (N, 2) px, (0, 0) the centre of the top-left pixel; flux (N,) of the whole star in DN;
     snr (N,) flux over its 1-sigma error; sigma_px (N,) 1-sigma error per axis, the root mean
     square of both; covariance (N, 2, 2) px^2 of uv, round if left empty; delay_s (N,) from the
     time of the frame to the middle of the exposure of the star's own row, zero if left empty;
@@ -70,7 +70,7 @@ class Centroids:
                          self.common[chosen], self.exposure_s)
 
     @property
-    def common_error(self) -> np.ndarray:
+    def correlated_error(self) -> np.ndarray:
         """Return the covariance (2, 2) px^2 of the error that all stars share, zero for none."""
         if not len(self):
             return np.zeros((2, 2))

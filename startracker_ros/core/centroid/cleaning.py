@@ -1,4 +1,4 @@
-"""Takes out of an image what spoils more of it than a few peaks: hits, trails, columns, discs."""
+"""Takes hits, trails, columns and discs out of an image: what contaminates much of it."""
 
 from typing import NamedTuple
 
@@ -13,25 +13,26 @@ HIT_SHARE = 0.1  # of the peaks near predicted stars, from which on hits are tak
 LARGE_PX = 120  # across; the longest streak of a star is shorter
 LARGE_PEAKS = 30  # on lines and discs, from which on these are taken out as a whole
 LARGE_SIGMAS = 3.0  # above the background
-MARGIN_PX = 3  # around something large, where its light falls below that
+MARGIN_PX = 3  # around something large, where its flux falls below that
 MAX_SHARE = 0.6  # of the image; more is no artefact in a field of stars
 
 
-class Spoilt(NamedTuple):
-    """What spoils an image: hits of particles, or something large."""
+class Contamination(NamedTuple):
+    """What contaminates an image: hits of particles, or something large."""
 
     hits: bool = False
     large: bool = False
 
 
-NOT_SPOILT = Spoilt()
+CLEAN = Contamination()
 
 
-def find_spoilt(frame: Frame) -> Spoilt:
-    """Return what spoils the image of a frame."""
+def find_contamination(frame: Frame) -> Contamination:
+    """Return what contaminates the image of a frame."""
     search = frame.search
-    return Spoilt(search.too_many or is_storm(frame.image, search.peaks.uv, search.peaks.level),
-                  len(search.lines) + len(search.discs) >= LARGE_PEAKS)
+    return Contamination(
+        search.too_many or is_storm(frame.image, search.peaks.uv, search.peaks.level),
+        len(search.lines) + len(search.discs) >= LARGE_PEAKS)
 
 
 def are_hits(frame: Frame, peaks: Peaks, sigma_px: float) -> bool:
@@ -41,18 +42,18 @@ def are_hits(frame: Frame, peaks: Peaks, sigma_px: float) -> bool:
     return bool(np.count_nonzero(hit) > HIT_SHARE * len(hit))
 
 
-def cleaned(image: np.ndarray, mesh: Mesh, spoilt: Spoilt, sigma_px: float
+def cleaned(image: np.ndarray, mesh: Mesh, contamination: Contamination, sigma_px: float
             ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return image (H, W) without what spoils it, and the pixels u, v (N, 2) of hits.
+    Return image (H, W) without what contaminates it, and the pixels u, v (N, 2) of hits.
 
     mesh is its background, sigma_px the width of its stars. What is taken out gets the level of
     the background.
     """
     noise_dn, hits = pixel_noise(image), np.empty((0, 2), int)
-    if spoilt.large:
+    if contamination.large:
         image = _without_large(image, over_image(mesh.level, image.shape), noise_dn)
-    if spoilt.hits:
+    if contamination.hits:
         image, hit = without_hits(image, mesh, noise_dn, sigma_px)
         hits = np.argwhere(hit)[:, ::-1]
     return image, hits

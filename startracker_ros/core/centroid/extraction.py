@@ -3,7 +3,7 @@ Star image to centroids, with a reason for every spot left out.
 
 1. Background and peaks of the image (frame.py), after a matched filter. Discs, lines and storms
    of hits are taken out here, before the brightest peaks of each cell of the image are chosen.
-2. Width of the stars (width.py), that of an image before where this one does not show it; if
+2. PSF sigma (psf_sigma.py), that of an image before where this one does not show it; if
    the filter does not match, step 1 once more.
 3. Points (point_stars.py): rough fit, which rejects what is no star and measures the noise, then
    the final fit.
@@ -12,7 +12,7 @@ Star image to centroids, with a reason for every spot left out.
 5. Points after wider filters, if many spots are no stars: a narrow one cuts defocused rings.
 
 6. Spots of any shape (spots.py) beside the points, if these are still not most of the bright
-   spots: no point, streak or disc describes an aberrated or clipped star, but its light is there.
+   spots: no point, streak or disc describes an aberrated or clipped star, but its flux is there.
 
 Once an image was searched, search_near() measures stars at known positions only.
 """
@@ -24,9 +24,9 @@ import numpy as np
 from startracker_ros.core.centroid.background import over_image, pixel_noise, readable
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.cleaning import (
-    are_hits, cleaned, find_spoilt, NOT_SPOILT, Spoilt)
+    are_hits, cleaned, find_contamination, CLEAN, Contamination)
 from startracker_ros.core.centroid.detection import Peaks, Threshold
-from startracker_ros.core.centroid.directed import peaks_near
+from startracker_ros.core.centroid.windowed_search import peaks_near
 from startracker_ros.core.centroid.frame import Frame, prepare
 from startracker_ros.core.centroid.hits import is_hit, is_single
 from startracker_ros.core.centroid.moments import Segmentation, WEIGHTS
@@ -41,20 +41,20 @@ from startracker_ros.core.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.core.centroid.streak_fit import streaks_at
 from startracker_ros.core.centroid.streak_search import estimate_streak, search_streaks
 from startracker_ros.core.centroid.streak_stars import measure_streaks
-from startracker_ros.core.centroid.width import measure_width
+from startracker_ros.core.centroid.psf_sigma import measure_psf_sigma
 from startracker_ros.core.options import option, Options
 
 MIN_SIDE_PX = 8
-FILTER_SIGMA_PX = 1.0  # while the width of the stars is unknown
+FILTER_SIGMA_PX = 1.0  # while the PSF sigma is unknown
 FILTER_RATIO = 2.0  # a filter wrong by more than this factor is replaced
 FILTER_RANGE_PX = (0.5, 5.0)
 WIDE_FILTERS_PX = (2.5, 5.0)  # for stars that a narrow filter finds in pieces,
 MISSHAPEN, MISSHAPEN_SHARE = ('elongated', 'too_wide', 'not_fitted'), 0.5  # for each star
-WHOLE_STARS, WHOLE_RATIO = (4, 10), 2.0  # as many as were found have more light, if whole
+WHOLE_STARS, WHOLE_RATIO = (4, 10), 2.0  # as many as were found have more flux, if whole
 SPARE_PEAKS = 2  # peaks fitted per star wanted, as some will be rejected
 MOST_COMPARED = 40  # stars, the brightest, in the search for an error that all share
 MISSED_SHARE, LEAST_MISSED = 0.1, 2  # misshapen spots for each star, and at least
-WIDTH_IMAGES = 60  # searched ones, for which a width stays known
+SIGMA_IMAGES = 60  # searched ones, for which a PSF sigma stays known
 STREAK_SHARE = 0.5  # of the brightest spots in an image of streaks
 LEAST_ELONGATED = 4  # spots that may be streaks of stars,
 ELONGATED_SHARE = 0.15  # if there are so many for each star
@@ -77,7 +77,7 @@ class ExtractionOptions(Options):
         high=65535.0)
     method: str = option(
         'gaussian', 'gaussian: fit of the point spread function; others: mean of the pixels of '
-        'a star with weight 1, light, light squared, light above the threshold',
+        'a star with weight 1, flux, flux squared, flux above the threshold',
         choices=(*WEIGHTS, 'gaussian'))
     psf_sigma_px: float = option(
         0.0, 'width (1 sigma) of a star image, 0: estimated from each image',
@@ -99,7 +99,7 @@ class Extraction:
 
     status is 'ok', 'no_stars', 'blank', 'saturated', 'too_small' or 'too_many'; reason explains
     it, empty when ok. background_dn and noise_dn (1 sigma of a pixel) are medians over the
-    image, psf_sigma_px the width fitted with; NaN where not measured. rejected counts the
+    image, psf_sigma_px that fitted with; NaN where not measured. rejected counts the
     spots left out, by reason; rejected_uv (R, 2) px are where they are. streak is the motion
     fitted with, None for points.
     """
@@ -120,15 +120,15 @@ class Extraction:
         return 0.0 if self.streak is None else self.streak.length_px
 
 
-class KnownWidth(NamedTuple):
+class KnownSigma(NamedTuple):
     """PSF sigma in px that an image showed with certainty, 0 for none, some images ago."""
 
     sigma_px: float = 0.0
     images: int = 0
 
-    def older(self) -> 'KnownWidth':
+    def older(self) -> 'KnownSigma':
         """Return what is known of it in the next image."""
-        return KnownWidth() if self.images >= WIDTH_IMAGES else self._replace(
+        return KnownSigma() if self.images >= SIGMA_IMAGES else self._replace(
             images=self.images + 1)
 
 
@@ -137,14 +137,14 @@ class Searched(NamedTuple):
     What a searched image leaves for those after it.
 
     frame is that image with its background, sigma_px the PSF sigma of its stars, known the last
-    one that was certain; spoilt is what was taken out of it; any_shape is whether it has stars
-    that no point describes.
+    one that was certain; contamination is what was taken out of it; any_shape is whether it has
+    stars that no point describes.
     """
 
     frame: Frame
     sigma_px: float
-    known: KnownWidth
-    spoilt: Spoilt
+    known: KnownSigma
+    contamination: Contamination
     any_shape: bool = False
 
     def fits(self, image: np.ndarray) -> bool:
@@ -205,9 +205,9 @@ class CentroidExtractor:
                          frame), before
         most = most_stars or self._options.max_stars
         taken_out, rejections = Rejections(), Rejections()
-        frame, spoilt = self._clean(frame, before, taken_out)
+        frame, contamination = self._clean(frame, before, taken_out)
         frame, sigma_px, known = self._match_filter(
-            frame, KnownWidth() if before is None or narrow else before.known.older(), narrow)
+            frame, KnownSigma() if before is None or narrow else before.known.older(), narrow)
         rejections.add('disc', frame.search.discs)
         rejections.add('line', frame.search.lines)
         any_shape = False
@@ -223,10 +223,11 @@ class CentroidExtractor:
             centroids = self._search_streaks(frame, streak, sigma_px, most, rejections)
         if not len(centroids) and frame.search.too_many:
             return (_none('too_many', f'{frame.search.found} peaks: noise, not stars', frame),
-                    before and before._replace(frame=frame, known=known, spoilt=spoilt))
+                    before and before._replace(
+                        frame=frame, known=known, contamination=contamination))
         rejections.include(taken_out)
         return (self._result(centroids, frame, sigma_px, most, rejections, streak),
-                Searched(frame, sigma_px, known, spoilt, any_shape))
+                Searched(frame, sigma_px, known, contamination, any_shape))
 
     def search_near(self, image: np.ndarray, uv: np.ndarray, radius_px: np.ndarray,
                     before: Searched, streak: Streak | None = None
@@ -235,20 +236,20 @@ class CentroidExtractor:
         Return the stars of image (H, W) within radius_px (K,) of predicted positions uv (K, 2).
 
         before is the last image that was searched, of the same size and type; it gives
-        background and width, and its contamination is taken out here too. The second result is
+        background and PSF sigma, and its contamination is taken out here too. The second result is
         `before` of the next image.
         """
         check_image(image)
         image = readable(image)
-        clean = (image if before.spoilt == NOT_SPOILT else
-                 cleaned(image, before.frame.mesh, before.spoilt, before.sigma_px)[0])
+        clean = (image if before.contamination == CLEAN else
+                 cleaned(image, before.frame.mesh, before.contamination, before.sigma_px)[0])
         frame, rejections = replace(before.frame, image=readable(clean)), Rejections()
         sigma_px = before.sigma_px
         if streak is None or streak.longest_px() < SHORTEST_PX:
             peaks, found = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
                                       radius_px)
-            if not before.spoilt.hits and are_hits(frame, peaks, sigma_px):
-                before = before._replace(spoilt=before.spoilt._replace(hits=True))
+            if not before.contamination.hits and are_hits(frame, peaks, sigma_px):
+                before = before._replace(contamination=before.contamination._replace(hits=True))
                 return self.search_near(image, uv, radius_px, before, streak)
             rejections.add('faint', uv[~found])
             centroids = self._measure(frame, peaks, sigma_px, rejections)[0]
@@ -275,7 +276,7 @@ class CentroidExtractor:
         if searched is not None:
             self.search_near(frame, stars.astype(float), np.full(3, 3.0), searched)
             clear = searched.frame
-            cleaned(clear.image, clear.mesh, Spoilt(hits=True), FILTER_SIGMA_PX)
+            cleaned(clear.image, clear.mesh, Contamination(hits=True), FILTER_SIGMA_PX)
 
     def _result(self, centroids: Centroids, frame: Frame, sigma_px: float, most: int,
                 rejections: Rejections, streak: Streak | None) -> Extraction:
@@ -310,39 +311,40 @@ class CentroidExtractor:
             frame.image, frame.mesh, frame.full_scale_dn, stars, streak is not None)
 
     def _clean(self, frame: Frame, before: Searched | None, rejections: Rejections
-               ) -> tuple[Frame, Spoilt]:
-        """Return the frame, searched anew without what spoils the image, and what that is."""
-        spoilt = find_spoilt(frame)
-        if spoilt == NOT_SPOILT:
-            return frame, spoilt
+               ) -> tuple[Frame, Contamination]:
+        """Return the frame, searched anew without its contamination, and what that is."""
+        contamination = find_contamination(frame)
+        if contamination == CLEAN:
+            return frame, contamination
         rejections.add('disc', frame.search.discs)
         rejections.add('line', frame.search.lines)
         sigma_px = FILTER_SIGMA_PX if before is None else before.sigma_px
-        image, hits = cleaned(frame.image, frame.mesh, spoilt, sigma_px)
+        image, hits = cleaned(frame.image, frame.mesh, contamination, sigma_px)
         rejections.add('hot_pixel', hits)
         return prepare(readable(image), frame.kernel.sigma_px, self._threshold, frame.bits,
-                       pixel_noise(image) if spoilt.hits else 0.0), spoilt
+                       pixel_noise(image) if contamination.hits else 0.0), contamination
 
-    def _match_filter(self, frame: Frame, known: KnownWidth, narrow: bool
-                      ) -> tuple[Frame, float, KnownWidth]:
+    def _match_filter(self, frame: Frame, known: KnownSigma, narrow: bool
+                      ) -> tuple[Frame, float, KnownSigma]:
         """Return the frame, filtered anew if the filter does not match, and the PSF sigma."""
         if not frame.search.found:
             return frame, self._options.psf_sigma_px or FILTER_SIGMA_PX, known
-        sigma_px, known = self._width(frame, known, narrow)
+        sigma_px, known = self._psf_sigma(frame, known, narrow)
         if 1 / FILTER_RATIO < sigma_px / frame.kernel.sigma_px < FILTER_RATIO:
             return frame, sigma_px, known
         frame = prepare(frame.image, float(np.clip(sigma_px, *FILTER_RANGE_PX)), self._threshold,
                         frame.bits)
-        return frame, *self._width(frame, known, narrow)
+        return frame, *self._psf_sigma(frame, known, narrow)
 
-    def _width(self, frame: Frame, known: KnownWidth, narrow: bool) -> tuple[float, KnownWidth]:
+    def _psf_sigma(self, frame: Frame, known: KnownSigma, narrow: bool
+                   ) -> tuple[float, KnownSigma]:
         """Return the PSF sigma: where a frame does not show it, the one that is known."""
         if self._options.psf_sigma_px:
             return self._options.psf_sigma_px, known
-        width_px, certain = measure_width(frame, narrow)
+        sigma_px, certain = measure_psf_sigma(frame, narrow)
         if certain:
-            known = KnownWidth(width_px)
-        return known.sigma_px or width_px, known
+            known = KnownSigma(sigma_px)
+        return known.sigma_px or sigma_px, known
 
     def _points(self, frame: Frame, sigma_px: float, most: int, rejections: Rejections
                 ) -> tuple[Centroids, bool]:
@@ -374,7 +376,7 @@ class CentroidExtractor:
                       rejections: Rejections, smeared: bool
                       ) -> tuple[Frame, Centroids, float, Rejections, Streak | None, bool]:
         """
-        Return frame, stars, their width and motion where other shapes than points explain more.
+        Return frame, stars, PSF sigma and motion where other shapes than points explain more.
 
         The last result is whether spots of any shape are among the stars.
         """
@@ -398,14 +400,14 @@ class CentroidExtractor:
 
     def _as_wide(self, frame: Frame, points: Centroids, sigma_px: float, most: int,
                  rejections: Rejections) -> tuple[Frame, Centroids, float, Rejections]:
-        """Return frame and stars after the filter whose stars have the most light."""
+        """Return frame and stars after the filter whose stars have the most flux."""
         for filter_px in () if self._options.psf_sigma_px else WIDE_FILTERS_PX:
             wide = prepare(frame.image, filter_px, self._threshold, frame.bits)
             others = Rejections()
-            width_px, _ = measure_width(wide)
-            stars, _ = self._points(wide, width_px, most, others)
-            if _have_more_light(stars, points):
-                frame, points, sigma_px, rejections = wide, stars, width_px, others
+            wide_sigma_px, _ = measure_psf_sigma(wide)
+            stars, _ = self._points(wide, wide_sigma_px, most, others)
+            if _have_more_flux(stars, points):
+                frame, points, sigma_px, rejections = wide, stars, wide_sigma_px, others
         return frame, points, sigma_px, rejections
 
     def _search_streaks(self, frame: Frame, streak: Streak, sigma_px: float, most: int,
@@ -445,14 +447,14 @@ def _shows_streaks(spots: Centroids, points: Centroids, streaks: Centroids, long
             and explained > STREAK_SHARE * min(len(spots), BRIGHT_SPOTS))
 
 
-def _have_more_light(others: Centroids, stars: Centroids) -> bool:
+def _have_more_flux(others: Centroids, stars: Centroids) -> bool:
     """Return whether others are whole where stars are pieces, by the star of a rank."""
     rank = int(np.clip(len(stars), *WHOLE_STARS))
-    return _light(others, rank) > WHOLE_RATIO * _light(stars, rank)
+    return _flux_of_rank(others, rank) > WHOLE_RATIO * _flux_of_rank(stars, rank)
 
 
-def _light(stars: Centroids, rank: int) -> float:
-    """Return the light of the star of a rank, the brightest being 1; zero where there is none."""
+def _flux_of_rank(stars: Centroids, rank: int) -> float:
+    """Return the flux of the star of a rank, the brightest being 1; zero where there is none."""
     return float(np.sort(stars.flux)[-rank]) if len(stars) >= rank else 0.0
 
 

@@ -52,7 +52,7 @@ class Frame:
         return bool(2 * np.count_nonzero(rows == self.full_scale_dn) > self.image.size)
 
     def windows(self, peaks: Peaks, sigma_px: float) -> tuple[Windows, np.ndarray]:
-        """Return windows for stars of this width at K peaks, and initial parameters (K, 5)."""
+        """Return windows for stars of this PSF sigma at K peaks, and initial parameters (K, 5)."""
         radius = max(MIN_RADIUS_PX, int(np.ceil(RADIUS_SIGMAS * sigma_px)))
         start = np.zeros((len(peaks.uv), 5))
         start[:, [U, V]] = peaks.uv + peaks.top
@@ -66,7 +66,7 @@ class Frame:
 def prepare(image: np.ndarray, filter_sigma_px: float, threshold: Threshold,
             bits: int, noise_dn: float = 0.0) -> Frame:
     """
-    Return the frame of image (H, W) uint16 with a filter of this width.
+    Return the frame of image (H, W) uint16 with a filter of this PSF sigma.
 
     bits is the depth of the pixels as they came, noise_dn the median noise of a pixel where
     it is known.

@@ -30,15 +30,15 @@ class Fit(NamedTuple):
     Fitted stars; window arrays are (K, n, m) float32, with rows filled up as in Windows.
 
     parameters (K, 5): u, v px, flux DN, level DN above the mesh background, sigma px;
-    covariance (K, p, p) of the first p = 4 or 5 of them; light: F a d, the model of the star
-    itself; own: data without neighbours and level, so that the residual is own - light;
+    covariance (K, p, p) of the first p = 4 or 5 of them; model: F a d, that of the star
+    itself; own: data without neighbours and level, so that the residual is own - model;
     weight: 1 / variance of the pixels, 0 if not used; dof (K,): degrees of freedom, pixels less
     parameters; chi2 (K,).
     """
 
     parameters: np.ndarray
     covariance: np.ndarray
-    light: np.ndarray
+    model: np.ndarray
     own: np.ndarray
     weight: np.ndarray
     dof: np.ndarray
@@ -47,7 +47,7 @@ class Fit(NamedTuple):
 
 class _Work(NamedTuple):
     """
-    Work arrays of a fit: profiles columns (3, m) and rows (3, n), light of neighbours (n, m).
+    Work arrays of a fit: profiles columns (3, m) and rows (3, n), flux of neighbours (n, m).
 
     sums is of column_sums(); gradient (p,) is J^T W r.
     """
@@ -120,16 +120,16 @@ def _empty_work(windows: Windows, free: int) -> _Work:
 
 @fused
 def _set_neighbours(parameters: np.ndarray, windows: Windows, i: int, work: _Work) -> None:
-    """Fill work.neighbours with the light F a d of the other stars in window i."""
+    """Fill work.neighbours with the flux F a d of the other stars in window i."""
     work.neighbours[:] = 0
     for k in range(windows.first[i], windows.first[i + 1]):
         star = parameters[windows.sources[k]]
         profile(star[U], star[SIGMA], windows.corner[i, 0], work.columns)
         profile(star[V], star[SIGMA], windows.corner[i, 1], work.rows)
         for y in range(work.neighbours.shape[0]):
-            light = np.float32(star[FLUX]) * work.rows[SHARE, y]
+            flux = np.float32(star[FLUX]) * work.rows[SHARE, y]
             for x in range(work.neighbours.shape[1]):
-                work.neighbours[y, x] += light * work.columns[SHARE, x]
+                work.neighbours[y, x] += flux * work.columns[SHARE, x]
 
 
 @fused
@@ -143,10 +143,10 @@ def _set_sums(windows: Windows, i: int, star: np.ndarray, noise: NoiseModel, wor
     for y in range(neighbours.shape[0]):
         df = flux * rows[SHARE, y]
         for x in range(neighbours.shape[1]):
-            light = df * columns[SHARE, x]
-            variance = _variance(background, gain, square, light + neighbours[y, x])
+            model = df * columns[SHARE, x]
+            variance = _variance(background, gain, square, model + neighbours[y, x])
             sums[W_ROW + x] = np.float32(windows.used[i, y, x]) / variance
-            sums[R_ROW + x] = windows.data[i, y, x] - neighbours[y, x] - level - light
+            sums[R_ROW + x] = windows.data[i, y, x] - neighbours[y, x] - level - model
         add_row(rows[SHARE, y], rows[D_CENTRE, y], neighbours.shape[1], sums)
         if len(work.gradient) > SIGMA:
             add_sigma_row(rows[SHARE, y], rows[D_CENTRE, y], rows[D_SIGMA, y],
@@ -155,28 +155,28 @@ def _set_sums(windows: Windows, i: int, star: np.ndarray, noise: NoiseModel, wor
 
 @fused
 def _set_model(fit: Fit, windows: Windows, i: int, noise: NoiseModel, work: _Work) -> None:
-    """Fill light, own and weight of star i; its profiles and neighbours are those in work."""
+    """Fill model, own and weight of star i; its profiles and neighbours are those in work."""
     flux, level = np.float32(fit.parameters[i, FLUX]), np.float32(fit.parameters[i, LEVEL])
     background, gain = np.float32(windows.variance[i]), np.float32(noise.gain_dn)
     square, neighbours = np.float32(noise.model_error ** 2), work.neighbours
     for y in range(neighbours.shape[0]):
         df = flux * work.rows[SHARE, y]
         for x in range(neighbours.shape[1]):
-            fit.light[i, y, x] = df * work.columns[SHARE, x]
+            fit.model[i, y, x] = df * work.columns[SHARE, x]
         for x in range(neighbours.shape[1]):
             fit.own[i, y, x] = windows.data[i, y, x] - neighbours[y, x] - level
         for x in range(neighbours.shape[1]):
-            variance = _variance(background, gain, square, fit.light[i, y, x] + neighbours[y, x])
+            variance = _variance(background, gain, square, fit.model[i, y, x] + neighbours[y, x])
             fit.weight[i, y, x] = np.float32(windows.used[i, y, x]) / variance
 
 
 @fused
-def _variance(background: np.float32, gain: np.float32, square: np.float32, light: np.float32
+def _variance(background: np.float32, gain: np.float32, square: np.float32, flux: np.float32
               ) -> np.float32:
     """Return the pixel variance of noise.py in float32; square is model_error squared."""
     none = np.float32(0)
-    light = light if light > none else none
-    return background + light * (gain + square * light)
+    flux = flux if flux > none else none
+    return background + flux * (gain + square * flux)
 
 
 @compiled

@@ -1,7 +1,7 @@
 """
 Pixels hit by particles, and hot pixels: sharper than any star image.
 
-The light of a star of width sigma falls into the pixels around its brightest one. Of the four
+The flux of a star of PSF sigma falls into the pixels around its brightest one. Of the four
 next to it, the third brightest has at least a share r(sigma) of it, wherever the star is within
 its pixel; a hit leaves three of the four dark, or all. A lens is sharper here than there: r is
 that of a star narrower than the median.
@@ -16,11 +16,11 @@ from startracker_ros.core.centroid.shape import LONE_PIXEL
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.sorting import insert_sorted
 
-NARROWEST = 0.7  # star, in widths of the median one
+NARROWEST = 0.7  # star, in PSF sigmas of the median one
 MARGIN_SIGMAS = 2.0
 STORM_PEAKS = 30  # single pixels among the peaks, from which on hits are removed from the image
 BRIGHT_PEAKS = 100
-DARK_SHARE = 0.1  # of the brightest pixel: light in the eight around it, in a storm
+DARK_SHARE = 0.1  # of the brightest pixel: flux in the eight around it, in a storm
 HIT_SIGMAS = 8.0
 TRACK_PX = 5  # removed pixel by pixel from both ends
 _AROUND = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1))
@@ -30,7 +30,7 @@ _PHASES = np.linspace(-0.5, 0.5, 11)
 def is_hit(image: np.ndarray, uv: np.ndarray, level: np.ndarray, noise_dn: np.ndarray,
            sigma_px: float) -> np.ndarray:
     """
-    Return which peaks (K,) at pixels uv (K, 2) are sharper than a star of this width.
+    Return which peaks (K,) at pixels uv (K, 2) are sharper than a star of this PSF sigma.
 
     level and noise_dn (K,) are those of a background pixel.
     """
@@ -83,7 +83,7 @@ def _brightest_of_nine(image: np.ndarray, u: int, v: int) -> tuple[int, int]:
 
 @compiled
 def _share_around(image: np.ndarray, u: int, v: int, level: float) -> float:
-    """Return the light in the pixels around the brightest one at u, v over that of this one."""
+    """Return the flux in the pixels around the brightest one at u, v over that of this one."""
     u, v = _brightest_of_nine(image, u, v)
     around = count = 0.0
     for y in range(max(v - 1, 0), min(v + 2, image.shape[0])):
@@ -95,7 +95,7 @@ def _share_around(image: np.ndarray, u: int, v: int, level: float) -> float:
 
 @compiled
 def is_single(image: np.ndarray, uv: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """Return which peaks (K,) at uv (K, 2) are one pixel, with hardly any light around it."""
+    """Return which peaks (K,) at uv (K, 2) are one pixel, with hardly any flux around it."""
     single = np.empty(len(uv), np.bool_)
     for i in range(len(uv)):
         single[i] = abs(_share_around(image, uv[i, 0], uv[i, 1], level[i])) <= LONE_PIXEL
@@ -107,7 +107,7 @@ def is_storm(image: np.ndarray, uv: np.ndarray, level: np.ndarray) -> bool:
     """
     Return whether the peaks uv (K, 2), brightest first, are hits for the most part.
 
-    Stars are told apart even if they are narrower than a pixel: some lie between two pixels.
+    Stars are distinguished even if they are narrower than a pixel: some lie between two pixels.
     """
     shares = np.empty(min(len(uv), BRIGHT_PEAKS))
     single = 0
@@ -122,7 +122,7 @@ def without_hits(image: np.ndarray, mesh: Mesh, noise_dn: float, sigma_px: float
     """
     Return a copy of image (H, W) without hits, and the mask (H, W) of the pixels changed.
 
-    A pixel brighter than its eight neighbours and sharper than a star of this width gets their
+    A pixel brighter than its eight neighbours and sharper than a star of this PSF sigma gets their
     median; then the next one of the same track is the brightest.
     """
     return _without_hits(image, mesh, noise_dn, _least_share(round(NARROWEST * sigma_px, 2)))

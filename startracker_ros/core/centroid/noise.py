@@ -7,7 +7,7 @@ from startracker_ros.core.compiled import compiled
 
 class NoiseModel(NamedTuple):
     """
-    Variance of a pixel: background + gain_dn * light + (model_error * light)^2.
+    Variance of a pixel: background + gain_dn * flux + (model_error * flux)^2.
 
     gain_dn is the DN of one photo-electron (Poisson noise), model_error the relative error of a
     Gaussian as the point spread function of a real lens.
@@ -18,12 +18,12 @@ class NoiseModel(NamedTuple):
 
 
 @compiled
-def pixel_variance(noise: NoiseModel, background: float, light: float) -> float:
-    """Return the variance in DN^2 of a pixel with this light in DN and background variance."""
-    light = max(light, 0.0)
-    return background + light * (noise.gain_dn + noise.model_error ** 2 * light)
+def pixel_variance(noise: NoiseModel, background: float, flux: float) -> float:
+    """Return the variance in DN^2 of a pixel with this flux in DN and background variance."""
+    flux = max(flux, 0.0)
+    return background + flux * (noise.gain_dn + noise.model_error ** 2 * flux)
 
 
 def initial_noise_model(level_dn: float, variance: float) -> NoiseModel:
-    """Return the initial model: all of the background is light, as in a camera without offset."""
+    """Return the initial model: the background is photons, as in a camera without offset."""
     return NoiseModel(variance / max(level_dn, 3 * variance ** 0.5))

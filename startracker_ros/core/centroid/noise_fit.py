@@ -19,7 +19,7 @@ def refine_noise_model(noise: NoiseModel, fit: Fit, windows: Windows,
     Fit gain and model error to the residuals of chosen stars (K,), by iterated least squares.
 
     The squares of the residuals r, divided by 1 - h for the leverage h of their pixel, have the
-    mean background + gain light + (model_error light)^2. The initial gain counts as
+    mean background + gain flux + (model_error flux)^2. The initial gain counts as
     PRIOR_PIXELS pixels, so that one or two faint stars change nothing.
     """
     return NoiseModel(*_refine(noise, fit, windows, chosen))
@@ -29,17 +29,17 @@ def refine_noise_model(noise: NoiseModel, fit: Fit, windows: Windows,
 def _refine(noise: NoiseModel, fit: Fit, windows: Windows, chosen: np.ndarray
             ) -> tuple[float, float]:
     """Return the fields of NoiseModel."""
-    square, light, background = _pixels(fit, windows, chosen)
+    square, flux, background = _pixels(fit, windows, chosen)
     gain, model_error, prior = noise.gain_dn, noise.model_error, noise.gain_dn
     for _ in range(ITERATIONS):
         # Normal equations [a b; b c] [gain, model_error^2] = [p q].
         a, b, c = PRIOR_PIXELS / prior ** 2, 0.0, 0.0
         p, q = PRIOR_PIXELS / prior, 0.0
         for k in range(len(square)):
-            variance = background[k] + light[k] * (gain + model_error ** 2 * light[k])
+            variance = background[k] + flux[k] * (gain + model_error ** 2 * flux[k])
             excess = min(square[k], OUTLIER * variance) - background[k]
-            d_gain = light[k] / variance
-            d_error, excess = light[k] * d_gain, excess / variance
+            d_gain = flux[k] / variance
+            d_error, excess = flux[k] * d_gain, excess / variance
             a, b, c = a + d_gain * d_gain, b + d_gain * d_error, c + d_error * d_error
             p, q = p + d_gain * excess, q + d_error * excess
         gain, model_error = _solve(a, b, c, p, q)
@@ -49,12 +49,12 @@ def _refine(noise: NoiseModel, fit: Fit, windows: Windows, chosen: np.ndarray
 @reordered
 def _pixels(fit: Fit, windows: Windows, chosen: np.ndarray
             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return r^2 / (1 - h), light and background variance of the used pixels of chosen stars."""
+    """Return r^2 / (1 - h), flux and background variance of the used pixels of chosen stars."""
     _, count, filled = windows.data.shape
     columns, rows = np.empty((3, filled), np.float32), np.empty((3, count), np.float32)
     h, pixels = np.empty((count, filled), np.float32), 0
     size = np.count_nonzero(chosen) * count * filled
-    square, light = np.empty(size, np.float32), np.empty(size, np.float32)
+    square, flux = np.empty(size, np.float32), np.empty(size, np.float32)
     background = np.empty(size, np.float32)
     for i in range(len(chosen)):
         if chosen[i]:
@@ -62,12 +62,12 @@ def _pixels(fit: Fit, windows: Windows, chosen: np.ndarray
             for y in range(count):
                 for x in range(filled):
                     if windows.used[i, y, x]:
-                        square[pixels] = ((fit.own[i, y, x] - fit.light[i, y, x]) ** 2
+                        square[pixels] = ((fit.own[i, y, x] - fit.model[i, y, x]) ** 2
                                           / max(1 - h[y, x], np.float32(MIN_FREE)))
-                        light[pixels] = fit.light[i, y, x]
+                        flux[pixels] = fit.model[i, y, x]
                         background[pixels] = windows.variance[i]
                         pixels += 1
-    return square[:pixels], light[:pixels], background[:pixels]
+    return square[:pixels], flux[:pixels], background[:pixels]
 
 
 @fused

@@ -16,7 +16,7 @@ from startracker_ros.core.centroid.psf import D_CENTRE, D_SIGMA, FLUX, LEVEL, SH
 from startracker_ros.core.compiled import compiled, fused
 
 MAX_COLUMNS = 64  # of a window
-RIDGE = 1e-12  # keeps N regular without usable pixels or without light
+RIDGE = 1e-12  # keeps N regular without usable pixels or without flux
 # Where the sums over y begin: of w and of w r, times d, v = d_v and s = d_sigma. The array is
 # flat, with constant steps, for the compiler to see that no sum overlaps another.
 # W_ROW and R_ROW hold the weights and residuals of the row that is added.

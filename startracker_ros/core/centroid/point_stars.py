@@ -17,7 +17,7 @@ from startracker_ros.core.centroid.shape import classify_shapes, lone_pixels
 from startracker_ros.core.centroid.windows import Windows
 
 ROUGH_ITERATIONS = 2
-EDGE_SIGMAS = 1.5  # closest distance of a star to the edge of the image, in widths
+EDGE_SIGMAS = 1.5  # closest distance of a star to the edge of the image, in PSF sigmas
 MAX_SATURATED_PX = 24  # of the 5 x 5 pixels around the peak: its flanks show where a star is,
 FEW_SATURATED_PX = 4  # but each pixel more than these may have bloomed
 BLOOMING_PX = 0.02
@@ -28,7 +28,7 @@ MISFIT = 3.0  # standard deviations of chi-square beyond which errors are inflat
 def measure_points(frame: Frame, peaks: Peaks, sigma_px: float, threshold_sigmas: float,
                    method: str, segmentation: Segmentation, rejections: Rejections
                    ) -> tuple[Centroids, bool]:
-    """Fit stars of this width to the peaks; return the good ones, and whether all are smeared."""
+    """Fit stars of this PSF sigma to the peaks; return good ones, and whether all are smeared."""
     windows, start = frame.windows(peaks, sigma_px)
     keep = rejections.reject(
         peaks.uv, edge=_border_px(frame, peaks) < np.ceil(EDGE_SIGMAS * sigma_px),

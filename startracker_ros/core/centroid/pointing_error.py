@@ -7,19 +7,19 @@ error. What the fits leave, over the flux and about the fitted position d = 0, i
 all stars: L(d), for each pixel an upper quantile over the brightest stars, which neighbours and
 hits of one of them do not move.
 
-Light that is the same on both sides does not move a star, whatever the shape of its image: a ring
+Flux that is the same on both sides does not move a star, whatever the shape of its image: a ring
 of a defocused lens, a wing, the spikes of a spider. What counts is the odd part,
 
     A(d) = L(d) - L(-d)
 
-Where A exceeds its noise, A > 0 is light beside the fitted star, of a total of 1 + sum A. The
+Where A exceeds its noise, A > 0 is flux beside the fitted star, of a total of 1 + sum A. The
 mean pointing of the exposure is off by b = sum A d / (1 + sum A). The covariance of the common
 error is
 
     C = b b^T + UNCERTAIN^2 M,  M = sum A d d^T / (1 + sum A)
 
-where light that is wrong by a share UNCERTAIN of itself moves b by less than UNCERTAIN sqrt(M).
-The stars are not moved by b: whether its light exceeds the noise changes from image to image.
+where flux that is wrong by a share UNCERTAIN of itself moves b by less than UNCERTAIN sqrt(M).
+The stars are not moved by b: whether its flux exceeds the noise changes from image to image.
 """
 
 import math
@@ -27,7 +27,7 @@ import math
 import numpy as np
 from startracker_ros.core.centroid.background import background_at, Mesh
 from startracker_ros.core.centroid.psf import FLUX, profile, SHARE, SIGMA, U, V
-from startracker_ros.core.centroid.streak_fit import LENGTH, light_at
+from startracker_ros.core.centroid.streak_fit import LENGTH, share_at
 from startracker_ros.core.compiled import compiled
 
 MOST_STARS, LEAST_STARS = 8, 3
@@ -36,17 +36,17 @@ MOST_REACH_PX = 24
 QUANTILE = 0.65  # of the stars: a kick may exchange the brighter and the fainter part for some
 SMOOTHING_PX = 0.8
 SIGNIFICANT = 9.0  # standard deviations of the noise; 8.8 at most in 600 images without an error
-LIGHT = 4.0  # the same of a pixel, if it also exceeds
-LIGHT_SHARE = 0.2  # of the most significant one
+EXCESS_SIGMAS = 4.0  # the same of a pixel, if it also exceeds
+EXCESS_SHARE = 0.2  # of the most significant one
 UNCERTAIN = 0.15
-MODEL_ERROR = 0.015  # of the light of a star, by which a Gaussian may be wrong
+MODEL_ERROR = 0.015  # of the flux of a star, by which a Gaussian may be wrong
 
 
 @compiled
 def pointing_error(image: np.ndarray, mesh: Mesh, full_scale: float, stars: np.ndarray,
                    streaked: bool) -> np.ndarray:
     """
-    Return the covariance (2, 2) px^2 of the common error of an image, zero without any.
+    Return the covariance (2, 2) px^2 of the correlated error of an image, zero without any.
 
     stars (K, 7) are fitted, brightest first, with the parameters of streak_fit.
     """
@@ -65,7 +65,7 @@ def pointing_error(image: np.ndarray, mesh: Mesh, full_scale: float, stars: np.n
     noise = 1.4826 * np.median(np.abs(smooth))
     if not smooth.max() > SIGNIFICANT * noise:
         return covariance
-    # In a streak the light, and with it the error of the model, is spread over its length.
+    # In a streak the flux, and with it the error of the model, is spread over its length.
     width2 = stars[chosen[0], SIGMA] ** 2 + SMOOTHING_PX ** 2
     most = 0.0
     for y in range(-reach, reach + 1):
@@ -81,14 +81,14 @@ def pointing_error(image: np.ndarray, mesh: Mesh, full_scale: float, stars: np.n
     total, b = 1.0, np.zeros(2)
     for y in range(-reach, reach + 1):
         for x in range(-reach, reach + 1):
-            light = left[y + reach, x + reach]
-            if smooth[y + reach, x + reach] > max(LIGHT, LIGHT_SHARE * most) and light > 0:
-                total += light
-                b[0] += light * x
-                b[1] += light * y
-                covariance[0, 0] += light * x * x
-                covariance[0, 1] += light * x * y
-                covariance[1, 1] += light * y * y
+            flux = left[y + reach, x + reach]
+            if smooth[y + reach, x + reach] > max(EXCESS_SIGMAS, EXCESS_SHARE * most) and flux > 0:
+                total += flux
+                b[0] += flux * x
+                b[1] += flux * y
+                covariance[0, 0] += flux * x * x
+                covariance[0, 1] += flux * x * y
+                covariance[1, 1] += flux * y * y
     covariance[1, 0] = covariance[0, 1]
     return UNCERTAIN ** 2 * covariance / total + np.outer(b, b) / total ** 2
 
@@ -130,9 +130,9 @@ def _left(image: np.ndarray, mesh: Mesh, stars: np.ndarray, streaked: bool, reac
         profile(star[V], star[SIGMA], top, rows)
         for y in range(size):
             for x in range(size):
-                light = (light_at(star, left + x, top + y) if streaked
+                share = (share_at(star, left + x, top + y) if streaked
                          else rows[SHARE, y] * columns[SHARE, x])
-                value = (image[top + y, left + x] - level) * per_flux - light
+                value = (image[top + y, left + x] - level) * per_flux - share
                 if value > largest[y, x, 0]:
                     k = 0
                     while k + 1 < kept and largest[y, x, k + 1] < value:

@@ -1,7 +1,7 @@
 """
 Gaussian point spread function, integrated over the pixels.
 
-A star of flux F at (u, v) and of width sigma puts the light F a(x) d(y) into pixel (x, y):
+A star of flux F at (u, v) and of width sigma puts the flux F a(x) d(y) into pixel (x, y):
 
     a(x) = Phi((x + 1/2 - u) / sigma) - Phi((x - 1/2 - u) / sigma),  d(y) likewise with v
 

@@ -1,4 +1,4 @@
-"""Whether a fitted spot has the shape of a star: width and elongation."""
+"""Whether a fitted spot has the shape of a star: size and elongation."""
 
 import math
 from typing import NamedTuple
@@ -11,11 +11,11 @@ from startracker_ros.core.centroid.windows import Windows
 from startracker_ros.core.compiled import compiled, reordered
 
 WIDTH_RATIO = 2.0  # of the alternative hypotheses: half as wide, twice as wide
-MARGIN = 9.0  # of chi-square, by which another width must be better
+MARGIN = 9.0  # of chi-square, by which another sigma must be better
 MAX_ELONGATION = 0.4
 COMMON_ELONGATION = 0.08  # of all spots together,
 COMMON_SIGMAS = 4.0  # if it is so significant
-LONE_PIXEL = 0.3  # less light than this share of a pixel in the eight around it
+LONE_PIXEL = 0.3  # less flux than this share of a pixel in the eight around it
 # Where the sums over y begin, flat with constant steps as in normal_equations.py.
 (M_0, M_Y, M_YY, SIZE_0, SIZE_YY, VAR_0, VAR_YY, VAR_YYYY,
  _END) = range(0, 9 * MAX_COLUMNS, MAX_COLUMNS)
@@ -37,7 +37,7 @@ class Shape(NamedTuple):
 
 @compiled
 def lone_pixels(data: np.ndarray) -> np.ndarray:
-    """Return whether (K,) the middle pixel of windows (K, n, n) has hardly any light around it."""
+    """Return whether (K,) the middle pixel of windows (K, n, n) has hardly any flux around it."""
     middle, lone = data.shape[1] // 2, np.empty(len(data), np.bool_)
     for i in range(len(data)):
         around = -data[i, middle, middle]
@@ -111,7 +111,7 @@ def _smeared(moments: np.ndarray, chosen: np.ndarray) -> bool:
 
 @compiled
 def _classify(fit: Fit, windows: Windows) -> Shape:
-    narrow, wide = _test_widths(fit, windows)
+    narrow, wide = _test_sigmas(fit, windows)
     moments = _moments(fit, windows)
     return Shape(narrow, wide, _grow(_elongated(moments), windows), _smeared(moments, ~narrow))
 
@@ -130,8 +130,8 @@ def _grow(streak: np.ndarray, windows: Windows) -> np.ndarray:
 
 
 @compiled
-def _test_widths(fit: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
-    """Return narrow and wide (K,): another width has a chi-square better by MARGIN."""
+def _test_sigmas(fit: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """Return narrow and wide (K,): another sigma has a chi-square better by MARGIN."""
     stars, count, filled = windows.data.shape
     narrow, wide = np.empty(stars, np.bool_), np.empty(stars, np.bool_)
     columns, rows = np.empty((3, filled), np.float32), np.empty((3, count), np.float32)
@@ -183,13 +183,13 @@ def _moments_of(fit: Fit, windows: Windows, i: int, across: np.ndarray, sums: np
     """
     Return the second moments of spot i, their size and the variance of the first two.
 
-    With weights g(x) g(y), a Gaussian twice as wide as a star, light D and coordinates from the
+    With weights g(x) g(y), a Gaussian twice as wide as a star, flux D and coordinates from the
     position of the star, the elongation (a - b) / (a + b) of the moments a, b along the axes
     of the spot is
 
         sqrt((M_xx - M_yy)^2 + (2 M_xy)^2) / (M_xx + M_yy),  M_xy = sum g(x) g(y) D x y
 
-    M_xx + M_yy counts a pixel with no less than the model's light. across (2, m) and sums are
+    M_xx + M_yy counts a pixel with no less than the model's flux. across (2, m) and sums are
     work arrays.
     """
     star, per_width = fit.parameters[i], 1 / (8 * fit.parameters[i, SIGMA] ** 2)
@@ -219,10 +219,10 @@ def _set_moments(fit: Fit, windows: Windows, i: int, per_width: float, sums: np.
         g, y = np.float32(math.exp(-down * down * per_width)), np.float32(down)
         yy = y * y
         for m in range(fit.own.shape[2]):
-            weight, own, light = fit.weight[i, k, m], fit.own[i, k, m], fit.light[i, k, m]
+            weight, own, model = fit.weight[i, k, m], fit.own[i, k, m], fit.model[i, k, m]
             used = g if weight > none else none
             variance = used * used / weight if weight > none else none
-            size = used * (own if own > light else light)
+            size = used * (own if own > model else model)
             own *= used
             sums[M_0 + m] += own
             sums[M_Y + m] += own * y

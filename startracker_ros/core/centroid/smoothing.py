@@ -24,10 +24,10 @@ class Kernel(NamedTuple):
 @lru_cache(maxsize=4)
 def gaussian_kernel(sigma_px: float) -> Kernel:
     """
-    Return the filter for stars of this width.
+    Return the filter for stars of this PSF sigma.
 
-    A Gaussian of the width of the point spread function is the matched filter of stars;
-    a width wrong by a factor q keeps 2 q / (1 + q^2) of the signal to noise ratio.
+    A Gaussian of the PSF sigma is the matched filter of stars;
+    a sigma wrong by a factor q keeps 2 q / (1 + q^2) of the signal to noise ratio.
     """
     side = np.exp(-0.5 * (np.arange(np.ceil(2 * sigma_px) + 1) / sigma_px) ** 2)
     side /= 2 * side.sum() - side[0]

@@ -1,9 +1,9 @@
 """
-Spots of any shape: all light above the background that is connected.
+Spots of any shape: all flux above the background that is connected.
 
 Coma, trails, colour mosaics, clipping and compression give stars shapes that no model has. Every
 connected spot of the smoothed image above the threshold may be a star, the brightest ones first,
-unless it is as large as a cloud or a building. Its position is the centre of its light, with an
+unless it is as large as a cloud or a building. Its position is the centre of its flux, with an
 error that follows its size.
 """
 
@@ -23,7 +23,7 @@ _THRESHOLD_SIGMAS = 5.0
 _LEAST_DN = 1.5
 _MAX_SIDE_PX = 30.0  # of a spot, in an image of 1024 px; no star is as large
 _REFERENCE_PX = 1024
-_SAME_PX = 1.5  # a fitted position this close to the centre of the light is of the same star
+_SAME_PX = 1.5  # a fitted position this close to the centre of the flux is of the same star
 _SIZE_SHARE = 0.2  # of the size of a spot that its centre is off, beyond noise
 
 
@@ -32,22 +32,22 @@ def find_spots(image: np.ndarray) -> Centroids:
     image = readable(image)
     height, width = image.shape
     mesh = measure_background(image, gaussian_kernel(_FILTER_SIGMA_PX))
-    light = image.astype(np.float32)
-    light -= over_image(mesh.level, image.shape)
-    smooth = cv2.GaussianBlur(light, (0, 0), _FILTER_SIGMA_PX)
+    above = image.astype(np.float32)
+    above -= over_image(mesh.level, image.shape)
+    smooth = cv2.GaussianBlur(above, (0, 0), _FILTER_SIGMA_PX)
     threshold = over_image(np.maximum(_THRESHOLD_SIGMAS * mesh.noise, _LEAST_DN), image.shape)
     pixel = np.flatnonzero(smooth > threshold)
     v, u = np.divmod(pixel, width)
     spot, count = connected_spots(u, v, width, height)
-    light, noise = smooth.ravel()[pixel].astype(float), threshold.ravel()[pixel]
+    flux, noise = smooth.ravel()[pixel].astype(float), threshold.ravel()[pixel]
     largest = _MAX_SIDE_PX * max(1.0, max(image.shape) / _REFERENCE_PX)
-    total = np.bincount(spot, light, count)
+    total = np.bincount(spot, flux, count)
     chosen = np.flatnonzero(_sides(spot, count, u, v) <= largest)
-    centre = np.stack([np.bincount(spot, light * x, count) / total for x in (u, v)], -1)
+    centre = np.stack([np.bincount(spot, flux * x, count) / total for x in (u, v)], -1)
     chosen = chosen[np.argsort(-total[chosen], kind='stable')]
     # Letters and lit windows are bright and close together.
     chosen = chosen[brightest(centre[chosen], image.shape, MAX_STARS)]
-    square = np.bincount(spot, light * ((u - centre[spot, 0]) ** 2
+    square = np.bincount(spot, flux * ((u - centre[spot, 0]) ** 2
                                         + (v - centre[spot, 1]) ** 2), count) / total / 2
     size = np.sqrt(square + 1 / 12)
     variance = np.bincount(spot, (noise / _THRESHOLD_SIGMAS) ** 2, count)

@@ -1,7 +1,7 @@
 """
 Maximum-likelihood fit of streaks: a Gaussian, moved along a line during the exposure.
 
-With a and b the coordinates of a pixel along and across the streak, from its middle, the light of
+With a and b the coordinates of a pixel along and across the streak, from its middle, the flux of
 a star of flux F, streak length L and width sigma is
 
     I = F g(b) h(a),    g(b) = phi(b / s) / s,
@@ -34,7 +34,7 @@ MAX_ANGLE_STEP = 0.1
 SIGMA_RANGE_PX = (0.2, 8.0)
 MIN_FLUX_DN = 1e-3
 OUTLIER_SIGMAS = 5.0  # a brighter pixel was hit by a particle,
-OUTLIER_LIGHT = 0.5  # if it also exceeds the model by this share of the light of the streak
+OUTLIER_SHARE = 0.5  # if it also exceeds the model by this share of the flux of the streak
 _SQRT_HALF = math.sqrt(0.5)
 _DENSITY = 1 / math.sqrt(2 * math.pi)
 
@@ -137,9 +137,9 @@ def flux_at(pixels: Pixels, star: np.ndarray) -> np.ndarray:
         n = m = mm = d = md = 0.0
         for y in range(top, bottom):
             for x in range(left, right):
-                light, value = light_at(star[i], x, y), _above(pixels, i, x, y)
-                n, m, mm, d, md = (n + 1, m + light, mm + light * light, d + value,
-                                   md + light * value)
+                share, value = share_at(star[i], x, y), _above(pixels, i, x, y)
+                n, m, mm, d, md = (n + 1, m + share, mm + share * share, d + value,
+                                   md + share * value)
         flux[i] = max((n * md - m * d) / max(n * mm - m * m, 1e-12), MIN_FLUX_DN)
     return flux
 
@@ -149,7 +149,7 @@ def photon_gain(pixels: Pixels, fit: StreakFit, noise: NoiseModel) -> float:
     """
     Return the DN of a photo-electron, by the residuals r of all streaks.
 
-    With the variance V of the background and the light I, the mean of r^2 - V is gain I; by
+    With the variance V of the background and the flux I, the mean of r^2 - V is gain I; by
     least squares the gain is sum(w I (r^2 - V)) / sum(w I^2), w = 1 / (V + gain_0 I)^2.
     """
     above = total = 0.0
@@ -162,20 +162,20 @@ def photon_gain(pixels: Pixels, fit: StreakFit, noise: NoiseModel) -> float:
         for y in range(top, bottom):
             for x in range(left, right):
                 dx, dy = x - star[U], y - star[V]
-                light = _fill_row(star, dx * c + dy * s, dy * c - dx * s, c, s, width, row)
-                variance = pixel_variance(noise, pixels.variance[i], light)
-                residual = _above(pixels, i, x, y) - star[LEVEL] - light
+                model = _fill_row(star, dx * c + dy * s, dy * c - dx * s, c, s, width, row)
+                variance = pixel_variance(noise, pixels.variance[i], model)
+                residual = _above(pixels, i, x, y) - star[LEVEL] - model
                 square = min(residual * residual, OUTLIER_SIGMAS ** 2 * variance)
-                weight = light / variance ** 2
+                weight = model / variance ** 2
                 if pixels.image[y, x] < pixels.full_scale:
                     above += weight * (square - pixels.variance[i])
-                    total += weight * light
+                    total += weight * model
     return max(above / total, noise.gain_dn) if total > 0 else noise.gain_dn
 
 
 @compiled
 def _neighbours(star: np.ndarray) -> np.ndarray:
-    """Return (K, K) whether the light of another streak may reach the pixels of each."""
+    """Return (K, K) whether the flux of another streak may reach the pixels of each."""
     near = np.zeros((len(star), len(star)), np.bool_)
     for i in range(len(star)):
         for j in range(len(star)):
@@ -187,7 +187,7 @@ def _neighbours(star: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def light_at(star: np.ndarray, x: float, y: float) -> float:
+def share_at(star: np.ndarray, x: float, y: float) -> float:
     """Return I / F of a streak (7,) at pixel x, y."""
     c, s = math.cos(star[ANGLE]), math.sin(star[ANGLE])
     dx, dy = x - star[U], y - star[V]
@@ -223,14 +223,14 @@ def _normal_equations(pixels: Pixels, stars: np.ndarray, neighbour: np.ndarray, 
                 continue
             if pixels.image[y, x] >= pixels.full_scale:
                 continue
-            light = _fill_row(star, a, b, c, s, width, row)
+            model = _fill_row(star, a, b, c, s, width, row)
             others = 0.0
             for j in range(len(stars)):
                 if neighbour[j]:
-                    others += stars[j, FLUX] * light_at(stars[j], x, y)
-            residual = _above(pixels, i, x, y) - others - star[LEVEL] - light
-            variance = pixel_variance(noise, pixels.variance[i], light + others)
-            if (clip and residual > OUTLIER_LIGHT * peak
+                    others += stars[j, FLUX] * share_at(stars[j], x, y)
+            residual = _above(pixels, i, x, y) - others - star[LEVEL] - model
+            variance = pixel_variance(noise, pixels.variance[i], model + others)
+            if (clip and residual > OUTLIER_SHARE * peak
                     and residual * residual > OUTLIER_SIGMAS ** 2 * variance):
                 continue
             for p in range(free):
@@ -249,7 +249,7 @@ def _normal_equations(pixels: Pixels, stars: np.ndarray, neighbour: np.ndarray, 
 @compiled
 def _fill_row(star: np.ndarray, a: float, b: float, c: float, s: float, width: float,
               row: np.ndarray) -> float:
-    """Fill row (7,) with the derivatives of the light I at (a, b); return I."""
+    """Fill row (7,) with the derivatives of the flux I at (a, b); return I."""
     flux, length = star[FLUX], star[LENGTH]
     z1, z2 = (a + length / 2) / width, (a - length / 2) / width
     phi1, phi2 = _DENSITY * math.exp(-0.5 * z1 * z1), _DENSITY * math.exp(-0.5 * z2 * z2)

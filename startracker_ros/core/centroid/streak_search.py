@@ -4,7 +4,7 @@ Search of a smeared image: the common streak of its stars, and the stars by a ma
 1. Spots of the thresholded image have second moments; those of a streak differ by L^2 / 12. The
    streak on which most of the brightest spots agree is that of the stars.
 2. Fits of the brightest of them, with width, length and direction free, refine it.
-3. The image is filtered with the shape of that streak, which collects all of its light: peaks of
+3. The image is filtered with the shape of that streak, which collects all of its flux: peaks of
    the result are stars.
 """
 
@@ -17,7 +17,7 @@ from startracker_ros.core.centroid.noise import initial_noise_model
 from startracker_ros.core.centroid.psf import FLUX, SIGMA, V
 from startracker_ros.core.centroid.streak import fit_streak, Streak
 from startracker_ros.core.centroid.streak_fit import (
-    ANGLE, fit_streaks, LENGTH, light_at, pixels_at, streaks_at)
+    ANGLE, fit_streaks, LENGTH, pixels_at, share_at, streaks_at)
 from startracker_ros.core.compiled import compiled
 
 SMOOTHING_PX = 1.5  # before the threshold
@@ -27,10 +27,10 @@ MOST_SPOTS = 60  # the brightest
 SHORTEST_STREAK_PX = 1.5
 LENGTH_SHARE, LENGTH_PX = 0.3, 2.0  # by which two streaks may differ
 LEAST_AGREEING = 4
-AGREEING_SHARE = 0.3  # of the light of all spots
+AGREEING_SHARE = 0.3  # of the flux of all spots
 FITTED = 12  # spots, the brightest that agree
 FIT_ITERATIONS = 12
-MAX_MISFIT = 0.2  # share of the light that the model does not explain
+MAX_MISFIT = 0.2  # share of the flux that the model does not explain
 CHANCE_SIGMAS = 2.0
 SIGMA_FLOOR_PX = 0.05
 MOST_PEAKS = 1000
@@ -38,10 +38,10 @@ NOISE_SAMPLES = 7  # one pixel of so many along each axis
 
 
 class _Spots(NamedTuple):
-    """Bright spots: uv (K, 2), light (K,), streak (K, 2) px by their moments, in a half plane."""
+    """Bright spots: uv (K, 2), flux (K,), streak (K, 2) px by their moments, in a half plane."""
 
     uv: np.ndarray
-    light: np.ndarray
+    flux: np.ndarray
     streak_px: np.ndarray
 
 
@@ -58,9 +58,9 @@ def estimate_streak(image: np.ndarray, mesh: Mesh, pixel_noise_dn: float, full_s
     if agreeing is None:
         return None
     uv, streak_px = spots.uv[agreeing][:FITTED], spots.streak_px[agreeing][:FITTED]
-    light = spots.light[agreeing][:FITTED]
+    flux = spots.flux[agreeing][:FITTED]
     start = streaks_at(uv, streak_px, sigma_px)
-    start[:, FLUX] = light
+    start[:, FLUX] = flux
     pixels = pixels_at(image, mesh, uv, np.full(len(uv), pixel_noise_dn ** 2), full_scale_dn)
     noise = initial_noise_model(mesh.median_level, pixel_noise_dn ** 2)
     fit = fit_streaks(pixels, start, noise, 7, FIT_ITERATIONS)
@@ -82,7 +82,7 @@ def estimate_streak(image: np.ndarray, mesh: Mesh, pixel_noise_dn: float, full_s
 def misfit(chi2: np.ndarray, dof: np.ndarray, flux: np.ndarray, variance: np.ndarray
            ) -> np.ndarray:
     """
-    Return the share (K,) of the light, squared over noise, that the model leaves.
+    Return the share (K,) of the flux, squared over noise, that the model leaves.
 
     What chi-square has by chance is no part of it: of a faint star that would be most.
     """
@@ -107,30 +107,30 @@ def search_streaks(image: np.ndarray, level: np.ndarray, streak: Streak, sigma_p
     v, u = np.nonzero((flux == top) & (flux > threshold_sigmas * noise))
     order = np.argsort(-flux[v, u], kind='stable')[:MOST_PEAKS]
     uv = np.stack([u, v], -1)[order].astype(float)
-    light = flux[v, u][order].astype(float)
-    return uv[_alone(uv, light, streak.at(uv), sigma_px)]
+    heights = flux[v, u][order].astype(float)
+    return uv[_alone(uv, heights, streak.at(uv), sigma_px)]
 
 
 def _kernel(streak: Streak, sigma_px: float) -> np.ndarray:
-    """Return the light (h, w) float32 of a unit streak in the middle of the image."""
+    """Return the flux (h, w) float32 of a unit streak in the middle of the image."""
     star = streaks_at(np.zeros((1, 2)), np.array([[streak.u_px, streak.v_px]]), sigma_px)[0]
     reach = 2.5 * sigma_px + 1
     across = int(np.ceil(abs(streak.u_px) / 2 + reach))
     down = int(np.ceil(abs(streak.v_px) / 2 + reach))
-    return _light(star, across, down)
+    return _shares(star, across, down)
 
 
 @compiled
-def _light(star: np.ndarray, across: int, down: int) -> np.ndarray:
+def _shares(star: np.ndarray, across: int, down: int) -> np.ndarray:
     kernel = np.empty((2 * down + 1, 2 * across + 1), np.float32)
     for y in range(-down, down + 1):
         for x in range(-across, across + 1):
-            kernel[y + down, x + across] = light_at(star, x, y)
+            kernel[y + down, x + across] = share_at(star, x, y)
     return kernel
 
 
 @compiled
-def _alone(uv: np.ndarray, light: np.ndarray, streak_px: np.ndarray, sigma_px: float
+def _alone(uv: np.ndarray, flux: np.ndarray, streak_px: np.ndarray, sigma_px: float
            ) -> np.ndarray:
     """Return the peaks (K,), brightest first, that are no side lobes of brighter ones."""
     alone = np.ones(len(uv), np.bool_)
@@ -141,8 +141,8 @@ def _alone(uv: np.ndarray, light: np.ndarray, streak_px: np.ndarray, sigma_px: f
             dx, dy = uv[i, 0] - uv[j, 0], uv[i, 1] - uv[j, 1]
             a, b = abs(dx * c + dy * s), abs(dy * c - dx * s)
             if alone[j] and a < length + 3 * sigma_px and b < 3 * sigma_px + 1:
-                lobe = light[j] * max(1 - a / max(length, 1e-9), 0.1)
-                alone[i] = alone[i] and light[i] > 1.5 * lobe
+                lobe = flux[j] * max(1 - a / max(length, 1e-9), 0.1)
+                alone[i] = alone[i] and flux[i] > 1.5 * lobe
     return alone
 
 
@@ -188,11 +188,11 @@ def _agreeing(spots: _Spots) -> np.ndarray | None:
                           np.linalg.norm(streak + spots.streak_px, axis=-1))
     agrees = (distance < np.maximum(LENGTH_PX, LENGTH_SHARE * length)[:, None]) & (
         length > SHORTEST_STREAK_PX)[:, None]
-    # By their light: a long faint streak falls into short pieces, which may be more.
+    # By their flux: a long faint streak falls into short pieces, which may be more.
     counted = agrees.sum(axis=1) >= LEAST_AGREEING
-    best = agrees[np.where(counted, agrees @ spots.light, -1.0).argmax()]
+    best = agrees[np.where(counted, agrees @ spots.flux, -1.0).argmax()]
     if np.count_nonzero(best) < LEAST_AGREEING or (
-            spots.light[best].sum() < AGREEING_SHARE * spots.light.sum()):
+            spots.flux[best].sum() < AGREEING_SHARE * spots.flux.sum()):
         return None
     return best
 

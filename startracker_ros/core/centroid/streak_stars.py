@@ -20,7 +20,7 @@ LEAST_PIXELS = 12  # degrees of freedom of a fit
 
 def measure_streaks(frame: Frame, uv: np.ndarray, streak: Streak, sigma_px: float,
                     threshold_sigmas: float, rejections: Rejections) -> Centroids:
-    """Fit streaks of this width that are near uv (K, 2) px; return the good ones."""
+    """Fit streaks of this PSF sigma that are near uv (K, 2) px; return the good ones."""
     keep = rejections.reject(uv, edge=_beyond_edge(frame, uv, streak.at(uv), sigma_px))
     start = streaks_at(uv[keep], streak.at(uv[keep]), sigma_px)
     pixels = _pixels(frame, start[:, [U, V]])

@@ -38,7 +38,7 @@ def star_list(onboard: OnboardCatalog, camera: Camera, q: np.ndarray, sigma_px: 
     Each axis has Gaussian noise of sigma_px; each star is missing with the given
     probability. False stars, hip 0, are uniform over the image and in magnitude from
     brightest_false to the faintest star of the on-board catalogue. Of an exposure with attitudes
-    exposed (K, 4) after equal times, the centroids are where the light has its centre.
+    exposed (K, 4) after equal times, the centroids are where the flux has its centre.
     """
     near = onboard.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
     uv = camera.project(rotate(conjugate(q), onboard.direction[near]))

@@ -1,4 +1,4 @@
-"""Square cut-outs around the peaks, and which of them share light."""
+"""Square cut-outs around the peaks, and which of them share flux."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ class Windows(NamedTuple):
     m is a multiple of LANES. data (K, n, m) float32 DN above the mesh background; used
     (K, n, m) bool, False outside the image or the window and where saturated; corner (K, 2)
     int, u and v of the first pixel; variance (K,) DN^2 of one background pixel. Stars
-    sources[first[i]:first[i + 1]] have light in window i; first (K + 1,) int.
+    sources[first[i]:first[i + 1]] have flux in window i; first (K + 1,) int.
     """
 
     data: np.ndarray

@@ -102,7 +102,7 @@ class ExtendedGridIdentifier(PyramidIdentifier):
                  catalog: StarCatalog | None = None,
                  grid: ExtendedGridOptions = ExtendedGridOptions()) -> None:
         """Build the pattern database of the Pyramid; the grid needs none."""
-        # Two stars are told by the bright stars alone, as published: no deep catalogue.
+        # Two stars are identified by the bright stars alone, as published: no deep catalogue.
         super().__init__(camera, epoch_year, options, catalog or load_catalog())
         self._cell = np.radians(grid.grid_cell_deg)
         self._cells = grid.grid_cells

@@ -22,7 +22,11 @@ from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.identify.identification import (
     CandidateIdentifier, Candidates, FieldStars, IdentificationOptions)
+from startracker_ros.core.maths.rotation import unit_from_radec
 
+# Pivots along one side of a square about the centre of an image, and the share of the radius of
+# the circle from one to the next: 1 deg in a field of 12 deg.
+_SIDE, _SPACING = 5, 1 / 6
 _NEIGHBOURS = 6
 BRIGHTEST_FOUR = ((0, 1, 2, 3),)
 FOUR_OF_SIX = tuple(combinations(range(_NEIGHBOURS), 4))
@@ -239,3 +243,57 @@ def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _sides(corner: np.ndarray) -> np.ndarray:
     """Return the sides (T, 3) in rad of triangles (T, 3, 3)."""
     return _angle(corner, corner[:, [1, 2, 0]])
+
+
+class PivotIdentifier(HausdorffIdentifier):
+    """
+    The pivot approach: sets of a star and four of its brightest neighbours.
+
+    The paper requires a star at the centre of the field. Here every star of the image is a pivot,
+    the one nearest to the centre first. The image does not contain all neighbours of the outer
+    ones: so sets without any two of the six brightest neighbours are stored, too, and again
+    for the circle through the corners of the image, in which a sparse field has more stars.
+    """
+
+    min_stars = 5
+    sky_fours = FOUR_OF_SIX
+
+    @property
+    def search_radii_rad(self) -> list[float]:
+        return [self.radius_rad, max(self.camera.corner_angle_rad, self.radius_rad)]
+
+    def sky_pivots(self, onboard: OnboardCatalog) -> Pivots:
+        return Pivots(onboard.direction, np.arange(len(onboard)))
+
+    def image_pivots(self, field: FieldStars) -> Pivots:
+        order = np.argsort(-(field.direction @ self.centre), kind='stable')
+        return Pivots(field.direction[order], order)
+
+
+class SegmentIdentifier(HausdorffIdentifier):
+    """
+    The segmentation approach: sets of a virtual pivot and the four brightest stars around it.
+
+    The nodes are at every degree of right ascension, 0 to 360, and of declination: 361 x 181.
+    The first meridian and the poles are repeated, as in the published counts. A node is
+    somewhere near the centre of an image, so the image pivots are that centre and points around
+    it: some of them have the same neighbours as a node.
+    """
+
+    min_stars = 4
+
+    @property
+    def pivot_error_rad(self) -> float:
+        """Half the diagonal between nodes; the tangent plane is stretched towards its edge."""
+        return np.radians(1.0) / np.sqrt(2) / np.cos(self.radius_rad) ** 2
+
+    def sky_pivots(self, onboard: OnboardCatalog) -> Pivots:
+        ra_deg, dec_deg = np.meshgrid(np.arange(361.0), np.arange(-90.0, 91.0))
+        return Pivots(unit_from_radec(np.radians(ra_deg.ravel()), np.radians(dec_deg.ravel())))
+
+    def image_pivots(self, field: FieldStars) -> Pivots:
+        step = np.tan(self.radius_rad) * _SPACING
+        steps = np.stack(np.meshgrid(*[np.arange(_SIDE) - _SIDE // 2] * 2), -1).reshape(-1, 2)
+        steps = steps[np.argsort(np.hypot(*steps.T), kind='stable')]
+        focal_px = np.array([self.camera.fx, self.camera.fy])
+        return Pivots(self.camera.unproject(self.centre_px + steps * step * focal_px))

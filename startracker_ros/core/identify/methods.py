@@ -4,8 +4,7 @@ import numpy as np
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.identify.extended_grid import ExtendedGridIdentifier
-from startracker_ros.core.identify.hausdorff_pivot import PivotIdentifier
-from startracker_ros.core.identify.hausdorff_segment import SegmentIdentifier
+from startracker_ros.core.identify.hausdorff import PivotIdentifier, SegmentIdentifier
 from startracker_ros.core.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.identify.quad import QuadIdentifier

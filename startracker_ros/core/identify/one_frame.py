@@ -35,8 +35,8 @@ def identify(centroids: Centroids, camera: Camera, *, epoch_year: float,
     chosen = values[IdentificationOptions]
     assert isinstance(chosen, IdentificationOptions)
     identifier, onboard = _identifier(camera, epoch_year, chosen, kind)
-    sky = ApparentCatalog(onboard)
-    sky.look_from(AT_REST if aberration == 'none' else observer_at(epoch_year, None))
+    sky = ApparentCatalog(
+        onboard, AT_REST if aberration == 'none' else observer_at(epoch_year, None))
     return icrf_identification(
         identifier.identify(centroids), centroids, camera, sky, chosen)
 

@@ -2,7 +2,7 @@
 The order in which triangles of image stars are looked up.
 
 Mortari et al. (2004, figure 5) permute the three indices so that no star stays in many
-triangles in a row: a false star then spoils few of them. Here each star i has a trust w_i,
+triangles in a row: a false star then contaminates few of them. Here each star i has a weight w_i,
 0.9^i for the i-th brightest of 40 or fewer, halved by each triangle that it was in. The next
 triangle has the greatest
 
@@ -35,11 +35,11 @@ class SearchState(NamedTuple):
     """
     The n brightest stars of a frame during its search.
 
-    trust (n,); ranked (n,) stars by trust; expected (n, n) catalogue pairs n_ij of a side, -1
+    weight (n,); ranked (n,) stars by weight; expected (n, n) catalogue pairs n_ij of a side, -1
     where not yet computed; used (n (n - 1) (n - 2) / 6,) bool by _triangle_number().
     """
 
-    trust: np.ndarray
+    weight: np.ndarray
     ranked: np.ndarray
     expected: np.ndarray
     used: np.ndarray
@@ -49,11 +49,11 @@ class SearchState(NamedTuple):
 def new_state(count: int, most: int) -> SearchState:
     """Return the state before the first triangle of at most so many of count stars."""
     n = min(count, most)
-    trust = np.empty(n)
+    weight = np.empty(n)
     ratio = _FAINTER_TRUST ** min(_BRIGHT / max(n, 1), 1.0)
     for i in range(n):
-        trust[i] = ratio ** i
-    return SearchState(trust, np.arange(n), np.full((n, n), -1.0),
+        weight[i] = ratio ** i
+    return SearchState(weight, np.arange(n), np.full((n, n), -1.0),
                        np.zeros(n * (n - 1) * (n - 2) // 6, np.bool_))
 
 
@@ -78,7 +78,7 @@ def next_triangle(level: PairLevel, tolerance_sigmas: float, scale_error: float,
     """
     separation, stars, expected = level.table.values, len(level.star), state.expected
     ranked = state.ranked
-    sort_indices(ranked, -state.trust)
+    sort_indices(ranked, -state.weight)
     join_size = max(stars, 1) * band_count(scale_error)
     most, scanned = _TRUSTED, 0.0
     while True:
@@ -104,7 +104,7 @@ def next_triangle(level: PairLevel, tolerance_sigmas: float, scale_error: float,
 def _best_triangle(state: SearchState, ranked: np.ndarray, join_size: int, base: np.ndarray
                    ) -> float:
     """Put the best unused triangle of the ranked stars into base (3,); return its cost or -1."""
-    trust, n, used = state.trust, state.expected, state.used
+    weight, n, used = state.weight, state.expected, state.used
     best, best_cost = 0.0, -1.0
     for x in range(len(ranked)):
         for y in range(x):
@@ -121,7 +121,7 @@ def _best_triangle(state: SearchState, ranked: np.ndarray, join_size: int, base:
                 shorter = n_ij + n_ik + n_jk - longest
                 join = 4.0 * n_ij * n_ik * n_jk / longest / join_size
                 cost = TRIANGLE_COST + _PAIR_COST * shorter + _JOIN_COST * join
-                value = trust[i] * trust[j] * trust[k] / cost
+                value = weight[i] * weight[j] * weight[k] / cost
                 if value > best and not used[_triangle_number(i, j, k)]:
                     best, best_cost = value, cost
                     base[0], base[1], base[2] = i, j, k
@@ -130,12 +130,12 @@ def _best_triangle(state: SearchState, ranked: np.ndarray, join_size: int, base:
 
 @compiled
 def _use(state: SearchState, base: np.ndarray) -> None:
-    """Mark a triangle as used, halve the trust in its stars, put its longest side last."""
+    """Mark a triangle as used, halve the weight in its stars, put its longest side last."""
     n, used = state.expected, state.used
     i, j, k = base[0], base[1], base[2]
     used[_triangle_number(i, j, k)] = True
     for star in base:
-        state.trust[star] /= 2
+        state.weight[star] /= 2
     if n[i, k] >= max(n[i, j], n[j, k]):
         base[0], base[1] = j, i
     elif n[i, j] >= max(n[i, k], n[j, k]):

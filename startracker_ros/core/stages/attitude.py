@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
-from startracker_ros.core.astro.observer_motion import AT_REST, ObserverMotion
+from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.attitude.protection import ProtectionOptions
-from startracker_ros.core.attitude.result import with_common_error
+from startracker_ros.core.attitude.result import with_correlated_error
 from startracker_ros.core.attitude.validation import (
     AttitudeValidator, TrustedAttitude, ValidationOptions)
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.catalog.apparent import ApparentSky
 from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog
 from startracker_ros.core.centroid.centroids import Centroids
@@ -23,19 +23,18 @@ class AttitudeStage:
     Turns tracks or identified stars into the published attitude, or a reason for none.
 
     The attitude is that of the sensor in ICRF where motion is that of the observer; without one
-    the observer is at rest. sky holds the stars as that observer sees them: a new one, unless
+    the observer is at rest. sky has the stars as that observer sees them: a new one, unless
     that of a star tracker serves both.
     """
 
     def __init__(self, camera: Camera, epoch_year: float,
                  options: ValidationOptions = ValidationOptions(),
-                 motion: ObserverMotion | None = None, sky: ApparentCatalog | None = None,
+                 motion: ObserverMotion | None = None, sky: ApparentSky | None = None,
                  protection: ProtectionOptions = ProtectionOptions()) -> None:
         self._camera, self._epoch_year = camera, epoch_year
-        self._motion = motion
-        self.sky = sky or ApparentCatalog(
-            onboard_catalog(camera_catalog(camera), camera, epoch_year))
-        self._validator = AttitudeValidator(camera, self.sky, options, protection)
+        self.sky = sky or ApparentSky(
+            onboard_catalog(camera_catalog(camera), camera, epoch_year), motion)
+        self._validator = AttitudeValidator(camera, options, protection)
 
     def set_limits(self, options: ValidationOptions,
                    protection: ProtectionOptions = ProtectionOptions()) -> None:
@@ -49,10 +48,11 @@ class AttitudeStage:
     def warm_up(self) -> None:
         """Load what a frame needs by solving a synthetic field."""
         centroids, hip = synthetic_field(self.sky.onboard, self._camera)
-        solved = self.from_stars(stamp_from_epoch_year(self._epoch_year), centroids, hip)
+        stamp_ns = stamp_from_epoch_year(self._epoch_year)
+        solved = self.from_stars(stamp_ns, centroids, hip)
         if solved.attitude is not None:
-            self._validator.check(solved.attitude, centroids.uv, hip, centroids.sigma_px,
-                                  np.zeros(len(hip)))
+            self._validator.check(self.sky.at(stamp_ns), solved.attitude, centroids.uv, hip,
+                                  centroids.sigma_px, np.zeros(len(hip)))
         self.reset()
 
     def from_tracks(self, stamp_ns: int, tracks: Tracks, tracked: TrackedAttitude | None
@@ -61,25 +61,22 @@ class AttitudeStage:
         if tracked is None:
             return TrustedAttitude(None, 'the star tracker has none')
         used = tracks.usable
-        return self._at(stamp_ns).check(tracked.attitude, tracks.uv[used], tracks.hip[used],
-                                        tracks.sigma_px[used], tracks.residual_px[used])
+        return self._validator.check(
+            self.sky.at(stamp_ns), tracked.attitude, tracks.uv[used], tracks.hip[used],
+            tracks.sigma_px[used], tracks.residual_px[used])
 
     def from_tracks_alone(self, stamp_ns: int, tracks: Tracks) -> TrustedAttitude:
         """Return the attitude solved from tracks, of a tracker that has no attitude of its own."""
         used = tracks.usable
-        return self._at(stamp_ns).solve(
-            tracks.uv[used], tracks.hip[used], tracks.covariance[used])
+        return self._validator.solve(
+            self.sky.at(stamp_ns), tracks.uv[used], tracks.hip[used], tracks.covariance[used])
 
     def from_stars(self, stamp_ns: int, centroids: Centroids, hip: np.ndarray
                    ) -> TrustedAttitude:
         """Return the attitude solved from one identified frame, hip (N,) 0 where unknown."""
-        solved = self._at(stamp_ns).solve(centroids.uv, hip, centroids.covariance)
+        solved = self._validator.solve(
+            self.sky.at(stamp_ns), centroids.uv, hip, centroids.covariance)
         if solved.attitude is None:
             return solved
-        return replace(solved, attitude=with_common_error(
-            solved.attitude, centroids.common_error, self._camera))
-
-    def _at(self, stamp_ns: int) -> AttitudeValidator:
-        """Return the validator with the directions of the stars at a stamp."""
-        self.sky.look_from(AT_REST if self._motion is None else self._motion.at(stamp_ns))
-        return self._validator
+        return replace(solved, attitude=with_correlated_error(
+            solved.attitude, centroids.correlated_error, self._camera))

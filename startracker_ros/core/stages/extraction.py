@@ -106,7 +106,7 @@ class ExtractionStage:
     The exposure time is learnt from the length of the streaks in the images that are searched. A
     streak that the motion does not explain and that is the same in two images is the shape of the
     stars: an astigmatic lens draws it, however the camera moves.
-    directed is whether the last image was not searched as a whole.
+    windowed is whether the last image was not searched as a whole.
     """
 
     def __init__(self, options: ExtractionOptions = ExtractionOptions(),
@@ -120,7 +120,7 @@ class ExtractionStage:
 
     def reset(self) -> None:
         """Forget the images before: the next one is searched as a whole."""
-        self.directed = False
+        self.windowed = False
         self._searched: Searched | None = None
         self._stamp_ns = 0
         self._searched_ns: int | None = None
@@ -161,7 +161,7 @@ class ExtractionStage:
         first, last = self._stale_rows.find(image)
         repeated = last - first == len(image) - 1
         interval_s, self._stamp_ns = (stamp_ns - self._stamp_ns) * 1e-9, stamp_ns
-        self.directed = False
+        self.windowed = False
         if last and not repeated:
             return _refused('torn', f'the rows {first} to {last} are those of the frame before: '
                             'a torn frame')
@@ -192,7 +192,7 @@ class ExtractionStage:
             near = None
         if (near is not None and not expected.anywhere and not self._is_due(stamp_ns)
                 and self._has_stars(near, expected)):
-            self.directed = True
+            self.windowed = True
             return near
         self._searched_ns = stamp_ns
         before, known = self._searched, None if unknown else streak
@@ -215,12 +215,12 @@ class ExtractionStage:
             return _refused('streak', f'streaks of {searched.streak_px:.1f} px in another '
                             'direction than the stars move')
         if near is not None and before is not None and self._searched is not None:
-            spoilt = self._searched.spoilt
+            contamination = self._searched.contamination
             if (expected.stars_seen(searched.centroids)
                     < LEAST_SHARE * expected.stars_seen(near.centroids)):
                 # What fills the list is of another width: debris, which is no measure of stars.
-                self._searched = before._replace(spoilt=spoilt)
-            if spoilt != before.spoilt:
+                self._searched = before._replace(contamination=contamination)
+            if contamination != before.contamination:
                 near = self._near(image, expected, streak)
         return self._joined(image, searched, near, expected, known)
 
@@ -289,7 +289,7 @@ class ExtractionStage:
 
     def _learn_shown(self, extraction: Extraction, expected: _Expected) -> None:
         """Learn exposure time and shape of the stars from the streak that an image shows."""
-        if extraction.centroids.common_error.any():
+        if extraction.centroids.correlated_error.any():
             return
         shown, before = extraction.streak, self._unexplained
         self._shape = self._unexplained = None
@@ -307,7 +307,7 @@ class ExtractionStage:
 
         An image of motion that is not uniform shows no time.
         """
-        if extraction.centroids.common_error.any():
+        if extraction.centroids.correlated_error.any():
             return
         exposure_s, stars = expected.exposure_s(extraction.streak), len(extraction.centroids)
         if exposure_s and stars >= self._exposure_stars / 2:

@@ -90,15 +90,15 @@ class IdentificationStage:
         """Use the rate (3,) about sensor axes measured up to a time; False if unusable."""
         return self._recursive is None or self._recursive.add_rate(stamp_ns, rate_rad_s)
 
-    def rests(self, stamp_ns: int, tracking: bool, directed: bool = False) -> bool:
+    def is_idle(self, stamp_ns: int, tracking: bool, windowed: bool = False) -> bool:
         """
         Return whether a frame needs no identification, as the star tracker tracks.
 
-        A directed frame, of stars that the tracker predicted, is no check of its tracks.
+        A windowed frame, of stars that the tracker predicted, is no check of its tracks.
         """
         if self._recursive is not None or not tracking:
             return False
-        if not self._check_period_ns or directed:
+        if not self._check_period_ns or windowed:
             return True
         return (self._identified_ns is not None
                 and abs(stamp_ns - self._identified_ns) < self._check_period_ns)

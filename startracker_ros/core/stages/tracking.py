@@ -8,23 +8,23 @@ from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.target import TargetTracker, TargetTrackOptions
-from startracker_ros.core.track.tracker import StarTracker
+from startracker_ros.core.track.track_filter import TrackFilter
 
 
-def make_star_tracker(camera: Camera, epoch_year: float,
+def make_track_filter(camera: Camera, epoch_year: float,
                       options: TrackerOptions = TrackerOptions(),
                       gyro: GyroErrorOptions = GyroErrorOptions(),
                       motion: ObserverMotion | None = None,
-                      band: BandOptions = BandOptions()) -> StarTracker:
-    """Return a star tracker with the shipped catalogue at a Julian year."""
+                      band: BandOptions = BandOptions()) -> TrackFilter:
+    """Return the filter of the tracks, with the shipped catalogue at a Julian year."""
     onboard = onboard_catalog(camera_catalog(camera, band=band), camera, epoch_year,
                               options.magnitude_limit)
-    return StarTracker(camera, onboard, options, gyro, motion)
+    return TrackFilter(camera, onboard, options, gyro, motion)
 
 
 def make_trackers(camera: Camera, epoch_year: float, options: TrackerOptions,
                   gyro: GyroErrorOptions, target: TargetTrackOptions, motion: ObserverMotion,
-                  band: BandOptions) -> tuple[StarTracker, TargetTracker]:
-    """Return a star tracker, and a tracker of the target among its stars."""
-    tracker = make_star_tracker(camera, epoch_year, options, gyro, motion, band)
+                  band: BandOptions) -> tuple[TrackFilter, TargetTracker]:
+    """Return the filter of the tracks of stars, and the tracker of a target among them."""
+    tracker = make_track_filter(camera, epoch_year, options, gyro, motion, band)
     return tracker, TargetTracker(camera, tracker.sky, target)

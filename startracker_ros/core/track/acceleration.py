@@ -41,7 +41,7 @@ STREAK_PX = 15.0
 """Length of a streak from which on a fit sees rather its ends; computed for a width of 1 px."""
 
 STREAK_DOUBT = 0.25  # of the acceleration along streaks: bright stars show it in another way
-LEAST_WEIGHT = 5.0  # frames from which on a jump is told from a motion that has begun
+LEAST_WEIGHT = 5.0  # frames from which on a jump differs from a motion that has started
 JUMP_FRAMES = 5  # after a jump, in which there is no other one
 ENDS = 0.25  # of an acceleration, 1 sigma: a torque ends at some time without a sign before
 UNSTEADY = 0.15
@@ -249,7 +249,7 @@ def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
                 process[axis] = (max(excess, 0.0) + own_variance
                                  + (ENDS * value[axis]) ** 2)
             if since_jump == 1:
-                # The rest of a jump, or a torque that has begun.
+                # The rest of a jump, or a torque that has started.
                 variance[axis] += last * last
     return best, value, variance, process, unsteady
 

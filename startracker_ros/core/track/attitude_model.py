@@ -85,9 +85,8 @@ class AttitudeModel(StarModel):
     gyro_trouble is the reason why the rates of a gyro are not used, empty without one.
     """
 
-    def __init__(self, camera: Camera, sky: ApparentCatalog, options: TrackerOptions,
-                 gyro: Gyro) -> None:
-        super().__init__(camera, sky, options)
+    def __init__(self, camera: Camera, options: TrackerOptions, gyro: Gyro) -> None:
+        super().__init__(camera, options)
         self._gyro = gyro
         across, roll = options.acceleration_deg_s2, options.roll_acceleration_deg_s2
         self._acceleration_rad_s2 = np.radians([across, across, roll])
@@ -118,19 +117,19 @@ class AttitudeModel(StarModel):
         self._measured: AttitudeEstimate | None = None
         self._uv = np.empty((0, 2))
 
-    def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
+    def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
         nominal: tuple[_Hypothesis, Correction] | None = None
-        dark = self.is_dark(frame)
-        icrf = self._sky.direction(self.bank.star_index)
+        sparse = self.is_sparse(frame)
+        icrf = sky.direction(self.bank.star_index)
         uv = np.ascontiguousarray(frame.uv)
         repeated, self._uv = np.array_equal(uv, self._uv), uv
         variance = (self._scale.value * self.sigma_px(frame)) ** 2
         error_px2 = self.error_px2(frame)
         error = self._scale.value ** 2 * error_px2
-        common = (pointing_covariance(frame.common_error, self._camera, self._state.rate)
+        common = (pointing_covariance(frame.correlated_error, self._camera, self._state.rate)
                   if frame.common.any() else _NO_ERROR)
-        for hypothesis in self._hypotheses(stamp_ns, dark):
+        for hypothesis in self._hypotheses(stamp_ns, sparse):
             predicted = _with_error(hypothesis.state, common)
             correction = correct(
                 self._camera.lens, icrf, self.bank.confirmed, self._options.min_stars,
@@ -144,7 +143,7 @@ class AttitudeModel(StarModel):
             if (fit is None or nominal is None and mean @ mean > MEAN_NIS_GATE
                     or repeated and self._is_old(hypothesis.state, correction.state)):
                 nominal = nominal or (hypothesis, correction)
-                if dark:
+                if sparse:
                     break
                 continue
             if nominal is not None:
@@ -188,7 +187,7 @@ class AttitudeModel(StarModel):
             self.failure = (f'the filter has diverged: {self._diverged} frames in a row with '
                             f'innovations beyond {DIVERGED_SIGMAS:g} sigma, the last of '
                             f'{beyond:.0f}')
-        if dark and hypothesis.uses_gyro and self._is_saturated(stamp_ns):
+        if sparse and hypothesis.uses_gyro and self._is_saturated(stamp_ns):
             self.failure = ('imu reaches gyro_range_deg_s while there are no stars: the attitude '
                             'is not known')
         self._check_covariance()
@@ -222,16 +221,16 @@ class AttitudeModel(StarModel):
         return (saturated_ns is not None
                 and 0 <= stamp_ns - saturated_ns <= GYRO_SILENCE_S * 1e9)
 
-    def _hypotheses(self, stamp_ns: int, dark: bool) -> Iterator[_Hypothesis]:
+    def _hypotheses(self, stamp_ns: int, sparse: bool) -> Iterator[_Hypothesis]:
         """Yield the nominal prediction, then those of manoeuvres."""
         state, gyro = self._state, self._gyro
         density = self._acceleration_rad_s2 ** 2 * (stamp_ns - state.stamp_ns) * 1e-9
         level = self._level if self._manoeuvre_frames else 1.0
         with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S and (
-            dark or not self._is_saturated(stamp_ns))
+            sparse or not self._is_saturated(stamp_ns))
         if with_gyro:
-            # In a dark frame or a manoeuvre no assumption about the acceleration holds.
-            if dark or level > 1:
+            # In a sparse frame or a manoeuvre no assumption about the acceleration holds.
+            if sparse or level > 1:
                 yield _Hypothesis(True, level, gyro.propagate(state, stamp_ns))
             else:
                 yield _Hypothesis(True, level, gyro.filtered(state, stamp_ns, density))
@@ -339,9 +338,10 @@ class AttitudeModel(StarModel):
     def measured_attitude(self) -> AttitudeEstimate | None:
         return self._measured
 
-    def with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
+    def with_systematic_errors(self, estimate: AttitudeEstimate, velocity_sigma_m_s: float
+                               ) -> AttitudeEstimate:
         """Return also what the acceleration within the exposure turns the stars by, taken out."""
-        estimate = super().with_systematic_errors(estimate)
+        estimate = super().with_systematic_errors(estimate, velocity_sigma_m_s)
         turn, covariance = self._acceleration.shift(
             self._exposure_s, self._state.rate, self._camera.fx)
         return replace(estimate, quaternion=turned(estimate.quaternion, -turn),

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from startracker_ros.core.attitude.error_ellipses import fit_error_ellipses
 from startracker_ros.core.attitude.estimate import AttitudeError, AttitudeEstimate
-from startracker_ros.core.attitude.result import with_common_error
+from startracker_ros.core.attitude.result import with_correlated_error
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
@@ -82,7 +82,7 @@ def fit_identified(camera: Camera, sky: ApparentCatalog, options: TrackerOptions
         fit.attitude, camera, centroids.uv, sky.direction(star_index), error_px2[fit.inlier])
     return IdentifiedFrame(
         stamp_ns, star_index, centroids,
-        with_common_error(attitude, centroids.common_error, camera), fit.scale), ''
+        with_correlated_error(attitude, centroids.correlated_error, camera), fit.scale), ''
 
 
 def _first_of_each(values: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.camera.lens import Lens, project, ray, undistort
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import matrix_from_quaternion
 
@@ -21,27 +22,27 @@ BRIGHT_STARS = 64
 class StarsInView:
     """The catalogue stars of a camera around attitudes that change little from one to the next."""
 
-    def __init__(self, camera: Camera, sky: ApparentCatalog) -> None:
+    def __init__(self, camera: Camera, onboard: OnboardCatalog) -> None:
         self.camera = camera
-        self.sky = sky
-        self.onboard = sky.onboard
-        self._version = -1
+        self.onboard = onboard
+        self._version: object = None
         self._centre = np.zeros(3)
         self._cos_ahead = float(np.cos(AHEAD_RAD))
         self._cos_radius = float(np.cos(camera.corner_angle_rad))
 
-    def of(self, attitude: AttitudeEstimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def of(self, sky: ApparentCatalog, attitude: AttitudeEstimate
+           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """
         Return catalogue indices (M,), brightest first, directions (M, 3) and pixels (M, 2).
 
         Directions are on sensor axes. The stars are those of the cone around the image.
         """
         matrix = self._around(attitude)
-        return _in_view(self._near, self._all_directions(), matrix, self._cos_radius,
+        return _in_view(self._near, self._all_directions(sky), matrix, self._cos_radius,
                         self.camera.lens)
 
-    def unexplained(self, attitude: AttitudeEstimate, uv: np.ndarray, sigma_px: np.ndarray,
-                    reach_px: float, reach_sigmas: float) -> np.ndarray:
+    def unexplained(self, sky: ApparentCatalog, attitude: AttitudeEstimate, uv: np.ndarray,
+                    sigma_px: np.ndarray, reach_px: float, reach_sigmas: float) -> np.ndarray:
         """
         Return which (K,) of centroids (N, 2) have no star near; none without a positive sigma.
 
@@ -50,24 +51,24 @@ class StarsInView:
         arguments = (self._around(attitude), self._cos_radius, self.camera.lens,
                      np.ascontiguousarray(uv), np.ascontiguousarray(sigma_px), reach_px,
                      reach_sigmas)
-        left = _unexplained(self.sky.direction(self._near[:BRIGHT_STARS]), *arguments,
+        left = _unexplained(sky.direction(self._near[:BRIGHT_STARS]), *arguments,
                             np.arange(len(uv)))
         # Most are bright stars. Only where others are left the faint ones near them are looked up.
         if len(left) and len(self._near) > BRIGHT_STARS:
             near = self._around_spots(arguments[0], uv[left], max(
                 reach_px, reach_sigmas * sigma_px[left].max()))
-            left = _unexplained(self.sky.direction(near), *arguments, left)
+            left = _unexplained(sky.direction(near), *arguments, left)
         return left
 
-    def beside(self, attitude: AttitudeEstimate, uv: np.ndarray, reach_px: float
-               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def beside(self, sky: ApparentCatalog, attitude: AttitudeEstimate, uv: np.ndarray,
+               reach_px: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what of() does, of at least the stars within reach_px of pixels uv (N, 2)."""
         matrix = self._around(attitude)
         near = self._around_spots(matrix, uv, reach_px)
-        return _in_view(near, self.sky.direction(near), matrix, self._cos_radius,
+        return _in_view(near, sky.direction(near), matrix, self._cos_radius,
                         self.camera.lens)
 
-    def bright(self, attitude: AttitudeEstimate, faintest: float
+    def bright(self, sky: ApparentCatalog, attitude: AttitudeEstimate, faintest: float
                ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """
         Return catalogue indices (M,) up to a magnitude, in and near the image, brightest first.
@@ -76,7 +77,7 @@ class StarsInView:
         """
         matrix = self._around(attitude)
         near = self._near[:self._magnitude.searchsorted(faintest, side='right')]
-        return near, self.sky.direction(near), matrix
+        return near, sky.direction(near), matrix
 
     def _around(self, attitude: AttitudeEstimate) -> np.ndarray:
         """Find the stars in and near the image; return the matrix (3, 3) of the attitude."""
@@ -86,7 +87,7 @@ class StarsInView:
             self._near = self.onboard.within(boresight, self.camera.corner_angle_rad + AHEAD_RAD)
             self._magnitude = self.onboard.magnitude[self._near]
             self._natural = self.onboard.direction[self._near]
-            self._version = -1
+            self._version = None
         return matrix
 
     def _around_spots(self, matrix: np.ndarray, uv: np.ndarray, reach_px: float) -> np.ndarray:
@@ -95,10 +96,10 @@ class StarsInView:
         return self._near[_beside(self._natural, matrix, self.camera.lens,
                                   np.ascontiguousarray(uv), np.cos(min(reach_rad, np.pi)))]
 
-    def _all_directions(self) -> np.ndarray:
+    def _all_directions(self, sky: ApparentCatalog) -> np.ndarray:
         """Return the apparent directions (N, 3) of the stars in and near the image."""
-        if self._version != self.sky.version:
-            self._version, self._direction = self.sky.version, self.sky.direction(self._near)
+        if self._version is not sky.version:
+            self._version, self._direction = sky.version, sky.direction(self._near)
         return self._direction
 
 

@@ -1,18 +1,18 @@
 """Independent tracks: the JPDA filter of Sadeghi, Sabahi and Saberali, and their baseline."""
 
 from dataclasses import replace
+from math import cos, sin
 import math
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeError, AttitudeEstimate
 from startracker_ros.core.attitude.gyro import Gyro
-from startracker_ros.core.attitude.result import with_common_error
+from startracker_ros.core.attitude.result import with_correlated_error
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.track.attitude_model import GYRO_SILENCE_S
 from startracker_ros.core.track.jpdaf import predict, update
-from startracker_ros.core.track.measured_roll import rolled
 from startracker_ros.core.track.model import FrameUpdate, rate_between, StarModel
 from startracker_ros.core.track.motion_models import (
     body_rate, constant_velocity, coordinated_turn, image_jacobian, POSITION, turn_curvature,
@@ -27,9 +27,8 @@ from startracker_ros.core.track.start import Start
 class IndependentStarsModel(StarModel):
     """A filter of position and velocity on the image for each star (JPDAF)."""
 
-    def __init__(self, camera: Camera, sky: ApparentCatalog, options: TrackerOptions, gyro: Gyro
-                 ) -> None:
-        super().__init__(camera, sky, options)
+    def __init__(self, camera: Camera, options: TrackerOptions, gyro: Gyro) -> None:
+        super().__init__(camera, options)
         self._gyro = gyro
         self._centre = np.array([camera.cx, 0.0, camera.cy, 0.0])
 
@@ -42,21 +41,21 @@ class IndependentStarsModel(StarModel):
         self._acceleration_px_s2 = (acceleration_rad_s2 * self._camera.fx,
                                     acceleration_rad_s2 * self._camera.fy)
 
-    def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
+    def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
         self._predict(stamp_ns)
         self._stamp_ns = stamp_ns
-        unassociated = self._update(frame)
-        fit = self._fit()
+        unassociated = self._update(frame, sky)
+        fit = self._fit(sky)
         if fit is None or not fit.is_good(
                 int(np.count_nonzero(self.bank.confirmed)), self._options.min_stars,
                 self._options.max_residual_px):
-            if self.uses_gyro and not self.is_dark(frame):
+            if self.uses_gyro and not self.is_sparse(frame):
                 self.gyro_trouble = ('the stars are not where the roll of imu has them: is it in '
                                      'rad/s and on the axes of the sensor?')
             return FrameUpdate(False, fit, unassociated)
         self._estimate_rate(fit)
-        fit = replace(fit, attitude=with_common_error(
-            fit.attitude, frame.common_error, self._camera))
+        fit = replace(fit, attitude=with_correlated_error(
+            fit.attitude, frame.correlated_error, self._camera))
         return FrameUpdate(True, fit, unassociated)
 
     def _predict(self, stamp_ns: int) -> None:
@@ -114,14 +113,14 @@ class IndependentStarsModel(StarModel):
         along = np.stack([y * camera.fx / camera.fy, -x * camera.fy / camera.fx], 1)
         return np.einsum('na,nb,ij->naibj', along, along, roll).reshape(-1, 4, 4)
 
-    def _update(self, frame: Centroids) -> np.ndarray:
+    def _update(self, frame: Centroids, sky: ApparentCatalog) -> np.ndarray:
         """Update the tracks by a frame; return the mask (M,) of its centroids in no gate."""
         bank, sigma_px = self.bank, self.sigma_px(frame)
         variance = sigma_px ** 2
         confirmed = None
         if self._options.sna_confirmation:
             confirmed = star_neighbourhood(
-                self._camera, bank.uv, self._sky.direction(bank.star_index), frame.uv, sigma_px)
+                self._camera, bank.uv, sky.direction(bank.star_index), frame.uv, sigma_px)
         probability, unassociated = associate_stars(
             bank.uv, bank.uv_covariance, frame.uv, variance, self._detection,
             self._options.association, confirmed)
@@ -146,9 +145,9 @@ class IndependentStarsModel(StarModel):
         most = 2.0 if self._options.solver == 'triad' else np.inf
         return np.clip(bank.variance * information, 1.0, most)
 
-    def _fit(self) -> RotationFit | None:
+    def _fit(self, sky: ApparentCatalog) -> RotationFit | None:
         try:
-            return fit_rotation(self._camera, self._sky.direction(self.bank.star_index),
+            return fit_rotation(self._camera, sky.direction(self.bank.star_index),
                                 self.bank.uv, self.bank.sigma_uv, self.bank.detected,
                                 self._options.solver)
         except AttitudeError:
@@ -176,10 +175,10 @@ class NeighbourhoodModel(IndependentStarsModel):
         bank = replace(bank, state=state, covariance=covariance)
         self.bank = bank.select(self._camera.contains(bank.uv))
 
-    def _update(self, frame: Centroids) -> np.ndarray:
+    def _update(self, frame: Centroids, sky: ApparentCatalog) -> np.ndarray:
         bank, sigma_px = self.bank, self.sigma_px(frame)
         centroid = star_neighbourhood(
-            self._camera, bank.uv, self._sky.direction(bank.star_index), frame.uv, sigma_px)
+            self._camera, bank.uv, sky.direction(bank.star_index), frame.uv, sigma_px)
         detected = np.flatnonzero(centroid >= 0)
         state, covariance = bank.state.copy(), bank.covariance.copy()
         state[detected[:, None], POSITION] = frame.uv[centroid[detected]]
@@ -205,3 +204,18 @@ class NeighbourhoodModel(IndependentStarsModel):
         self.bank.state[:, VELOCITY] = jacobian @ self.rate_rad_s
         self.bank.covariance[:, 1::2, 1::2] = (
             jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2))
+
+
+def rolled(camera: Camera, rate_rad_s: float, dt_s: float) -> np.ndarray:
+    """
+    Return the transition (4, 4) of a star, as seen from the principal point, by a known roll.
+
+    Position and velocity turn by rate_rad_s dt_s (body rate z), and the velocity gains that of the
+    image under rate_rad_s. With F of the motion without the roll the state becomes
+    rolled(rate, dt) F rolled(-rate before, 0) X: equation 18 of Sadeghi, Sabahi and Saberali.
+    """
+    aspect = camera.fx / camera.fy
+    sine, cosine = sin(rate_rad_s * dt_s), cos(rate_rad_s * dt_s)
+    turn = np.array([[cosine, sine * aspect], [-sine / aspect, cosine]])
+    flow = rate_rad_s * np.array([[0.0, aspect], [-1 / aspect, 0.0]])
+    return np.kron(turn, np.eye(2)) + np.kron(flow @ turn, [[0.0, 0.0], [1.0, 0.0]])

@@ -58,9 +58,8 @@ class StarModel(ABC):
     rate_rad_s: np.ndarray
     rate_covariance: np.ndarray
 
-    def __init__(self, camera: Camera, sky: ApparentCatalog, options: TrackerOptions) -> None:
+    def __init__(self, camera: Camera, options: TrackerOptions) -> None:
         self._camera = camera
-        self._sky = sky
         self._options = options
         self._detection = DetectionModel(
             gate_size(options.gate_probability), options.gate_probability,
@@ -106,8 +105,8 @@ class StarModel(ABC):
         return np.zeros(3)
 
     @abstractmethod
-    def update(self, stamp_ns: int, frame: Centroids) -> FrameUpdate:
-        """Predict the tracks to the time of a newer frame and update them by it."""
+    def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
+        """Predict the tracks to the time of a newer frame, of this sky, and update them by it."""
 
     def add(self, track_id: np.ndarray, star_index: np.ndarray, centroids: Centroids, *,
             confirmed: bool) -> None:
@@ -119,12 +118,17 @@ class StarModel(ABC):
             jacobian @ self.rate_covariance @ np.swapaxes(jacobian, 1, 2), confirmed)
         self.bank = self.bank.joined(added) if len(self.bank) else added
 
-    def with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
-        """Return an attitude of the last frame with the errors of aberration, lens and stamp."""
+    def with_systematic_errors(self, estimate: AttitudeEstimate, velocity_sigma_m_s: float
+                               ) -> AttitudeEstimate:
+        """
+        Return an attitude of the last frame with the errors of aberration, lens and stamp.
+
+        velocity_sigma_m_s is the 1 sigma of the unknown velocity of the observer per axis.
+        """
         bank = self.bank
         systematic = systematic_covariance(
             self._camera.lens, self._camera.pixel_rad, bank.state, bank.variance, bank.detected,
-            float(self._sky.observer.velocity_sigma_m_s), self.lens_error_px, self.lens_scale,
+            float(velocity_sigma_m_s), self.lens_error_px, self.lens_scale,
             self.stamp_turn_rad)
         return AttitudeEstimate(
             estimate.quaternion, estimate.covariance_sensor + systematic, estimate.stars,
@@ -145,6 +149,6 @@ class StarModel(ABC):
             variance += np.maximum(floor - variance, 0.0)
         return error
 
-    def is_dark(self, frame: Centroids) -> bool:
+    def is_sparse(self, frame: Centroids) -> bool:
         """Return whether a frame holds too few centroids for an attitude."""
         return len(frame) < self._options.min_stars

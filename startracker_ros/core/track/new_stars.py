@@ -5,6 +5,7 @@ import math
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.camera.lens import Lens, plane_point
+from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.track.in_view import StarsInView
@@ -20,9 +21,9 @@ MAX_DISTANCE_PX = 5.0
 """Largest gate, whatever the covariance of the attitude."""
 
 
-def match_new_stars(stars: StarsInView, attitude: AttitudeEstimate, centroids: Centroids,
-                    sigma_px: np.ndarray, zero_point: float, magnitude_tolerance: float
-                    ) -> tuple[np.ndarray, np.ndarray]:
+def match_new_stars(stars: StarsInView, sky: ApparentCatalog, attitude: AttitudeEstimate,
+                    centroids: Centroids, sigma_px: np.ndarray, zero_point: float,
+                    magnitude_tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     """
     Return catalogue indices (K,) and centroid indices (K,) of unambiguous pairs.
 
@@ -32,7 +33,7 @@ def match_new_stars(stars: StarsInView, attitude: AttitudeEstimate, centroids: C
     makes pairs ambiguous and is in none itself.
     """
     onboard = stars.onboard
-    near, sensor, uv = stars.beside(attitude, centroids.uv, MAX_DISTANCE_PX)
+    near, sensor, uv = stars.beside(sky, attitude, centroids.uv, MAX_DISTANCE_PX)
     star_index, centroid = _match(
         near, sensor, uv, onboard.magnitude, onboard.crowded,
         np.ascontiguousarray(centroids.uv), np.ascontiguousarray(centroids.flux),
@@ -40,7 +41,7 @@ def match_new_stars(stars: StarsInView, attitude: AttitudeEstimate, centroids: C
         stars.camera.lens, float(zero_point),
         magnitude_tolerance + VARIABLE_SIGMAS * onboard.variation(near).astype(float))
     # The compiled function knows the neighbours among the stars only.
-    single = ~stars.sky.crowded(star_index)
+    single = ~sky.crowded(star_index)
     return star_index[single], centroid[single]
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.camera.lens import Lens, project
+from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import sensor_directions
@@ -14,11 +15,11 @@ BORDER_PX = 5.0  # from the edge of the image, where stars are seen in full
 SPARE_STARS = 1.5  # per star that is followed: some are blended or too faint
 
 
-def visible_stars(stars: StarsInView, attitude: AttitudeEstimate, rate_rad_s: np.ndarray,
-                  faintest: float) -> tuple[np.ndarray, np.ndarray]:
+def visible_stars(stars: StarsInView, sky: ApparentCatalog, attitude: AttitudeEstimate,
+                  rate_rad_s: np.ndarray, faintest: float) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels (N, 2) and velocities (N, 2) px/s of single stars up to a magnitude."""
-    index, direction, matrix = stars.bright(attitude, faintest)
-    return _visible(direction, matrix, stars.sky.crowded(index), stars.camera.lens,
+    index, direction, matrix = stars.bright(sky, attitude, faintest)
+    return _visible(direction, matrix, sky.crowded(index), stars.camera.lens,
                     np.ascontiguousarray(rate_rad_s))
 
 
@@ -45,12 +46,13 @@ def _visible(direction: np.ndarray, matrix: np.ndarray, crowded: np.ndarray, len
     return uv[chosen], velocity
 
 
-def predict_stars(stars: StarsInView, stamp_ns: int, attitude: AttitudeEstimate,
-                  rate_rad_s: np.ndarray, options: TrackerOptions) -> PredictedCentroids:
+def predict_stars(stars: StarsInView, sky: ApparentCatalog, stamp_ns: int,
+                  attitude: AttitudeEstimate, rate_rad_s: np.ndarray, options: TrackerOptions
+                  ) -> PredictedCentroids:
     """Return the brightest stars in the image at an attitude, and how they move."""
     most = slice(int(SPARE_STARS * options.max_stars))
     index, sensor, uv = (column[most] for column in _in_image(
-        stars, attitude, options.magnitude_limit))
+        stars, sky, attitude, options.magnitude_limit))
     flow = image_flows(stars.camera.lens, sensor)
     covariance = flow @ attitude.covariance_sensor @ np.swapaxes(flow, 1, 2)
     return PredictedCentroids(
@@ -59,10 +61,10 @@ def predict_stars(stars: StarsInView, stamp_ns: int, attitude: AttitudeEstimate,
         stars.onboard.hip[index], len(uv))
 
 
-def _in_image(stars: StarsInView, attitude: AttitudeEstimate, faintest: float
-              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _in_image(stars: StarsInView, sky: ApparentCatalog, attitude: AttitudeEstimate,
+              faintest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return what stars.of() does, of the stars up to a magnitude in the image."""
-    index, sensor, uv = stars.of(attitude)
+    index, sensor, uv = stars.of(sky, attitude)
     bright = np.searchsorted(stars.onboard.magnitude[index], faintest, side='right')
     inside = stars.camera.contains(uv[:bright])
     return index[:bright][inside], sensor[:bright][inside], uv[:bright][inside]

@@ -78,7 +78,7 @@ class HintedStart:
         return Start(frame, hint.rate, rate_covariance, np.zeros((3, 3)),
                      f'{len(frame.star_index)} stars identified where a hint has them')
 
-    def begun(self, start: Start) -> None:
+    def started(self, start: Start) -> None:
         """Note what the tracker has started with."""
         self._used = not start.cross.any()
         self._ignored = self._ignored and self._used

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.catalog.apparent import ApparentCatalog, ApparentSky
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.maths.rotation import conjugate, rotate
@@ -115,11 +115,11 @@ def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-def unexplained(stars: StarsInView, attitude: AttitudeEstimate, centroids: Centroids
-                ) -> np.ndarray:
+def unexplained(stars: StarsInView, sky: ApparentCatalog, attitude: AttitudeEstimate,
+                centroids: Centroids) -> np.ndarray:
     """Return which centroids (K,) are no catalogue star; none without a positive sigma."""
     return stars.unexplained(
-        attitude, centroids.uv, centroids.sigma_px, EXPLAINED_PX, EXPLAINED_SIGMA)
+        sky, attitude, centroids.uv, centroids.sigma_px, EXPLAINED_PX, EXPLAINED_SIGMA)
 
 
 @dataclass(frozen=True)
@@ -144,11 +144,11 @@ class TargetTracker:
     counts the centroids that are no star in the last frame.
     """
 
-    def __init__(self, camera: Camera, sky: ApparentCatalog,
+    def __init__(self, camera: Camera, sky: ApparentSky,
                  options: TargetTrackOptions = TargetTrackOptions()) -> None:
         """Use the sky of the star tracker whose attitudes are used."""
         self._camera = camera
-        self._stars = StarsInView(camera, sky)
+        self._sky, self._stars = sky, StarsInView(camera, sky.onboard)
         self._options = options
         self._acceleration_rad_s2 = np.radians(options.target_acceleration_deg_s2)
         self._rates_rad_s = np.radians([options.target_min_rate_deg_s,
@@ -166,18 +166,18 @@ class TargetTracker:
         self.spots = 0
 
     def update(self, stamp_ns: int, attitude: AttitudeEstimate, centroids: Centroids,
-               directed: bool = False) -> TargetSpot | None:
+               windowed: bool = False) -> TargetSpot | None:
         """
         Process a frame with its attitude; return the target if it is detected.
 
-        Where directed, only what was predicted was measured. Stamps ascend; one that is not newer
+        Where windowed, only what was predicted was measured. Stamps ascend; one that is not newer
         begins anew. Frames without an attitude are left out.
         """
         dt_s = (stamp_ns - self._stamp_ns) * 1e-9
         if not 0 < dt_s <= MAX_GAP_S:
             self.reset()
         self._stamp_ns, self._interval_s, self._attitude = stamp_ns, dt_s, attitude
-        spots = unexplained(self._stars, attitude, centroids)
+        spots = unexplained(self._stars, self._sky.at(stamp_ns), attitude, centroids)
         self.spots = len(spots)
         left = centroids.select(spots[:MOST_SPOTS])
         directions = rotate(attitude.quaternion, self._camera.unproject(left.uv))
@@ -206,11 +206,11 @@ class TargetTracker:
         if self._target is not None and all(track is not self._target for track in kept):
             self._target = None
         self._before = left.select(free), directions[free], variance[free]
-        if not directed:
+        if not windowed:
             self._needs_search = bool(free.any()) and not self._searched_before
         # A pair of chance is seldom seen a third time, a faint target is and may then be missed.
         self._needs_search |= any(track.detections > 2 for track in dropped)
-        self._searched_before = not directed
+        self._searched_before = not windowed
         if target is None or self._target is None:
             return None
         return TargetSpot(left.select(np.array([associated[target]])),

@@ -1,7 +1,7 @@
 """
 Photographs with known answers: ours beside tetra3rs and cedar-solve, detection times solver.
 
-Each solver is told the field of view with an error of up to 5 %, drawn for each image. Every
+Each solver is given the field of view with an error of up to 5 %, drawn for each image. Every
 solver gets the stars of every detection: `nodes` is the list that nodes and `solve --camera` use,
 `ours` the longest of those that `startracker solve` tries. brightest_percent is the share of the
 twelve brightest catalogue stars of each image that `startracker solve` solved that a list has.
@@ -64,7 +64,7 @@ class RealSkyRow:
     brightest_percent: float | None = None
 
 
-def told_camera(image: Photograph, rng: np.random.Generator) -> Camera:
+def given_camera(image: Photograph, rng: np.random.Generator) -> Camera:
     """Return the nominal camera of an image, its field of view up to 5 % off."""
     height, width = image.image.shape
     return Camera.from_fov(width, height, image.fov_deg * (1 + rng.uniform(-1, 1) * FOV_ERROR))
@@ -115,7 +115,7 @@ def centroids_of(rows: np.ndarray) -> Centroids:
     return Centroids(rows[:, :2], rows[:, 2], np.full(count, 10.0), np.full(count, 0.2))
 
 
-def solve_ours(ladder: LadderIdentifier, told: Camera, centroids: Centroids
+def solve_ours(ladder: LadderIdentifier, given: Camera, centroids: Centroids
                ) -> np.ndarray | None:
     """Return the direction of the image centre by our solver on one list of stars."""
     for attempt in ladder.identify([centroids]):
@@ -130,8 +130,8 @@ def _whole(images: Sequence[Photograph], cameras: Sequence[Camera]
            ) -> tuple[list[Found], list[np.ndarray]]:
     """Return what `startracker solve` does with images, and the brightest stars of each."""
     found, bright = [], []
-    for image, told in zip(images, cameras):
-        solver = PhotographSolver(told, image.epoch_year, _OPTIONS)
+    for image, given in zip(images, cameras):
+        solver = PhotographSolver(given, image.epoch_year, _OPTIONS)
         # Databases are built beforehand.
         solver.solve(image.image)
         time_s, solution = cpu_timed(solver.solve, image.image)
@@ -143,10 +143,10 @@ def _whole(images: Sequence[Photograph], cameras: Sequence[Camera]
 
 def _ours(images: Sequence[Photograph], cameras: Sequence[Camera], lists: Lists) -> list[Found]:
     found = []
-    for image, told, centroids in zip(images, cameras, lists):
-        ladder = LadderIdentifier(told, image.epoch_year, _OPTIONS)
-        solve_ours(ladder, told, centroids)
-        time_s, direction = cpu_timed(solve_ours, ladder, told, centroids)
+    for image, given, centroids in zip(images, cameras, lists):
+        ladder = LadderIdentifier(given, image.epoch_year, _OPTIONS)
+        solve_ours(ladder, given, centroids)
+        time_s, direction = cpu_timed(solve_ours, ladder, given, centroids)
         found.append((direction, time_s))
     return found
 
@@ -162,8 +162,8 @@ def _tetra3rs(images: Sequence[Photograph], cameras: Sequence[Camera], lists: Li
     """Return what tetra3rs finds, tuned to the camera of these images."""
     solver, found = Tetra3rs(0.005), []
     solver.build(_view(images, cameras), cameras[0])
-    for told, centroids in zip(cameras, lists):
-        solver.set_camera(told)
+    for given, centroids in zip(cameras, lists):
+        solver.set_camera(given)
         time_s, result = cpu_timed(solver.solve, solver.prepare(centroids))
         attitude = solver.attitude(result)
         found.append((None if attitude is None else rotate(attitude, [0.0, 0.0, 1.0]), time_s))
@@ -179,7 +179,7 @@ def run_real_sky_bench(folders: Sequence[Path], *, seed: int = 1, cedar_python: 
     """
     images = photographs(folders or [REPOSITORY_IMAGES])
     rng = np.random.default_rng(seed)
-    cameras = [told_camera(image, rng) for image in images]
+    cameras = [given_camera(image, rng) for image in images]
     rows: list[RealSkyRow] = []
     ours: dict[int, Found] = {}
     with tempfile.TemporaryDirectory() as folder:

@@ -1,5 +1,5 @@
 """
-Five stars told by all ten sides between them: the slow peer of the Hausdorff methods.
+Five stars identified by all ten sides between them: the slow peer of the Hausdorff methods.
 
 Toloei, Zahednamazi, Ghasemi and Mohammadi (2020) compare three such geometric structures; their
 shapes are not printed in the paper repeated here. This is the plainest of the family that

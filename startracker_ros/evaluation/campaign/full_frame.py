@@ -119,9 +119,9 @@ def calibrate_chips(trials: int, seed: int) -> FullFrameOutcome:
         chip = draw_chip(rng)
         truth = [random_attitude(rng) for _ in range(IMAGES)]
         lists = {i: draw_list(chip, onboard, q, rng) for i, q in enumerate(truth)}
-        told = CAMERA.with_focal_ratio(1 + rng.uniform(-0.03, 0.03))
+        given = CAMERA.with_focal_ratio(1 + rng.uniform(-0.03, 0.03))
         try:
-            used, found = calibrate_lists(lists, told, EPOCH_YEAR, None, (), {})
+            used, found = calibrate_lists(lists, given, EPOCH_YEAR, None, (), {})
         except CalibrationError as error:
             failed.append(str(error))
             continue

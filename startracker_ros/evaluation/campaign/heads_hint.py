@@ -11,8 +11,8 @@ from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import random_attitude
 from startracker_ros.core.stages.identification import IdentificationStage
+from startracker_ros.core.track.track_filter import TrackFilter
 from startracker_ros.core.track.tracks import Hint
-from startracker_ros.core.track.tracker import StarTracker
 from startracker_ros.tools.figures.correctness import verdict
 from startracker_ros.tools.figures.rows import Row
 
@@ -33,10 +33,10 @@ def hint_runs(runs: int, seed: int) -> np.ndarray:
     rng, epoch_ns = np.random.default_rng(seed), stamp_from_epoch_year(_EPOCH_YEAR)
     sky = onboard_catalog(load_catalog(), _CAMERA, _EPOCH_YEAR, _FAINTEST)
     stage = IdentificationStage(_CAMERA, _EPOCH_YEAR)
-    StarTracker(_CAMERA, sky).warm_up()
+    TrackFilter(_CAMERA, sky).warm_up()
     rows = []
     for start in range(_STARTS * runs):
-        q, tracker = random_attitude(rng), StarTracker(_CAMERA, sky)
+        q, tracker = random_attitude(rng), TrackFilter(_CAMERA, sky)
         first_ns = epoch_ns + start * 10 ** 9
         hinted = turned(turned(q, -_RATE * _HINT_AGE_S), _HINT_RAD * rng.standard_normal(3))
         tracker.add_hint(Hint(first_ns - round(_HINT_AGE_S * 1e9), hinted,
@@ -58,7 +58,7 @@ def hint_runs(runs: int, seed: int) -> np.ndarray:
     return np.array(rows)
 
 
-def _result(tracker: StarTracker, truth: np.ndarray, frames: int) -> tuple[float, float, float]:
+def _result(tracker: TrackFilter, truth: np.ndarray, frames: int) -> tuple[float, float, float]:
     """Return frames to an attitude, infinite without one, and whether it is wrong and gross."""
     tracked = tracker.attitude
     if tracked is None:

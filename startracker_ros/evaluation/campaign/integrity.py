@@ -21,7 +21,7 @@ from startracker_ros.core.maths.rotation import ARCSEC, conjugate, random_attitu
 from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.evaluation.campaign.integrity_images import (
     FRAMES as IMAGE_FRAMES, IMAGE_CONDITIONS, image_runs, ImageCondition, START_FRAMES)
 from startracker_ros.evaluation.campaign.integrity_motion import (

@@ -14,7 +14,7 @@ from startracker_ros.core.maths.rotation import ARCSEC, random_attitude
 from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.evaluation.campaign.integrity_tally import (
     CAMERA, EPOCH_YEAR, START_NS, STEP_NS, Tally, tally_of_frame)
 from startracker_ros.sim.sky.artefacts import ArtefactOptions
@@ -209,15 +209,15 @@ def image_run(condition: ImageCondition, seed: int, camera: Camera = CAMERA) -> 
     """Run the pipeline through the images of one run and tally what it publishes."""
     pipeline = _pipeline(camera, condition.line_time_us)
     pipeline.reset()
-    clean, spoilt = _simulators(condition, seed, camera)
+    clean, contaminated = _simulators(condition, seed, camera)
     due_from = condition.clean_frames or START_IDENTIFICATIONS
     tally, before = Tally(), TrackerState.LOST
     for index in range(condition.frames):
         if condition.gyro and index:
             for step_ns in range((index - 1) * STEP_NS, index * STEP_NS, _GYRO_STEP_NS):
                 time_ns = step_ns + _GYRO_STEP_NS
-                pipeline.add_rate(START_NS + time_ns, spoilt.gyro(time_ns * 1e-9))
-        simulator = clean if index < condition.clean_frames else spoilt
+                pipeline.add_rate(START_NS + time_ns, contaminated.gyro(time_ns * 1e-9))
+        simulator = clean if index < condition.clean_frames else contaminated
         taken = simulator.frame(round(index * STEP_NS * 1e-9, 9))
         pipeline.motion.add_state(START_NS + index * STEP_NS, taken.state.geocentric)
         frame = pipeline.process(START_NS + index * STEP_NS, taken.image)
@@ -243,9 +243,9 @@ def _simulators(condition: ImageCondition, seed: int, camera: Camera
     if condition.vibration_arcsec or condition.kick_arcsec:
         motion = ShakenMotion(motion, condition.vibration_arcsec * ARCSEC, _VIBRATION_HZ,
                               condition.kick_arcsec * ARCSEC, _KICK_PERIOD_S, seed)
-    clean, spoilt = (
+    clean, contaminated = (
         SkySimulator(camera, motion, load_catalog(), EPOCH_YEAR, detector_options=detector,
                      artefact_options=artefacts, frame_rate_hz=1e9 / STEP_NS, seed=seed)
         for detector, artefacts in ((condition.clean_detector, ArtefactOptions()),
                                     (condition.detector, condition.artefacts)))
-    return clean, spoilt
+    return clean, contaminated

@@ -15,7 +15,7 @@ from startracker_ros.core.maths.rotation import (
 from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.evaluation.campaign.integrity_tally import (
     CAMERA, EPOCH_YEAR, START_NS, Tally, tally_of_frame)
 
@@ -34,7 +34,7 @@ class MotionCondition:
     """
     A motion beside a steady turn of 0.02 deg/s, of frames step_s apart and exposed for exposure_s.
 
-    kind is a key of MOTIONS, with its size and period_s. Unless told, the lists do not have the
+    kind is a key of MOTIONS, with its size and period_s. Unless timed, the lists do not have the
     exposure. stamp_s is the error of the stamps, 1 sigma. needed_percent of the frames that
     follow the two of a start must have an attitude.
     """
@@ -43,7 +43,7 @@ class MotionCondition:
     size_deg: float
     period_s: float
     exposure_s: float = 0.0
-    told: bool = True
+    timed: bool = True
     step_s: float = 0.1
     stamp_s: float = 0.0
     needed_percent: float = 99.0
@@ -97,10 +97,10 @@ _CONDITIONS = {
        for size, period in _SWAYS},
     **{f'sway {size:g} deg, {period:g} s, exposed 0.1 s':
        MotionCondition('sway', size, period, 0.1) for size, period in _SWAYS},
-    'sway 1 deg, 10 s, exposed 0.1 s, not told':
-        MotionCondition('sway', 1.0, 10.0, 0.1, told=False),
-    'sway 0.2 deg, 2 s, exposed 0.02 s, not told':
-        MotionCondition('sway', 0.2, 2.0, 0.02, told=False),
+    'sway 1 deg, 10 s, exposed 0.1 s, no exposure times':
+        MotionCondition('sway', 1.0, 10.0, 0.1, timed=False),
+    'sway 0.2 deg, 2 s, exposed 0.02 s, no exposure times':
+        MotionCondition('sway', 0.2, 2.0, 0.02, timed=False),
     'sway 1 deg, 20 s, exposed 0.5 s, 2 Hz':
         MotionCondition('sway', 1.0, 20.0, 0.5, step_s=0.5),
     'steps of 0.5 deg/s each second': MotionCondition('steps', 0.5, 1.0),
@@ -142,7 +142,7 @@ def _run(condition: MotionCondition, rng: np.random.Generator, frames: int) -> T
     # From the first sample an exposure, or an error of a stamp, may reach back.
     begin_s = condition.exposure_s + 6 * condition.stamp_s
     part_s = condition.exposure_s * ((np.arange(_PARTS) + 0.5) / _PARTS - 0.5)
-    told = (condition.exposure_s,) * 2 if condition.told else (0.0, np.inf)
+    exposure_s = (condition.exposure_s,) * 2 if condition.timed else (0.0, np.inf)
     tally, before = Tally(), TrackerState.LOST
     for frame in range(frames):
         stamp_s = begin_s + frame * condition.step_s
@@ -151,7 +151,7 @@ def _run(condition: MotionCondition, rng: np.random.Generator, frames: int) -> T
         seen, _ = star_list(_sky(), CAMERA, truth, SIGMA_PX, rng, missing=0.05, false=3,
                             exposed=attitude(exposed_s))
         result = pipeline.process_centroids(START_NS + round(frame * condition.step_s * 1e9),
-                                 replace(seen, exposure_s=told))
+                                 replace(seen, exposure_s=exposure_s))
         tally += tally_of_frame(result, before, truth, due=frame >= 2)
         before = result.state
     return tally

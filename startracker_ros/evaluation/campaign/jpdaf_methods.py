@@ -9,7 +9,7 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.core.track.neighbourhood import propagated, star_neighbourhood
 from startracker_ros.core.track.options import ASSOCIATIONS, TrackerOptions
-from startracker_ros.core.track.tracker import StarTracker
+from startracker_ros.core.track.track_filter import TrackFilter
 from startracker_ros.evaluation.campaign.jpdaf_runs import (
     BLOCK_S, CAMERA, Cell, DETECTION_PROBABILITY, DT_S, FRAMES, ORBIT_RATE_RAD_S, Run, STARS)
 
@@ -107,7 +107,7 @@ def track(run: Run, options: TrackerOptions, with_gyro: bool = False) -> Estimat
     Frames are identified until it tracks; the first one has the attitude of its identification.
     """
     numbers = np.arange(1, STARS + 1, dtype=np.int32)
-    tracker = StarTracker(CAMERA, OnboardCatalog(
+    tracker = TrackFilter(CAMERA, OnboardCatalog(
         numbers, run.icrf, np.full(STARS, 4.0), *np.zeros((2, STARS), bool)), options)
     attitudes, covariances, fixed = [], [], []
     places = np.full((FRAMES, STARS, 2), np.nan)

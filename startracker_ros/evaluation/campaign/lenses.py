@@ -3,7 +3,7 @@ Simulated photographs of uncalibrated lenses: how many are solved, and whether a
 
 Each draw has a lens of its own: a field of 5 to 70 deg, k1 of -0.4 to 0.2, a principal point and a
 pixel ratio off, noise of 0.1 to 1 px, a tenth of the stars missing and five false ones. The solver
-is told the field of view to 5 % and nothing else.
+is given the field of view to 5 % and nothing else.
 """
 
 from dataclasses import dataclass
@@ -34,10 +34,10 @@ _PART_TRIALS = 25
 
 @dataclass(frozen=True)
 class LensField:
-    """A lens, the nominal camera that is told, the stars and the middle (3,) in ICRS."""
+    """A lens, the nominal camera that is given, the stars and the middle (3,) in ICRS."""
 
     camera: Camera
-    told: Camera
+    given: Camera
     centroids: Centroids
     middle: np.ndarray
 
@@ -73,10 +73,10 @@ def draw_lens_field(rng: np.random.Generator) -> LensField:
         onboard_catalog(catalog, camera, EPOCH_YEAR, float(limit)), camera, q,
         rng.uniform(*NOISE_PX), rng, missing=MISSING, false=FALSE,
         brightest_false=float(limit) - 3)
-    told = Camera.from_fov(WIDTH, HEIGHT,
+    given = Camera.from_fov(WIDTH, HEIGHT,
                            np.degrees(camera.seen_x_rad) * (1 + rng.uniform(-1, 1) * FOV_ERROR))
     middle = camera.unproject(np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]))
-    return LensField(camera, told, centroids, rotate(q, middle))
+    return LensField(camera, given, centroids, rotate(q, middle))
 
 
 def solve_lens_fields(trials: int, seed: int) -> LensOutcome:
@@ -96,7 +96,7 @@ def solve_lens_fields(trials: int, seed: int) -> LensOutcome:
 
 def _solved(field: LensField, options: IdentificationOptions) -> np.ndarray | None:
     """Return the direction (3,) found for the middle of the image, None if not solved."""
-    ladder = LadderIdentifier(field.told, EPOCH_YEAR, options)
+    ladder = LadderIdentifier(field.given, EPOCH_YEAR, options)
     for attempt in ladder.identify([field.centroids]):
         if attempt.identification.attitude is None:
             continue

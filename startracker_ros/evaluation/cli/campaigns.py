@@ -112,7 +112,7 @@ def campaign_papers(trials: int | None, only: tuple[str, ...], output: Path, sch
 @json_option
 def campaign_integrity(trials: int, only: tuple[str, ...], scheduler: str, seed: int,
                        as_json: bool) -> None:
-    """Wrong attitudes counted in slews, darkness, false stars, wrong gyros, spoilt images."""
+    """Wrong attitudes counted in slews, darkness, false stars, wrong gyros, artefacts."""
     from startracker_ros.evaluation.campaign.integrity import (
         ALL_CONDITIONS, run_integrity_campaign)
     check_names('condition', only, ALL_CONDITIONS)

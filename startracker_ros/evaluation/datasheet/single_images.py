@@ -118,8 +118,7 @@ def _streak(instrument: Instrument, rate_rad_s: np.ndarray) -> Streak:
 def _predicted_stars(pipeline: StarTracker, stamp_ns: int, q: np.ndarray
                      ) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels (N, 2) and hip (N,) of the stars that a tracker follows at q (4,)."""
-    camera, sky = pipeline.identification.identifier.camera, pipeline.attitude.sky
-    sky.look_from(pipeline.motion.at(stamp_ns))
+    camera, sky = pipeline.identification.identifier.camera, pipeline.attitude.sky.at(stamp_ns)
     near = sky.onboard.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
     near = near[~sky.onboard.blended[near]]
     uv = camera.project(rotate(conjugate(q), sky.direction(near)))

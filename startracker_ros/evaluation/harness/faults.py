@@ -232,7 +232,7 @@ FAULTS: dict[str, Fault] = {
     'centroid_extractor killed': _kill(
         'centroid_extractor', 'star_tracker', 'centroids: nothing comes in'),
     'star_identifier killed': _kill(
-        'star_identifier', 'star_identifier', STALE, reported='resting'),
+        'star_identifier', 'star_identifier', STALE, reported='idle while'),
     'star_tracker killed': _kill(
         'star_tracker', 'attitude_estimator', 'tracks: nothing comes in'),
     'attitude_estimator killed': _kill('attitude_estimator', 'attitude_estimator', STALE),

@@ -10,10 +10,10 @@ from startracker_ros.core.track.tracks import Tracks
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, STAR_DTYPE, TRACK_DTYPE
 
 
-def centroid_rows(centroids: Centroids, camera: Camera, directed: bool = False) -> np.ndarray:
-    """Return rows (N,) of `centroids`; directed if only predicted stars were measured."""
+def centroid_rows(centroids: Centroids, camera: Camera, windowed: bool = False) -> np.ndarray:
+    """Return rows (N,) of `centroids`; windowed if only predicted stars were measured."""
     rows = _measured_rows(CENTROID_DTYPE, centroids, camera)
-    rows['directed'] = directed
+    rows['directed'] = windowed
     return rows
 
 

@@ -76,7 +76,7 @@ class Recording:
         return self._writer.write(topic, cdr, log_time_ns, publish_time_ns)
 
     def retry(self) -> bool:
-        """After a failure, try now and then to continue; return whether a new bag was begun."""
+        """After a failure, try now and then to continue; return whether a new bag was started."""
         if self._writer.error is None:
             return False
         if self._failed_s is None:

@@ -35,9 +35,9 @@ def cloud_to_message(rows: np.ndarray, header: Header) -> PointCloud2:
 
 
 def centroids_to_message(centroids: Centroids, camera: Camera, header: Header,
-                         directed: bool = False) -> PointCloud2:
-    """Return the `centroids` cloud; directed if only predicted stars were measured."""
-    return cloud_to_message(centroid_rows(centroids, camera, directed), header)
+                         windowed: bool = False) -> PointCloud2:
+    """Return the `centroids` cloud; windowed if only predicted stars were measured."""
+    return cloud_to_message(centroid_rows(centroids, camera, windowed), header)
 
 
 def centroids_from_message(message: PointCloud2) -> Centroids:

@@ -3,9 +3,10 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.core.astro.observer_motion import AberrationOptions, ObserverMotion
 from startracker_ros.core.attitude.protection import ProtectionOptions
 from startracker_ros.core.attitude.validation import UNUSED_SOLVER, ValidationOptions
@@ -13,17 +14,18 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.stages.attitude import AttitudeStage
-from startracker_ros.core.track.tracks import TrackedAttitude, Tracks
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
 from startracker_ros.io.bags.layouts import ns_from_stamp, read_cloud, STAR_DTYPE
 from startracker_ros.ros import qos
 from startracker_ros.ros.attitude_output import AttitudeImuOptions, AttitudeOutput
 from startracker_ros.ros.body_output import MountOptions
 from startracker_ros.ros.camera_node import CameraNode
+from startracker_ros.ros.frame_pairs import FramePairs
 from startracker_ros.ros.frames import ExtraFrameOptions, FrameOptions
+from startracker_ros.ros.messages.attitude import tracked_attitude_from_imu
+from startracker_ros.ros.messages.clouds import tracks_from_message
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.odometry_input import OdometryInput
-from startracker_ros.ros.tracks_input import TracksInput
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,12 @@ class AttitudeEstimatorNode(CameraNode):
         super().__init__('attitude_estimator')
         self._observer = OdometryInput(self, FrameOptions)
         self._output = AttitudeOutput(self, self._observer)
-        self._tracks: TracksInput | None = None
+        # The attitude is in one message, the stars that it is checked against are in the other.
+        self._pairs = FramePairs('tracks', 'tracked_attitude')
         if self.options(SourceOptions).source == 'tracks':
             self.frame_topic = 'tracks'
-            self._tracks = TracksInput(self, self._on_frame, self._on_tracks_alone)
+            self.subscribe(Imu, 'tracked_attitude', self._on_tracked_attitude, qos.LIST)
+            self.subscribe(PointCloud2, 'tracks', self._on_tracks, qos.LIST)
         else:
             self.subscribe(PointCloud2, 'stars', self._on_stars, qos.LIST)
         self.advertise_reset()
@@ -58,8 +62,7 @@ class AttitudeEstimatorNode(CameraNode):
     def restart(self) -> None:
         self._observer.rebuild()
         self._output.rebuild()
-        if self._tracks is not None:
-            self._tracks.clear()
+        self._pairs.clear()
 
     def builder(self, camera: Camera, epoch_year: float) -> Callable[[], AttitudeStage]:
         return partial(AttitudeStage, camera, epoch_year, self.options(ValidationOptions),
@@ -77,14 +80,33 @@ class AttitudeEstimatorNode(CameraNode):
         AttitudeStage(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, motion=ObserverMotion(
             self.options(AberrationOptions))).warm_up()
 
-    def _on_frame(self, stamp_ns: int, tracks: Tracks, tracked: TrackedAttitude | None) -> None:
+    def _on_tracked_attitude(self, message: Imu) -> None:
+        self._pair('tracked_attitude', ns_from_stamp(message.header.stamp),
+                   tracked_attitude_from_imu(message))
+
+    def _on_tracks(self, message: PointCloud2) -> None:
+        tracks = tracks_from_message(message)
+        if self.camera_or_drop() is None or not self.in_order('tracks', message.header.stamp):
+            return
+        stamp_ns = ns_from_stamp(message.header.stamp)
+        if (self._pairs.waits('tracked_attitude', stamp_ns)
+                or self.count_publishers('tracked_attitude')):
+            self._pair('tracks', stamp_ns, tracks)
+        else:
+            self._output.publish(stamp_ns, self._stage.from_tracks_alone(stamp_ns, tracks), None)
+
+    def _pair(self, topic: str, stamp_ns: int, value: Any) -> None:
+        """Publish the attitude of a frame of which both messages have come."""
+        pair = self._pairs.add(topic, stamp_ns, value)
+        if unpaired := self._pairs.unpaired['tracks']:
+            self.diagnostics.counts['tracks without tracked_attitude'] = unpaired
+        if pair is None:
+            return
+        tracks, tracked = pair
         solver = self.options(ValidationOptions).solver
         if solver != ValidationOptions.solver:
             self.diagnostics.report_event(UNUSED_SOLVER.format(solver))
         self._output.publish(stamp_ns, self._stage.from_tracks(stamp_ns, tracks, tracked), tracked)
-
-    def _on_tracks_alone(self, stamp_ns: int, tracks: Tracks) -> None:
-        self._output.publish(stamp_ns, self._stage.from_tracks_alone(stamp_ns, tracks), None)
 
     def _on_stars(self, message: PointCloud2) -> None:
         rows = read_cloud(message, STAR_DTYPE)

@@ -85,7 +85,7 @@ class CentroidExtractorNode(CameraNode):
             ns_from_stamp(header.stamp), image, self._predicted,
             lost=bool(self.count_publishers('predicted_centroids')))
         self._centroids.publish(centroids_to_message(
-            extraction.centroids, camera, header, self._stage.directed))
+            extraction.centroids, camera, header, self._stage.windowed))
         self.defer(partial(self._report, header, image, extraction))
 
     def _report(self, header: Header, image: np.ndarray, extraction: Extraction) -> None:
@@ -106,7 +106,7 @@ class CentroidExtractorNode(CameraNode):
             'noise_dn': f'{extraction.noise_dn:.2f}',
             'psf_sigma_px': f'{extraction.psf_sigma_px:.2f}',
             'streak_px': f'{extraction.streak_px:.1f}',
-            'searched': 'near predictions' if self._stage.directed else 'whole image'})
+            'searched': 'near predictions' if self._stage.windowed else 'whole image'})
         for reason, count in extraction.rejected.items():
             self.diagnostics.counts[f'rejected {reason}'] += count
         good = extraction.status == 'ok'

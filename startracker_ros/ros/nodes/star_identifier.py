@@ -14,7 +14,7 @@ from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_U
 from startracker_ros.core.identify.extended_grid import ExtendedGridOptions
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.stages.identification import CheckOptions, IdentificationStage
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp, read_cloud
 from startracker_ros.ros import qos
@@ -23,11 +23,11 @@ from startracker_ros.ros.diagnostics import OK, WARN
 from startracker_ros.ros.messages.clouds import identification_to_message
 from startracker_ros.ros.node import main_of
 
-_RESTING = 'resting while the star tracker tracks'
+_IDLE = 'idle while the star tracker tracks'
 
 
 class StarIdentifierNode(CameraNode):
-    """Identifies stars lost-in-space; rests while a star tracker reports that it tracks."""
+    """Identifies stars lost-in-space; idle while a star tracker reports that it tracks."""
 
     option_classes = (CheckOptions, IdentificationOptions, ExtendedGridOptions, GyroErrorOptions,
                       BandOptions)
@@ -81,11 +81,11 @@ class StarIdentifierNode(CameraNode):
         # The state that a killed tracker published last is not valid any more.
         tracking = self._tracking and bool(self.count_publishers('tracker_state'))
         # Before the centroids are read: the tracker works on them at the same time.
-        if stage.rests(stamp_ns, tracking):
-            self.diagnostics.report(OK, _RESTING)
+        if stage.is_idle(stamp_ns, tracking):
+            self.diagnostics.report(OK, _IDLE)
             return
         rows = read_cloud(message, CENTROID_DTYPE)
-        if stage.rests(stamp_ns, tracking, directed=bool(rows['directed'].any())):
+        if stage.is_idle(stamp_ns, tracking, windowed=bool(rows['directed'].any())):
             return
         centroids = centroids_from_rows(rows)
         result, centroids = stage.identify(stamp_ns, centroids)
@@ -108,7 +108,7 @@ class StarIdentifierNode(CameraNode):
             self.diagnostics.report(WARN, 'no imu: identifying lost-in-space only')
         else:
             # A check while the star tracker tracks does not change the condition.
-            self.diagnostics.report(OK, _RESTING if self._tracking else 'identifying stars')
+            self.diagnostics.report(OK, _IDLE if self._tracking else 'identifying stars')
 
 
 main = main_of(StarIdentifierNode)

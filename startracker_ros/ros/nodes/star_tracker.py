@@ -12,7 +12,7 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BandOptions
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR
-from startracker_ros.core.stages.tracking import make_star_tracker, make_trackers
+from startracker_ros.core.stages.tracking import make_track_filter, make_trackers
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.target import TargetTrackOptions
 from startracker_ros.io.bags.cloud_rows import centroids_from_rows
@@ -70,7 +70,7 @@ class StarTrackerNode(CameraNode):
 
     def warm_up(self) -> None:
         options = replace(self.options(TrackerOptions), magnitude_limit=5.0)
-        make_star_tracker(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, options).warm_up()
+        make_track_filter(WARM_UP_CAMERA, WARM_UP_EPOCH_YEAR, options).warm_up()
 
     def _add_rate(self, stamp_ns: int, rate_rad_s: np.ndarray) -> bool:
         return self.camera is None or self._tracker.add_rate(stamp_ns, rate_rad_s)
@@ -81,7 +81,7 @@ class StarTrackerNode(CameraNode):
 
     def _on_centroids(self, message: PointCloud2) -> None:
         rows = read_cloud(message, CENTROID_DTYPE)
-        centroids, directed = centroids_from_rows(rows), bool(rows['directed'].any())
+        centroids, windowed = centroids_from_rows(rows), bool(rows['directed'].any())
         camera, header = self.camera_or_drop(), message.header
         if camera is None or not self.in_order('centroids', header.stamp):
             return
@@ -93,13 +93,13 @@ class StarTrackerNode(CameraNode):
         if self._frame_attitude.get_subscription_count():
             self._frame_attitude.publish(attitude_to_imu(self._tracker.frame_attitude, header))
         self._tracks.publish(tracks_to_message(tracks, camera, header))
-        self.defer(partial(self._finish, header, camera, centroids, directed))
+        self.defer(partial(self._finish, header, camera, centroids, windowed))
 
-    def _finish(self, header: Header, camera: Camera, centroids: Centroids, directed: bool
+    def _finish(self, header: Header, camera: Camera, centroids: Centroids, windowed: bool
                 ) -> None:
         """Do with a frame what its attitude does not depend on."""
         targets = self._target.update(
-            self._target_tracker, self._tracker, centroids, directed, camera, header)
+            self._target_tracker, self._tracker, centroids, windowed, camera, header)
         self._predicted.publish(self._tracker, targets, camera, header)
         self._state.publish(self._tracker, ns_from_stamp(header.stamp))
         self._observer.report(ns_from_stamp(header.stamp))

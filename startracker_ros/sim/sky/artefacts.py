@@ -1,4 +1,4 @@
-"""What spoils real images: options, and the record of what one image contains."""
+"""What contaminates real images: options, and the record of what one image contains."""
 
 from dataclasses import dataclass, field
 

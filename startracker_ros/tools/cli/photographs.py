@@ -11,7 +11,7 @@ from startracker_ros.tools.cli.outcome import exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import json_option, print_result
 
 if TYPE_CHECKING:
-    from startracker_ros.tools.photographs.occasion import Standpoint
+    from startracker_ros.tools.photographs.epoch_and_site import ObserverSite
 
 _Command = TypeVar('_Command', bound=Callable[..., Any])
 
@@ -26,7 +26,7 @@ class _Epoch(click.ParamType):
         if isinstance(value, float):
             return value
         from startracker_ros.core.astro.epoch import epoch_year_from_stamp, stamp_from_datetime
-        from startracker_ros.tools.photographs.occasion import checked_year
+        from startracker_ros.tools.photographs.epoch_and_site import checked_year
         try:
             try:
                 year = float(value)
@@ -83,27 +83,27 @@ def _observer_options(epoch_default: str) -> Callable[[_Command], _Command]:
     return add
 
 
-def _standpoint(site: tuple[float, float, float] | None,
+def _observer_site(site: tuple[float, float, float] | None,
                 velocity_km_s: tuple[float, float, float] | None, pressure_hpa: float | None,
-                temperature_c: float) -> 'Standpoint':
+                temperature_c: float) -> 'ObserverSite':
     """Return where the camera was; UsageError for options that do not go together."""
     import numpy as np
     from startracker_ros.core.astro.ground_site import Site
     from startracker_ros.core.astro.observer_motion import MAX_SPEED_M_S
-    from startracker_ros.tools.photographs.occasion import Standpoint
+    from startracker_ros.tools.photographs.epoch_and_site import ObserverSite
     if site is not None and velocity_km_s is not None:
         raise click.UsageError('give either --site or --velocity')
     if site is not None:
         if not (abs(site[0]) <= 90 and abs(site[1]) <= 360 and -500 <= site[2] <= 100e3):
             raise click.UsageError(f'--site {site}: no latitude, longitude and height in m')
-        return Standpoint(site=Site(*site, pressure_hpa, temperature_c))
+        return ObserverSite(site=Site(*site, pressure_hpa, temperature_c))
     if velocity_km_s is None:
-        return Standpoint()
+        return ObserverSite()
     velocity_m_s = 1e3 * np.array(velocity_km_s)
     if not np.linalg.norm(velocity_m_s) <= MAX_SPEED_M_S:
         raise click.UsageError(f'--velocity: more than {MAX_SPEED_M_S / 1e3:g} km/s '
                                'about the Earth')
-    return Standpoint(velocity_m_s=velocity_m_s)
+    return ObserverSite(velocity_m_s=velocity_m_s)
 
 
 def _image_files(images: tuple[Path, ...]) -> list[Path]:
@@ -151,7 +151,7 @@ Examples:
 def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | None,
           fov_error_percent: float | None, epoch_year: float | None, mirror: bool,
           selection: slice, annotate_folder: Path | None, wcs_folder: Path | None, as_json: bool,
-          **standpoint: Any) -> None:
+          **observer_site: Any) -> None:
     """
     Attitude of star IMAGES: right ascension, declination, roll, stars, residual.
 
@@ -169,7 +169,7 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
         fov_error_percent = UNCALIBRATED_PERCENT if camera_file is None else CALIBRATED_PERCENT
     with usage_error_on(CameraError):
         result = solve_files(paths, fov_deg=fov_deg, camera_file=camera_file,
-                             epoch_year=epoch_year, standpoint=_standpoint(**standpoint),
+                             epoch_year=epoch_year, observer_site=_observer_site(**observer_site),
                              mirror=mirror, selection=selection,
                              outputs=Outputs(annotate_folder, wcs_folder),
                              options=IdentificationOptions(
@@ -197,7 +197,7 @@ def solve(images: tuple[Path, ...], fov_deg: float | None, camera_file: Path | N
 @json_option
 def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
               camera_file: Path | None, epoch_year: float | None, terms: tuple[str, ...],
-              distortion_model: str, as_json: bool, **standpoint: Any) -> None:
+              distortion_model: str, as_json: bool, **observer_site: Any) -> None:
     """
     Focal length, principal point and distortion out of star IMAGES of one camera.
 
@@ -207,15 +207,15 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
     from startracker_ros.core.camera.model import CameraError
     from startracker_ros.io.output import check_output
     from startracker_ros.tools.photographs.calibrate import calibrate_files
-    from startracker_ros.tools.photographs.occasion import occasion
+    from startracker_ros.tools.photographs.epoch_and_site import epoch_of
     _check_one_camera(fov_deg, camera_file)
-    where = _standpoint(**standpoint)
+    where = _observer_site(**observer_site)
     if epoch_year is None and where.known:
         raise click.UsageError('--site and --velocity need --epoch')
     with usage_error_on(CameraError), exit_1_on(CalibrationError, output=output):
         check_output(output)
         result = calibrate_files(_image_files(images), output, fov_deg=fov_deg,
                                  camera_file=camera_file, epoch_year=epoch_year,
-                                 observer=where.observer(occasion(epoch_year)), terms=terms,
+                                 observer=where.observer(epoch_of(epoch_year)), terms=terms,
                                  distortion_model=distortion_model)
     print_result(result, as_json)

@@ -20,7 +20,7 @@ from startracker_ros.core.options import options_by_class
 from startracker_ros.core.stages.solution import Solution
 from startracker_ros.io.images.images import camera_of, Photograph, read_photograph
 from startracker_ros.tools.photographs.calibrate import calibrate_lists, MAX_STARS
-from startracker_ros.tools.photographs.occasion import checked_year, occasion, Standpoint
+from startracker_ros.tools.photographs.epoch_and_site import checked_year, epoch_of, ObserverSite
 from startracker_ros.tools.photographs.solve import (
     CALIBRATED_PERCENT, PHOTOGRAPH_LIMIT_S, Solvers, UNCALIBRATED_PERCENT)
 
@@ -50,10 +50,10 @@ def solve(image: Image, fov_deg: float | None = None,
         **options})[IdentificationOptions]
     assert isinstance(chosen, IdentificationOptions)
     photograph = _photograph(image)
-    when = occasion(_year(epoch), photograph.taken)
-    standpoint = Standpoint()
+    when = epoch_of(_year(epoch), photograph.taken)
+    site = ObserverSite()
     return _solvers(fov_deg, camera, chosen).solve(
-        _name(image), photograph, when, standpoint.observer(when), standpoint.bodies(when))[0]
+        _name(image), photograph, when, site.observer(when), site.bodies(when))[0]
 
 
 # The pattern databases of the newest cameras.
@@ -91,7 +91,7 @@ def calibrate(images: Sequence[Image], fov_deg: float | None = None, *,
             ExtractionOptions(max_stars=MAX_STARS)).extract(pixels).centroids
     if camera is None or not centroids:
         raise ValueError('no images to calibrate from')
-    observer = Standpoint().observer(occasion(year))
+    observer = ObserverSite().observer(epoch_of(year))
     used, calibration = calibrate_lists(
         centroids, camera, epoch_year_now() if year is None else year, observer.vantage, terms, {})
     return replace(calibration, frames=np.array(sorted(used, key=used.__getitem__)))

@@ -144,13 +144,13 @@ def _with_learnt_lens(centroids: dict[int, Centroids], camera: Camera, epoch_yea
     return camera
 
 
-def _with_likely_ratio(camera: Camera, told: float) -> Camera:
-    """Return the camera with the told fy / fx, unless the fitted one is clearly another."""
+def _with_likely_ratio(camera: Camera, given: float) -> Camera:
+    """Return the camera with the given fy / fx, unless the fitted one is clearly another."""
     found = camera.fy / camera.fx
-    if abs(found / told - 1) > _RATIO_ERROR:
+    if abs(found / given - 1) > _RATIO_ERROR:
         return camera
-    focal = np.sqrt(camera.fx * camera.fy / told)
-    return replace(camera, fx=float(focal), fy=float(focal * told))
+    focal = np.sqrt(camera.fx * camera.fy / given)
+    return replace(camera, fx=float(focal), fy=float(focal * given))
 
 
 def _identify_by_ladder(centroids: dict[int, Centroids], views: dict[int, View], camera: Camera,

@@ -28,7 +28,7 @@ from startracker_ros.io.images.images import calibrated_camera, camera_of, Image
 from startracker_ros.io.images.video import is_video
 from startracker_ros.io.images.wcs_file import read_wcs_camera
 from startracker_ros.io.table import Result
-from startracker_ros.tools.photographs.occasion import Occasion, occasion, OPTION, Standpoint
+from startracker_ros.tools.photographs.epoch_and_site import Epoch, epoch_of, OPTION, ObserverSite
 from startracker_ros.tools.photographs.outputs import Outputs
 from startracker_ros.tools.photographs.shots import output_names, Shot, shots
 
@@ -72,7 +72,7 @@ def _solve_centroids(centroids: Centroids, identifier: Identifier, sky: Apparent
 
 def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
                 camera_file: Path | None = None, epoch_year: float | None = None,
-                standpoint: Standpoint = Standpoint(), mirror: bool = False,
+                observer_site: ObserverSite = ObserverSite(), mirror: bool = False,
                 selection: slice = slice(None), outputs: Outputs = Outputs(),
                 options: IdentificationOptions = IdentificationOptions()) -> Result:
     """
@@ -92,11 +92,11 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
             rows.append(_unreadable(shot, shot.error))
             continue
         photograph = shot.photograph.mirror() if mirror else shot.photograph
-        when = occasion(epoch_year, photograph.taken)
-        observer = standpoint.observer(when)
+        when = epoch_of(epoch_year, photograph.taken)
+        observer = observer_site.observer(when)
         try:
             solution, solve_ms = solvers.solve(
-                shot.path, photograph, when, observer, standpoint.bodies(when))
+                shot.path, photograph, when, observer, observer_site.bodies(when))
         except ImageError as error:
             rows.append(_unreadable(shot, str(error)))
             continue
@@ -105,8 +105,8 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         rows.append({**_row(shot, solution, solve_ms), 'epoch': when.year,
                      'epoch_from': when.source})
         outputs.write(shot.output, photograph, solution, when.year)
-    whens = whens or [occasion(epoch_year)]
-    observers = observers or [standpoint.observer(whens[0])]
+    whens = whens or [epoch_of(epoch_year)]
+    observers = observers or [observer_site.observer(whens[0])]
     fit = ({'camera_residual_px': read_wcs_camera(camera_file).residual_px}
            if camera_file is not None and is_wcs(camera_file) else {})
     return Result('solve', rows, {
@@ -136,7 +136,7 @@ class Solvers:
         self._photographs = lru_cache(maxsize=4)(partial(_photograph_solver, options))
         self._calibrations = lru_cache(maxsize=4)(partial(_calibrated_solver, options))
 
-    def solve(self, path: Path | str, photograph: Photograph, when: Occasion, observer: Observer,
+    def solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
               bodies: Bodies) -> tuple[Solution, float]:
         """Return the solution of an image and its time in ms; ImageError."""
         image, camera = photograph.image, None
@@ -152,8 +152,7 @@ class Solvers:
             # In 9 days no bright star moves by 0.1 arcsec.
             year = when.year if when.source == OPTION else round(20 * when.year) / 20
             identifier, onboard = self._calibrations(camera, year)
-            sky = ApparentCatalog(onboard)
-            sky.look_from(observer)
+            sky = ApparentCatalog(onboard, observer)
             start_s = time.perf_counter()
             # A new extractor, so that no image depends on those before.
             solution = solve_image(image, CentroidExtractor(), identifier, sky, bodies)

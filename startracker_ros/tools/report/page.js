@@ -515,7 +515,7 @@ function plotSky(holder, sky) {
   let project = null;
   let field = null;
   let here = null;
-  let told = '';
+  let chosen = '';
   const draw = () => {
     const size = Math.min(holder.clientWidth, 680);
     const height = sky.wholeSky ? size / 2 : size;
@@ -540,8 +540,8 @@ function plotSky(holder, sky) {
       const words = `HIP ${hip}, V ${magnitude}, `
         + (frames ? `used in ${frames} frames` : 'not used');
       make(star, 'title', {}, words);
-      star.addEventListener('pointerenter', () => { told = words; tell(); });
-      star.addEventListener('pointerleave', () => { told = ''; tell(); });
+      star.addEventListener('pointerenter', () => { chosen = words; tell(); });
+      star.addEventListener('pointerleave', () => { chosen = ''; tell(); });
     }
     make(inside, 'path', {class: 'path', 'pointer-events': 'none',
       d: polyline(sky.q.map((q) => rotate(q, [0, 0, 1])), project, size)});
@@ -559,7 +559,7 @@ function plotSky(holder, sky) {
     here.setAttribute('visibility', known ? 'visible' : 'hidden');
     field.setAttribute('visibility', known ? 'visible' : 'hidden');
     if (!known) {
-      readout.textContent = told || `no attitude at ${time.toFixed(2)} s`;
+      readout.textContent = chosen || `no attitude at ${time.toFixed(2)} s`;
       return;
     }
     const boresight = rotate(sky.q[index], [0, 0, 1]);
@@ -571,7 +571,7 @@ function plotSky(holder, sky) {
         +svg.getAttribute('width'), true));
     }
     const [ra, dec] = radec(boresight);
-    readout.textContent = told || `boresight at ${sky.t[index].toFixed(2)} s: `
+    readout.textContent = chosen || `boresight at ${sky.t[index].toFixed(2)} s: `
       + `RA ${shown(ra, 4)}\u00b0, Dec ${shown(dec, 4)}\u00b0`;
   };
   figures.push({draw, point: tell});

@@ -19,8 +19,7 @@ from startracker_ros.io.recordings.frames import frame_pictures, FramePicture
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.io.recordings.recording import Recording
 from startracker_ros.io.table import Result
-from startracker_ros.tools.report.heads import load_heads
-from startracker_ros.tools.report.heads_panels import head_states, mount_panels
+from startracker_ros.tools.report.heads import head_states, load_heads, mount_panels
 from startracker_ros.tools.report.panels import diagnostics_table, Panel, Panels
 from startracker_ros.tools.report.sky_map import sky_map
 from startracker_ros.tools.report.template import content_policy, resource, template

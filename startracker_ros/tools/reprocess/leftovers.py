@@ -75,8 +75,9 @@ class Leftovers:
         if attitude is None:
             return
         if self._stars is None or self._stars[0] is not pipeline:
-            self._stars = pipeline, StarsInView(camera, pipeline.attitude.sky)
-        left = unexplained(self._stars[1], attitude, centroids)
+            self._stars = pipeline, StarsInView(camera, pipeline.attitude.sky.onboard)
+        left = unexplained(
+            self._stars[1], pipeline.attitude.sky.at(stamp_ns), attitude, centroids)
         if not len(left):
             return
         left = left[:MOST_SPOTS]

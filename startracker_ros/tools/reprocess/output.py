@@ -10,10 +10,11 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.star_tracker import StarTracker
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.cloud_rows import centroid_rows, star_rows, track_rows
 from startracker_ros.io.bags.qos import QosProfile
+from startracker_ros.io.bags.tracker_state import NAME, tracker_state_values
 from startracker_ros.io.bags.writer import BagWriter
 from startracker_ros.tools.reprocess.plan import full_name
 
@@ -67,7 +68,7 @@ class SegmentBag:
             self._camera = camera
         if sends('centroids') and extracted:
             send('centroids', cdr.point_cloud(stamp_ns, frame_id, centroid_rows(
-                centroids, camera, pipeline.extraction.directed)))
+                centroids, camera, pipeline.extraction.windowed)))
         found = frame.identification
         if sends('stars') and found is not None and len(found.hip) == len(centroids):
             send('stars', cdr.point_cloud(stamp_ns, frame_id, star_rows(
@@ -96,15 +97,9 @@ class SegmentBag:
 
     def _state(self, frame: FrameResult, pipeline: StarTracker) -> bytes:
         """Return `tracker_state`."""
-        tracker = pipeline.tracker
         level = _OK if frame.state is TrackerState.TRACKING else _WARN
-        return cdr.status(level, 'star_tracker: state', frame.state.value, self._hardware_id, {
-            'stars_matched': tracker.stars_matched,
-            'residual_px': f'{tracker.residual_px:.3f}',
-            'frames_since_fix': tracker.frames_since_fix,
-            'checks_passed': tracker.checks_passed, 'late_frames': tracker.late_frames,
-            'rejected_centroids': tracker.rejected_centroids, 'gyro': tracker.gyro_condition,
-            'reason': tracker.contradiction or tracker.reason})
+        return cdr.status(level, NAME, frame.state.value, self._hardware_id,
+                          tracker_state_values(pipeline.tracker))
 
 
 def _on_icrf(attitude: AttitudeEstimate | None) -> np.ndarray:

@@ -148,7 +148,7 @@ class SegmentRun:
         if message.type_name == IMAGE:
             extraction = pipeline.extraction.extract(
                 stamp_ns, content, pipeline.tracker.predicted)
-            content = extraction.centroids, pipeline.extraction.directed
+            content = extraction.centroids, pipeline.extraction.windowed
         frame = pipeline.process_centroids(stamp_ns, *content)
         holds, truth = self._segment.holds(message.log_time_ns), self._truth.pop(stamp_ns, None)
         stars, fit = self._fit(content[0], frame, pipeline)
@@ -185,7 +185,7 @@ class SegmentRun:
         attitude = frame.attitude
         if attitude is None:
             return NO_STARS, None
-        tracks, sky = frame.tracks, pipeline.attitude.sky
+        tracks, sky = frame.tracks, pipeline.attitude.sky.at(frame.stamp_ns)
         used = tracks.usable
         hip, uv = tracks.hip[used], tracks.uv[used]
         stars = Stars(sky.direction(sky.onboard.index_of(hip)), uv,

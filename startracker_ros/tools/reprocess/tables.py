@@ -9,7 +9,7 @@ from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.export.tables import load_parquet_writer
 from startracker_ros.tools.reprocess.frame_fit import FrameFit
 from startracker_ros.tools.reprocess.widths import FittedStars, width_rows

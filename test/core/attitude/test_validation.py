@@ -15,6 +15,7 @@ from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
 ONBOARD = onboard_stars(CAMERA, 2026.0, 6.0)
 POINTING = quaternion_from_pointing(*np.radians([83.0, -1.0, 20.0]))
+SKY = ApparentCatalog(ONBOARD)
 
 
 @pytest.fixture
@@ -25,14 +26,17 @@ def stars():
 
 
 def validator(**options):
-    return AttitudeValidator(CAMERA, ApparentCatalog(ONBOARD),
-                             replace(ValidationOptions(), **options))
+    return AttitudeValidator(CAMERA, replace(ValidationOptions(), **options))
+
+
+def covariance(solver, *stars):
+    return validator(solver=solver).solve(SKY, *stars).attitude.covariance_sensor
 
 
 @pytest.mark.parametrize('solver', SOLVERS)
 def test_the_solver_is_the_one_of_the_options(stars, solver):
     uv, hip, error_px2 = stars
-    found = validator(solver=solver).solve(*stars).attitude
+    found = validator(solver=solver).solve(SKY, *stars).attitude
     expected = estimate_attitude(
         CAMERA.unproject(uv), ONBOARD.direction[ONBOARD.index_of(hip)],
         np.sqrt(error_px2[:, 0, 0]) * CAMERA.pixel_rad, solver)
@@ -44,11 +48,11 @@ def test_the_solver_is_the_one_of_the_options(stars, solver):
 @pytest.mark.parametrize('solver', SOLVERS)
 def test_residuals_larger_than_promised_scale_the_covariance(stars, solver):
     uv, hip, error_px2 = stars
-    promised = validator(solver=solver).solve(uv, hip, error_px2).attitude.covariance_sensor
-    scaled = validator(solver=solver).solve(uv, hip, error_px2 / 100).attitude.covariance_sensor
+    promised = covariance(solver, uv, hip, error_px2)
+    scaled = covariance(solver, uv, hip, error_px2 / 100)
     # The same residuals: the covariance follows them, within their scatter.
     assert np.trace(scaled) / np.trace(promised) == pytest.approx(1, abs=0.5)
-    larger = validator(solver=solver).solve(uv, hip, 100 * error_px2).attitude.covariance_sensor
+    larger = covariance(solver, uv, hip, 100 * error_px2)
     assert np.trace(larger) > 50 * np.trace(promised)
 
 
@@ -65,7 +69,7 @@ def test_errors_that_are_not_round_weigh_each_axis():
         noisy = exact + rng.multivariate_normal(np.zeros(2), error, len(uv))
         for covariance in (error, rounded):
             solved = validator(max_residual_px=5.0).solve(
-                noisy, hip, np.tile(covariance, (len(uv), 1, 1))).attitude
+                SKY, noisy, hip, np.tile(covariance, (len(uv), 1, 1))).attitude
             errors.append(attitude_error(solved.quaternion, POINTING))
             nees.append(errors[-1] @ np.linalg.solve(solved.covariance_sensor, errors[-1]))
     with_ellipses, with_circles = np.sqrt(np.mean(np.square(
@@ -77,13 +81,13 @@ def test_errors_that_are_not_round_weigh_each_axis():
 
 def test_rejections_have_a_reason(stars):
     uv, hip, error_px2 = stars
-    few = validator().solve(uv[:3], hip[:3], error_px2[:3])
+    few = validator().solve(SKY, uv[:3], hip[:3], error_px2[:3])
     assert few.attitude is None and few.reason == '3 identified stars, min_stars is 4'
-    unknown = validator().solve(uv, np.zeros_like(hip), error_px2)
+    unknown = validator().solve(SKY, uv, np.zeros_like(hip), error_px2)
     assert unknown.attitude is None and unknown.reason.startswith('0 identified stars')
-    wrong = validator().solve(uv, np.roll(hip, 1), error_px2)
+    wrong = validator().solve(SKY, uv, np.roll(hip, 1), error_px2)
     assert wrong.attitude is None and 'above max_residual_px = 1' in wrong.reason
-    twice = validator().solve(uv[[0, 1, 2, 2]], hip[[0, 1, 2, 2]], error_px2[:4])
+    twice = validator().solve(SKY, uv[[0, 1, 2, 2]], hip[[0, 1, 2, 2]], error_px2[:4])
     assert twice.attitude is None and 'identical: one star counted twice' in twice.reason
 
 
@@ -92,7 +96,7 @@ def test_the_sign_of_the_quaternion_is_continuous():
     for roll_deg in np.arange(0, 720, 20):
         q = quaternion_from_pointing(*np.radians([83.0, -1.0, roll_deg]))
         uv, hip, error_px2 = _field(q)
-        signs.append(continuous.solve(uv, hip, error_px2).attitude.quaternion)
+        signs.append(continuous.solve(SKY, uv, hip, error_px2).attitude.quaternion)
     assert (np.sum(np.array(signs[1:]) * signs[:-1], 1) > 0.9).all()
     assert min(q[3] for q in signs) < -0.5
 

@@ -1,4 +1,4 @@
-"""A fisheye is calibrated from star lists, told its field of view only."""
+"""A fisheye is calibrated from star lists, given its field of view only."""
 
 import numpy as np
 import pytest
@@ -22,8 +22,8 @@ def lists():
 
 
 def test_focal_length_centre_and_coefficients_come_back(lists):
-    told = Camera.from_fov(1024, 768, np.degrees(LENS.seen_x_rad) * 1.02, 'equidistant')
-    used, found = calibrate_lists(lists, told, EPOCH_YEAR, None, (), {})
+    given = Camera.from_fov(1024, 768, np.degrees(LENS.seen_x_rad) * 1.02, 'equidistant')
+    used, found = calibrate_lists(lists, given, EPOCH_YEAR, None, (), {})
     camera = found.camera
     assert len(used) == len(lists)
     assert camera.distortion_model == 'equidistant' and 'k2' in found.adjustment.terms

@@ -8,7 +8,7 @@ from startracker_ros.core.catalog.band import (
 from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.stages.identification import IdentificationStage
-from startracker_ros.core.stages.tracking import make_star_tracker
+from startracker_ros.core.stages.tracking import make_track_filter
 
 BETELGEUSE, RIGEL = 27989, 24436
 
@@ -48,7 +48,7 @@ def test_identifier_and_tracker_predict_in_the_band():
     expected = {int(hip): magnitude for hip, magnitude in zip(
         *(getattr(camera_catalog(camera, band=band), name) for name in ('hip', 'magnitude')))}
     for onboard in (IdentificationStage(camera, 2026.0, band=band).identifier.onboard,
-                    make_star_tracker(camera, 2026.0, band=band).sky.onboard):
+                    make_track_filter(camera, 2026.0, band=band).sky.onboard):
         # Most entries are single stars.
         assert len(onboard) > 100
         off = onboard.magnitude - [expected[int(hip)] for hip in onboard.hip]

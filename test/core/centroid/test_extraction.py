@@ -245,7 +245,7 @@ def test_stars_that_a_defocused_lens_draws_as_rings_are_one_spot_each(radius_px)
     assert false <= 2
     error = extraction.centroids.uv[index[index >= 0]] - uv[index >= 0]
     assert np.sqrt(np.mean(error ** 2)) < 0.3
-    assert np.sqrt(np.trace(extraction.centroids.common_error)) < radius_px / 10
+    assert np.sqrt(np.trace(extraction.centroids.correlated_error)) < radius_px / 10
 
 
 def test_close_pair_is_resolved():

@@ -3,7 +3,7 @@
 from hypothesis import given, settings, strategies as st
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.centroid.extraction import CentroidExtractor, WIDTH_IMAGES
+from startracker_ros.core.centroid.extraction import CentroidExtractor, SIGMA_IMAGES
 from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.tools.photographs.solve import solve_files
 
@@ -74,7 +74,7 @@ def test_sharp_stars_after_wide_ones_are_no_hits():
 def test_a_width_that_no_image_shows_any_more_is_forgotten():
     extractor, sharp = CentroidExtractor(), image_of(2, 0.45)
     _, searched = extractor.search(image_of(20, 1.6))
-    for _ in range(WIDTH_IMAGES):
+    for _ in range(SIGMA_IMAGES):
         few, searched = extractor.search(sharp, before=searched)
         assert few.psf_sigma_px > 1
     assert extractor.search(sharp, before=searched)[0].psf_sigma_px < 1

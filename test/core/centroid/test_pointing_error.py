@@ -40,7 +40,7 @@ def test_the_error_of_the_fits_is_within_the_common_covariance(path):
     rng = np.random.default_rng(1)
     image, uv = image_of(path, rng)
     centroids = CentroidExtractor().extract(image).centroids
-    error, common = fitted_less_mean(centroids, uv), centroids.common_error
+    error, common = fitted_less_mean(centroids, uv), centroids.correlated_error
     assert np.hypot(*error) > 0.1
     eigenvalue, vector = np.linalg.eigh(common)
     offset, dwell = path
@@ -50,7 +50,7 @@ def test_the_error_of_the_fits_is_within_the_common_covariance(path):
     assert abs(along @ vector[:, 1]) > 0.95
 
 
-def test_images_as_they_should_be_have_no_common_error():
+def test_images_as_they_should_be_have_no_correlated_error():
     for seed in range(20):
         rng = np.random.default_rng(seed)
         image, _ = image_of((np.zeros((1, 2)), np.ones(1)), rng)
@@ -65,7 +65,7 @@ def test_companions_of_some_stars_are_no_motion():
         assert not CentroidExtractor().extract(image).centroids.common.any()
 
 
-def test_a_uniform_streak_has_no_common_error_and_a_hooked_one_has():
+def test_a_uniform_streak_has_no_correlated_error_and_a_hooked_one_has():
     time = (np.arange(33) + 0.5) / 33 - 0.5
     uniform = np.outer(time, [8.0, 4.0]), np.full(33, 1 / 33)
     hooked = uniform[0], np.where(np.arange(33) < 4, 4.0, 1.0) / 45
@@ -80,7 +80,7 @@ def test_a_uniform_streak_has_no_common_error_and_a_hooked_one_has():
         assert len(centroids) >= 8
         assert centroids.common.any() == moved
     error = fitted_less_mean(centroids, uv)
-    assert error @ np.linalg.solve(centroids.common_error + 1e-4 * np.eye(2), error) < 4
+    assert error @ np.linalg.solve(centroids.correlated_error + 1e-4 * np.eye(2), error) < 4
 
 
 def test_static_asymmetry_of_the_stars_costs_what_it_moves_them_and_no_more():
@@ -88,5 +88,5 @@ def test_static_asymmetry_of_the_stars_costs_what_it_moves_them_and_no_more():
     angle = np.radians([90, 210, 330])
     lobes = np.vstack([np.zeros(2), 3.0 * np.stack([np.cos(angle), np.sin(angle)], -1)])
     image, _ = image_of((lobes, np.array([0.7, 0.1, 0.1, 0.1])), np.random.default_rng(3))
-    common = CentroidExtractor().extract(image).centroids.common_error
+    common = CentroidExtractor().extract(image).centroids.correlated_error
     assert 0 < np.sqrt(np.trace(common)) < 0.35

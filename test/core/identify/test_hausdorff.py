@@ -266,10 +266,10 @@ def written_out_feature(directions, own, radius_rad):
         return None
     first, second = [(0.0, 0.0), places[0]], places[1:4]
 
-    def directed(one, other):
+    def one_way(one, other):
         return max(min(np.hypot(x - u, y - v) for u, v in other) for x, y in one)
 
-    return max(directed(first, second), directed(second, first))
+    return max(one_way(first, second), one_way(second, first))
 
 
 def test_the_features_are_those_of_an_independent_implementation():

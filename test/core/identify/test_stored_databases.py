@@ -16,7 +16,7 @@ from startracker_ros.core.identify.identification import IdentificationOptions, 
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.stages.identification import IdentificationStage
 from startracker_ros.core.stages.photograph import PhotographSolver
-from startracker_ros.core.stages.tracking import make_star_tracker
+from startracker_ros.core.stages.tracking import make_track_filter
 from startracker_ros.core.stored_arrays import prepare, resident_bytes
 from startracker_ros.io.images.images import read_image
 from startracker_ros.tools.photographs import solve
@@ -146,7 +146,7 @@ def test_a_database_dies_with_its_identifier(method, no_garbage_collection):
 
 @pytest.mark.parametrize('make', [
     lambda: IdentificationStage(CAMERA, 2026.0, BRIGHT).identifier,
-    lambda: make_star_tracker(CAMERA, 2026.0).sky])
+    lambda: make_track_filter(CAMERA, 2026.0).sky])
 def test_a_catalogue_dies_with_its_stage(make, no_garbage_collection):
     owner = make()
     onboard = weakref.ref(owner.onboard)

@@ -42,9 +42,9 @@ def over_bound(result, frame):
 
 
 def test_one_image_a_second_is_searched_while_tracking():
-    directed = [pipeline.extraction.directed for pipeline, *_ in run(25, (0.1, 0.0, 0.0))]
-    assert not any(directed[:3]) and 16 <= sum(directed) <= 22
-    assert not all(directed[5:])
+    windowed = [pipeline.extraction.windowed for pipeline, *_ in run(25, (0.1, 0.0, 0.0))]
+    assert not any(windowed[:3]) and 16 <= sum(windowed) <= 22
+    assert not all(windowed[5:])
 
 
 def test_stars_among_brighter_spots_are_acquired():
@@ -71,13 +71,13 @@ def test_more_stars_are_extracted_the_longer_none_is_predicted():
 
 def test_smeared_stars_are_tracked_at_three_degrees_a_second():
     detector = DetectorOptions(motion_smear=True)
-    published, directed = 0, 0
+    published, windowed = 0, 0
     for pipeline, result, frame in run(20, (2.5, 1.5, 0.3), detector):
-        directed += pipeline.extraction.directed
+        windowed += pipeline.extraction.windowed
         if result.attitude is not None:
             published += 1
             assert over_bound(result, frame) < 1
-    assert published >= 16 and directed >= 10
+    assert published >= 16 and windowed >= 10
 
 
 def test_a_repeated_image_is_no_attitude_while_the_stars_move():
@@ -149,10 +149,10 @@ def test_ten_thousand_hits_do_not_end_tracking():
                          detector_options=DetectorOptions(
                              cosmic_ray_hits_cm2_s=2500 / area_cm2 / 0.1), frame_rate_hz=10.0)
 
-    def spoil(index, image):
+    def damage(index, image):
         return storm.frame(1 + index / 10).image if index >= 6 else image
 
-    results = [(result, frame) for _, result, frame in run(20, (0.1, 0.1, 0.0), change=spoil)]
+    results = [(result, frame) for _, result, frame in run(20, (0.1, 0.1, 0.0), change=damage)]
     published = [pair for pair in results if pair[0].attitude is not None]
     assert len(published) >= 17 and max(over_bound(*pair) for pair in published) < 1
 

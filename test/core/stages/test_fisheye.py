@@ -7,7 +7,7 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.core.star_tracker import StarTracker
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.sim.sky.sources import SkyOptions

@@ -9,8 +9,8 @@ from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, quaternion_from_pointing
 from startracker_ros.core.stages.attitude import AttitudeStage
 from startracker_ros.core.stages.identification import IdentificationStage
-from startracker_ros.core.stages.tracking import make_star_tracker
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.stages.tracking import make_track_filter
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.bags.layouts import STAR_DTYPE
 
 CAMERA, YEAR = Camera.from_fov(1024, 1024, 3.0), 2026.5
@@ -20,7 +20,7 @@ def test_a_narrow_camera_identifies_tracks_and_publishes():
     sky = onboard_catalog(load_deep_catalog(), CAMERA, YEAR, 9.5)
     q = quaternion_from_pointing(*np.radians([200.0, 25.0, 40.0]))
     identification = IdentificationStage(CAMERA, YEAR, IdentificationOptions(magnitude_limit=9.5))
-    tracker, attitude = make_star_tracker(CAMERA, YEAR), AttitudeStage(CAMERA, YEAR)
+    tracker, attitude = make_track_filter(CAMERA, YEAR), AttitudeStage(CAMERA, YEAR)
     rng = np.random.default_rng(1)
     for frame in range(5):
         stamp_ns = 1_780_000_000 * 10 ** 9 + frame * 10 ** 8

@@ -10,7 +10,7 @@ from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, radec_fr
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.star_tracker import StarTracker
-from startracker_ros.core.track.tracker import TrackerState
+from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.sim.sky.bright_bodies import BrightBodyOptions
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
@@ -22,7 +22,7 @@ CAMERA, STEP_NS = Camera.from_fov(640, 480, 14.0), 10 ** 8
 DEEP = DetectorOptions(full_well_e=2e6, gain_e_per_dn=32.0, bit_depth=16)
 DISCS = BrightBodyOptions(bright_bodies=True, sun_glare_deg=0.0, moon_glare_deg=0.0,
                           earth_glare_deg=0.0)
-# Saturn passed at 54 arcsec from a star of V 5.9, which is not to be told from it then.
+# Saturn passed at 54 arcsec from a star of V 5.9, which it hides then.
 APPULSE_YEAR, APPULSE_HIP = 2026.05065, 117761
 
 
@@ -58,7 +58,7 @@ def process(pipeline, frames):
     for stamp_ns, frame in frames:
         centroids = pipeline.extraction.extract(
             stamp_ns, frame.image, pipeline.tracker.predicted).centroids
-        result = pipeline.process_centroids(stamp_ns, centroids, pipeline.extraction.directed)
+        result = pipeline.process_centroids(stamp_ns, centroids, pipeline.extraction.windowed)
         if result.identification is not None:
             assert result.identification.attitude is not None, result.identification.reason
             assert_only_stars(centroids.uv, result.identification.hip, frame.stars)
@@ -77,10 +77,9 @@ def test_a_planet_is_no_star_and_has_its_name(pipeline, name, year, magnitude):
     frames = frames_at(name, year, detector=DEEP)
     result, spots = process(pipeline, frames)
     frame = frames[-1][1]
-    sky = SkyMapping(CAMERA, result.attitude.quaternion,
-                     pipeline.tracker.sky.observer.vantage)
-    seen = {body.name: body for body in Bodies(
-        pipeline.tracker.sky.observer.bodies).in_image(sky)}
+    observer = pipeline.tracker.sky.at(result.stamp_ns).observer
+    sky = SkyMapping(CAMERA, result.attitude.quaternion, observer.vantage)
+    seen = {body.name: body for body in Bodies(observer.bodies).in_image(sky)}
     assert seen[name].magnitude == pytest.approx(magnitude, abs=0.15)
     planets = frame.stars.uv[frame.stars.hip == 0]
     assert np.linalg.norm(planets - (seen[name].u, seen[name].v), axis=1).min() < 1
@@ -91,7 +90,7 @@ def test_a_star_that_a_planet_covers_is_not_identified(pipeline):
     frames = frames_at('Saturn', APPULSE_YEAR)
     result, spots = process(pipeline, frames)
     assert spots >= 2 and APPULSE_HIP not in result.tracks.hip
-    onboard, sky = pipeline.tracker.sky.onboard, pipeline.tracker.sky
+    onboard, sky = pipeline.tracker.sky.onboard, pipeline.tracker.sky.at(result.stamp_ns)
     star = onboard.index_of([APPULSE_HIP])
     assert sky.crowded(star) and not onboard.crowded[star]
 

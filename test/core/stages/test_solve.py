@@ -15,7 +15,7 @@ from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, quaternion_from_pointing, rotate, unit_from_radec)
 from startracker_ros.io.images.camera_files import save_camera
 from startracker_ros.io.images.images import ImageError, read_image
-from startracker_ros.tools.photographs.occasion import Standpoint
+from startracker_ros.tools.photographs.epoch_and_site import ObserverSite
 from startracker_ros.tools.photographs.outputs import Outputs
 from startracker_ros.tools.photographs.solve import solve_files
 
@@ -123,16 +123,16 @@ def test_the_epoch_is_that_of_exif_unless_there_is_an_option(taken_with_zone):
     assert result.conditions['epoch'] == first['epoch']
     assert result.conditions['epoch_from'] == 'EXIF; EXIF, UTC assumed'
     assert result.conditions['aberration'] == 'earth_only'
-    told = solve_files([zone], fov_deg=11.4, epoch_year=2021.0)
-    assert (told.conditions['epoch'], told.conditions['epoch_from']) == (2021.0, 'option')
+    given = solve_files([zone], fov_deg=11.4, epoch_year=2021.0)
+    assert (given.conditions['epoch'], given.conditions['epoch_from']) == (2021.0, 'option')
     # Half a year of the motion of the Earth: 40 arcsec at most.
-    turn = attitude_error(quaternion_of(told.rows[0]), quaternion_of(first)) / ARCSEC
+    turn = attitude_error(quaternion_of(given.rows[0]), quaternion_of(first)) / ARCSEC
     assert 5 < np.hypot(*turn[:2]) < 41
 
 
 def test_refraction_needs_the_hour(taken_with_zone):
-    site = Standpoint(site=Site(52.2, 4.4, 0.0))
-    zone, none = solve_files(taken_with_zone, fov_deg=11.4, standpoint=site).conditions[
+    site = ObserverSite(site=Site(52.2, 4.4, 0.0))
+    zone, none = solve_files(taken_with_zone, fov_deg=11.4, observer_site=site).conditions[
         'aberration'].split('; ')
     assert zone == 'full' and none.startswith('earth_only (no time zone in EXIF')
 

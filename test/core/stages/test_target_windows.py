@@ -53,26 +53,26 @@ class Scene:
             self.tracker.predicted(stars.attitude.rate_rad_s))
 
     def step(self):
-        """Process the next image; return whether it was directed, and the error of the target."""
+        """Process the next image; return whether it was windowed, and the error of the target."""
         time_s, self.index = self.index / self.rate_hz, self.index + 1
         frame = (self.sky if time_s >= self.begins_s else self.without).frame(time_s)
         predicted, stamp_ns = self.predicted(), START_NS + round(time_s * 1e9)
         self.pipeline.motion.add_state(stamp_ns, frame.state.geocentric)
         centroids = self.pipeline.extraction.extract(stamp_ns, frame.image, predicted).centroids
-        directed = self.pipeline.extraction.directed
-        trusted = self.pipeline.process_centroids(stamp_ns, centroids, directed).attitude
+        windowed = self.pipeline.extraction.windowed
+        trusted = self.pipeline.process_centroids(stamp_ns, centroids, windowed).attitude
         if trusted is not None:
             assert error_over_bound(trusted.quaternion, trusted.covariance_sensor,
                                     frame.state.q_icrf_from_sensor) < 1
         self.target = None
         if (tracked := self.pipeline.tracker.attitude) is not None:
-            self.target = self.tracker.update(stamp_ns, tracked.attitude, centroids, directed)
+            self.target = self.tracker.update(stamp_ns, tracked.attitude, centroids, windowed)
         self.pipeline.tracker.acquire_new_stars()
         if self.target is None:
-            return directed, np.nan
+            return windowed, np.nan
         view = self.sky.target.seen_from(frame.state, time_s, aberration=True)
         uv = CAMERA.project(rotate(conjugate(frame.state.q_icrf_from_sensor), view.direction))
-        return directed, float(np.linalg.norm(self.target.centroid.uv[0] - uv))
+        return windowed, float(np.linalg.norm(self.target.centroid.uv[0] - uv))
 
 
 @pytest.mark.parametrize(('magnitude', 'snr', 'frames', 'error_px'),
@@ -83,20 +83,20 @@ def test_a_target_is_measured_in_images_that_are_not_searched(magnitude, snr, fr
     for _ in range(frames):
         rows.append(scene.step())
         snrs += [] if scene.target is None else [float(scene.target.centroid.snr[0])]
-    directed, errors = np.array(rows).T
+    windowed, errors = np.array(rows).T
     found = np.isfinite(errors)
     assert np.median(snrs) == pytest.approx(snr, rel=0.2) and np.nanmax(errors) < error_px
-    assert found[-15:].all() and (found & (directed == 1)).sum() >= 15
-    assert directed[5:].mean() > 0.7
+    assert found[-15:].all() and (found & (windowed == 1)).sum() >= 15
+    assert windowed[5:].mean() > 0.7
 
 
 def test_a_new_target_is_found_within_two_seconds():
     scene = Scene(5.0, begins_s=2.05)
-    directed, errors = np.array([scene.step() for _ in range(42)]).T
+    windowed, errors = np.array([scene.step() for _ in range(42)]).T
     first = int(np.flatnonzero(np.isfinite(errors))[0])
     assert 21 + 4 <= first <= 21 + 10 + 6
     # Without a spot that is no star, one image a second is enough.
-    assert directed[5:20].sum() >= 13
+    assert windowed[5:20].sum() >= 13
 
 
 def with_targets(predicted, uv):
@@ -117,7 +117,7 @@ def test_targets_that_are_missed_or_seen_are_no_stars():
     nowhere = with_targets(predicted, np.random.default_rng(1).uniform(10, 400, (40, 2)))
     assert nowhere.motion(frame.image.shape) == predicted.motion(frame.image.shape)
     found = stage.extract(START_NS + 600_000_000, frame.image, nowhere)
-    assert stage.directed and found.streak is None
+    assert stage.windowed and found.streak is None
     # The stars are hidden, forty targets are not.
     level = int(np.median(frame.image))
     hidden = np.random.default_rng(2).normal(level, 3, frame.image.shape)
@@ -127,7 +127,7 @@ def test_targets_that_are_missed_or_seen_are_no_stars():
     # With their motion since the prediction, 0.2 s ago.
     shown = with_targets(predicted, uv - 60.0)
     found = stage.extract(START_NS + 700_000_000, hidden.astype(np.uint16), shown)
-    assert not stage.directed and len(found.centroids) >= 20
+    assert not stage.windowed and len(found.centroids) >= 20
 
 
 def test_a_target_that_may_be_anywhere_has_the_whole_image_searched():
@@ -141,4 +141,4 @@ def test_a_target_that_may_be_anywhere_has_the_whole_image_searched():
         np.zeros(1, np.int32), 0))
     for step, wanted in enumerate((predicted, anywhere, predicted)):
         stage.extract(START_NS + (6 + step) * 100_000_000, image + np.uint16(step % 2), wanted)
-        assert stage.directed == (wanted is predicted)
+        assert stage.windowed == (wanted is predicted)

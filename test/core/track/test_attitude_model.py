@@ -11,7 +11,7 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.tracker import StarTracker, TrackerState
+from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
 
 ONBOARD = sky()
 DEG_H = np.radians(1 / 3600)
@@ -56,7 +56,7 @@ def frames_of(motion, *, gyro=None, dark=(), **options):
 
     gyro returns the measured rate of a true one; frames in dark have no stars.
     """
-    tracker = StarTracker(CAMERA, ONBOARD, TrackerOptions(**options), GYRO)
+    tracker = TrackFilter(CAMERA, ONBOARD, TrackerOptions(**options), GYRO)
     started = False
     for k in range(motion.frames):
         if gyro is not None and k > 0:
@@ -206,5 +206,5 @@ def test_better_than_a_filter_for_each_star():
 @pytest.mark.parametrize('model', TrackerOptions.table()[0].choices)
 def test_a_tracker_reports_before_its_first_start(model):
     """As the node does when it receives camera_info."""
-    tracker = StarTracker(CAMERA, ONBOARD, TrackerOptions(model=model), GYRO)
+    tracker = TrackFilter(CAMERA, ONBOARD, TrackerOptions(model=model), GYRO)
     assert tracker.stamp_sigma_s == 0.0

@@ -6,14 +6,14 @@ from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.track import attitude_model
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.tracker import StarTracker, TrackerState
+from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
 
 ONBOARD = sky()
 
 
 def tracking(motion, gyro=None, frames=12, **options):
     """Return a tracker after so many frames, with the rates of a gyro."""
-    tracker = StarTracker(motion.camera, motion.onboard, TrackerOptions(**options),
+    tracker = TrackFilter(motion.camera, motion.onboard, TrackerOptions(**options),
                           GyroErrorOptions(gyro_range_deg_s=5.0))
     for frame in range(frames):
         if gyro is not None and frame:

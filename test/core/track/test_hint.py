@@ -7,8 +7,8 @@ from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import attitude_error
+from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
 from startracker_ros.core.track.tracks import Hint
-from startracker_ros.core.track.tracker import StarTracker, TrackerState
 
 EPOCH_YEAR = 2026.5
 START_NS = stamp_from_epoch_year(EPOCH_YEAR)
@@ -24,7 +24,7 @@ class Run:
 
     def __init__(self):
         self.sky = onboard_stars(CAMERA, EPOCH_YEAR, 6.5)
-        self.tracker = StarTracker(CAMERA, self.sky)
+        self.tracker = TrackFilter(CAMERA, self.sky)
         self.rng = np.random.default_rng(3)
 
     def truth(self, frame):

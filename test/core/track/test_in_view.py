@@ -21,12 +21,12 @@ FISHEYE = Camera(512, 512, 200.0, 200.0, 250.0, 260.0, (-0.02, 0.004, 0.0, 0.0),
 @pytest.mark.parametrize('camera', [PLAIN, DISTORTED, FISHEYE])
 def test_as_the_catalogue_and_the_camera_say(camera):
     onboard = onboard_stars(camera, 2026.0, 6.0)
-    stars = StarsInView(camera, ApparentCatalog(onboard))
+    stars, sky = StarsInView(camera, onboard), ApparentCatalog(onboard)
     # Small steps, which keep the stars of the search before, and leaps.
     for ra_deg in (10.0, 10.1, 10.4, 10.9, 200.0, 10.0):
         q = quaternion_from_pointing(*np.radians([ra_deg, 40.0, 3 * ra_deg]))
         index, sensor, uv = stars.of(
-            AttitudeEstimate(q, np.eye(3) * 1e-12, 9, np.zeros(9), 9.0))
+            sky, AttitudeEstimate(q, np.eye(3) * 1e-12, 9, np.zeros(9), 9.0))
         expected = onboard.within(rotate(q, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
         assert len(index) > 20
         np.testing.assert_array_equal(index, expected)
@@ -38,16 +38,15 @@ def test_as_the_catalogue_and_the_camera_say(camera):
 @pytest.mark.parametrize('camera', [PLAIN, DISTORTED, FISHEYE])
 def test_spots_are_compared_with_the_faintest_stars_too(camera):
     onboard = onboard_stars(camera, 2026.0, 9.0)
-    sky = ApparentCatalog(onboard)
-    sky.look_from(observer_at(2026.0, np.array([3e3, 5e3, -4e3])))
-    stars, rng = StarsInView(camera, sky), np.random.default_rng(3)
+    sky = ApparentCatalog(onboard, observer_at(2026.0, np.array([3e3, 5e3, -4e3])))
+    stars, rng = StarsInView(camera, onboard), np.random.default_rng(3)
     q = quaternion_from_pointing(*np.radians([80.0, 20.0, 30.0]))
     attitude = AttitudeEstimate(q, np.eye(3) * 1e-12, 9, np.zeros(9), 9.0)
-    index, _, uv = stars.of(attitude)
+    index, _, uv = stars.of(sky, attitude)
     shown = np.flatnonzero(camera.contains(uv))
     assert len(shown) > 10 * BRIGHT_STARS
     for star in rng.choice(shown, 50, replace=False):
-        beside, _, there = stars.beside(attitude, uv[star:star + 1], 5.0)
+        beside, _, there = stars.beside(sky, attitude, uv[star:star + 1], 5.0)
         assert set(index[np.hypot(*(uv - uv[star]).T) < 5.0]) <= set(beside)
         assert np.hypot(*(there - uv[star]).T).min() == 0
     spots = rng.uniform(5, 500, (200, 2))
@@ -58,7 +57,7 @@ def test_spots_are_compared_with_the_faintest_stars_too(camera):
     expected = np.flatnonzero((distance > reach) & (sigma > 0))
     assert 20 < len(expected) < 190
     np.testing.assert_array_equal(
-        stars.unexplained(attitude, spots, sigma, 2.0, 5.0), expected)
+        stars.unexplained(sky, attitude, spots, sigma, 2.0, 5.0), expected)
 
 
 @pytest.mark.parametrize('camera', [PLAIN, DISTORTED])

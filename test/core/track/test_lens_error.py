@@ -1,4 +1,4 @@
-"""Errors of the lens that stay from frame to frame, told from noise."""
+"""Errors of the lens that stay from frame to frame, separated from noise."""
 
 import numpy as np
 import pytest

@@ -25,9 +25,9 @@ def match(uv, magnitude, sigma_rad=1e-7, crowded=(False,) * 5, roll_sigma_rad=1e
     uv = np.reshape(uv, (-1, 2))
     centroids = Centroids(uv, 10 ** (0.4 * (20 - np.asarray(magnitude, float))),
                           np.full(len(uv), 9.0), np.full(len(uv), 0.1))
-    stars = StarsInView(CAMERA, ApparentCatalog(onboard))
+    stars = StarsInView(CAMERA, onboard)
     index, centroid = match_new_stars(
-        stars, attitude, centroids, centroids.sigma_px, 20.0, 1.0)
+        stars, ApparentCatalog(onboard), attitude, centroids, centroids.sigma_px, 20.0, 1.0)
     return sorted(zip(onboard.hip[index].tolist(), centroid.tolist()))
 
 

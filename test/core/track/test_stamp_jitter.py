@@ -6,7 +6,7 @@ from star_motion import Motion, sky
 from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.tracker import StarTracker, TrackerState
+from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
 
 ONBOARD = sky()
 LEARNT_FRAMES = 15
@@ -20,7 +20,7 @@ def flown(jitter_s, rate_deg_s, seed=0, frames=60, jerk_deg_s=0.0):
     """
     rng = np.random.default_rng(seed)
     motion = Motion(ONBOARD, rate_deg_s, seed=seed)
-    tracker = StarTracker(motion.camera, ONBOARD, TrackerOptions())
+    tracker = TrackFilter(motion.camera, ONBOARD, TrackerOptions())
     errors, covariances = [], []
     for frame in range(frames):
         if jerk_deg_s and frame % 10 == 0:

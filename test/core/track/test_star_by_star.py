@@ -10,10 +10,10 @@ from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector, rotate)
 from startracker_ros.core.stages.parameters import options_of_keywords, ParameterError
-from startracker_ros.core.track.measured_roll import rolled
+from startracker_ros.core.track.independent_stars import rolled
 from startracker_ros.core.track.motion_models import constant_velocity, image_jacobian
 from startracker_ros.core.track.options import JPDAF_MODELS, TrackerOptions
-from startracker_ros.core.track.tracker import StarTracker, TrackerState
+from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
 
 ONBOARD = sky()
 
@@ -43,7 +43,7 @@ class Jittering(Motion):
 
 def flown(motion, frames, gyro=False, **options):
     """Return a tracker after some frames, and its errors (F, 3) in arcsec from the third on."""
-    tracker = StarTracker(CAMERA, ONBOARD, TrackerOptions(**options))
+    tracker = TrackFilter(CAMERA, ONBOARD, TrackerOptions(**options))
     errors = []
     for k in range(frames):
         stamp_ns, centroids, hip = motion.frame(k)

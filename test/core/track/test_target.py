@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skies import CAMERA, onboard_stars
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
-from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.catalog.apparent import ApparentSky
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
     ARCSEC, conjugate, multiply, quaternion_from_pointing, quaternion_from_rotation_vector, rotate)
@@ -31,7 +31,7 @@ class Sky:
         return q, AttitudeEstimate(multiply(q, error), np.eye(3) * ARCSEC ** 2, 20, np.empty(0),
                                    1.0)
 
-    def update(self, tracker, spots, *, noise=0, directed=False):
+    def update(self, tracker, spots, *, noise=0, windowed=False):
         """Show the next frame with spots on ICRF (K, 3); return the result of the tracker."""
         q, attitude = self.attitude()
         stars = ONBOARD.direction[ONBOARD.magnitude < 6.5]
@@ -43,7 +43,7 @@ class Sky:
         self.stamp_ns = 10 ** 18 + self.frame * STEP_NS
         self.frame += 1
         return tracker.update(self.stamp_ns, attitude, Centroids(
-            uv, np.full(count, 1e4), np.full(count, 50.0), np.full(count, SIGMA_PX)), directed)
+            uv, np.full(count, 1e4), np.full(count, 50.0), np.full(count, SIGMA_PX)), windowed)
 
 
 def moving(rate_deg_s, frame, *, aside_deg=0.0):
@@ -55,7 +55,7 @@ def moving(rate_deg_s, frame, *, aside_deg=0.0):
 
 @pytest.mark.parametrize('rate_deg_s', [0.004, 0.024, 0.3])
 def test_target_is_found_and_measured(rate_deg_s):
-    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentSky(ONBOARD))
     said = []
     for frame in range(24):
         spot = moving(rate_deg_s, frame)
@@ -73,7 +73,7 @@ def test_target_is_found_and_measured(rate_deg_s):
 
 def test_nothing_moves_nothing_is_said():
     """False spots everywhere, a star that no catalogue has, and a hot pixel."""
-    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentSky(ONBOARD))
     for _ in range(60):
         q, _ = sky.attitude()
         hot = rotate(q, CAMERA.unproject(np.array([[300.0, 200.0]])))
@@ -83,7 +83,7 @@ def test_nothing_moves_nothing_is_said():
 
 
 def test_a_target_that_hides_for_a_while_stays_the_same():
-    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentSky(ONBOARD))
     frames = []
     for frame in range(30):
         hidden = 12 <= frame < 15
@@ -94,7 +94,7 @@ def test_a_target_that_hides_for_a_while_stays_the_same():
 
 
 def test_the_first_of_two_is_the_target_until_it_leaves():
-    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentSky(ONBOARD))
     results = []
     for frame in range(40):
         spots = [moving(0.05, frame)] if frame < 25 else []
@@ -107,7 +107,7 @@ def test_the_first_of_two_is_the_target_until_it_leaves():
 
 
 def test_a_slow_frame_or_none_at_all():
-    tracker = TargetTracker(CAMERA, ApparentCatalog(ONBOARD), TargetTrackOptions())
+    tracker = TargetTracker(CAMERA, ApparentSky(ONBOARD), TargetTrackOptions())
     assert tracker.update(1, AttitudeEstimate(START, np.eye(3) * 1e-12, 5, np.empty(0), 1.0),
                           Centroids.empty()) is None
     nan = np.full(1, np.nan)
@@ -119,12 +119,12 @@ def test_a_slow_frame_or_none_at_all():
 @pytest.mark.parametrize('rate_deg_s', [0.024, 0.3])
 def test_a_target_is_predicted_in_the_next_image(rate_deg_s):
     """With an error that it states; a target that is hidden is less certain."""
-    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentSky(ONBOARD))
     normalised, sigma_px = [], []
     for frame in range(20):
         hidden = frame >= 16
         sky.update(tracker, np.empty((0, 3)) if hidden else moving(rate_deg_s, frame),
-                   directed=frame > 1)
+                   windowed=frame > 1)
         if frame < 2:
             continue
         predicted = tracker.predicted(sky.turn)
@@ -139,7 +139,7 @@ def test_a_target_is_predicted_in_the_next_image(rate_deg_s):
 
 
 def test_a_target_that_leaves_the_image_is_no_longer_predicted():
-    sky, tracker = Sky(turn_deg_s=(0.0, 1.2, 0.0)), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    sky, tracker = Sky(turn_deg_s=(0.0, 1.2, 0.0)), TargetTracker(CAMERA, ApparentSky(ONBOARD))
     inside, predicted = [], []
     for frame in range(13):
         q, _ = sky.attitude()
@@ -157,24 +157,24 @@ def anywhere(sky, tracker):
 
 
 def test_a_second_whole_image_is_wanted_for_what_is_no_star():
-    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentSky(ONBOARD))
     nothing = np.empty((0, 3))
     wanted = []
     # The prediction of one frame comes too late for the next one.
-    for spot, directed in ((nothing, False), (nothing, True), (moving(0.0, 0), False),
+    for spot, windowed in ((nothing, False), (nothing, True), (moving(0.0, 0), False),
                            (nothing, True), (moving(0.0, 0), False), (moving(0.0, 0), False),
                            (nothing, True), (nothing, False)):
-        sky.update(tracker, spot, directed=directed)
+        sky.update(tracker, spot, windowed=windowed)
         wanted.append(anywhere(sky, tracker))
     assert wanted == [False, False, True, True, True, False, False, False]
 
 
 def test_a_faint_target_that_is_missed_is_searched_again():
-    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentSky(ONBOARD))
     for frame in range(4):
-        sky.update(tracker, moving(0.004, frame), directed=frame > 1)
+        sky.update(tracker, moving(0.004, frame), windowed=frame > 1)
         assert anywhere(sky, tracker) == (frame == 0)
-    sky.update(tracker, np.empty((0, 3)), directed=True)
+    sky.update(tracker, np.empty((0, 3)), windowed=True)
     assert anywhere(sky, tracker)
     for frame in (5, 6):
         sky.update(tracker, moving(0.004, frame))
@@ -182,7 +182,7 @@ def test_a_faint_target_that_is_missed_is_searched_again():
 
 
 def test_a_tracker_begins_anew_when_time_jumps_back():
-    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentCatalog(ONBOARD))
+    sky, tracker = Sky(), TargetTracker(CAMERA, ApparentSky(ONBOARD))
     for frame in range(10):
         found = sky.update(tracker, moving(0.05, frame))
     assert found is not None

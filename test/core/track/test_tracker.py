@@ -12,7 +12,7 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
     attitude_error, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.track.options import MODELS, TrackerOptions
-from startracker_ros.core.track.tracker import StarTracker, TrackerState
+from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
 
 ONBOARD = sky()
 ELSEWHERE_DEG = (200.0, -40.0, 10.0)
@@ -43,7 +43,7 @@ def run(tracker, motion, frames):
 
 def tracking(motion, frames=10, **options):
     """Return a tracker that has tracked a motion for some frames."""
-    tracker = StarTracker(motion.camera, motion.onboard, TrackerOptions(**options))
+    tracker = TrackFilter(motion.camera, motion.onboard, TrackerOptions(**options))
     for _ in run(tracker, motion, range(frames)):
         pass
     assert tracker.state is TrackerState.TRACKING, tracker.reason
@@ -66,7 +66,7 @@ def worst_px(motion, k, tracks):
 
 def test_two_identifications_start_tracking():
     motion = Motion(ONBOARD, (0.1, 0.2, 0.3))
-    tracker = StarTracker(CAMERA, ONBOARD)
+    tracker = TrackFilter(CAMERA, ONBOARD)
     assert tracker.state is TrackerState.LOST and tracker.state.value == 'LOST'
     frame = motion.frame(0)
     assert len(tracker.update(*frame[:2])) == 0
@@ -90,7 +90,7 @@ def test_two_identifications_start_tracking():
 def test_identification_may_come_late_or_early():
     motion = Motion(ONBOARD, (0.0, 0.5, 0.0))
     frames = [motion.frame(k) for k in range(12)]
-    late, early = StarTracker(CAMERA, ONBOARD), StarTracker(CAMERA, ONBOARD)
+    late, early = TrackFilter(CAMERA, ONBOARD), TrackFilter(CAMERA, ONBOARD)
     for k in range(12):
         if k in (3, 5):
             early.identified(*frames[k])
@@ -200,7 +200,7 @@ def test_stars_enter_and_leave(model):
 
 def test_new_stars_count_only_after_some_frames():
     motion = Motion(ONBOARD, (0.0, 0.0, 0.0))
-    tracker = StarTracker(CAMERA, ONBOARD, TrackerOptions(confirm_frames=4))
+    tracker = TrackFilter(CAMERA, ONBOARD, TrackerOptions(confirm_frames=4))
     for k in (0, 1):
         stamp_ns, centroids, hip = motion.frame(k)
         tracker.update(stamp_ns, centroids)
@@ -351,7 +351,7 @@ def test_contradicting_identification_drops_all_tracks():
 def test_tracks_of_a_wrong_start_are_dropped(model):
     """Two identifications agree with each other, but not with what the camera sees next."""
     motion, other = Motion(ONBOARD), Motion(ONBOARD, pointing_deg=ELSEWHERE_DEG)
-    tracker = StarTracker(CAMERA, ONBOARD, TrackerOptions(model=model))
+    tracker = TrackFilter(CAMERA, ONBOARD, TrackerOptions(model=model))
     for k in (0, 1):
         tracker.update(*motion.frame(k)[:2])
         tracker.identified(*other.frame(k))
@@ -368,7 +368,7 @@ def test_tracks_of_a_wrong_start_are_dropped(model):
 
 def test_identification_that_does_not_fit_the_catalogue_is_ignored():
     motion = Motion(ONBOARD)
-    tracker = StarTracker(CAMERA, ONBOARD)
+    tracker = TrackFilter(CAMERA, ONBOARD)
     stamp_ns, centroids, hip = motion.frame(0)
     tracker.update(stamp_ns, centroids)
     tracker.identified(stamp_ns, centroids, np.random.default_rng(0).permutation(hip))
@@ -385,7 +385,7 @@ def test_identification_that_does_not_fit_the_catalogue_is_ignored():
 
 def test_star_identified_twice_is_tracked_once():
     motion = Motion(ONBOARD)
-    tracker = StarTracker(CAMERA, ONBOARD)
+    tracker = TrackFilter(CAMERA, ONBOARD)
     for k in (0, 1):
         stamp_ns, centroids, hip = motion.frame(k)
         twice = np.append(np.arange(len(hip)), 0)
@@ -399,7 +399,7 @@ def test_star_identified_twice_is_tracked_once():
 
 def test_two_identifications_too_fast_for_the_camera():
     motion, other = Motion(ONBOARD), Motion(ONBOARD, pointing_deg=(86.0, 5.0, 30.0))
-    tracker = StarTracker(CAMERA, ONBOARD)
+    tracker = TrackFilter(CAMERA, ONBOARD)
     tracker.identified(*motion.frame(0))
     tracker.identified(*other.frame(1))
     assert tracker.state is TrackerState.ACQUIRING and 'deg/s' in tracker.reason
@@ -441,7 +441,7 @@ def test_time_jumps():
 
 def test_no_second_identification():
     motion = Motion(ONBOARD)
-    tracker = StarTracker(CAMERA, ONBOARD, TrackerOptions(max_gap_s=2.0))
+    tracker = TrackFilter(CAMERA, ONBOARD, TrackerOptions(max_gap_s=2.0))
     tracker.identified(*motion.frame(0))
     for k in range(25):
         tracker.update(*motion.frame(k)[:2])
@@ -482,10 +482,10 @@ def test_same_input_same_output():
 
 def test_a_warm_up_leaves_the_state_as_it_is(monkeypatch):
     states = []
-    update = StarTracker.update
-    monkeypatch.setattr(StarTracker, 'update', lambda self, *given: (
+    update = TrackFilter.update
+    monkeypatch.setattr(TrackFilter, 'update', lambda self, *given: (
         update(self, *given), states.append(self.state))[0])
-    tracker = StarTracker(CAMERA, sky())
+    tracker = TrackFilter(CAMERA, sky())
     tracker.warm_up()
     assert states[-1] is TrackerState.TRACKING
     assert tracker.state is TrackerState.LOST and tracker.attitude is None

@@ -96,7 +96,7 @@ def test_damaged_bytes_are_rejected():
             cdr.read_rates(imu[:size])
     rng = np.random.default_rng(3)
     for _ in range(300):
-        spoilt = bytearray(data)
-        spoilt[rng.integers(4, len(data))] = rng.integers(256)
+        damaged = bytearray(data)
+        damaged[rng.integers(4, len(data))] = rng.integers(256)
         with suppress(MessageError):
-            read_cloud(cdr.read_point_cloud(bytes(spoilt)), CENTROID_DTYPE)
+            read_cloud(cdr.read_point_cloud(bytes(damaged)), CENTROID_DTYPE)

@@ -140,9 +140,9 @@ def test_no_attitude_is_wrong(name: str) -> None:
     truth, sigma = attitudes(name, '/truth/attitude'), sigmas(name)
     again = {stamp: frame.attitude.quaternion
              for stamp, frame in replayed(name).items() if frame.attitude is not None}
-    for told in (attitudes(name, '/attitude'), again):
-        errors = np.array([attitude_error(told[stamp], truth[stamp]) / sigma[stamp]
-                           for stamp in told if stamp in sigma])
+    for found in (attitudes(name, '/attitude'), again):
+        errors = np.array([attitude_error(found[stamp], truth[stamp]) / sigma[stamp]
+                           for stamp in found if stamp in sigma])
         assert np.abs(errors).max() < 5
         # Successive errors of a filter are alike, so 50 frames are few.
         assert 0.4 < np.sqrt(np.mean(errors ** 2)) < 1.6

@@ -1,4 +1,4 @@
-"""Bags made whole again, and what is told of them."""
+"""Bags made whole again, and what is reported of them."""
 
 import json
 from pathlib import Path
@@ -85,13 +85,13 @@ def startracker(*arguments: object) -> Result:
 def test_the_command_recovers_and_lists(cut: Path, tmp_path: Path) -> None:
     before = startracker('info', cut, '--json')
     assert before.exit_code == 1 and 'was not finished' in before.stderr
-    told = json.loads(before.stdout)
-    assert told['conditions']['whole'] is False
+    reported = json.loads(before.stdout)
+    assert reported['conditions']['whole'] is False
     done = startracker('info', cut, '--recover', tmp_path / 'whole', '--json')
     assert done.exit_code == 0 and 'was not finished' in done.stderr
     document = json.loads(done.stdout)
     assert document['conditions']['whole'] is True
-    assert document['rows'] == told['rows']
+    assert document['rows'] == reported['rows']
     with Reader(tmp_path / 'whole') as reader:
         assert document['conditions']['messages'] == reader.message_count
         assert {row['topic']: row['messages'] for row in document['rows']} == {

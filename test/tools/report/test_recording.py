@@ -163,7 +163,7 @@ def test_any_of_the_attitude_topics_is_enough(tmp_path: Path, left_out: tuple[st
 
 
 def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
-    def spoil(topic: str, message: Any) -> Any:
+    def damage(topic: str, message: Any) -> Any:
         if topic == 'attitude_cov':
             return String(data='no pose')
         if topic == 'attitude':
@@ -173,7 +173,7 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
         if topic == 'camera_info':
             message.k[0] = -1.0
         return message
-    recording = load_recording(write_run(tmp_path / 'run', change=spoil))
+    recording = load_recording(write_run(tmp_path / 'run', change=damage))
     assert_whole(recording)
     problems = '\n'.join(recording.problems)
     for words in ("/attitude_cov: 55 of 55 messages not used: type 'std_msgs/msg/String' is not",
@@ -185,14 +185,14 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
 
 
 def test_absurd_covariances_and_rates_are_not_known(tmp_path: Path) -> None:
-    def spoil(topic: str, message: Any) -> Any:
+    def damage(topic: str, message: Any) -> Any:
         if topic == 'attitude_cov':
             message.pose.covariance[21] = 1e300
         if topic == 'attitude_imu' and message.orientation_covariance[0] != -1:
             message.orientation_covariance[4] = -1.0
             message.angular_velocity.z = float('inf')
         return message
-    recording = load_recording(write_run(tmp_path / 'run', change=spoil))
+    recording = load_recording(write_run(tmp_path / 'run', change=damage))
     assert len(recording.attitude_ns) == len(SOLVED)
     assert np.isnan(recording.covariance_sensor).all() and np.isnan(recording.rate_rad_s).all()
 

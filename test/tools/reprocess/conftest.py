@@ -70,5 +70,5 @@ def finished_run(flight, reprocess, tmp_path_factory):
 
 @pytest.fixture
 def copied_run(finished_run, tmp_path):
-    """Return a copy of that run, to be spoilt."""
+    """Return a copy of that run, to be damaged."""
     return shutil.copytree(finished_run[0], tmp_path / 'copy')

@@ -77,8 +77,8 @@ def test_order_and_a_kill_change_no_byte(flight, reprocess, finished_run, copied
     records = sorted((copied_run / '.segments').rglob('*.json'))
     assert len(records) == 3
     records[0].unlink()
-    spoilt = next((copied_run / 'tables').rglob('*_1767225660.parquet'))
-    spoilt.write_bytes(b'cut')
+    damaged = next((copied_run / 'tables').rglob('*_1767225660.parquet'))
+    damaged.write_bytes(b'cut')
     (copied_run / '.segments' / '.partial-x' / 'left').mkdir(parents=True)
     row, = reprocess([flight], copied_run, workers=2, smooth=True).records
     assert not (copied_run / '.segments' / '.partial-x').exists()

@@ -17,7 +17,7 @@ EPOCHS = 1800.0, 2200.0
 UTC_ASSUMED = ', UTC assumed'
 
 
-class Occasion(NamedTuple):
+class Epoch(NamedTuple):
     """
     The epoch of a photograph as a Julian year, and its source in words.
 
@@ -34,14 +34,14 @@ class Occasion(NamedTuple):
         return self.source != TODAY
 
 
-def occasion(epoch_year: float | None, taken: Taken | None = None) -> Occasion:
+def epoch_of(epoch_year: float | None, taken: Taken | None = None) -> Epoch:
     """Return the epoch that the user states, else that of the image, else today."""
     if epoch_year is not None:
-        return Occasion(epoch_year, OPTION, True)
+        return Epoch(epoch_year, OPTION, True)
     if taken is not None and in_range(year := epoch_year_from_stamp(taken.stamp_ns)):
-        return Occasion(year, taken.source + ('' if taken.zone_known else UTC_ASSUMED),
+        return Epoch(year, taken.source + ('' if taken.zone_known else UTC_ASSUMED),
                         taken.zone_known)
-    return Occasion(epoch_year_now(), TODAY, False)
+    return Epoch(epoch_year_now(), TODAY, False)
 
 
 def checked_year(year: float) -> float:
@@ -53,7 +53,7 @@ def checked_year(year: float) -> float:
 
 
 @dataclass(frozen=True)
-class Standpoint:
+class ObserverSite:
     """A site on the ground, or a velocity (3,) in m/s about the Earth on ICRS axes, or neither."""
 
     site: Site | None = None
@@ -64,7 +64,7 @@ class Standpoint:
         """Return whether there is a site or a velocity."""
         return self.site is not None or self.velocity_m_s is not None
 
-    def observer(self, when: Occasion) -> Observer:
+    def observer(self, when: Epoch) -> Observer:
         """Return how the camera moved; not at all where its time is unknown."""
         if not when.known:
             return Observer(None, EARTH_SIGMA_M_S, 'none', 'no --epoch')
@@ -80,7 +80,7 @@ class Standpoint:
         except EpochError as error:
             return Observer(None, EARTH_SIGMA_M_S, 'none', str(error))
 
-    def bodies(self, when: Occasion) -> Bodies:
+    def bodies(self, when: Epoch) -> Bodies:
         """Return planets, Moon and Sun, none where the hour of the image is unknown."""
         if not (when.hour_known and in_range(when.year)):
             return Bodies()

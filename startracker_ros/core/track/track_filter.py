@@ -1,4 +1,4 @@
-"""The star tracker: from identified frames to tracks."""
+"""The filter of the tracks: from identified frames of stars to tracks of stars."""
 
 from collections import deque
 from dataclasses import replace
@@ -6,23 +6,24 @@ from enum import StrEnum
 import math
 
 import numpy as np
-from startracker_ros.core.astro.observer_motion import AT_REST, ObserverMotion
+from startracker_ros.core.astro.observer_motion import ObserverMotion
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
 from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.apparent import ApparentCatalog
+from startracker_ros.core.catalog.apparent import ApparentCatalog, ApparentSky
 from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.maths.rotation import attitude_error
+from startracker_ros.core.track.attitude_model import AttitudeModel
 from startracker_ros.core.track.consistency import (
     expected_stars, PRESENT_PX, PRESENT_SIGMAS, RowPattern)
 from startracker_ros.core.track.frame_masks import kept_after_fit, kept_tracks, usable_centroids
 from startracker_ros.core.track.identified import fit_identified, IdentifiedFrame
 from startracker_ros.core.track.in_view import StarsInView
-from startracker_ros.core.track.model import FrameUpdate
-from startracker_ros.core.track.models import make_model
+from startracker_ros.core.track.independent_stars import IndependentStarsModel, NeighbourhoodModel
+from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.new_stars import match_new_stars
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.prediction import predict_stars, visible_stars
@@ -48,7 +49,7 @@ class TrackerState(StrEnum):
     TRACKING = 'TRACKING'
 
 
-class StarTracker:
+class TrackFilter:
     """
     Tracks identified stars through frames of centroids.
 
@@ -65,7 +66,7 @@ class StarTracker:
     interleaving: an identification may come some frames late or before its own update().
     add_rate() adds the rates of a gyro. acquire_new_stars() may follow update(). The attitude is
     that of the sensor in ICRF where motion is that of the observer; without one the observer is
-    at rest. sky holds the stars as that observer sees them.
+    at rest. sky has the stars as that observer sees them.
 
     state and reason describe the last transition; contradiction is why the stars of the newest
     frame are no attitude although some agree, empty if they are; frames_since_fix counts the
@@ -81,13 +82,12 @@ class StarTracker:
                  motion: ObserverMotion | None = None) -> None:
         self._camera = camera
         self._onboard = onboard
-        self._motion = motion
-        self.sky = ApparentCatalog(onboard)
+        self.sky = ApparentSky(onboard, motion)
         # The attitude that was published last, by its estimate.
         self._icrf: tuple[AttitudeEstimate | None, AttitudeEstimate | None] = None, None
         self._options = options
         self._gyro_options = gyro
-        self._stars = StarsInView(camera, self.sky)
+        self._stars = StarsInView(camera, onboard)
         self._unassociated: tuple[RotationFit, Centroids, np.ndarray] | None = None
         self._next_id = 1
         self.late_frames = 0
@@ -117,7 +117,7 @@ class StarTracker:
             return None
         estimate = self._history[-1][1]
         if self._icrf[0] is not estimate:
-            self._icrf = estimate, self._model.with_systematic_errors(estimate)
+            self._icrf = estimate, self._with_systematic_errors(estimate)
         attitude = self._icrf[1]
         assert attitude is not None
         return TrackedAttitude(attitude, self._model.rate_rad_s, self._model.rate_covariance)
@@ -126,7 +126,7 @@ class StarTracker:
     def frame_attitude(self) -> AttitudeEstimate | None:
         """Return the attitude of the newest frame by its stars alone, of a model that has one."""
         measured = self._model.measured_attitude if self.attitude is not None else None
-        return None if measured is None else self._model.with_systematic_errors(measured)
+        return None if measured is None else self._with_systematic_errors(measured)
 
     @property
     def predicted(self) -> PredictedCentroids | None:
@@ -141,8 +141,8 @@ class StarTracker:
             None if self.attitude is None else self.attitude.attitude)
         if attitude is None:
             return None
-        return predict_stars(self._stars, self._stamp_ns, attitude, self._model.rate_rad_s,
-                             self._options)
+        return predict_stars(self._stars, self._tracked_sky, self._stamp_ns, attitude,
+                             self._model.rate_rad_s, self._options)
 
     @property
     def gyro_trouble(self) -> str:
@@ -161,7 +161,7 @@ class StarTracker:
 
     def warm_up(self) -> None:
         """Compile and load what a frame needs, with a second tracker of a synthetic field."""
-        tracker = StarTracker(self._camera, self._onboard, self._options)
+        tracker = TrackFilter(self._camera, self._onboard, self._options)
         centroids, hip = synthetic_field(self._onboard, self._camera)
         # A gyro is used only after some frames.
         for stamp_ns in range(0, 10 ** 9, 10 ** 8):
@@ -195,7 +195,6 @@ class StarTracker:
             self.reason = f'time jumped back by {back_s:.1f} s'
         frame = self._usable(centroids)[0]
         self._stamp_ns = stamp_ns
-        self._look(stamp_ns)
         self._recent.append((stamp_ns, frame))
         self.frames_since_fix += 1
         if self._first is not None and self._gap_exceeded(self._first.stamp_ns, stamp_ns):
@@ -216,15 +215,15 @@ class StarTracker:
         Frames with too few stars or a poor fit are ignored.
         """
         centroids, good = self._usable(centroids)
-        self._look(stamp_ns)
-        frame, misfit = fit_identified(self._camera, self.sky, self._options, stamp_ns, centroids,
+        sky = self.sky.at(stamp_ns)
+        frame, misfit = fit_identified(self._camera, sky, self._options, stamp_ns, centroids,
                                        self._model.error_px2(centroids), np.asarray(hip)[good])
         if frame is None:
             if misfit and self.state is TrackerState.LOST:
                 self.reason = misfit
             return
         if self.state is TrackerState.TRACKING:
-            self._cross_check(frame)
+            self._cross_check(frame, sky)
         elif (hinted := self.hints.start(frame, self._options.max_gap_s)) is not None:
             self._start(hinted)
         elif self._first is None or self._gap_exceeded(self._first.stamp_ns, stamp_ns):
@@ -250,8 +249,8 @@ class StarTracker:
             zero_point = median(self._onboard.magnitude[bank.star_index[detected]]
                                 + 2.5 * np.log10(bank.flux[detected]))
         star_index, centroid = match_new_stars(
-            self._stars, fit.attitude, frame, fit.scale * self._model.sigma_px(frame), zero_point,
-            self._options.magnitude_tolerance)
+            self._stars, self._tracked_sky, fit.attitude, frame,
+            fit.scale * self._model.sigma_px(frame), zero_point, self._options.magnitude_tolerance)
         new = np.flatnonzero(~(star_index[:, None] == bank.star_index).any(axis=1))[:vacant]
         star_index, centroid = star_index[new], centroid[new]
         if len(star_index):
@@ -268,7 +267,7 @@ class StarTracker:
         self.stars_matched = 0
         self.residual_px = math.nan
         self._first: IdentifiedFrame | None = None
-        self._model = make_model(self._camera, self.sky, self._options, self._gyro)
+        self._model = make_model(self._camera, self._options, self._gyro)
         self._unassociated = None
         self._pattern = RowPattern(self._camera)
         self.contradiction = ''
@@ -290,7 +289,7 @@ class StarTracker:
             self._acquire(frame, f'two identifications {rate_deg_s:.3g} deg/s apart')
             return
         self._enter(TrackerState.TRACKING, start.reason)
-        self.hints.begun(start)
+        self.hints.started(start)
         self._model.start(start)
         most = slice(self._options.max_stars)
         self._add_tracks(frame.star_index[most], frame.centroids.select(most), confirmed=True)
@@ -302,13 +301,13 @@ class StarTracker:
             if stamp_ns > frame.stamp_ns and self.state is TrackerState.TRACKING:
                 self._track(stamp_ns, recent)
 
-    def _cross_check(self, frame: IdentifiedFrame) -> None:
+    def _cross_check(self, frame: IdentifiedFrame, sky: ApparentCatalog) -> None:
         """Compare an identified frame with the tracked attitude of its time, if there is one."""
         tracked = next((attitude for stamp_ns, attitude in self._history
                         if stamp_ns == frame.stamp_ns), None)
         if tracked is None:
             return
-        if frame.contradicts(tracked, self._camera, self.sky, self._options.max_residual_px):
+        if frame.contradicts(tracked, self._camera, sky, self._options.max_residual_px):
             error = attitude_error(frame.attitude.quaternion, tracked.quaternion)
             self._acquire(frame, f'an identification contradicts the tracks by '
                                  f'{np.degrees(np.linalg.norm(error)):.3g} deg')
@@ -327,7 +326,7 @@ class StarTracker:
         self.acquire_new_stars()
         self._bank_stamp_ns = stamp_ns
         frame = at_frame_time(self._camera, frame, self._model.rate_rad_s)
-        result = self._model.update(stamp_ns, frame)
+        result = self._model.update(stamp_ns, frame, self._tracked_sky)
         if self._model.failure:
             self._enter(TrackerState.LOST, self._model.failure)
             return
@@ -363,14 +362,14 @@ class StarTracker:
             self._model.sigma_px(frame)))
         faintest = self._onboard.magnitude[bank.star_index[bank.detected]].max()
         expected, velocity = visible_stars(
-            self._stars, fit.attitude, self._model.rate_rad_s, faintest)
+            self._stars, self._tracked_sky, fit.attitude, self._model.rate_rad_s, faintest)
         return expected_stars(expected, velocity, frame.uv, present_px) or (
             self._pattern.find(result.residuals) if result.residuals else '')
 
     def _end_bad_frame(self, frame: Centroids) -> None:
         """Drop missed stars, and enter LOST after max_bad_frames."""
-        # A dark frame is no evidence against the tracks.
-        self._bad_frames += not self._model.is_dark(frame)
+        # A sparse frame is no evidence against the tracks.
+        self._bad_frames += not self._model.is_sparse(frame)
         self._model.bank = self._model.bank.select(self._kept(frame))
         if self._bad_frames >= self._options.max_bad_frames:
             self._enter(TrackerState.LOST, f'{self._bad_frames} bad frames: {self.stars_matched} '
@@ -378,9 +377,9 @@ class StarTracker:
 
     def _kept(self, frame: Centroids) -> np.ndarray:
         """Return the tracks (N,) that are not missed too often."""
-        bank, dark = self._model.bank, self._model.is_dark(frame)
-        return kept_tracks(self.sky.crowded(bank.star_index), bank.missed, bank.age,
-                           bank.confirmed, math.inf if dark else float(self._options.max_missed))
+        bank, sparse = self._model.bank, self._model.is_sparse(frame)
+        return kept_tracks(self._tracked_sky.crowded(bank.star_index), bank.missed, bank.age,
+                           bank.confirmed, math.inf if sparse else float(self._options.max_missed))
 
     def _add_tracks(self, star_index: np.ndarray, centroids: Centroids, *, confirmed: bool
                     ) -> None:
@@ -388,9 +387,14 @@ class StarTracker:
         self._next_id += len(star_index)
         self._model.add(track_id, star_index, centroids, confirmed=confirmed)
 
-    def _look(self, stamp_ns: int) -> None:
-        """Set the directions of the stars to those of a stamp."""
-        self.sky.look_from(AT_REST if self._motion is None else self._motion.at(stamp_ns))
+    @property
+    def _tracked_sky(self) -> ApparentCatalog:
+        """Return the stars as the observer saw them in the frame of the tracks."""
+        return self.sky.at(self._bank_stamp_ns)
+
+    def _with_systematic_errors(self, estimate: AttitudeEstimate) -> AttitudeEstimate:
+        return self._model.with_systematic_errors(
+            estimate, self._tracked_sky.observer.velocity_sigma_m_s)
 
     def _gap_exceeded(self, stamp_ns: int, other_ns: int) -> bool:
         return abs(stamp_ns - other_ns) * 1e-9 > self._options.max_gap_s
@@ -401,3 +405,11 @@ class StarTracker:
             *map(np.ascontiguousarray, (centroids.uv, centroids.sigma_px)))
         self.rejected_centroids += rejected
         return centroids.select(good) if rejected else centroids, good
+
+
+def make_model(camera: Camera, options: TrackerOptions, gyro: Gyro) -> StarModel:
+    """Return the model that the options name."""
+    if options.model == 'attitude':
+        return AttitudeModel(camera, options, gyro)
+    model = NeighbourhoodModel if options.model == 'sna' else IndependentStarsModel
+    return model(camera, options, gyro)

@@ -1,4 +1,4 @@
-"""Width of the star images of a frame."""
+"""PSF sigma of the stars of a frame."""
 
 from functools import partial
 from statistics import median
@@ -15,44 +15,44 @@ from startracker_ros.core.centroid.streak_search import MAX_MISFIT, misfit
 
 BATCH = 10  # peaks fitted at a time, brightest first
 MAX_BATCHES = 6
-ENOUGH_STARS, STAR_SHARE = 3, 0.5  # of the spots, whose median is the width
-MAX_ERROR = 0.25  # relative, of the width of a star that counts
+ENOUGH_STARS, STAR_SHARE = 3, 0.5  # of the spots, whose median is the PSF sigma
+MAX_ERROR = 0.25  # relative, of the PSF sigma of a star that counts
 NARROWEST_PX = 0.3  # of such a star in the middle of its pixel no other one has a share
 ITERATIONS = 4
 NARROW_QUANTILE = 0.1
 
 
-def measure_width(frame: Frame, narrow: bool = False) -> tuple[float, bool]:
+def measure_psf_sigma(frame: Frame, narrow: bool = False) -> tuple[float, bool]:
     """
-    Return the median width (1 sigma, px) of the brightest stars, and whether it is certain.
+    Return the median PSF sigma (px) of the brightest stars, and whether it is certain.
 
     It is when a Gaussian explains most of the spots: others may be hits. Without any spot it is
-    the width of the filter that found the peaks. Where narrow it is that of the narrowest stars,
+    that of the filter that found the peaks. Where narrow it is that of the narrowest stars,
     as most may be debris out of focus.
     """
     typical = partial(np.quantile, q=NARROW_QUANTILE) if narrow else median
-    widths, stars, peaks = [], [], frame.search.peaks
+    sigmas, stars, peaks = [], [], frame.search.peaks
     for first in range(0, min(len(peaks.uv), MAX_BATCHES * BATCH), BATCH):
-        width, explained = _widths(frame, peaks.select(slice(first, first + BATCH)))
-        widths += width.tolist()
-        stars += width[explained].tolist()
-        if not narrow and len(stars) >= max(ENOUGH_STARS, STAR_SHARE * len(widths)):
+        sigma, explained = _sigmas(frame, peaks.select(slice(first, first + BATCH)))
+        sigmas += sigma.tolist()
+        stars += sigma[explained].tolist()
+        if not narrow and len(stars) >= max(ENOUGH_STARS, STAR_SHARE * len(sigmas)):
             return median(stars), True
     if len(stars) >= ENOUGH_STARS:
         return float(typical(stars)), False
-    return median(widths[:BATCH]) if widths else frame.kernel.sigma_px, False
+    return median(sigmas[:BATCH]) if sigmas else frame.kernel.sigma_px, False
 
 
-def _widths(frame: Frame, peaks: Peaks) -> tuple[np.ndarray, np.ndarray]:
-    """Return widths (N,) of peaks that may be unsaturated stars, and which Gaussians explain."""
+def _sigmas(frame: Frame, peaks: Peaks) -> tuple[np.ndarray, np.ndarray]:
+    """Return sigmas (N,) of peaks that may be unsaturated stars, and which Gaussians explain."""
     windows, start = frame.windows(peaks, frame.kernel.sigma_px)
     chosen = (windows.saturated_cores() == 0) & ~lone_pixels(windows.data)
     windows, start = windows.select(chosen), start[chosen]
     noise = initial_noise_model(frame.background_dn, frame.noise_dn ** 2)
     fit = fit_stars(windows, start, noise, free_sigma=True, iterations=ITERATIONS)
-    width = fit.parameters[:, SIGMA]
+    sigma = fit.parameters[:, SIGMA]
     error = np.sqrt(fit.covariance[:, SIGMA, SIGMA])
-    explained = (width > NARROWEST_PX) & (misfit(
+    explained = (sigma > NARROWEST_PX) & (misfit(
         fit.chi2, fit.dof, fit.parameters[:, FLUX], fit.covariance[:, FLUX, FLUX]) < MAX_MISFIT)
-    counts = (error < MAX_ERROR * width) & ~drifted(fit, windows) & ~streaks(fit, windows)
-    return width[counts], explained[counts]
+    counts = (error < MAX_ERROR * sigma) & ~drifted(fit, windows) & ~streaks(fit, windows)
+    return sigma[counts], explained[counts]
