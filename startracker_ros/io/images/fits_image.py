@@ -2,6 +2,7 @@
 
 from datetime import datetime, UTC
 import io
+import math
 from typing import Any, NamedTuple
 import warnings
 
@@ -28,7 +29,7 @@ class FitsImage(NamedTuple):
 
 def read_fits(content: bytes, most_pixels: int) -> FitsImage:
     """
-    Return the first two-dimensional image of a FITS file.
+    Return the first image of a FITS file: the mean of three planes, else the first of several.
 
     ValueError for a file without one or with more pixels; MissingLibraryError without astropy.
     """
@@ -39,7 +40,7 @@ def read_fits(content: bytes, most_pixels: int) -> FitsImage:
         try:
             with fits.open(io.BytesIO(content), memmap=False) as units:
                 unit = _image_unit(units, most_pixels)
-                pixels, header = np.squeeze(unit.data), unit.header.copy()
+                pixels, header = _plane(unit.data), unit.header.copy()
         except ValueError:
             raise
         # astropy raises errors of many types for damaged files.
@@ -53,23 +54,33 @@ def read_fits(content: bytes, most_pixels: int) -> FitsImage:
     return FitsImage(image, _fov_deg(header, max(image.shape)), _taken(header), bottom_up)
 
 
+def _plane(cube: np.ndarray) -> np.ndarray:
+    """Return the image (H, W) of (H, W), of planes (..., H, W) or of colours (H, W, 3)."""
+    cube = np.squeeze(cube)
+    if cube.ndim == 2:
+        return cube
+    if cube.shape[-1] == 3:
+        return cube.mean(axis=-1, dtype=np.float32)
+    planes = cube.reshape(-1, *cube.shape[-2:])
+    return planes.mean(axis=0, dtype=np.float32) if len(planes) == 3 else planes[0]
+
+
 def _image_unit(units: Any, most_pixels: int) -> Any:
-    """Return the first unit with a two-dimensional image; ValueError names what there is."""
+    """Return the first unit with an image of two sides or more; ValueError names what there is."""
     found = []
     for unit in units:
         if not unit.is_image:
             found.append('a table')
             continue
         sides = [side for side in unit.shape if side > 1]
-        if len(sides) == 2:
-            if sides[0] * sides[1] > most_pixels:
-                raise ValueError(f'{sides[1]} x {sides[0]} px, at most '
+        if len(sides) >= 2:
+            if math.prod(sides) > most_pixels:
+                raise ValueError(f'{" x ".join(map(str, reversed(sides)))} px, at most '
                                  f'{most_pixels // 1_000_000} million px are solved')
             return unit
         if unit.shape:
             found.append('an array of ' + ' x '.join(map(str, unit.shape)))
-    raise ValueError(f'FITS without a two-dimensional image: {", ".join(found) or "empty"}; '
-                     'save one plane')
+    raise ValueError(f'FITS without an image: {", ".join(found) or "empty"}')
 
 
 def _taken(header: Any) -> Taken | None:

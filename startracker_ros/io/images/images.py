@@ -5,6 +5,7 @@ import glob
 from pathlib import Path
 import struct
 from typing import NamedTuple
+import zlib
 
 import cv2
 import numpy as np
@@ -23,8 +24,9 @@ _CHECKED_BYTES, _END_BYTES = 1 << 20, 1 << 16
 MOST_PIXELS = 120_000_000
 # The catalogue has 25 stars a square degree, to V 11.
 LEAST_FOV_DEG = 0.3
-_SUFFIXES = ('.bmp', '.fit', '.fits', '.fts', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff',
-             '.webp', *raw_image.SUFFIXES)
+_GZIP = b'\x1f\x8b'
+_SUFFIXES = ('.bmp', '.fit', '.fit.gz', '.fits', '.fits.fz', '.fits.gz', '.fts', '.jpeg', '.jpg',
+             '.pgm', '.png', '.tif', '.tiff', '.webp', *raw_image.SUFFIXES)
 # What it warns of is an ImageError.
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
@@ -68,9 +70,11 @@ def read_photograph(path: str | Path) -> Photograph:
     path = Path(path)
     try:
         with path.open('rb') as file:
-            content = np.frombuffer(file.read(_LARGEST_FILE_BYTES + 1), np.uint8)
+            content = np.frombuffer(_decompressed(file.read(_LARGEST_FILE_BYTES + 1)), np.uint8)
     except OSError as error:
         raise ImageError(f'{path}: {error.strerror}') from error
+    except zlib.error as error:
+        raise ImageError(f'{path}: not whole: {error}') from error
     if len(content) > _LARGEST_FILE_BYTES:
         raise ImageError(f'{path}: more than {_LARGEST_FILE_BYTES // 1_000_000} MB')
     begin = content[:_CHECKED_BYTES].tobytes()
@@ -83,6 +87,13 @@ def read_photograph(path: str | Path) -> Photograph:
         raise ImageError(f'{path}: {error}') from error
     _check_content(path, begin, content[-_END_BYTES:].tobytes())
     return _decode(path, content)
+
+
+def _decompressed(content: bytes) -> bytes:
+    """Return the content of a file, out of gzip up to the size at which a file is too large."""
+    if not content.startswith(_GZIP):
+        return content
+    return zlib.decompressobj(16 + zlib.MAX_WBITS).decompress(content, _LARGEST_FILE_BYTES + 1)
 
 
 def _read_raw(content: bytes) -> Photograph:
@@ -127,7 +138,7 @@ def image_paths(paths: Sequence[Path]) -> list[Path]:
     for path in paths:
         if path.is_dir():
             found += sorted(file for file in path.iterdir()
-                            if file.suffix.lower() in _SUFFIXES)
+                            if file.name.lower().endswith(_SUFFIXES))
         elif not path.exists() and glob.has_magic(str(path)):
             found += [Path(match) for match in sorted(glob.glob(str(path), recursive=True))] or [
                 path]

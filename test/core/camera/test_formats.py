@@ -1,5 +1,6 @@
 """FITS and camera RAW: all number types, orientation, and files that cannot be used."""
 
+import gzip
 import io
 import struct
 import sys
@@ -47,8 +48,32 @@ def test_compressed_images_and_extensions(tmp_path):
     assert (read_image(tmp_path / 'a.fits')[32, 11] - int(np.median(SKY))) > 15000
 
 
+@pytest.mark.parametrize('cube', [
+    np.stack([SKY, SKY - 300, SKY + 300]), np.stack([SKY, SKY - 300, SKY + 300], -1),
+    np.stack([SKY, SKY[::-1]]), np.stack([[SKY] * 4])])
+def test_a_cube_is_the_mean_of_colours_or_its_first_plane(tmp_path, cube):
+    fits.PrimaryHDU(cube.astype(np.float32)).writeto(tmp_path / 'a.fits')
+    fits.PrimaryHDU(SKY.astype(np.float32)).writeto(tmp_path / 'b.fits')
+    np.testing.assert_allclose(scaled(read_image(tmp_path / 'a.fits').astype(float)),
+                               scaled(read_image(tmp_path / 'b.fits').astype(float)), atol=1e-3)
+
+
+def test_a_file_compressed_by_gzip_is_read_and_found_in_a_folder(tmp_path):
+    fits.PrimaryHDU(SKY.astype(np.uint16)).writeto(tmp_path / 'a.fits')
+    content = gzip.compress((tmp_path / 'a.fits').read_bytes())
+    (tmp_path / 'a.fits.gz').write_bytes(content)
+    (tmp_path / 'b.fits.gz').write_bytes(content[:len(content) // 2])
+    (tmp_path / 'c.fits.gz').write_bytes(content[:10] + b'\xff' * 99)
+    np.testing.assert_array_equal(read_image(tmp_path / 'a.fits.gz'),
+                                  read_image(tmp_path / 'a.fits'))
+    assert [path.name for path in image_paths([tmp_path])] == [
+        'a.fits', 'a.fits.gz', 'b.fits.gz', 'c.fits.gz']
+    for name in 'bc':
+        with pytest.raises(ImageError, match=f'{name}.fits.gz: '):
+            read_image(tmp_path / f'{name}.fits.gz')
+
+
 @pytest.mark.parametrize('units, words', [
-    ([fits.PrimaryHDU(np.zeros((3, 8, 9), np.uint8))], 'an array of 3 x 8 x 9'),
     ([fits.PrimaryHDU(np.zeros(9, np.uint8))], 'an array of 9'),
     ([fits.PrimaryHDU()], 'empty'),
     ([fits.PrimaryHDU(), fits.BinTableHDU.from_columns(
