@@ -93,7 +93,9 @@ def _decompressed(content: bytes) -> bytes:
     """Return the content of a file, out of gzip up to the size at which a file is too large."""
     if not content.startswith(_GZIP):
         return content
-    return zlib.decompressobj(16 + zlib.MAX_WBITS).decompress(content, _LARGEST_FILE_BYTES + 1)
+    # Its last four bytes are the length of the content, which some write wrong.
+    return zlib.decompressobj(16 + zlib.MAX_WBITS).decompress(
+        content[:-4], _LARGEST_FILE_BYTES + 1)
 
 
 def _read_raw(content: bytes) -> Photograph:

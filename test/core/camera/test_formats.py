@@ -66,6 +66,10 @@ def test_a_file_compressed_by_gzip_is_read_and_found_in_a_folder(tmp_path):
     (tmp_path / 'c.fits.gz').write_bytes(content[:10] + b'\xff' * 99)
     np.testing.assert_array_equal(read_image(tmp_path / 'a.fits.gz'),
                                   read_image(tmp_path / 'a.fits'))
+    # As in files of one observatory.
+    (tmp_path / 'a.fits.gz').write_bytes(content[:-4] + b'odd!')
+    np.testing.assert_array_equal(read_image(tmp_path / 'a.fits.gz'),
+                                  read_image(tmp_path / 'a.fits'))
     assert [path.name for path in image_paths([tmp_path])] == [
         'a.fits', 'a.fits.gz', 'b.fits.gz', 'c.fits.gz']
     for name in 'bc':
