@@ -8,7 +8,7 @@ from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.track.start import Hint
-from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
+from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 
 EPOCH_YEAR = 2026.5
 START_NS = stamp_from_epoch_year(EPOCH_YEAR)
