@@ -6,7 +6,7 @@ from startracker_ros.core.astro.exclusion import BlindingForecast, ExclusionOpti
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
+from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 from startracker_ros.io.bags.tracker_state import NAME, tracker_state_values
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode

@@ -24,15 +24,15 @@ import numpy as np
 from startracker_ros.core.centroid.background import over_image, pixel_noise, readable
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.cleaning import (
-    are_hits, cleaned, find_contamination, CLEAN, Contamination)
+    are_hits, CLEAN, cleaned, Contamination, find_contamination)
 from startracker_ros.core.centroid.detection import Peaks, Threshold
-from startracker_ros.core.centroid.windowed_search import peaks_near
 from startracker_ros.core.centroid.frame import Frame, prepare
 from startracker_ros.core.centroid.hits import is_hit, is_single
 from startracker_ros.core.centroid.moments import Segmentation, WEIGHTS
 from startracker_ros.core.centroid.point_stars import measure_points
 from startracker_ros.core.centroid.pointing_error import pointing_error
 from startracker_ros.core.centroid.psf import FLUX
+from startracker_ros.core.centroid.psf_sigma import measure_psf_sigma
 from startracker_ros.core.centroid.quota import brightest
 from startracker_ros.core.centroid.rejection import Rejections
 from startracker_ros.core.centroid.spots import (
@@ -41,7 +41,7 @@ from startracker_ros.core.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.core.centroid.streak_fit import streaks_at
 from startracker_ros.core.centroid.streak_search import estimate_streak, search_streaks
 from startracker_ros.core.centroid.streak_stars import measure_streaks
-from startracker_ros.core.centroid.psf_sigma import measure_psf_sigma
+from startracker_ros.core.centroid.windowed_search import peaks_near
 from startracker_ros.core.options import option, Options
 
 MIN_SIDE_PX = 8

@@ -1,7 +1,6 @@
 """Independent tracks: the JPDA filter of Sadeghi, Sabahi and Saberali, and their baseline."""
 
 from dataclasses import replace
-from math import cos, sin
 import math
 
 import numpy as np
@@ -215,7 +214,7 @@ def rolled(camera: Camera, rate_rad_s: float, dt_s: float) -> np.ndarray:
     rolled(rate, dt) F rolled(-rate before, 0) X: equation 18 of Sadeghi, Sabahi and Saberali.
     """
     aspect = camera.fx / camera.fy
-    sine, cosine = sin(rate_rad_s * dt_s), cos(rate_rad_s * dt_s)
+    sine, cosine = math.sin(rate_rad_s * dt_s), math.cos(rate_rad_s * dt_s)
     turn = np.array([[cosine, sine * aspect], [-sine / aspect, cosine]])
     flow = rate_rad_s * np.array([[0.0, aspect], [-1 / aspect, 0.0]])
     return np.kron(turn, np.eye(2)) + np.kron(flow @ turn, [[0.0, 0.0], [1.0, 0.0]])

@@ -28,7 +28,7 @@ from startracker_ros.io.images.images import calibrated_camera, camera_of, Image
 from startracker_ros.io.images.video import is_video
 from startracker_ros.io.images.wcs_file import read_wcs_camera
 from startracker_ros.io.table import Result
-from startracker_ros.tools.photographs.epoch_and_site import Epoch, epoch_of, OPTION, ObserverSite
+from startracker_ros.tools.photographs.epoch_and_site import Epoch, epoch_of, ObserverSite, OPTION
 from startracker_ros.tools.photographs.outputs import Outputs
 from startracker_ros.tools.photographs.shots import output_names, Shot, shots
 

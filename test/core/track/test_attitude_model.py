@@ -11,7 +11,7 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
+from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 
 ONBOARD = sky()
 DEG_H = np.radians(1 / 3600)

@@ -6,7 +6,7 @@ from star_motion import Motion, sky
 from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.track.options import TrackerOptions
-from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
+from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 
 ONBOARD = sky()
 LEARNT_FRAMES = 15

@@ -13,7 +13,7 @@ from startracker_ros.core.stages.parameters import options_of_keywords, Paramete
 from startracker_ros.core.track.independent_stars import rolled
 from startracker_ros.core.track.motion_models import constant_velocity, image_jacobian
 from startracker_ros.core.track.options import JPDAF_MODELS, TrackerOptions
-from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
+from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 
 ONBOARD = sky()
 

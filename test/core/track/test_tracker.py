@@ -12,7 +12,7 @@ from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.maths.rotation import (
     attitude_error, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.track.options import MODELS, TrackerOptions
-from startracker_ros.core.track.track_filter import TrackFilter, TrackerState
+from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
 
 ONBOARD = sky()
 ELSEWHERE_DEG = (200.0, -40.0, 10.0)
