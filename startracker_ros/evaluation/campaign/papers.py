@@ -127,22 +127,23 @@ def write_page(folder: Path) -> list[ClaimRow]:
 def _state(paper: Paper, claim: Claim, records: Sequence[dict], pictures: Sequence[str]
            ) -> ClaimRow:
     """Return a claim with the state that its rows and pictures show."""
-    found = [record for record in records if claim.rows and re.search(
-        claim.rows, ', '.join(str(record[key]) for key in ('case', 'variant', 'method')
-                              if record.get(key)))]
+    found = [record for record in records if claim.rows and re.search(claim.rows, record['case'])]
+    failed = [record['case'] for record in found if record['holds'] is False]
+    few = sum('too few trials' in record['bound'] for record in found)
     drawn = any(claim.picture in path for path in pictures) if claim.picture else True
-    held = [record.get('holds') for record in found]
+
+    def row(state: str, why: str, holds: bool | None = None) -> ClaimRow:
+        return ClaimRow(paper.name, claim.item, claim.says, state, why, holds)
+
     if claim.state == 'cannot be':
-        return ClaimRow(paper.name, claim.item, claim.says, claim.state, claim.why, None)
+        return row(claim.state, claim.why)
     if not drawn or (claim.rows and not found):
-        return ClaimRow(paper.name, claim.item, claim.says, 'not run', '', None)
-    if False in held and claim.state != 'differs':
-        cases = '; '.join(str(record.get('case', record.get('method')))
-                          for record in found if record.get('holds') is False)
-        return ClaimRow(paper.name, claim.item, claim.says, 'does not hold', cases, False)
-    if any('too few trials' in str(record.get('bound')) for record in found):
-        return ClaimRow(paper.name, claim.item, claim.says, 'too few trials', '', None)
-    return ClaimRow(paper.name, claim.item, claim.says, claim.state, claim.why, True)
+        return row('not run', 'no such row' if drawn else 'no such picture')
+    if failed and claim.state != 'differs':
+        return row('does not hold', '; '.join(failed), False)
+    if few:
+        return row('too few trials', f'in {few} of {len(found)} rows')
+    return row(claim.state, claim.why, True)
 
 
 def _summary(rows: Sequence[ClaimRow]) -> Iterator[str]:
