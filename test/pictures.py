@@ -28,6 +28,6 @@ def assert_legible(figure: Any) -> None:
     assert lines
     for text, size_px, box in lines:
         assert size_px * PAGE_PX / width >= LEAST_PX, text
-        assert min(box.xmin, box.ymin) >= 0 and box.xmax <= width and box.ymax <= height, text
+        assert box.xmin >= 0 and box.xmax <= width and box.ymin >= 0 and box.ymax <= height, text
     for (one, _, first), (other, _, second) in combinations(lines, 2):
         assert not first.overlaps(second), (one, other)

@@ -1,11 +1,17 @@
 """The configurations of viewers name what exists; the marks stand at the centroids."""
 
 from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import is_dataclass
 import json
 from pathlib import Path
 import re
-from typing import Any
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints, Literal, Union
 
+from foxglove import layouts
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 import pytest
 from run_bag import write_run
@@ -79,17 +85,120 @@ def test_paths_of_the_plots_lead_to_a_value(layout: dict[str, Any]) -> None:
         assert isinstance(value, (int, float, str))
 
 
-def test_the_rviz_configuration_names_topics_that_exist() -> None:
-    manager = yaml.safe_load((CONFIG / 'star_tracker.rviz').read_text())['Visualization Manager']
+# What the application and its SDK call differently.
+SDK_NAMES = {'3D': 'ThreeDee', 'DiagnosticSummary': 'DiagnosticsSummary',
+             'DiagnosticStatusPanel': 'DiagnosticsDetail'}
+
+
+def settings(value: Any, kind: Any) -> Any:
+    """Return JSON as the settings of foxglove-sdk; ValueError where they do not allow it."""
+    options = get_args(kind)
+    if get_origin(kind) in (Union, UnionType):
+        for option in options:
+            with suppress(ValueError):
+                return settings(value, option)
+    elif get_origin(kind) is Literal and value in options:
+        return value
+    elif get_origin(kind) is list and isinstance(value, list):
+        return [settings(each, options[0]) for each in value]
+    elif get_origin(kind) is tuple and isinstance(value, list) and len(value) == len(options):
+        return tuple(map(settings, value, options))
+    elif get_origin(kind) is dict and isinstance(value, dict):
+        return {key: settings(each, options[1]) for key, each in value.items()}
+    elif is_dataclass(kind) and isinstance(value, dict):
+        kinds = get_type_hints(kind, vars(layouts))
+        named = {re.sub('([A-Z])', r'_\1', key).lower(): each for key, each in value.items()}
+        if named.keys() <= kinds.keys():
+            return kind(**{name: settings(each, kinds[name]) for name, each in named.items()})
+    elif kind is float and type(value) in (int, float) or type(value) is kind:
+        return value
+    raise ValueError(f'{value!r} is no {kind}')
+
+
+def holds(whole: Any, part: Any) -> bool:
+    """Return whether JSON holds a part of it, beside other keys."""
+    if isinstance(part, dict):
+        return all(key in whole and holds(whole[key], value) for key, value in part.items())
+    return whole == part
+
+
+def test_foxglove_knows_every_setting_and_value(layout: dict[str, Any]) -> None:
+    """By the types that Foxglove publishes for layouts, which reject other names and values."""
+    for name, config in layout['configById'].items():
+        kind = name.split('!')[0]
+        panel = getattr(layouts, f'{SDK_NAMES.get(kind, kind)}Panel')
+        own = {key: value for key, value in config.items() if key != 'foxglovePanelTitle'}
+        built = settings(own, type(panel().config))
+        assert holds(json.loads(built.to_json()), own), name
+    with pytest.raises(ValueError):
+        settings({**own, 'colour': 'red'}, type(panel().config))
+    with pytest.raises(ValueError):
+        settings({'paths': [{'timestampMethod': 'never'}]}, layouts.PlotConfig)
+
+
+@pytest.fixture(scope='module')
+def rviz() -> dict[str, Any]:
+    return yaml.safe_load((CONFIG / 'star_tracker.rviz').read_text())['Visualization Manager']
+
+
+def test_the_rviz_configuration_names_topics_that_exist(rviz: dict[str, Any]) -> None:
     wanted = {'rviz_default_plugins/PointCloud2': 'sensor_msgs/msg/PointCloud2',
               'rviz_default_plugins/Image': 'sensor_msgs/msg/Image'}
-    shown = [display for display in manager['Displays'] if 'Topic' in display]
+    shown = [display for display in rviz['Displays'] if 'Topic' in display]
     assert len(shown) == 4
     for display in shown:
         topic = display['Topic']['Value']
         assert TYPES[topic] == wanted[display['Class']]
         assert display.get('Channel Name', 'x') in CLOUDS.get(topic, TRACK_DTYPE).names
-    assert manager['Global Options']['Fixed Frame'] == 'star_tracker_optical_frame'
+    assert rviz['Global Options']['Fixed Frame'] == 'star_tracker_optical_frame'
+
+
+def seen_by_rviz(view: dict[str, Any], points: np.ndarray) -> np.ndarray:
+    """
+    Return points (N, 3) in the picture of an orbit view of RViz: (N, 2) from -1 to 1 upwards.
+
+    RViz looks from a distance at the focal point, with z up and 45 deg from top to bottom.
+    """
+    yaw, pitch = view['Yaw'], view['Pitch']
+    back = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
+    right = np.cross(-back, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    from_eye = points - [view['Focal Point'][axis] for axis in 'XYZ'] - view['Distance'] * back
+    depth = -from_eye @ back
+    assert (depth > view['Near Clip Distance']).all()
+    return from_eye @ np.stack([right, np.cross(right, -back)], -1) / (
+        depth * np.tan(np.radians(22.5)))[:, None]
+
+
+def test_rviz_shows_the_field_as_the_image_is(rviz: dict[str, Any]) -> None:
+    """With the messages of a recording, read without a module of this package."""
+    clouds = {display['Topic']['Value']: display for display in rviz['Displays']
+              if display['Class'].endswith('PointCloud2') and display['Enabled']}
+    assert sorted(clouds) == ['/centroids', '/tracks']
+    with open(next((CONFIG.parent / 'bags' / 'slew').glob('*.mcap')), 'rb') as file:
+        newest = {channel.topic: (schema.name, message) for schema, channel, _, message in
+                  make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+                  if channel.topic in TYPES}
+    assert {topic: kind for topic, (kind, _) in newest.items()} == {
+        topic: TYPES[topic] for topic in newest}
+    for topic, display in clouds.items():
+        cloud = newest[topic][1]
+        assert cloud.header.frame_id == rviz['Global Options']['Fixed Frame']
+        columns = {field.name: np.ndarray(
+            cloud.width, '<f4', bytes(cloud.data), field.offset, cloud.point_step)
+            for field in cloud.fields if field.datatype == 7}
+        assert cloud.width > 10
+        places = seen_by_rviz(rviz['Views']['Current'],
+                              np.stack([columns[axis] for axis in 'xyz'], -1))
+        assert (np.abs(places) < [1400 / 900, 1]).all()
+        # The field fills a third of the window or more, upright and not mirrored.
+        assert np.ptp(places, axis=0).min() > 2 / 3
+        for place, pixel in zip(places.T, (columns['u'], -columns['v'])):
+            assert np.corrcoef(place, pixel)[0, 1] > 0.99
+        if display['Color Transformer'] == 'Intensity':
+            magnitude = columns[display['Channel Name']]
+            assert display['Min Intensity'] <= magnitude.min()
+            assert magnitude.max() <= display['Max Intensity']
 
 
 def test_marks_stand_beside_the_centroids() -> None:
