@@ -2,9 +2,9 @@
 Stand-ins of the few classes of launch that the launch files use: its wheels have no launch.
 
 Parameters get into files, and these into the arguments of a node, as launch_ros does it: first
-ros_arguments, then what SetParameter and SetParametersFromFile of a parent launch file set, then the
-parameters of the node, a dict of which is keyed by the full name of the node, or by /** where it has
-no name.
+ros_arguments, then what SetParameter and SetParametersFromFile of a parent launch file set, then
+the parameters of the node, a dict of which is keyed by the full name of the node, or by /** where
+it has no name.
 """
 
 import os

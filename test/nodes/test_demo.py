@@ -104,7 +104,7 @@ def test_attitudes_agree_with_the_truth(demo, messages):
         error = Rotation.from_quat([t.x, t.y, t.z, t.w]).inv() * Rotation.from_quat(ours)
         errors.append(np.degrees(error.as_rotvec()) * 3600)
         assert message.header.frame_id == 'icrf'
-    # How soon the first one comes depends on the machine; a later frame without one has its reason.
+    # How soon the first one comes depends on the machine; later frames without one have a reason.
     first_ns = min(stamp_ns(m) for m in messages['/attitude'])
     without = printed['later frames without attitude, reason given']
     assert len(errors) + without == sum(stamp >= first_ns for stamp in truth)

@@ -44,8 +44,8 @@ def test_setup_py_and_package_xml_name_the_same_package():
     package = parse_package(SOURCE / 'package.xml')
     author, maintainer, url = *package.authors, *package.maintainers, *package.urls
     assert done.stdout.splitlines() == [
-        package.name, package.version, ' AND '.join(package.licenses), package.description, url.url,
-        author.name, author.email, maintainer.name, maintainer.email]
+        package.name, package.version, ' AND '.join(package.licenses), package.description,
+        url.url, author.name, author.email, maintainer.name, maintainer.email]
     assert all((SOURCE / licence.file).is_file() for licence in package.licenses)
     citation = yaml.safe_load((SOURCE / 'CITATION.cff').read_text())
     assert (citation['url'], citation['authors']) == (url.url, [{'name': author.name}])
