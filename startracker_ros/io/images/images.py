@@ -25,8 +25,9 @@ MOST_PIXELS = 120_000_000
 LEAST_FOV_DEG = 0.3
 _SUFFIXES = ('.bmp', '.fit', '.fits', '.fts', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff',
              '.webp', *raw_image.SUFFIXES)
-# What it warns of is an ImageError.
-cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+# What it warns of is an ImageError. OpenCV 4.6, that of Ubuntu Noble, has the older name.
+_SILENT = 0
+(getattr(cv2, 'setLogLevel', None) or cv2.utils.logging.setLogLevel)(_SILENT)
 
 
 class ImageError(ValueError):
