@@ -69,7 +69,9 @@ setup(
                   f'{PACKAGE}.tools.trend': ['*.j2']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
-        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}', ['package.xml', 'LICENSE', 'NOTICE']),
+        # Where package.xml says.
+        (f'share/{PACKAGE}/{PACKAGE}/core/catalog', [f'{PACKAGE}/core/catalog/LICENSE']),
         (f'share/{PACKAGE}/config', sorted(glob('config/*'))),
         (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
         *commands,

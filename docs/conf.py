@@ -3,7 +3,7 @@
 import importlib.metadata
 
 project = 'startracker_ros'
-author = 'startracker_ros maintainers'
+author = 'startracker_ros authors'
 release = version = importlib.metadata.version('startracker_ros')
 
 extensions = ['myst_parser', 'sphinx.ext.autodoc']

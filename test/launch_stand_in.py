@@ -2,8 +2,9 @@
 Stand-ins of the few classes of launch that the launch files use: its wheels have no launch.
 
 Parameters get into files, and these into the arguments of a node, as launch_ros does it: first
-ros_arguments, then what SetParameter of a parent launch file set, then the parameters of the node,
-a dict of which is keyed by the full name of the node, or by /** where it has no name.
+ros_arguments, then what SetParameter and SetParametersFromFile of a parent launch file set, then
+the parameters of the node, a dict of which is keyed by the full name of the node, or by /** where
+it has no name.
 """
 
 import os
@@ -100,8 +101,9 @@ class Launched:
         words = ['--ros-args', *node['ros_arguments'], '--ros-args', '-r', f'__ns:={namespace}']
         if node['name'] is not None:
             words += ['-r', f"__node:={node['name']}"]
-        for assignment in set_parameters:
-            words += ['-p', assignment]
+        for given in set_parameters:
+            words += ['--params-file', str(given)] if isinstance(given, Path) else [
+                '-p', '{}:={}'.format(*given)]
         key = '/**' if node['name'] is None else f"{namespace.rstrip('/')}/{node['name']}"
         for number, given in enumerate(node['parameters']):
             if isinstance(given, dict):

@@ -11,17 +11,16 @@ _VALUES = 'ros__parameters'
 
 def addressed_parameters(arguments: Sequence[str], node: str) -> set[str]:
     """
-    Return the parameters that are set by -p, or in a parameter file under the name of the node.
+    Return the parameters that are set by -p NODE:NAME:=VALUE or in a file under the node's name.
 
-    What a file sets for all nodes, under a key as /**, is not among them. rcl has read the files
-    before: they exist and are valid.
+    What is set for all nodes, by -p NAME:=VALUE or under a key as /**, is not among them. rcl has
+    read the files before: they exist and are valid.
     """
     names = set()
     for option, value in pairwise(arguments):
         if option in ('-p', '--param'):
-            # NAME:=VALUE or NODE:NAME:=VALUE
             owner, _, name = value.partition(':=')[0].rpartition(':')
-            names |= {name} if owner in ('', node) else set()
+            names |= {name} if owner == node else set()
         elif option == '--params-file':
             for key, parameters in sections(Path(value)):
                 names |= parameters if key.rpartition('/')[2] == node else set()

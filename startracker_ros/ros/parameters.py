@@ -122,7 +122,8 @@ def reject_unknown(nodes: Sequence[Node], arguments: Sequence[str]) -> None:
     Raise ParameterError for a parameter of a node that no node of this process declares.
 
     A misspelt safety limit that is silently ignored is worse than a node that does not start.
-    What the arguments set for all nodes may be meant for others, and is a warning.
+    What the arguments set without the name of a node, as SetParameter of a launch file does, may
+    be meant for others, and is a warning.
     """
     known = {name for node in nodes for name in parameter_overrides(node)
              if node.has_parameter(name)}
@@ -136,5 +137,5 @@ def reject_unknown(nodes: Sequence[Node], arguments: Sequence[str]) -> None:
             near = [f'; did you mean {found} for {name}?' for name in foreign
                     if (found := _closest(name, nodes))]
             node.get_logger().warning(
-                f'ignored, as set for all nodes and not known here: {", ".join(foreign)}'
+                f'not known here and ignored, as set for all nodes: {", ".join(foreign)}'
                 + ''.join(near))

@@ -1,5 +1,5 @@
 """
-Plays the inputs of a bag as `ros2 bag play` does, in a process without the package's nodes.
+Plays the inputs of a bag as `ros2 bag play --clock` does, without code of the package's nodes.
 
 `python replaying.py BAG RATE EARLY`: publishers with the recorded quality of service; the first
 message goes out when their subscribers are matched, whatever these do. EARLY images come before
@@ -8,17 +8,21 @@ the first camera_info.
 
 from pathlib import Path
 import sys
+from threading import Event, Thread
 import time
 
 import rclpy
+from rosgraph_msgs.msg import Clock
 from startracker_ros.io.bags.reader import read_messages, read_topics
 from startracker_ros.ros.bag_qos import playback_qos
+from startracker_ros.ros.messages.header import stamp_from_ns
 from startracker_ros.ros.messages.message_types import message_class
 
 INPUTS = ('/image_raw', '/camera_info', '/imu', '/odometry')
 # Stages that subscribe to each, at least.
 SUBSCRIBERS = {'/image_raw': 1, '/camera_info': 4, '/imu': 1, '/odometry': 2}
 DISCOVERY_S = 0.5
+CLOCK_S = 1.0 / 40.0
 
 
 def main(bag: Path, rate: float, early: int) -> None:
@@ -36,12 +40,22 @@ def main(bag: Path, rate: float, early: int) -> None:
         time.sleep(0.01)
     time.sleep(DISCOVERY_S)
     begin_s, begin_ns = time.monotonic(), messages[0].log_time_ns
+    clock, ended = node.create_publisher(Clock, '/clock', 10), Event()
+
+    def publish_clock() -> None:
+        while not ended.wait(CLOCK_S):
+            clock.publish(Clock(clock=stamp_from_ns(
+                begin_ns + int((time.monotonic() - begin_s) * rate * 1e9))))
+    clock_thread = Thread(target=publish_clock)
+    clock_thread.start()
     for message in messages:
         due_s = begin_s + (message.log_time_ns - begin_ns) * 1e-9 / rate
         time.sleep(max(0.0, due_s - time.monotonic()))
         publishers[message.topic].publish(message.data)
     for publisher in publishers.values():
         publisher.wait_for_all_acked()
+    ended.set()
+    clock_thread.join()
 
 
 if __name__ == '__main__':

@@ -102,10 +102,8 @@ def exit_of(tmp_path):
 
 @pytest.mark.parametrize('node', NODES)
 def test_unknown_parameter_stops_the_start(node, exit_of, tmp_path):
-    parameters = {'treshold': 3.0}
-    if node == 'bag_recorder':
-        parameters['folder'] = str(tmp_path / 'bag')
-    code, printed = exit_of(node, parameters)
+    parameters = {'folder': str(tmp_path / 'bag')} if node == 'bag_recorder' else {}
+    code, printed = exit_of(node, parameters, '--ros-args', '-p', f'{node}:treshold:=3.0')
     assert code == 2
     assert 'unknown parameter treshold' in printed
     assert 'Traceback' not in printed

@@ -179,7 +179,8 @@ def test_remaps_and_parameters_of_one_node(nodes, probe):
 
 @pytest.mark.parametrize(('arguments', 'words'), [
     (['star_traker'], "no node 'star_traker'"),
-    (['star_tracker', 'star_identifier', '--ros-args', '-p', 'magnitude_limitt:=6.0'],
+    (['star_tracker', 'star_identifier', '--ros-args', '-p',
+      'star_tracker:magnitude_limitt:=6.0'],
      'unknown parameter magnitude_limitt; did you mean magnitude_limit?'),
     (['star_tracker', 'sky_simulator', '--ros-args', '-p', 'star_tracker:fov_deg:=6.0'],
      'unknown parameter fov_deg'),

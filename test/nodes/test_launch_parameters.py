@@ -86,8 +86,22 @@ def test_a_parent_sets_what_no_argument_says(started, argument, expected):
     names = ['use_sim_time', 'autostart', 'min_stars']
     assert started(
         launch_file('pipeline', use_sim_time=argument), 'star_tracker', '/trk/star_tracker',
-        names, ['use_sim_time:=True', 'min_stars:=7']) == {
+        names, [('use_sim_time', True), ('min_stars', 7)]) == {
             'use_sim_time': expected, 'autostart': False, 'min_stars': 7}
+
+
+@pytest.mark.parametrize('executable', ['star_tracker', 'composed_pipeline'])
+def test_what_a_parent_sets_for_other_nodes_is_a_warning(started, tmp_path, executable):
+    path = tmp_path / 'robot.yaml'
+    path.write_text('/**:\n  ros__parameters: {robot: {radius: 0.2}, max_stars: 30}\n'
+                    '/planner:\n  ros__parameters: {horizon_s: 1.0}\n')
+    assert started(
+        launch_file('pipeline'), executable, '/trk/star_tracker', ['max_stars'],
+        [('robot_description', '<robot/>'), ('min_star', 7), path]) == {'max_stars': 30}
+    warning, = (line for line in (tmp_path / f'{executable}.log').read_text().splitlines()
+                if 'ignored' in line and 'star_tracker' in line)
+    assert warning.endswith('not known here and ignored, as set for all nodes: robot_description, '
+                            'min_star, robot.radius; did you mean min_stars for min_star?')
 
 
 @pytest.mark.parametrize('name, executable, given, expected', [

@@ -13,6 +13,7 @@ import sysconfig
 from threading import Timer
 import venv
 
+from catkin_pkg.package import parse_package
 import pytest
 from startracker_ros import __version__
 from startracker_ros.ros.executables import EXECUTABLES
@@ -132,16 +133,19 @@ def test_all_modules_and_data_are_installed(install):
     assert Path(used.strip()).parents[1] == install.modules
 
 
-def test_licences_are_in_the_metadata(install):
-    if install.route != 'pip':
-        pytest.skip('colcon installs no metadata of licences')
-    folder, = install.modules.glob('startracker_ros-*.dist-info')
-    licences = {path.relative_to(folder / 'licenses').as_posix()
-                for path in (folder / 'licenses').rglob('*') if path.is_file()}
-    assert {'LICENSE', 'NOTICE'} < licences and len(licences) == 3
-    # The name of the field depends on the version of setuptools.
-    assert re.search('^License(-Expression)?: Apache-2.0 AND CC-BY-SA-3.0-IGO$',
-                     (folder / 'METADATA').read_text(), re.MULTILINE)
+def test_licences_are_beside_package_xml_and_in_the_metadata(install):
+    share = install.prefix / SHARE
+    for file in ['NOTICE', *(licence.file for licence in parse_package(share).licenses)]:
+        assert (share / file).read_bytes() == (SOURCE / file).read_bytes()
+    # colcon installs no metadata of licences.
+    if install.route == 'pip':
+        folder, = install.modules.glob('startracker_ros-*.dist-info')
+        licences = {path.relative_to(folder / 'licenses').as_posix()
+                    for path in (folder / 'licenses').rglob('*') if path.is_file()}
+        assert {'LICENSE', 'NOTICE'} < licences and len(licences) == 3
+        # The name of the field depends on the version of setuptools.
+        assert re.search('^License(-Expression)?: Apache-2.0 AND CC-BY-SA-3.0-IGO$',
+                         (folder / 'METADATA').read_text(), re.MULTILINE)
 
 
 def test_every_node_is_an_executable_of_the_package(install):

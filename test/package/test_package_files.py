@@ -38,13 +38,19 @@ def test_package_xml_is_valid_and_of_the_version_of_the_code():
 
 def test_setup_py_and_package_xml_name_the_same_package():
     done = subprocess.run(
-        [sys.executable, 'setup.py', '--name', '--version', '--license', '--maintainer-email'],
+        [sys.executable, 'setup.py', '--name', '--version', '--license', '--description', '--url',
+         '--author', '--author-email', '--maintainer', '--maintainer-email'],
         cwd=SOURCE, capture_output=True, text=True, check=True, timeout=HANGS_S)
     package = parse_package(SOURCE / 'package.xml')
+    author, maintainer, url = *package.authors, *package.maintainers, *package.urls
     assert done.stdout.splitlines() == [
-        package.name, package.version, ' AND '.join(package.licenses),
-        package.maintainers[0].email]
+        package.name, package.version, ' AND '.join(package.licenses), package.description,
+        url.url, author.name, author.email, maintainer.name, maintainer.email]
     assert all((SOURCE / licence.file).is_file() for licence in package.licenses)
+    citation = yaml.safe_load((SOURCE / 'CITATION.cff').read_text())
+    assert (citation['url'], citation['authors']) == (url.url, [{'name': author.name}])
+    assert f'the {author.name}\n' in (SOURCE / 'NOTICE').read_text()
+    assert f'e-mail to {maintainer.email},' in (SOURCE / 'SECURITY.md').read_text()
 
 
 def test_changelog_and_citation_are_of_the_version_of_the_code():

@@ -27,8 +27,9 @@ LEAST_FOV_DEG = 0.3
 _GZIP = b'\x1f\x8b'
 _SUFFIXES = ('.bmp', '.fit', '.fit.gz', '.fits', '.fits.fz', '.fits.gz', '.fts', '.jpeg', '.jpg',
              '.pgm', '.png', '.tif', '.tiff', '.webp', *raw_image.SUFFIXES)
-# What it warns of is an ImageError.
-cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+# What it warns of is an ImageError. OpenCV 4.6, that of Ubuntu Noble, has the older name.
+_SILENT = 0
+(getattr(cv2, 'setLogLevel', None) or cv2.utils.logging.setLogLevel)(_SILENT)
 
 
 class ImageError(ValueError):
