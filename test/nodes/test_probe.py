@@ -41,7 +41,7 @@ def test_another_message_is_counted(nodes, probe):
 
 
 def test_sigterm_ends_it_as_ctrl_c_does():
-    """rclpy answers both by the end of the context."""
+    """Both end the context of rclpy."""
     context = Context()
     context.init()
     probe = Probe('ended', context=context)
