@@ -60,10 +60,10 @@ class Page:
                     raise BrowserError(f'{method}: {message["error"]}')
                 return message['result']
 
-    def load(self, path: Path) -> None:
-        """Load a file and wait until it has loaded and drawn."""
+    def load(self, page: Path | str) -> None:
+        """Load a file or an address and wait until it has loaded and drawn."""
         self._events.clear()
-        self.call('Page.navigate', url=path.as_uri())
+        self.call('Page.navigate', url=page.as_uri() if isinstance(page, Path) else page)
         while 'Page.loadEventFired' not in self._events:
             self._next()
         self.evaluate('new Promise((done) => requestAnimationFrame(() => '

@@ -2,6 +2,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Callable
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
@@ -198,10 +199,11 @@ class Probe(Node):
 
     def spin_once(self, timeout_s: float) -> None:
         """Process one message, if one comes in time; KeyboardInterrupt after SIGTERM as well."""
-        try:
-            self._spinner.spin_once(timeout_sec=timeout_s)
-        except ExternalShutdownException as error:
-            raise KeyboardInterrupt from error
+        if self.context.ok():
+            with suppress(ExternalShutdownException):
+                self._spinner.spin_once(timeout_sec=timeout_s)
+                return
+        raise KeyboardInterrupt
 
     def spin_for(self, seconds: float) -> None:
         """Process messages for a time."""

@@ -4,7 +4,9 @@ from itertools import count
 
 from limits import HANGS_S
 import pytest
+from rclpy.context import Context
 from sensor_msgs.msg import CameraInfo
+from startracker_ros.ros.probe import Probe
 from startracker_ros.ros.processes import HarnessError
 from std_msgs.msg import String
 
@@ -36,3 +38,13 @@ def test_another_message_is_counted(nodes, probe):
         probe.publish_until_received(publisher, CameraInfo())
         value = probe.diagnostic_value('camera_calibrator: calibration', 'camera_info received')
         assert value is not None and int(value) >= number
+
+
+def test_sigterm_ends_it_as_ctrl_c_does():
+    """Both end the context of rclpy."""
+    context = Context()
+    context.init()
+    probe = Probe('ended', context=context)
+    context.shutdown()
+    with pytest.raises(KeyboardInterrupt):
+        probe.spin_once(1.0)

@@ -121,6 +121,27 @@ def test_modules_nodes_and_targets_named_in_documents_exist():
         assert f'\n{target}:' in targets
 
 
+def test_the_gallery_has_every_picture_and_the_command_that_makes_it():
+    gallery = DOCUMENTS['docs/gallery.md']
+    links = {name: set(re.findall(r'\]\(((?:pictures/)?[a-z_0-9/-]+\.(?:png|jpg))\)', text))
+             for name, text in DOCUMENTS.items()}
+    elsewhere = links['docs/simulator.md'] | links['docs/papers.md']
+    pictures = {path.relative_to(ROOT / 'docs').as_posix() for path in (ROOT / 'docs').rglob('*')
+                if path.suffix in ('.png', '.jpg')}
+    assert pictures - elsewhere <= links['docs/gallery.md'] <= pictures
+    makes_pictures = re.compile(r'\b(picture|pictures|page|PNG)\b')
+
+    def makers(command, names):
+        for name, each in getattr(command, 'commands', {}).items():
+            yield from makers(each, (*names, name))
+        if any(makes_pictures.search(getattr(parameter, 'help', None) or '')
+               for parameter in command.params):
+            yield ' '.join(names)
+    found = [*makers(main, ('startracker',))]
+    assert len(found) > 12
+    assert [name for name in found if name not in gallery] == []
+
+
 def test_python_listings_are_python():
     count = 0
     for name, text in DOCUMENTS.items():

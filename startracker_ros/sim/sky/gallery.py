@@ -188,14 +188,13 @@ def draw(picture: Picture) -> np.ndarray:
     left, right = (np.uint8(np.rint(g * (_GREYS - 1)) * (255 // (_GREYS - 1)))
                    for g in grey)
     if picture.overlay:
-        both = np.stack([right, right, left], -1)
-        return np.vstack([_titles(both.shape[1], (('without', 0, (0, 0, 255)),
-                                                  ('with', _SIDE_PX // 2, (255, 255, 0)))), both])
-    beside = _SIDE_PX + _SEPARATOR_PX
+        return np.vstack([_titles(_SIDE_PX, (('without', 0, (0, 0, 255)),
+                                             ('with', _SIDE_PX // 2, (255, 255, 0)))),
+                          np.stack([right, right, left], -1)])
     separator = np.full((_SIDE_PX, _SEPARATOR_PX), 128, np.uint8)
     both = cv2.cvtColor(np.hstack([left, separator, right]), cv2.COLOR_GRAY2BGR)
-    return np.vstack([_titles(both.shape[1], (('without', 0, _GREY), ('with', beside, _GREY))),
-                      both])
+    return np.vstack([_titles(both.shape[1], (
+        ('without', 0, _GREY), ('with', _SIDE_PX + _SEPARATOR_PX, _GREY))), both])
 
 
 def _titles(width: int, titles: tuple[tuple[str, int, tuple[int, int, int]], ...]) -> np.ndarray:

@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from startracker_ros.core.astro.epoch import utc
-from startracker_ros.core.extras import new_figure
+from startracker_ros.core.extras import new_figure, PAGE_IN
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.output import write_picture
@@ -126,14 +127,22 @@ def extremes(stamps_ns: np.ndarray, values: np.ndarray, most: int = _MOST_INTERV
             np.maximum.reduceat(values, begins))
 
 
+def draw_extremes(axes: Any, stamps_ns: np.ndarray, values: np.ndarray, label: str) -> None:
+    """Draw values (N,) over the time: the middle of each interval, and a band of its extremes."""
+    times, low, high = extremes(stamps_ns, values)
+    moments = times.astype('datetime64[ns]')
+    line, = axes.plot(moments, (low + high) / 2, '.-', linewidth=0.8, markersize=2, label=label)
+    axes.fill_between(moments, low, high, alpha=0.3, color=line.get_color(), linewidth=0)
+
+
 def _draw(curves: dict[str, tuple[np.ndarray, np.ndarray]], path: Path) -> None:
-    figure = new_figure(figsize=(9, 2.5 * len(curves) + 0.5))
+    figure = new_figure(figsize=(PAGE_IN, 3 * len(curves) + 0.5))
     grid = figure.subplots(len(curves), 1, squeeze=False)
     for axes, (tracker, (stamps, difference)) in zip(grid[:, 0], curves.items()):
         for axis, name in enumerate(('x', 'y', 'roll')):
-            times, low, high = extremes(stamps, difference[:, axis])
-            axes.fill_between(times.astype('datetime64[ns]'), low, high, alpha=0.6, label=name)
-        axes.set_title(f'{tracker}: B minus A')
-        axes.set_ylabel('arcsec')
-        axes.legend(loc='upper right')
+            draw_extremes(axes, stamps, difference[:, axis], name)
+        axes.set(title=f'{tracker}: attitude of B minus that of A', xlabel='UTC',
+                 ylabel='[arcsec]')
+        axes.grid(alpha=0.3)
+        axes.legend(loc='upper right', ncols=3)
     write_picture(path, figure, dpi=100)

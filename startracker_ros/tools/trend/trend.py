@@ -12,7 +12,7 @@ from startracker_ros.io.output import write_output
 from startracker_ros.io.table import Result
 from startracker_ros.tools.report.chart import chart
 from startracker_ros.tools.report.template import content_policy, resource, template
-from startracker_ros.tools.reprocess.compare import extremes
+from startracker_ros.tools.reprocess.compare import draw_extremes
 from startracker_ros.tools.reprocess.runs import open_run
 from startracker_ros.tools.trend.pixels import hot_pixels, PixelRow
 from startracker_ros.tools.trend.series import all_series, distortion, Series
@@ -156,10 +156,7 @@ def _draw(figure: Any, series: Series, steps: Sequence[Step]) -> None:
     """Draw the extremes of each interval, with the dates of the steps."""
     axes = figure.subplots()
     for column, name in enumerate(series.columns):
-        times, low, high = extremes(series.stamp_ns, series.values[:, column])
-        moments = times.astype('datetime64[ns]')
-        line, = axes.plot(moments, (low + high) / 2, linewidth=0.8, label=name)
-        axes.fill_between(moments, low, high, alpha=0.3, color=line.get_color())
+        draw_extremes(axes, series.stamp_ns, series.values[:, column], name)
     for step in steps:
         axes.axvline(np.datetime64(step.stamp_ns, 'ns'), color='red', linewidth=0.8)
     # Imported only here: the extra is not needed without a page.

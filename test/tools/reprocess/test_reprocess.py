@@ -3,6 +3,7 @@
 from dataclasses import replace
 import hashlib
 import json
+from pathlib import Path
 import re
 import resource
 import shutil
@@ -10,6 +11,7 @@ import struct
 
 from click.testing import CliRunner
 import numpy as np
+from pictures import assert_legible
 import pytest
 from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
@@ -197,6 +199,17 @@ def test_runs_are_compared(finished_run, copied_run):
     assert same['identical'] == 128 and same['largest_arcsec'] == 0
     with pytest.raises(BagError, match='no finished run'):
         compare(finished_run[0], copied_run / 'tables')
+
+
+def test_the_picture_of_a_comparison_shows_each_frame(finished_run, copied_run, monkeypatch):
+    figures = []
+    monkeypatch.setattr('startracker_ros.tools.reprocess.compare.write_picture',
+                        lambda path, figure, **options: figures.append(figure))
+    compare(finished_run[0], copied_run, Path('difference.png'))
+    axes, = figures[0].axes
+    assert [len(line.get_xdata()) for line in axes.lines] == 3 * [128]
+    assert all(line.get_linewidth() > 0 and line.get_visible() for line in axes.lines)
+    assert_legible(figures[0])
 
 
 def test_frames_of_two_bags_with_the_same_stamps_are_not_mixed(copied_run):
