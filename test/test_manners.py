@@ -253,8 +253,8 @@ def test_a_process_ends_by_ctrl_c_without_a_traceback(folder):
     assert stderr.strip() == 'startracker: stopped'
 
 
-@pytest.mark.parametrize('begun', [False, True], ids=['starting', 'working'])
-def test_ctrl_c_ends_a_campaign_and_its_workers(begun):
+@pytest.mark.parametrize('at_work', [False, True], ids=['starting', 'working'])
+def test_ctrl_c_ends_a_campaign_and_its_workers(at_work):
     campaign = process('campaign', 'hausdorff', '--trials', '100000', stdout=subprocess.DEVNULL,
                        start_new_session=True)
     children = Path('/proc', str(campaign.pid), 'task', str(campaign.pid), 'children')
@@ -267,7 +267,7 @@ def test_ctrl_c_ends_a_campaign_and_its_workers(begun):
         # User time beyond that of the imports, in ticks of 10 ms.
         return int(Path('/proc', pid, 'stat').read_text().rsplit(')')[1].split()[11]) > 500
     end_s = time.monotonic() + HANGS_S
-    while not (workers() and (not begun or all(map(busy, workers())))):
+    while not (workers() and (not at_work or all(map(busy, workers())))):
         assert campaign.poll() is None and time.monotonic() < end_s
         time.sleep(0.05)
     pids = workers()

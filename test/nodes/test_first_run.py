@@ -36,7 +36,8 @@ def test_a_node_says_that_it_compiles_and_can_be_ended(probe, tmp_path, run, rea
         status = probe.wait_diagnostic(reason)
         assert status.level == DiagnosticStatus.WARN and status.message.startswith('compiling')
         log = tmp_path / 'centroid_extractor.log'
-        assert reason in log.read_text() and 'ready' not in log.read_text()
+        probe.wait(lambda: reason in log.read_text(), 'the log')
+        assert 'ready' not in log.read_text()
         process.send_signal(signal.SIGINT)
         assert process.wait(HANGS_S) == 0
         assert 'Traceback' not in log.read_text()
