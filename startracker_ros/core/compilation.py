@@ -59,7 +59,7 @@ def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
                 done += 1
             else:
                 errors.append(line.strip())
-        if worker.wait():
+        if worker.wait() and not errors:
             errors.append(f'the compiling process ended with status {worker.returncode}')
     finally:
         worker.terminate()
