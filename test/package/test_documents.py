@@ -131,7 +131,8 @@ def test_python_listings_are_python():
 
 
 def test_the_listing_in_cpp_is_the_example():
-    example = (ROOT / 'docs' / 'examples' / 'attitude_listener.cpp').read_text()
+    text = (ROOT / 'docs' / 'examples' / 'attitude_listener.cpp').read_text()
+    _, _, example = text.partition('\n\n')  # The copyright.
     assert f'```cpp\n{example}```' in DOCUMENTS['docs/integration.md']
     assert example.count('{') == example.count('}') and example.count('(') == example.count(')')
 
