@@ -57,6 +57,7 @@ test-newest: .venv-newest/package
 	"$(PYTHON)" -m venv .venv-$*
 	.venv-$*/bin/python -m pip install -q --disable-pip-version-check -r requirements-$*.txt -r requirements-jazzy.txt
 	.venv-$*/bin/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation .
+	@PYTHONSAFEPATH=1 .venv-$*/bin/python -m startracker_ros.warm_up --install
 	@touch $@
 
 # launch_testing and the commands of ROS 2 on a full install, which is sourced; says what it leaves out.

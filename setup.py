@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Build startracker_ros with pip (a wheel) or with colcon (an ament_python package)."""
 
 from glob import glob

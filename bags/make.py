@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Makes the golden bags beside this file anew: python bags/make.py [FOLDER].
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Site of the documents: `make docs`, and rosdoc2."""
 
 import importlib.metadata

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Star tracker with a camera of Video4Linux: pipeline.launch.py and camera_source.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Star tracker with a simulated camera and recorder: pipeline.launch.py and sky_simulator."""
 
 from launch import LaunchDescription

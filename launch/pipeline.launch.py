@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Star tracker for a camera: image_raw and camera_info of its namespace -> attitude.
 

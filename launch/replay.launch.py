@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Star tracker on a recording: pipeline.launch.py, and bag_player with its inputs.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The reference of the commands out of their options: python -m startracker_ros.commands_page.
 

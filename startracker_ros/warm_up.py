@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Compile beforehand what Python calls, so that nothing is compiled once a node is ready.
 

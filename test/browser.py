@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Headless Chromium over its DevTools pipe: enough to load a page, point, click and look."""
 
 import base64

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bounds of the mean of normalised errors squared (NEES) of frames in a row."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Stand-ins of the few classes of launch that the launch files use: its wheels have no launch.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The time limit of what a test waits for."""
 
 HANGS_S = 300.0

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The picture of a page, as docs/gallery.md has them: python test/page_picture.py PAGE PNG [HEIGHT].
 

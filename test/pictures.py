@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What people see of a figure of matplotlib: its texts, on a page that shows it 900 px wide."""
 
 from itertools import combinations

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Cameras, stars and stamps that tests share; each is made once in a process."""
 
 from functools import cache

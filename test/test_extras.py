@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Without a library, or with one too old, what starts works or names in a line what to install."""
 
 import os

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The public library: what it loads, that it equals command and pipeline, what it rejects."""
 
 import json

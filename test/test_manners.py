@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Every command as a stranger meets it: help, wrong files, full disks, Ctrl-C, pipes, JSON."""
 
 from contextlib import contextmanager

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Options refuse what is out of range and say what the range is."""
 
 from dataclasses import dataclass

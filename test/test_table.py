@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Tables at the width of a terminal: columns by width, remarks below, no word broken."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Publish the attitude of now: attitude_imu -> attitude_now, 50 times a second.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Find the delay of a camera behind a gyro: python check_delay.py BAG [ATTITUDE_TOPIC IMU_TOPIC].
 

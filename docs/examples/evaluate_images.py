@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Images of one's own with known answers: how many are solved, and how far off they are."""
 
 import csv

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Listen to the attitude of a star tracker: python listen_attitude.py."""
 
 from contextlib import suppress

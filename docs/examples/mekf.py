@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Fuse a star tracker and a gyro on its axes: frame_attitude, imu -> attitude_filtered.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """An identification method of one's own: triangles of the brightest stars, by brute force."""
 
 from itertools import combinations

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Attitude of a sequence of images, here simulated ones, without ROS."""
 
 import numpy as np

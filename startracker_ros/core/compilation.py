@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """All registered functions compiled at once, by a process of their own."""
 
 from collections.abc import Callable, Iterable, Iterator
@@ -59,7 +62,7 @@ def _compile(modules: Iterable[str], folder: Path, report: Report) -> None:
                 done += 1
             else:
                 errors.append(line.strip())
-        if worker.wait():
+        if worker.wait() and not errors:
             errors.append(f'the compiling process ended with status {worker.returncode}')
     finally:
         worker.terminate()

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The types of arguments of compiled functions as JSON, and back."""
 
 from importlib import import_module

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Libraries that may be missing or too old, and what to install."""
 
 from collections.abc import Iterator

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Folders that the package writes to unasked."""
 
 from collections.abc import Iterator

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the star tracker knows after a frame."""
 
 from dataclasses import dataclass, field, replace

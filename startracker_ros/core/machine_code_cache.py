@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The machine code of compiled functions: one object file a module, loaded when first used.
 
@@ -301,7 +304,9 @@ def compile_only(names: Iterable[str]) -> None:
 def _finalize(library: Any) -> None:
     """Leave a function as it is, and inline and optimise once, in the file that it is saved in."""
     for part in library._linking_libraries:
-        library._reload_init.update(part._reload_init)
+        # numba 0.61 has none.
+        if hasattr(part, '_reload_init'):
+            library._reload_init.update(part._reload_init)
     for function in library._final_module.functions:
         # Several functions may bring the same help of numba.
         if not function.is_declaration and function.linkage == llvm.Linkage.external:

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The star tracker as one object: images or centroids of a frame in, trusted attitude out.
 

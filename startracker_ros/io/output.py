@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Files that commands write: complete and on the disk, or not there."""
 
 from collections.abc import Iterator

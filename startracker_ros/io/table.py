@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Results as a table for people or one JSON document for programs."""
 
 from collections.abc import Mapping, Sequence

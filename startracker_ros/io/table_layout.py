@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The layout of a table: which columns fit a width, which texts stand below their rows."""
 
 from collections.abc import Iterator, Sequence

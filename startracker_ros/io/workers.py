@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Tasks on processes of this machine or on a dask cluster, which replaces lost workers."""
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Wait of a player for the subscribers of its topics."""
 
 from collections.abc import Mapping

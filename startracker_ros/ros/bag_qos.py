@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Quality of service of recorded topics: from publishers to bags, and back to a publisher."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The attitude of the body that the sensor is mounted on, and both as transforms of tf2."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """In which order managed nodes are brought up, and again after a restart; without ROS."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The usual interval between the frames of a topic, to detect missing frames and silence."""
 
 from collections import deque

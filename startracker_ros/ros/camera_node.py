@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the nodes behind a camera share: camera_info, order of the frames, gyro rates."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a node builds for a camera, in a thread, and the messages that wait for it."""
 
 from collections import Counter, deque

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Machine code, loaded in a thread before a node is configured."""
 
 from collections.abc import Callable

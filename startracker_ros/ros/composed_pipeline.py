@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """composed_pipeline [NODE ...]: nodes of the pipeline in one process, images never copied."""
 
 import sys

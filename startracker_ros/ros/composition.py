@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Several nodes in one process: messages between them go by reference, without DDS."""
 
 from collections import defaultdict, deque

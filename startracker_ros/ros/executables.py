@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The nodes and their modules: the one list that setup.py, the command line and launch share."""
 
 NODES = {name: f'startracker_ros.ros.nodes.{name}' for name in (

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The attitude with respect to J2000, the Earth and the orbit, for users of these frames."""
 
 from typing import Any

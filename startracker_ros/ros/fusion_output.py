@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The fused attitude, the gyro drift and the mounts on their topics, the heads in diagnostics."""
 
 from dataclasses import dataclass

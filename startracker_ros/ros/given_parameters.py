@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which parameters the arguments of a process set for a node by its own name."""
 
 from collections.abc import Iterator, Sequence

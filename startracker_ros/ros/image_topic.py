@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The topic of the images: raw, or compressed as the transports of image_transport."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Publishers whose quality of service keeps a subscription from receiving anything."""
 
 from rclpy.event_handler import SubscriptionEventCallbacks

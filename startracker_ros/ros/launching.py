@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the launch files share: their arguments, nodes with the environment of DDS, inclusion."""
 
 from collections.abc import Iterator, Mapping, Sequence

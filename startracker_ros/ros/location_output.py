@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The located target on its topics."""
 
 from geometry_msgs.msg import PoseWithCovarianceStamped

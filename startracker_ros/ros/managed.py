@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Managed nodes: states and transitions of the ROS 2 lifecycle over its standard services."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How much memory a process takes: its shared memory, and what it gives back."""
 
 from contextlib import suppress

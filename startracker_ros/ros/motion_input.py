@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The motion of a dynamics simulator: one image for each message, or images at the frame rate."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What every node shares: options from parameters, diagnostics, clean shutdown."""
 
 from collections.abc import Callable, Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The motion of the observer out of its odometry, for the nodes that correct aberration."""
 
 from nav_msgs.msg import Odometry

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Calibration in flight for a node behind a camera: tracked stars in, better cameras out."""
 
 from dataclasses import dataclass

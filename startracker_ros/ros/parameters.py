@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Node parameters from options classes: declaration, and rejection of bad values."""
 
 from collections.abc import Sequence

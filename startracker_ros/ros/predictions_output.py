@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the star tracker expects of the next image: stars, targets, planets, Moon and Sun."""
 
 from sensor_msgs.msg import PointCloud2

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A node that observes others: collects messages by topic, publishes, calls services, waits."""
 
 from collections import Counter, defaultdict

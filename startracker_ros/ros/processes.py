@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Nodes as processes, with the environment that DDS needs for images."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Quality of service of every topic; each endpoint can be overridden by parameters."""
 
 from collections.abc import Iterator

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Node processes and a probe that observes them, started and ended together."""
 
 from pathlib import Path

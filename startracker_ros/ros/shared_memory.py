@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Shared memory segments of DDS that killed processes left behind."""
 
 import fcntl

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Shutdown of a process on SIGINT or SIGTERM, between two callbacks of its nodes."""
 
 from _thread import interrupt_main

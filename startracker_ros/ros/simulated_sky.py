@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The instrument that the parameters of sky_simulator describe."""
 
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp

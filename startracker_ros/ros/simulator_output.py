@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the simulator publishes beside its images: truth, gyro, navigation, temperature."""
 
 from diagnostic_msgs.msg import DiagnosticArray

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the nodes that publish images share: camera, messages, frame rate and stamps."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Annotated YAML and documentation from the option tables: python -m startracker_ros.ros.tables.
 

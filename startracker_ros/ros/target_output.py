@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The target among the stars, beside a star tracker: target_centroid."""
 
 from sensor_msgs.msg import PointCloud2

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Frequency and stamps of a topic, in the words of diagnostic_updater."""
 
 from collections import deque

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The state of the star tracker on its topics and in the diagnostics."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus

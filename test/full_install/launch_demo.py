@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """demo.launch.py under launch_testing: it publishes attitudes, and all processes end cleanly."""
 
 import time

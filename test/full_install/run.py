@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The package in a full install of ROS 2: launch_testing and the commands of ros2.
 

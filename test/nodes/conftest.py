@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Nodes in processes, and a probe that communicates with them over DDS."""
 
 from collections.abc import Iterator

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags as rosbags reads them, without code of this package."""
 
 from collections import defaultdict

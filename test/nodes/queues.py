@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Queues that hold every message of a test, however long a node is busy."""
 
 DEPTH = 100

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Plays the inputs of a bag as `ros2 bag play --clock` does, without code of the package's nodes.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A real attitude_fusion between two heads and a gyro that a test plays."""
 
 from geometry_msgs.msg import (

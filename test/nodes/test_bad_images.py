@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Images and cameras that cannot be right are named by the extractor, which lives on."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What cannot be right is named, on real nodes; they live on and publish no wrong attitude."""
 
 from itertools import count

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """bag_player as a process: bags of others, whole and cut, with their quality of service."""
 
 import os

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """bag_recorder as a process: what it hears is in the bag, whatever happens to it."""
 
 from collections import defaultdict

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The attitude of the body over DDS, and publish_tf where tf2_msgs is not installed."""
 
 from importlib.util import find_spec

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Gaps, silence and jumps of time, found by the stamps and arrivals of frames."""
 
 import pytest

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Live calibration: photographs through the nodes, a camera YAML out of the service."""
 
 from dataclasses import replace

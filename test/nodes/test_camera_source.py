@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """camera_source with files in place of a camera: waits for them, publishes, ends, changes."""
 
 import cv2

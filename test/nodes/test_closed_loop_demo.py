@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The demo of the closed loop over the nodes, its first frames."""
 
 import numpy as np

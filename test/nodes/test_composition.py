@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Nodes in one process: what goes from hand to hand, and that it is the same pipeline."""
 
 import subprocess

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A camera whose images are compressed, from its files to the centroids."""
 
 import cv2

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The demo command, end to end: a process for each node, a bag that rosbags opens."""
 
 import json

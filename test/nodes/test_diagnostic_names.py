@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Names of the diagnostics as diagnostic_aggregator expects them, and its configuration."""
 
 from pathlib import Path

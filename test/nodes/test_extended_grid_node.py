@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A narrow field that runs empty: stars by the gyro and the extended grid, on real nodes."""
 
 from diagnostic_msgs.msg import DiagnosticStatus

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Faults of the matrix, shorter than the campaign has them, on one running pipeline."""
 
 from limits import HANGS_S

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a first run meets: nothing compiled yet, a folder that holds something else."""
 
 import signal

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A process that hangs with the interpreter locked ends all the same."""
 
 import subprocess

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The demo of three heads over the nodes: the Moon leaves one, the Sun blinds another."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Every node at run time: parameters changed, signals, one line in the log for a transition."""
 
 from contextlib import suppress

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """startracker live on a video in place of a camera: lens, attitude, page and bag of one run."""
 
 import json

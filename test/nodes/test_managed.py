@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Managed nodes: transitions over their services, alone and in a running pipeline."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Every message layout survives the way there and back."""
 
 from dataclasses import fields, replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """sky_simulator along the motion of a topic: lock-step, interpolated, and topics that go wrong."""
 
 from geometry_msgs.msg import QuaternionStamped

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The system of the JPDAF paper by its parameter file: nodes over DDS equal to the core."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """pipeline_manager with real processes: brought up, killed, started again, deactivated."""
 
 from lifecycle_msgs.msg import Transition

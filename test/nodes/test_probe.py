@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The probe: it repeats what may be lost, and loses nothing itself."""
 
 from itertools import count

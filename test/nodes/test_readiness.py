@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A node is ready once it is active, set up for the camera, and connected."""
 
 from sensor_msgs.msg import CameraInfo

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A node that is active is ready: of a recording that begins then no frame is lost."""
 
 from contextlib import ExitStack

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Real photographs through the nodes: the known attitudes come out of the attitude topic."""
 
 import csv

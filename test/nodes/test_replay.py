@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A bag replayed into fresh nodes: every frame is answered, in the namespace of the nodes."""
 
 from itertools import product

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A bag through the nodes and the same bag reprocessed: the same topics with the same content."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A jump back in time is one restart, whatever the queues of the topics still hold."""
 
 from builtin_interfaces.msg import Time

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The SROS 2 policies allow each node what it opens, and nothing else."""
 
 from pathlib import Path

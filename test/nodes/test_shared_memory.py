@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What killed nodes leave in shared memory is removed, what living ones hold is not."""
 
 import fcntl

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Processes end on SIGINT and SIGTERM with exit code 0, whatever they are doing."""
 
 import signal

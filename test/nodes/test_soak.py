@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A short soak: nothing is lost, nothing is wrong, no handle more at the end."""
 
 import numpy as np

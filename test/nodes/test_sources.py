@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the two nodes that make images promise of their pace and of their files."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """telemetry_bridge over DDS: what it receives is what it sends, and never more."""
 
 from collections.abc import Callable, Iterator

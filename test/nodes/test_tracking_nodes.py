@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Identifier, tracker and estimator over DDS, with a gyro that helps and one that misleads."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Two star trackers and a locator, end to end: twelve processes and a bag."""
 
 import json

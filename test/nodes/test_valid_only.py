@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """attitude_imu with and without the frames that have no attitude."""
 
 from pathlib import Path

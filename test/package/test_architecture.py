@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The folders of the package import only downward in the map of docs/architecture.md."""
 
 import ast

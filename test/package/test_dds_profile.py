@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The shipped Fast DDS profile is in force in a process that is started with it."""
 
 import os

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Documents match the code: commands and examples run, named texts, parameters, links exist."""
 
 import ast
@@ -152,7 +155,8 @@ def test_python_listings_are_python():
 
 
 def test_the_listing_in_cpp_is_the_example():
-    example = (ROOT / 'docs' / 'examples' / 'attitude_listener.cpp').read_text()
+    text = (ROOT / 'docs' / 'examples' / 'attitude_listener.cpp').read_text()
+    _, _, example = text.partition('\n\n')  # The copyright.
     assert f'```cpp\n{example}```' in DOCUMENTS['docs/integration.md']
     assert example.count('{') == example.count('}') and example.count('(') == example.count(')')
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """pip and colcon both leave a package that ROS 2 finds and whose nodes start."""
 
 from collections.abc import Iterator

@@ -1,6 +1,10 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The linters that ROS 2 packages are held to, ruff and mypy find nothing."""
 
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -9,6 +13,8 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ('startracker_ros', 'test', 'launch', 'bags', 'docs', 'setup.py')
+COPYRIGHT = re.compile(r'(?:#|//) Copyright 20\d\d the startracker_ros authors\n'
+                       r'(?:#|//) SPDX-License-Identifier: Apache-2\.0\n\n')
 
 
 # Without the plugins whose rules ruff has (D, Q, C4, A and UP) and pycodestyle (E and W), in a
@@ -40,3 +46,9 @@ def test_nothing_is_found(linter):
                           stderr=subprocess.STDOUT, text=True, timeout=HANGS_S)
     found = [line for line in done.stdout.splitlines() if not line.startswith('checking ')]
     assert done.returncode == 0, '\n'.join(found)
+
+
+def test_every_source_begins_with_its_copyright_and_licence():
+    files = [ROOT / 'setup.py', *(file for folder in SOURCES for kind in ('py', 'cpp')
+                                  for file in (ROOT / folder).rglob(f'*.{kind}'))]
+    assert [file for file in files if not COPYRIGHT.match(file.read_text())] == []

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """package.xml, setup.py and the list of nodes agree with the code."""
 
 import ast

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What tests wait for has a limit, so that a hang is a failure with a stack trace."""
 
 import ast

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Words that a reader would have to decode are in neither code nor documents."""
 
 from pathlib import Path

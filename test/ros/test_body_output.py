@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Body attitude and transforms, with a stand-in for TFMessage: tf2_msgs has no wheel."""
 
 from dataclasses import dataclass

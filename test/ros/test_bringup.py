@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Order of the bring-up of managed nodes, and their return after a restart."""
 
 import pytest

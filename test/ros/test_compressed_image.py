@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Compressed images: without loss, as image_transport has them; damage is named."""
 
 import cv2

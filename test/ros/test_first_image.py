@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The sky of the simulator is that of its first image."""
 
 from types import SimpleNamespace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The attitude from which a head without stars looks ahead: the newest one, turned to now."""
 
 from types import SimpleNamespace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Frames of two topics are paired whatever order they come in, and none waits for ever."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Frequency and delay of a topic, with a clock of the test."""
 
 from types import SimpleNamespace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Each change of a condition is logged once, repeats and floods are not."""
 
 from startracker_ros.ros.transitions import Transitions

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Nothing that is read can run: neither as Python, nor through a shell, nor by its size."""
 
 import ast

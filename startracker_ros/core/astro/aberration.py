@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Apparent directions: light deflection by the Sun, aberration and refraction."""
 
 from typing import NamedTuple

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Constants of astronomy, each with its source."""
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0

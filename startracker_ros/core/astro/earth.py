@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Position and velocity of the Earth, from the series of the IAU SOFA library (ERFA)."""
 
 import erfa

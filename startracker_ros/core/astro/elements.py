@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The orbit of a spacecraft from elements: Keplerian ones, or a two-line element set."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Stamps, UNIX time in ns, and Julian years."""
 
 from datetime import datetime, timedelta, UTC

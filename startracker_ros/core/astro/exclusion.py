@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """When Sun, Moon or Earth are so near to the boresight that a head is blinded."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rotations from other frames to ICRF, whose axes are those of GCRS."""
 
 import erfa

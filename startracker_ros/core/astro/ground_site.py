@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A camera on the ground: its velocity with the Earth, and the air above it."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The motion of the observer about the barycentre: what aberration is computed from."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Orbits about the Earth: Keplerian elements, circular and J2 motion, the orbit frame."""
 
 from dataclasses import dataclass

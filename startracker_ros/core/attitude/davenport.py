@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Davenport's q-method: the rotation that fits weighted directions best. Compiled."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The attitude of one frame of identified stars, with its covariance and residuals."""
 
 import numpy as np

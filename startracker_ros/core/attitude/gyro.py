@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Measured body rates with their error model, and the propagation of an attitude by them."""
 
 from bisect import bisect_left, bisect_right

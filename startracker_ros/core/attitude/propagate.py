@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The attitude between two frames, propagated by gyro rates, with its covariance."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The best fit from an initial rotation, its covariance and its residuals: compiled."""
 
 import numpy as np

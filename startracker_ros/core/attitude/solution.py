@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """One compiled call from directions to attitude, covariance and residuals."""
 
 import numpy as np

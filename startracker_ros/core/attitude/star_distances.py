@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How far stars are from where an attitude has them: compiled."""
 
 import numpy as np

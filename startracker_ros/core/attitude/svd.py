@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The rotation that fits weighted directions best, by singular values. Compiled."""
 
 import numpy as np

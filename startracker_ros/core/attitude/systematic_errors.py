@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The covariance that systematic errors of the stars add to an attitude fitted to them: compiled.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 A rotation from two directions: exact in the first, within the plane of both. Compiled.
 

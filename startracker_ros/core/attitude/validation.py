@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The attitude of one frame of known stars, reported only when it can be trusted."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Bundle adjustment: the camera and the attitudes that best fit the stars of many frames.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Selection of frames for a calibration from a stream: few, with different pointings."""
 
 from collections import deque

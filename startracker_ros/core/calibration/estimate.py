@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The calibration of a camera: matching and bundle adjustment in turn, selection of terms.
 

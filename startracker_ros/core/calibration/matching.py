@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Matching of centroids with catalogue stars at a known attitude."""
 
 from dataclasses import dataclass, fields

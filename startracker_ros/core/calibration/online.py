@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Calibration in flight: a lens filter, and cameras proposed only after proof on frames left out.
 

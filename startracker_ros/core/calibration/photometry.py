@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The band of a camera: what it measures of stars, against their magnitudes V, Hp and G.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Figures of a calibration: parameters with errors, residuals before and after."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Frames for a lens filter out of tracks and the centroids to which they belong."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Pixel values of any number type as the 16-bit levels that star detection has."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Cameras with the distortion models of sensor_msgs/CameraInfo."""
 
 from dataclasses import dataclass, replace

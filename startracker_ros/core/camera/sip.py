@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Sky coordinates of pixels as a FITS header: TAN projection with SIP distortion.
 

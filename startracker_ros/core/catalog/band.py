@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Magnitudes in the band of an instrument, from V and the colour BP - RP of Gaia."""
 
 from dataclasses import dataclass, fields, replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Build the star catalogue of the package from Hipparcos, the new reduction.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Build the deep star catalogue of the package: all stars to V 11 that hipparcos.npz does not hold.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The deep catalogue: Hipparcos, and all other stars to V 11 with the positions of Gaia DR3.
 

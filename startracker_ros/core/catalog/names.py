@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Proper names of the brightest stars, as the IAU Catalog of Star Names has them."""
 
 BRIGHT_STARS = {

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The on-board catalogue of a camera: close doubles merged, blended stars marked."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Star directions in the cells of a cube, for compiled neighbour searches."""
 
 from typing import NamedTuple

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Hipparcos stars and their directions at a given epoch."""
 
 from dataclasses import dataclass, fields

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Local background and noise on a coarse mesh, measured in the smoothed image."""
 
 from typing import NamedTuple

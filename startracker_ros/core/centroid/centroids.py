@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The list of star images found in one frame."""
 
 from dataclasses import dataclass, field, fields

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Takes hits, trails, columns and discs out of an image: what contaminates much of it."""
 
 from typing import NamedTuple

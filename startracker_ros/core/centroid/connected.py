@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Connected pixels of an image, of which few are above the threshold."""
 
 import numpy as np

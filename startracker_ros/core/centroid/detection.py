@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Detection of stars as peaks of the smoothed image, and the full scale of the camera."""
 
 from typing import NamedTuple

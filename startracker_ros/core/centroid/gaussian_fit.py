@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Weighted least squares fit of pixel-integrated Gaussians to all stars of an image.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Noise of the pixels of a star: background, photons and the error of the star's model."""
 
 from typing import NamedTuple

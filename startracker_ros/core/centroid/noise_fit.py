@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Gain and model error of the noise, out of the residuals of all stars."""
 
 import numpy as np

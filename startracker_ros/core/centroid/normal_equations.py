@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Normal equations N x = g of one star's window: N = J^T W J and g = J^T W r.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Stars that are points: fits of a Gaussian to peaks, and which of them are no stars."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Error of the pointing that all stars of an image share: motion that is not uniform in the exposure.
 

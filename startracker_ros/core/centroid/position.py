@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Whether the position of a fit is that of its spot, and of no other."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Where stars and targets will be: what a star tracker expects of the next image."""
 
 from dataclasses import dataclass

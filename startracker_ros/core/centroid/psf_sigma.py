@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """PSF sigma of the stars of a frame."""
 
 from functools import partial

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The brightest spots of an image, with a quota for each part of it."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Whether a fitted spot has the shape of a star: size and elongation."""
 
 import math

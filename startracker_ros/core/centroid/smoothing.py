@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The matched filter of stars, row by row: the filtered image is never stored as a whole."""
 
 from functools import lru_cache

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Maximum-likelihood fit of streaks: a Gaussian, moved along a line during the exposure.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Search of a smeared image: the common streak of its stars, and the stars by a matched filter.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Fields without an image: the centroids of catalogue stars, exact or with simulated errors."""
 
 import numpy as np

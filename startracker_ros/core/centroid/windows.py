@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Square cut-outs around the peaks, and which of them share flux."""
 
 from typing import NamedTuple

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Compiled steps of the filter in state.py, whose error state is [attitude, rate, drift, mounts].
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Several heads, one attitude of the body: each head is checked against the others and the gyro.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """One head: its mount in the state of the fusion, its frames, and whether it counts."""
 
 from collections import Counter, deque

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How much larger the errors of a head are than its covariance says, from its innovations."""
 
 from collections.abc import Iterable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the fusion knows of the attitude of a head that has lost its stars."""
 
 from startracker_ros.core.fusion.fusion import AttitudeFusion, FusedAttitude

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How the body moves from one frame to the next: by the gyro, or at a constant rate."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The mounts of all heads as learnt so far: out of the state of the fusion, or of the file."""
 
 from collections.abc import Mapping

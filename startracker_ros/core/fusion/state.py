@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The state of the fusion: attitude, rate and gyro drift of the body, and misalignments of heads.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Steps of mounts: one head's attitude against the reference's, before and after a time."""
 
 from collections import deque

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Association of image stars with catalogue stars, and the attitude and focal length that fit.
 

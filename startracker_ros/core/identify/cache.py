@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Catalogues and pairs of cameras in the user's cache, keyed by what they are built from."""
 
 from dataclasses import fields

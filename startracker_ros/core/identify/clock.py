@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The time limit of a compiled search, which reads the clock once in a while."""
 
 import time

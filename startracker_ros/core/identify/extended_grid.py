@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Grid patterns over an image that a gyro and the catalogue extend beyond its edges.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The false-alarm probability: how likely a wrong candidate agrees as well as this one.
 

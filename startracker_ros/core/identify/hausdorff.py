@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Sets of bright stars around a pivot, looked up by the Hausdorff distance of their halves.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The attitude of an identified frame in ICRF, out of that of the aberrated sky."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the identification methods share: options, usable stars, verification, result."""
 
 from abc import ABC, abstractmethod

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """K-vector: index ranges of a sorted array in constant time (Mortari and Neta 2000)."""
 
 from typing import NamedTuple

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Catalogue pairs that may be one side of an image triangle: k-vector range and star lists.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """All pairs of catalogue stars that fit into one image, sorted by separation."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Lost-in-space identification by triangles and the stars that confirm them: Pyramid.
 

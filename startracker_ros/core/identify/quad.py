@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Quads of bright stars through the k-vector, confirmed by triangles over the whole field.
 

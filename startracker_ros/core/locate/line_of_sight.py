@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Lines of sight: from a camera of known position and attitude through a pixel."""
 
 from dataclasses import dataclass

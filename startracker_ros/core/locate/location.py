@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The position of a target from two lines of sight, or the reason why there is none."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Two observers aligned in time: the position of their target, or the reason for none."""
 
 from collections import deque

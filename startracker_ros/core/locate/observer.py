@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The inputs of one satellite, combined by stamp into lines of sight to the target."""
 
 from bisect import bisect_left

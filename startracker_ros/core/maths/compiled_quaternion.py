@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Single quaternions, for compiled functions and where NumPy takes ten times as long."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rotations for compiled functions: the formulas of quaternion.py, and matrices (3, 3)."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Formulas of unit quaternions x, y, z, w (Hamilton): a number or an array per component.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Vectors and symmetric matrices of three rows as scalars, for compiled functions."""
 
 from startracker_ros.core.compiled import compiled

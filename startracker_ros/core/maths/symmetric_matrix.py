@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Symmetric matrices (3, 3), for compiled functions: a fraction of the time of LAPACK."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Star images as a person wants to see them: stretched, with marks and names."""
 
 import cv2

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which attitude goes out: that of the star tracker, or of single frames, if it can be trusted."""
 
 from dataclasses import replace

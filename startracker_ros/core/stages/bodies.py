@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Planets, Moon and Sun in an image, which are no stars."""
 
 from dataclasses import dataclass

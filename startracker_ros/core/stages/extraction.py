@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which images are searched as a whole, and in which only predicted centroids are measured."""
 
 from dataclasses import dataclass, replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """When a frame is identified, and by which method: the identifier with its schedule."""
 
 from dataclasses import dataclass, replace

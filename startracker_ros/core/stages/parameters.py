@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The options of the stages by the names of the node parameters."""
 
 from collections.abc import Mapping

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Attitude and lens of a photograph of a camera that nobody has calibrated."""
 
 from collections.abc import Callable, Iterable, Iterator

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Pixels of a solved image and the sky, one to the other."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What an annotated picture has beside its stars: names, figures, bodies, scale, north, east."""
 
 import cv2

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What one image shows: its stars, attitude and camera."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rows of an image that are those of the image before: a repeated or a torn frame."""
 
 import numpy as np

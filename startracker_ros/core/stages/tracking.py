@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The trackers of a camera, with the catalogue as that camera sees it."""
 
 from startracker_ros.core.astro.observer_motion import ObserverMotion

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """One rotation moves all stars: one filter of attitude and rate, updated by all of them."""
 
 from collections.abc import Iterator

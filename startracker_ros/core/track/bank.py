@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """All tracks of a tracker as one table, a column per quantity."""
 
 from dataclasses import dataclass, fields

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A predicted attitude, corrected by all centroids of a frame at once: compiled."""
 
 from typing import NamedTuple

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Residuals of the detected stars of a frame, and what of them stays: compiled."""
 
 from typing import NamedTuple

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The tracks after a frame, by the attitude that it corrected, in one compiled step."""
 
 from typing import NamedTuple

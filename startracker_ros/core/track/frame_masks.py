@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which centroids of a frame are used, and which tracks are kept after it: compiled."""
 
 import numpy as np

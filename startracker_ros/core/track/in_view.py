@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which catalogue stars an attitude puts into the image, and where: compiled."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Independent tracks: the JPDA filter of Sadeghi, Sabahi and Saberali, and their baseline."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The innovations of a frame of stars as one measurement of attitude or rate: compiled."""
 
 import numpy as np

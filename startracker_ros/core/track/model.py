@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the state machine needs of a model of the motion of stars."""
 
 from abc import ABC, abstractmethod

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 How star images move: constant velocity, coordinated turn, and under a turn of the camera.
 

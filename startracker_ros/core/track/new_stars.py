@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Catalogue stars without a track, found among the centroids by the attitude."""
 
 import math

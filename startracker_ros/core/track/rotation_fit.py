@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The common rotation of all stars of a frame, and the outliers."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The arithmetic of stamp_jitter.py for one frame: compiled."""
 
 import math

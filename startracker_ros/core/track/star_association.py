@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 JPDA of star-by-star filters: three factors of the false centroids, and confirmation by SNA.
 

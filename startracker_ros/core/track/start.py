@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a model of the motion of stars starts with: two identified frames, or one and a hint."""
 
 from typing import NamedTuple

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The target: the one centroid that is no star and moves against the stars."""
 
 from dataclasses import dataclass

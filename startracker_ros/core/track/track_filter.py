@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The filter of the tracks: from identified frames of stars to tracks of stars."""
 
 from collections import deque

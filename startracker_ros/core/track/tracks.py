@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The tracked stars of one frame, their common attitude, and one from elsewhere."""
 
 from dataclasses import dataclass

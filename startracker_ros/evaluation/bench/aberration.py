@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Attitudes of noise-free images over a year, in any orbit, with and without odometry."""
 
 from collections.abc import Iterator

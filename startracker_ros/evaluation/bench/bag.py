@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags under test: damaged, read beside the mcap library, played at a pace, recorded."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Thousands of damaged bags: for any bytes the reader ends soon, at most with a BagError."""
 
 from contextlib import suppress

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Whole bags read by this package's reader and by that of the mcap library, on the same data."""
 
 from collections.abc import Callable, Iterator, Mapping

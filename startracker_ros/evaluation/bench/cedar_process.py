@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 cedar-solve in a Python of its own, with the NumPy below 2 that it needs.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Centroids beside sep, photutils and tetra3rs on the same images: time, stars found, error."""
 
 from abc import ABC, abstractmethod

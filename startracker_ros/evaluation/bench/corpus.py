@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The frames of the lost-in-space comparison: cameras, cells, simulated centroids."""
 
 from dataclasses import dataclass, replace

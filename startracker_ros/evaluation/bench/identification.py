@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Is a clear field ever left unidentified? Close pairs resolved in any way, and many false spots.
 

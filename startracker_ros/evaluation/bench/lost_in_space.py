@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Ours, tetra3rs and cedar-solve on the same star lists: correct, wrong, time, database."""
 
 from collections.abc import Iterator, Mapping, Sequence

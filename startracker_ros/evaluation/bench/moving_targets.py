@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Measurements of targets that move with constant velocity: apart, crossing, in close pairs."""
 
 from dataclasses import dataclass

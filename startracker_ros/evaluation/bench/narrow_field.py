@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Lost in space in fields of 2 and 3 deg with the deep catalogue: share, time, database."""
 
 from collections.abc import Iterator

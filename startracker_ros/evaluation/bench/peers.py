@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 One interface to ours and its peers: a database, a solve call that is timed, an attitude.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Photographs with known answers: folders with a solutions.csv beside the images."""
 
 from collections.abc import Iterator, Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Photographs with known answers: ours beside tetra3rs and cedar-solve, detection times solver.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Throughput of reprocessing: frames a second, reading beside a plain read, two workers."""
 
 from collections.abc import Sequence

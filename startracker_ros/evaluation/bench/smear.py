@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Centroids of smeared stars against the Cramer-Rao bound of the simulator's images."""
 
 from collections.abc import Iterator

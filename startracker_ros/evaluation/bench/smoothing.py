@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Smoothed attitudes beside those of the star tracker, on simulated flights."""
 
 from collections.abc import Sequence

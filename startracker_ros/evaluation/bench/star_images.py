@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Star images with known truth, and the Cramer-Rao bound of their centroids."""
 
 from dataclasses import dataclass

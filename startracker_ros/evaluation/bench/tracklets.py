@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Moving objects found in simulated flights among false centroids and hot pixels."""
 
 from pathlib import Path

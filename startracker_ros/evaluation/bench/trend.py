@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Steps of mounts and focal lengths found in long flights, and false ones in clean months."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Centroids of real stars at right and wrong thresholds, as Gao and Cui (2016) compare them.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Faults in the closed loop: control must not be lost, no wrong attitude be used."""
 
 from collections.abc import Sequence

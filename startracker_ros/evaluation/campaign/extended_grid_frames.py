@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Frames of a narrow field identified by extended grids, by the grid alone and by triangles.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The fault matrix: processes that are killed, stopped or fed bad data have to recover."""
 
 from rich.progress import track as progress

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Five stars identified by all ten sides between them: the slow peer of the Hausdorff methods.
 

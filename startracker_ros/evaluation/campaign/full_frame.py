@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Calibration from star lists of a survey camera: a simulated twin of the full-frame images of TESS.
 

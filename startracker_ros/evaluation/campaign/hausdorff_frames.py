@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Frames that the Hausdorff methods, the Pyramid and structures of five stars identify.
 

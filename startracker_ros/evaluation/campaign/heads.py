@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Several heads fused: accuracy beside its bounds, consistency, mounts, faults."""
 
 import time

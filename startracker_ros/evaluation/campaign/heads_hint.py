@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Re-acquisition of a head by a hint: from the centroids of its first frame to an attitude."""
 
 import time

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Three heads on a body that turns: measured attitudes with the error model of the tracker."""
 
 from collections.abc import Iterator

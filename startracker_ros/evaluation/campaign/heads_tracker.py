@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Frames of the real tracker as measurements of a fusion: independence and covariance."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Is a published attitude ever wrong? Long runs of the stages in conditions that mislead them.
 

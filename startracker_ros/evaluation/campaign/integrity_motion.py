@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Is a covariance true whatever moves? Star lists whose places are the light of an exposure."""
 
 from collections.abc import Callable

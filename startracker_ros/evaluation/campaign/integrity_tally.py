@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The camera of the integrity campaign, and the count of what its runs publish."""
 
 from dataclasses import astuple, dataclass, replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The attitude of each frame of a run by SNA, and by the filters of the star tracker."""
 
 from dataclasses import dataclass, replace

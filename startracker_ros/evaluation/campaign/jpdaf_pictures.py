@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The figures of the JPDAF paper: paths of the stars, errors of attitude and position."""
 
 from collections.abc import Mapping, Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Runs of four stars in 400 frames, in cells of two motions, three jitters and three noises.
 

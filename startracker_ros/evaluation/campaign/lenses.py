@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Simulated photographs of uncalibrated lenses: how many are solved, and whether any wrongly.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Random transitions of managed nodes: no crash, no leak, no wrong attitude, a fast return."""
 
 import numpy as np

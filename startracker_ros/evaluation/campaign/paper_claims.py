@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The tables, figures and claims of the five papers, each with the rows that show its state."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 All campaigns of papers in one run, and a page of every table, figure and claim with its state.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Independent trials of a campaign on the cores of this machine, or on a cluster."""
 
 from collections.abc import Callable, Iterable, Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How often an error exceeds its protection level: rare events, by importance sampling."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rows about the resources of processes over a long run."""
 
 from collections.abc import Sequence

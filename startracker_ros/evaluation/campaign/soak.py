@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The soak: memory, handles, processor time and latency over many frames."""
 
 from collections.abc import Sequence

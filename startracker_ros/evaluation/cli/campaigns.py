@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The group campaign: published tables repeated, long runs."""
 
 from pathlib import Path

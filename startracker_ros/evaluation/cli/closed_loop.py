@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Command that closes the loop around a simulated spacecraft: demo closed-loop."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Commands about an instrument that need not exist: datasheet, design."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Availability of the attitude under glare, with bright bodies in the field, under protons."""
 
 from dataclasses import replace

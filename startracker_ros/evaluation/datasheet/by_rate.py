@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The rows of a data sheet as people read them: a figure in a line, the rates in columns."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The camera as its own calibration by stars knows it: the source of bias and field-of-view errors.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The data sheet of a camera: the Monte Carlo, its rows and its page."""
 
 from collections.abc import Callable, Iterator

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 A star camera from its sensor and lens: field, stars, exposure and accuracy, before it is built.
 

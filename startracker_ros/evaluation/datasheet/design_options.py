@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a design is made of: the sensor, the lens, and what is wanted of them."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The table of a design: what the closed formula expects beside what the Monte Carlo finds."""
 
 from collections.abc import Iterator

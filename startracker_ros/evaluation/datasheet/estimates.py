@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Standard deviations of errors about the axes of a data sheet, with confidence intervals."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The instrument of a data sheet: the lens, what the tracker knows of it, and the detector."""
 
 from dataclasses import dataclass, replace

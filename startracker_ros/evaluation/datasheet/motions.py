@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The motions of a Monte Carlo: many pointings in turn, and turns that get faster."""
 
 from dataclasses import dataclass

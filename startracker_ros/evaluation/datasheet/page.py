@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The page of a data sheet: one file of HTML with its tables and pictures."""
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Figures that manufacturers publish of their star trackers, to put beside those of a simulation.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The rows of a data sheet, out of what was simulated."""
 
 from collections.abc import Iterator, Sequence

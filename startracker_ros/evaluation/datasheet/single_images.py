@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Errors of the attitude of single images, split as ECSS-E-ST-60-20C Rev. 2 splits them.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How many stars each field of the sky has, and how many fields are identified at once."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Runs of images through the whole star tracker: acquisition, error, limits of the motion."""
 
 from dataclasses import dataclass

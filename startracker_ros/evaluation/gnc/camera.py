@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What sees the sky in the loop: the pipeline behind images or star lists."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Reference attitudes: fixed ones, and slews from rest to rest."""
 
 from dataclasses import dataclass

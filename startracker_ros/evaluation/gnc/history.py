@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a run of the loop was like: key figures, and a picture."""
 
 from collections.abc import Sequence

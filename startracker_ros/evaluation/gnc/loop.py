@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The loop: truth, star tracker, navigation, flight software, torques, in lock-step."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Attitude and rate between the measurements of a star tracker, for a controller."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The phases of a mission: which reference the controller follows, and when the next begins."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A spacecraft of Basilisk: orbit, rigid body, four reaction wheels, gyro and flight software."""
 
 from dataclasses import dataclass

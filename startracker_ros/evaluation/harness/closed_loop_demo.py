@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The demo of the closed loop: Basilisk's spacecraft controlled by what the nodes see."""
 
 from pathlib import Path

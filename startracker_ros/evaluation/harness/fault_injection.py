@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Injects a fault into a running star tracker and measures its recovery."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A star tracker in node processes, fed with simulated images; its attitudes are verified."""
 
 from collections.abc import Callable

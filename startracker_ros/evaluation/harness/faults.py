@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The faults around a star tracker: each function injects one, waits and undoes it."""
 
 from collections.abc import Callable

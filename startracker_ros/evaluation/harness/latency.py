@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The time from image to attitude through nodes, in separate processes or composed in one."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Transitions of managed nodes, requested over their services as a lifecycle manager does."""
 
 from lifecycle_msgs.msg import State, Transition

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a process uses: memory, file descriptors, threads, processor time."""
 
 from dataclasses import dataclass

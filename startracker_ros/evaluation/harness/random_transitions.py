@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Random transitions of the nodes of a running pipeline, whose attitudes are verified."""
 
 from dataclasses import dataclass, field

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A slow subscriber: subscribes reliably to TOPIC:TYPE... and sleeps over each message."""
 
 import sys

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Many frames through node processes as fast as they are processed, with their resource use."""
 
 from collections.abc import Iterator

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Writes a bag in its own thread, so that compression and disk do not block subscribers."""
 
 from collections import deque

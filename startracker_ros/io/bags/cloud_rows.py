@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rows of the clouds `centroids`, `stars` and `tracks` out of results of the stages."""
 
 from functools import lru_cache

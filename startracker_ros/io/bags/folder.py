@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The files of a bag folder, as its metadata.yaml names them."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The contents of a bag as rows."""
 
 from datetime import datetime, UTC

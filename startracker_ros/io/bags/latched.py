@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What latched (transient local) topics held at a time of a recording."""
 
 from collections import deque

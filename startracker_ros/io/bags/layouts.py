@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Layouts of messages, free of ROS: fields of the clouds, stamps, pixels and camera_info.
 

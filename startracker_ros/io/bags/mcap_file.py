@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 One MCAP file, complete or damaged, read in bounded memory (format: mcap.dev/spec).
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """metadata.yaml of a bag, version 9 (rosbag2 of Jazzy)."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Plays messages at the pace they were recorded at, without ROS."""
 
 from array import array

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Quality of service as rosbag2 writes it, without rclpy."""
 
 from collections.abc import Mapping

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A message of a bag before its topic is looked at."""
 
 from typing import NamedTuple

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Reads bags, finished or not, and decodes messages, without rclpy."""
 
 from collections.abc import Callable, Iterator, Sequence

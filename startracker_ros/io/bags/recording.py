@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A recording that continues in a new bag after the disk has failed, without ROS."""
 
 from collections.abc import Sequence

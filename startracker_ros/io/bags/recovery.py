@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Recovers a damaged or unfinished bag into a new one."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Definition and hash of an installed message type, as a bag stores them."""
 
 from dataclasses import dataclass

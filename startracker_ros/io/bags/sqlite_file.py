@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """One SQLite file of a bag, as the storage sqlite3 of rosbag2 writes it (schema 1 to 4)."""
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The file of a bag by its first bytes: MCAP or SQLite."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A bag that is read as far as it is intact."""
 
 from collections.abc import Callable, Iterator, Sequence

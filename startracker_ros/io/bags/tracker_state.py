@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The values of `tracker_state`, as the node publishes them and as reprocessing writes them."""
 
 from startracker_ros.core.track.track_filter import TrackFilter

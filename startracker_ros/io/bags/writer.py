@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Writes a bag as rosbag2 (Jazzy, storage mcap) writes it, so that its tools read and play it."""
 
 from collections.abc import Iterator, Sequence

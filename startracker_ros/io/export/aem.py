@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """CCSDS Attitude Ephemeris Message, version 2.0, in KVN (CCSDS 504.0-B-2, section 4)."""
 
 from dataclasses import dataclass, fields

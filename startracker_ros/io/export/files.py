@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The export command: a bag in, files of other formats out."""
 
 from collections.abc import Sequence

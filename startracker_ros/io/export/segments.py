@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Where the attitude of a recording must not be interpolated."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Attitude, tracks and diagnostics as tables of columns, for CSV and Parquet."""
 
 from collections.abc import Mapping

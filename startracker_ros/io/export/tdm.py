@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """CCSDS Tracking Data Message, version 2.0, in KVN (CCSDS 503.0-B-2, sections 3 and 4)."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Camera files: YAML in the format of ROS camera_calibration, or a FITS header."""
 
 from pathlib import Path

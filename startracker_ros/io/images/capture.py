@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Images of a live camera, or of files in its place, stamped with the middle of each exposure.
 

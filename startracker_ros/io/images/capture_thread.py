@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A device that is read in a thread, and opened again when it is lost."""
 
 from collections import deque

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Images of FITS files, read by astropy."""
 
 from datetime import datetime, UTC

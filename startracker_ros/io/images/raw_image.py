@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Images of camera RAW files, read by rawpy (LibRaw)."""
 
 import io

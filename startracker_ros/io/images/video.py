@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Frames of videos and of animated or paged image files."""
 
 from collections.abc import Iterator

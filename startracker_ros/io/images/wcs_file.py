@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Cameras of FITS headers: TAN projection with SIP distortion, as astrometry.net and sip.py write it.
 

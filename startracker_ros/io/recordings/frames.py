@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A few frames of a bag as small pictures with their stars."""
 
 import base64

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Recordings out of bags: messages checked topic by topic, and turned into arrays."""
 
 from collections.abc import Callable, Iterator, Mapping

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a recorded run says about attitude, truth, stars, states and time, as arrays."""
 
 from collections.abc import Mapping

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Reports to packets of the kind that a user selects."""
 
 from dataclasses import dataclass

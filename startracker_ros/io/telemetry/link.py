@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Where packets are sent: UDP, a serial device, or a file."""
 
 import os

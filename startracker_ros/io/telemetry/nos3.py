@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The reply of the generic star tracker of NASA's NOS3 to a request for data: 13 bytes.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The fields of the space packet: the one table of encoder, decoder and XTCE."""
 
 from collections.abc import Mapping

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a star tracker reports of one frame, whatever the packet."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The frame report as a CCSDS space packet (133.0-B-2) of telemetry."""
 
 import binascii

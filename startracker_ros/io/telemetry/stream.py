@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Packets out of a stream of bytes: found by how they begin, checked, damage named and counted."""
 
 from collections import Counter

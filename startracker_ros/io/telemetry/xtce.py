@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The space packet in XTCE 1.2 (OMG), for ground systems that read packets by description."""
 
 from xml.etree import ElementTree as XML

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The attitude as quaternion, pose with covariance, Imu and transform."""
 
 from geometry_msgs.msg import (

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The clouds `centroids`, `stars`, `truth/stars` and `tracks`: sensor_msgs/PointCloud2."""
 
 from typing import TYPE_CHECKING

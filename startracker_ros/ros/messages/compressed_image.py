@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """sensor_msgs/CompressedImage as the transport `compressed` of image_transport has it, in PNG."""
 
 import struct

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Quaternions and vectors of geometry_msgs."""
 
 from geometry_msgs.msg import Quaternion, Vector3

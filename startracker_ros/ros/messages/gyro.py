@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The gyro on `imu`, and its drift."""
 
 from geometry_msgs.msg import TwistWithCovarianceStamped

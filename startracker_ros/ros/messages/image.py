@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """sensor_msgs/Image, without a copy of the pixels where that is possible."""
 
 import struct

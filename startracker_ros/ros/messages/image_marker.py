@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Centroids as marks over the image, for viewers that draw them themselves."""
 
 from geometry_msgs.msg import Point

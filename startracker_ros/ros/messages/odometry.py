@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Position and velocity of satellites: nav_msgs/Odometry."""
 
 from nav_msgs.msg import Odometry

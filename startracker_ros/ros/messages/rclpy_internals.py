@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 What rclpy keeps private and the nodes need: tried with rclpy 7.1, each with a way around.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The located target: its position, and markers for 3D viewers."""
 
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Vector3

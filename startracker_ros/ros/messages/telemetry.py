@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Messages of the nodes to the frame report of telemetry."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """attitude_estimator: tracks and tracked_attitude, or stars -> attitude in four message types."""
 
 from collections.abc import Callable

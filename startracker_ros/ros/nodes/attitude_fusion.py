@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """attitude_fusion: frame_attitude of several heads, imu, temperature -> attitude of the body."""
 
 from functools import partial

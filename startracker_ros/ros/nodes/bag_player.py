@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """bag_player: an MCAP bag -> what it holds, and /clock."""
 
 from functools import partial

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """bag_recorder: any topics, serialized -> an MCAP bag as rosbag2 writes it."""
 
 import sys

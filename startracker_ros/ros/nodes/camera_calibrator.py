@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """camera_calibrator: stars or tracks, camera_info -> a camera YAML, proposed_camera_info."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """camera_source: a camera of Video4Linux, or files in its place -> image_raw, camera_info."""
 
 from startracker_ros.core.camera.model import Camera

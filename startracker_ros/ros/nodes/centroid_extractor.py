@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """centroid_extractor: image_raw, camera_info, predicted_centroids -> centroids, annotated."""
 
 from functools import partial

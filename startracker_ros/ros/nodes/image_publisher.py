@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """image_publisher: image files -> image_raw, camera_info."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """pipeline_manager: brings managed nodes up in order, and again after a restart."""
 
 from dataclasses import dataclass

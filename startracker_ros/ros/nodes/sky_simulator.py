@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """sky_simulator: nothing -> image_raw, camera_info, imu, odometry, and the truth of all."""
 
 from functools import partial

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """star_identifier: centroids, camera_info, tracker_state, imu -> stars."""
 
 from collections.abc import Callable

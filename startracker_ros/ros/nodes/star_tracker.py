@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """star_tracker: centroids, stars, imu, hint, camera_info -> tracks, attitude, predictions."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """target_locator: two trackers' attitude_cov, target_centroid, camera_info, odometry -> target."""
 
 from dataclasses import dataclass

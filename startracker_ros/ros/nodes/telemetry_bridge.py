@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """telemetry_bridge: attitude_imu, tracker_state, temperature, /diagnostics -> packets."""
 
 from dataclasses import replace

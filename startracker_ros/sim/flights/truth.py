@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The truth of a flight at any time, in closed form: pieces can be made side by side."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What contaminates real images: options, and the record of what one image contains."""
 
 from dataclasses import dataclass, field

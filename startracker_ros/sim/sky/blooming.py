@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Blooming: charge above the full well flows along the columns of a CCD."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Sun, Moon and Earth at their positions of date: their discs in the image, and their glare."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Columns and rows that do not work: saturated, warm, dead."""
 
 from dataclasses import dataclass, fields

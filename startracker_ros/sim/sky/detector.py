@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Optics and image sensor: point sources to digital numbers."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Paths of the light sources over the pixels during an exposure."""
 
 from functools import lru_cache

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Fixed pattern of a sensor: sensitivity, dark current and hot pixels."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Pictures of every effect of the simulator: python -m startracker_ros.sim.sky.gallery [FOLDER].
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Discs of the Moon and the Earth in the image."""
 
 from typing import NamedTuple

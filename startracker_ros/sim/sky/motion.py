@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """True attitude, rate, position and velocity of a simulated sensor."""
 
 from dataclasses import dataclass, replace

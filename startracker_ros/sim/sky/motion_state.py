@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The true state of a simulated sensor at an instant, and what gives it at any time."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A head on a body that moves: its mount, how the mount bends with temperature, its seed."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Simulated navigation: position and velocity with white noise."""
 
 from dataclasses import dataclass

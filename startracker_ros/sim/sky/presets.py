@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Presets: values for many options of the simulator at once."""
 
 from dataclasses import replace

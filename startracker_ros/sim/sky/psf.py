@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """PSFs with coma, astigmatism and defocus, as sums of circular Gaussians."""
 
 import numpy as np

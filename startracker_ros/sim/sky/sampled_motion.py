@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A motion given by samples, as a dynamics simulator publishes it."""
 
 from collections import deque

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Satellites that cross the field of view: false stars that move."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Motion of a camera that is not uniform within an exposure: vibration, and sudden kicks."""
 
 from dataclasses import dataclass, replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The simulated instrument: images, gyro rates and navigation along a motion."""
 
 from dataclasses import dataclass, replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Light sources around the field of view: stars, planets, satellites."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Point sources on a sensor: a Gaussian integrated over square pixels."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Stray light of the Earth, the Moon or the Sun from one side of the image."""
 
 import numpy as np

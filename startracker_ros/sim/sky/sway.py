@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A smooth sway: what a flexible body, a ship or a telescope does."""
 
 from dataclasses import dataclass, replace

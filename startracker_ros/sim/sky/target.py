@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A target satellite on an orbit of its own: its state, direction and brightness."""
 
 from dataclasses import dataclass

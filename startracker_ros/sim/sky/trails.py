@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Trails of satellites and aircraft: straight lines across the whole image."""
 
 import math

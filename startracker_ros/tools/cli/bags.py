@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Commands about bags: record, play, info, report, export."""
 
 from pathlib import Path

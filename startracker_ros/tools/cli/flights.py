@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Commands about long flights: simulate, reprocess, compare, trend, tracklets."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Commands that run nodes, and the one that looks whether they can: run, demo, live, doctor."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Commands that take image files: solve, calibrate."""
 
 from collections.abc import Callable

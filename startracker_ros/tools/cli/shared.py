@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the commands share: options, and the printing of results."""
 
 from collections.abc import Callable, Iterable, Sequence

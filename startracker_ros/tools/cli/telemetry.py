@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The group telemetry: packets out of a capture, and their description."""
 
 from pathlib import Path

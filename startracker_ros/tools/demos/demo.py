@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The demo of one star tracker: six nodes on the simulated sky, one process each."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The demo of three heads: one attitude while each is blinded in turn by Moon, Sun and Earth."""
 
 from collections import defaultdict

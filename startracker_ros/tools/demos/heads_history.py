@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The run of three heads: key figures of the demo, and its picture."""
 
 from collections.abc import Mapping

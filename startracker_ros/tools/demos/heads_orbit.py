@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The motion of a body on which three heads are blinded in turn by Sun, Earth and Moon.
 

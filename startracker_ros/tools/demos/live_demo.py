@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A demo: node processes on a simulated sky, shown live, recorded and summarised."""
 
 from abc import ABC, abstractmethod

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which nodes can process their next message: active, set up for the camera, and connected."""
 
 from collections.abc import Mapping, Sequence

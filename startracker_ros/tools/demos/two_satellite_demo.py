@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The demo of two satellites that locate a third: twelve processes, recorded and summarised."""
 
 from datetime import datetime, timedelta, UTC

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A camera file, or a camera that publishes: whether a star tracker can use it."""
 
 from collections.abc import Iterator, Mapping

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The settings of DDS, and an image sent from one process to another."""
 
 from collections.abc import Iterator, Mapping

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Python, packages, the ament marker and the executables of the nodes, the star catalogue."""
 
 from collections.abc import Iterator, Sequence

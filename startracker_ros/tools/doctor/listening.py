@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Summarises what a camera publishes within some seconds and prints it as JSON, for the doctor."""
 
 from dataclasses import asdict

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """An image from one process to another, for the doctor: send TOPIC, receive TOPIC."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Compiled code, the cache of pattern databases, room for bags."""
 
 from collections.abc import Iterator

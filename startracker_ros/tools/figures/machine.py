@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the figures were measured on: machine, versions, scheduling, steal time."""
 
 from importlib import metadata

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rows of tables, a frozen type for each set of columns; the fields are the columns, in order."""
 
 from collections.abc import Iterable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The lens of a camera that nobody has calibrated, by the first of its images that is solved."""
 
 from collections.abc import Callable

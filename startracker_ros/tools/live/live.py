@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A camera with the star tracker behind it: state, attitude and annotated sky while it runs."""
 
 from collections import deque

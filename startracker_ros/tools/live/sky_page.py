@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A page on this machine with the newest annotated image and the state, for a browser."""
 
 from contextlib import suppress

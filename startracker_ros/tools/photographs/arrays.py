@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Single images: solve, extract, calibrate."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Calibration from image files: extraction, identification, camera YAML, result table."""
 
 from collections.abc import Sequence

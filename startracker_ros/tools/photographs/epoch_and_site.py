@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """When a photograph was taken, and from where."""
 
 from dataclasses import dataclass

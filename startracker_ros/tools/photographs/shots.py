@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The photographs of files: one of an image, one for each frame of a video."""
 
 from collections.abc import Iterable, Iterator, Sequence

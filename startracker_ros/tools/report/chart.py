@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Charts of pages: vector pictures in the colours of the page, light and dark."""
 
 import base64

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Several heads of a body out of a bag: which count, and their mounts against the truth."""
 
 from dataclasses import dataclass

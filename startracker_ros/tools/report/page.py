@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The report: one page of HTML that holds everything it shows and fetches nothing.
 

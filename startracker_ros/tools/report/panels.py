@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The figures of the report as plain data: what is drawn over time, histograms, key figures."""
 
 from collections.abc import Mapping, Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """One picture of a run: the star field with names, and the attitude error over time."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Where the boresight went and which stars were used, as plain data for a map."""
 
 from typing import Any

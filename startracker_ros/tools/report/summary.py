@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A recorded run in figures, each with the bound that it must hold or the goal that it should."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a recorded run says of a target that two observers located: arrays, figures, picture."""
 
 from dataclasses import dataclass

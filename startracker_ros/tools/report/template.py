@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Pages of one file: templates that escape what they show, and a policy for what the page runs."""
 
 import base64

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 What a 3D viewer shows of a bag: python -m startracker_ros.tools.report.viewer_picture BAG [PNG].
 

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Two runs over the same recordings: where their attitudes differ."""
 
 from dataclasses import dataclass

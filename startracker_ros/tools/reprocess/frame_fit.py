@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The stars of one frame fitted by themselves: attitude, lens, residual of each star; compiled."""
 
 import math

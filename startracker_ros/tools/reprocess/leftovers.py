@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Centroids that the catalogue does not explain: moving objects and hot pixels of a segment."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """metadata.yaml of the bags of a run, whose files come from many workers."""
 
 from collections.abc import Iterable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Results of the pipeline as the messages that the nodes publish, in a bag."""
 
 from collections.abc import Sequence

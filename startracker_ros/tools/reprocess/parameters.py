@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Parameters of a run: those of the nodes, out of YAML files and sweeps."""
 
 from collections.abc import Iterable, Mapping, Sequence

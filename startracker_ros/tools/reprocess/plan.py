@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which bags there are, which star trackers are in them, and the segments of each."""
 
 from collections.abc import Iterable, Mapping

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags at URLs: copies of their files in a folder of this machine."""
 
 from pathlib import Path, PurePosixPath

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The command reprocess: plans, hands segments to workers, resumes, puts the run together."""
 
 from collections import Counter

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Runs on disk: their trackers and tables."""
 
 from dataclasses import dataclass

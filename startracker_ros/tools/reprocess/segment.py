@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """One segment: messages of a bag through a pipeline of its own."""
 
 from collections import Counter

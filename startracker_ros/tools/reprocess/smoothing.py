@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Smoothed attitudes of a segment, out of the attitudes of its single frames."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Tables of a run: what a segment collects, and Parquet files by day and tracker."""
 
 from collections.abc import Mapping, Sequence

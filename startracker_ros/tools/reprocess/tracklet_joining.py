@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """One tracklet for each moving object: over borders of segments, gaps and ends of bags."""
 
 from collections.abc import Mapping

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The command tracklets: moving objects of a run as rows, as TDM, and located by two observers."""
 
 from dataclasses import dataclass

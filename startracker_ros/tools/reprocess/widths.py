@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How wide star images are over the image, from the scatter of their centroids."""
 
 from collections.abc import Sequence

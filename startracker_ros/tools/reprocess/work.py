@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a worker does: a segment processed, its files in place, its record beside them."""
 
 from dataclasses import asdict, dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Hot pixels of a run: where spots that are no star come again and again."""
 
 from dataclasses import dataclass

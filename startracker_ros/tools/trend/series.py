@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Series of bins out of the tables of a run, a day at a time."""
 
 from dataclasses import dataclass

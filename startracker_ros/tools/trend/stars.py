@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Stars whose catalogue entry does not fit what is seen, over a whole run."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Steps in a series with a drift and an oscillation of the orbit."""
 
 from dataclasses import dataclass

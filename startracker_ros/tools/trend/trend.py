@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The command trend: drifts and steps of a run, as rows and as a page."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Maps of the width of star images over the image, by month."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Earth velocity, apparent directions and orbits against astropy and Skyfield."""
 
 from datetime import datetime, UTC

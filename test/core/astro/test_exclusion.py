@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Sun, Moon and Earth before the boresight: now, and when the body turns or goes on."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Cameras on the ground and other frames, against astropy and Skyfield."""
 
 from astropy import units

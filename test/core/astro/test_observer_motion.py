@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which velocity aberration is computed from, and what is done with wrong input."""
 
 from dataclasses import replace

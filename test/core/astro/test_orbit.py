@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Elements, circular orbits, J2 motion and the orbit frame, against Skyfield and SciPy."""
 
 import numpy as np

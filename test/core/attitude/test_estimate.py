@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The attitude against SciPy, against its own covariance, and what it rejects."""
 
 from hypothesis import given, settings, strategies as st

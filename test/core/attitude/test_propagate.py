@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The predicted attitude against closed forms, and its uncertainty against what happens."""
 
 import numpy as np

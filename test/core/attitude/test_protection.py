@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The protection level: what it bounds, and how often it is exceeded."""
 
 import numpy as np

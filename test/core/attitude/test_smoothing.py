@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Smoothed attitudes: the truth within their covariance, over gaps and manoeuvres."""
 
 from chi_square import mean_bounds

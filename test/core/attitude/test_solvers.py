@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The four solvers: the same attitude, each its own covariance, close stars."""
 
 from itertools import permutations

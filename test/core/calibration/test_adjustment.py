@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Simulated skies through a known lens: the lens comes back, with honest errors."""
 
 from dataclasses import replace

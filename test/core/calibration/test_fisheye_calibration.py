@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A fisheye is calibrated from star lists, given its field of view only."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Derivatives of the lens that is fitted to one image."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A lens that changes in flight: found within its sigma, proposed after proof, never by chance."""
 
 from dataclasses import replace

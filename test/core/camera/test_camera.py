@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Camera model: round trips, agreement with OpenCV, refusal of nonsense."""
 
 from dataclasses import replace

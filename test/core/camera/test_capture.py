@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Cameras by a stand-in for OpenCV, and files in their place: settings, stamps, losses."""
 
 import time

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """EXIF: orientation and field of view, and files without it."""
 
 import cv2

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """FITS and camera RAW: all number types, orientation, and files that cannot be used."""
 
 import gzip

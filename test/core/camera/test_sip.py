@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """FITS headers of solved images, read by astropy: pixel to sky and back, as our camera has it."""
 
 import warnings

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Cameras out of FITS headers: astropy has the same angles between pixels."""
 
 import warnings

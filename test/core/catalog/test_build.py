@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The shipped file: made again from its source, and its V magnitudes against others."""
 
 from pathlib import Path

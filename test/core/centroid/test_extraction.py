@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Centroid extraction against known truth, on ugly images, and on real photographs."""
 
 import csv

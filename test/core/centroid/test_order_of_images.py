@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What is extracted from an image does not depend on the images before."""
 
 from hypothesis import given, settings, strategies as st

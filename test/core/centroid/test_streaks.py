@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Streaks of smeared stars, and artefacts that used to starve the stars, on simulated images."""
 
 import numpy as np

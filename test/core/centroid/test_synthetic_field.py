@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The synthetic field: stars of the catalogue where the camera model has them."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The compiled steps of the fusion beside the same equations in NumPy."""
 
 import numpy as np

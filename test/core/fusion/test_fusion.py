@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Several heads, one attitude: late frames, disagreement, exclusion and return, bad input."""
 
 import itertools

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Two and three stars of a narrow field by a predicted attitude: right, or no result."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The false-alarm probability and the test of the lens, each against its definition."""
 
 import numpy as np

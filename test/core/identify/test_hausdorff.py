@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Sets of bright stars by their Hausdorff distance: the distance, the sets, the results."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """K-vector ranges against a sorted search."""
 
 from hypothesis import example, given, strategies as st

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Pair database: complete, and cached without ever being trusted blindly."""
 
 import logging

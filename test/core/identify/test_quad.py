@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Quads: the search against brute force, the field match, and bad images of the real sky."""
 
 from dataclasses import replace

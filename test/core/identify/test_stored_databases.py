@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Databases are shared, bounded in memory, and gone with their owner."""
 
 import errno

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The triangle search against brute force, and how many triangles fit by chance."""
 
 from itertools import permutations

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A warm-up identifies a real field, by every method, and leaves nothing behind."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Two observers aligned in time, with light that takes its time and aberration."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Lenses whose stars are no points: other shapes in each part of the image, or one for all."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A small image of a wide field with more stars than one in 400 px."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A fisheye of 155 deg, 198 deg from corner to corner: from the image to the attitude."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Attitudes in ICRF of a moving observer: bias, covariance, and the modes of aberration."""
 
 from dataclasses import replace

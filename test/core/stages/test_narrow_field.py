@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A camera of 3 deg: all stages have the same deep stars, whose numbers pass through messages."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Photographs of uncalibrated cameras: lenses that are learnt, and images that show no stars."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Planets and the Moon in images: no stars, neither lost in space nor while tracking."""
 
 import numpy as np

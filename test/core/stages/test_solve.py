@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Real photographs from the files on: all that can be solved, nothing wrong."""
 
 import csv

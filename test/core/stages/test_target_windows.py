@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """While a target is tracked, few images are searched as a whole: on simulated images."""
 
 from dataclasses import replace

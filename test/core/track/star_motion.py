@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Frames of centroids under a steady turn, for the tests of this folder."""
 
 from dataclasses import dataclass

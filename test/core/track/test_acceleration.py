@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The acceleration out of the attitudes of frames, and what it does to an exposure."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """One filter for all stars: slews, dark images, right and wrong gyros."""
 
 from dataclasses import dataclass, field

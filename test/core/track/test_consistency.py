@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Torn frames, second images and line times, from residuals and missed stars."""
 
 import numpy as np

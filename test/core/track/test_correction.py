@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The correction of a predicted attitude by all stars of a frame, without outliers."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """States that are given up by name: a diverged filter, no covariance, a gyro at its range."""
 
 import numpy as np

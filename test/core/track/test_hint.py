@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A hint replaces the second identification, and a false one does no harm."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The stars around an attitude are those of the catalogue's own search, wherever it turns."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The combined innovation and the normal equations against their definitions."""
 
 from hypothesis import given, settings, strategies as st

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The filter against the textbook Kalman filter, the paper's formula and its own covariance."""
 
 import numpy as np

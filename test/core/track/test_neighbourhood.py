@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Stars are associated by their gates, by their neighbours, or not at all."""
 
 import itertools

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """New stars agree with the catalogue in position and magnitude, and with nothing else."""
 
 import numpy as np

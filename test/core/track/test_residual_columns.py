@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Compiled fits of residuals against NumPy's decomposition."""
 
 import numpy as np

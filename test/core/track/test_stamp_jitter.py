@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Stamps that err by a random time: the covariance contains the turn in that time."""
 
 import numpy as np

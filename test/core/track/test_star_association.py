@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A cycle of the filter against a listing of all association matrices, as in the paper."""
 
 from itertools import product

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A target is what no star explains and what moves against the stars."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The tracker in steady turns, with dropouts, false points, wrong names and broken clocks."""
 
 from dataclasses import dataclass, replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Moving objects linked among false centroids; stars, hot pixels and hits are none."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The comparison of attitude solvers: fair draws, figures that can fail, all rows."""
 
 import json

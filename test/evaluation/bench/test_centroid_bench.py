@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The comparison of centroids: fair images, a bound that is one, checks that can fail."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Fields of close pairs and of false spots that stayed unidentified, and how they are made."""
 
 import json

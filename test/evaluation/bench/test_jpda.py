@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The comparison of JPDA filters: scenes as described, right figures, checks that can fail."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The bound of smeared stars is one, ours is near it, and a row can fail."""
 
 from dataclasses import replace

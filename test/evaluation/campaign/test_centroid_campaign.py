@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The centroid campaign: real stars, the paper's conclusions tested, figures repeated."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The campaign of the closed loop: its faults, its rows, and the first seconds of a run."""
 
 from dataclasses import replace

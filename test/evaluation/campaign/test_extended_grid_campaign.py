@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Small runs of the campaign: what it counts, that it repeats, what it prints and draws."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The Hausdorff campaign: its rows hold, stand beside the paper's, and can be repeated."""
 
 from itertools import combinations

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A few runs in which a careless tracker would publish a wrong attitude."""
 
 from dataclasses import replace

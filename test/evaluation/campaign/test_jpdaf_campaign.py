@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Small runs of the campaign: its truth, its bound, its rule of process noise, its table."""
 
 from dataclasses import asdict

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """All papers on one page: results kept as data, the page made of them, states that follow."""
 
 from collections import Counter

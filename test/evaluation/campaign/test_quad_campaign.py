@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The quad campaign: what it prints holds, and it can be repeated."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The Cramer-Rao bound of star images and of attitudes."""
 
 from dataclasses import replace

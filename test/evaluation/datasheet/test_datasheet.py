@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A small data sheet from images to the page, files of optics, and designs."""
 
 from dataclasses import replace

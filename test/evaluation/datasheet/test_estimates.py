@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The split of errors into bias, field-of-view, pixel and temporal ones."""
 
 from functools import partial

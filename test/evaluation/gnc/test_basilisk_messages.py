@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Attitudes as messages of Basilisk: against its own kinematics and flight software."""
 
 import numpy as np

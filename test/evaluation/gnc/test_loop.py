@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The loop around Basilisk, with a star tracker that reports the truth or worse."""
 
 from pathlib import Path

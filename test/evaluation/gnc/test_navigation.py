@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The navigation between measurements: what it uses, how long it holds, when it gives up."""
 
 import numpy as np

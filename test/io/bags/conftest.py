@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Messages of every type that is recorded, serialized by an independent library."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The queue in front of a bag: nothing is lost in silence."""
 
 from pathlib import Path

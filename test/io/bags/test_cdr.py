@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """CDR written without ROS, read by an independent library, and the other way."""
 
 from contextlib import suppress

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The example that finds the delay of a camera behind a gyro, run as a user runs it."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags whose files are compressed as a whole, as rosbag2 does with --compression-mode file."""
 
 from pathlib import Path

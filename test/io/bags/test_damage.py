@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bad input of every kind: a clear error, bounded memory, no hang; the rest is read."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The golden bags of bags/, replayed: the same centroids, the same stars, the same attitudes.
 

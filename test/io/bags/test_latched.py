@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What late subscribers of a recorded time would have received."""
 
 from startracker_ros.io.bags.latched import DISORDER_NS, held_before, held_messages

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The pace of a playback without ROS: nothing comes early or out of turn."""
 
 from collections.abc import Iterator

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Reading bags whole, cut off and damaged; decoding, against rosbags."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Definitions and hashes, against those that rosbags brings along and computes."""
 
 from pathlib import Path

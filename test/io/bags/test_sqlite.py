@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags of the storage sqlite3, written by rosbags as an outside oracle."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags, read back with rosbags and with the reader of the mcap library."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The packet of NOS3 against the definitions of its flight software and of the simulator 42."""
 
 import ctypes

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The space packet against bytes by hand, and against a reader of its XTCE description."""
 
 from datetime import datetime, timedelta, UTC

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """False light, defects of the sensor and noise of its lines: each alone on the image."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Sun, Moon and Earth in simulated images: where they are, what they fill, what they hide."""
 
 import numpy as np

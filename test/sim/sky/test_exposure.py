@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Motion during the exposure and from row to row, measured on the rendered image."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Planets, satellites and aberration, against sources that share nothing with this package."""
 
 from dataclasses import replace

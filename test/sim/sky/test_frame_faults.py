@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Frames as a whole: torn, repeated, stamped wrongly, exposed upwards; presets."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The pictures of the documentation: there, small, and of the effect they name."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Gyro noise has the sizes its options name."""
 
 import numpy as np

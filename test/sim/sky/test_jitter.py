@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The random roll: as the paper has it, and a motion like any other."""
 
 import numpy as np

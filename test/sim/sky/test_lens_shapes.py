@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Coma, astigmatism, vignetting, ghosts and second images, measured on rendered stars."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Motion truth: rates, continuity, the orbit frame."""
 
 from hypothesis import given, settings, strategies as st

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Heads on one body: mount, bending, seeds."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The compiled noise draws from the distributions it claims, and never the same twice."""
 
 import numpy as np

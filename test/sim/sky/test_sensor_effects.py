@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a real sensor adds: each effect alone, measured on the rendered image."""
 
 from dataclasses import replace

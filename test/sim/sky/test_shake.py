@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Vibration and kicks within an exposure: the motion, the images and their truth."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The instrument as a whole: replays, truth, the image where the truth says."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A target in the simulated sky: where it is drawn, how bright, and when it is hidden."""
 
 from dataclasses import replace

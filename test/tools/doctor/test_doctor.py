@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Each check tells a sound machine from one to mend, and says how."""
 
 from dataclasses import replace

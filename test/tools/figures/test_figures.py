@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rows and their columns, bounds, correctness of attitudes, steal time."""
 
 from dataclasses import fields, replace

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A short run with known figures, written by rosbags as a foreign recorder would."""
 
 from collections.abc import Callable, Iterator

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """AEM against a file made by hand and an independent reader, CSV and Parquet against the bag."""
 
 from collections.abc import Sequence

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The page of a bag, as text and in headless Chromium."""
 
 from html.parser import HTMLParser

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The pictures of runs: nothing is drawn where there are no frames, and texts are legible."""
 
 from pathlib import Path

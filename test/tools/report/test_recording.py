@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What is read out of a bag: figures that are known, foreign and damaged bags."""
 
 from pathlib import Path

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The configurations of viewers name what exists; the marks stand at the centroids."""
 
 from collections.abc import Iterator

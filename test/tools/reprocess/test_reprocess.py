@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Recordings through the pipeline again: the same bytes in any order, bad bags as rows."""
 
 from dataclasses import replace

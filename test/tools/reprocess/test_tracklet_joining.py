@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Tracklets of one object become one, those of different objects do not."""
 
 import numpy as np

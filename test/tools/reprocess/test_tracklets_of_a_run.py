@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Tracklets of a run as Tracking Data Message, and located by two observers."""
 
 import shutil

@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The map of the width of star images: wide where the scatter of centroids is."""
 
 import numpy as np

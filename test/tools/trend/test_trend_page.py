@@ -1,3 +1,6 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The page of a trend in Chromium: steps over a month, and a run of seconds."""
 
 from browser import assert_readable, Page
