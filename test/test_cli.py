@@ -7,16 +7,15 @@ import json
 from pathlib import Path
 import re
 
-from click.testing import CliRunner
+from commands import invoke
 import pytest
-from startracker_ros.__main__ import main
 
 ROOT = Path(__file__).parents[1]
 
 
 def startracker(*arguments):
     """Run the command in this process; it ends by itself, not by an exception."""
-    done = CliRunner().invoke(main, arguments)
+    done = invoke(*arguments)
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
     return done
 

@@ -15,7 +15,7 @@ import sys
 import time
 
 import click
-from click.testing import CliRunner
+from commands import invoke
 import cv2
 from limits import HANGS_S
 import pytest
@@ -75,7 +75,7 @@ def folder(tmp_path, monkeypatch):
 
 def startracker(*arguments, **options):
     """Run a command in this process; it ends with a status, not with a traceback."""
-    done = CliRunner().invoke(main, arguments, **options)
+    done = invoke(*arguments, **options)
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
     assert 'Traceback' not in done.stderr
     return done

@@ -6,11 +6,10 @@
 import csv
 import json
 
-from click.testing import CliRunner
+from commands import invoke
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, quaternion_from_pointing
 from startracker_ros.io.images.camera_files import load_camera, save_camera
@@ -19,7 +18,7 @@ from startracker_ros.tools.photographs.solve import solve_files
 
 
 def calibrate(*arguments):
-    return CliRunner().invoke(main, ['calibrate', *map(str, arguments)])
+    return invoke('calibrate', *map(str, arguments))
 
 
 @pytest.fixture(scope='module')

@@ -6,12 +6,12 @@
 import json
 from pathlib import Path
 
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 from mcap.reader import make_reader
 import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer as RosbagsWriter
 from rosbags.typesys.store import Typestore
-from startracker_ros.__main__ import main
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.info import describe
 from startracker_ros.io.bags.qos import QosProfile
@@ -80,7 +80,7 @@ def test_nothing_is_recovered_into_a_folder_in_use(cut: Path, tmp_path: Path) ->
 
 
 def startracker(*arguments: object) -> Result:
-    done = CliRunner().invoke(main, [*map(str, arguments)])
+    done = invoke(*map(str, arguments))
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
     return done
 

@@ -12,7 +12,8 @@ import sys
 from typing import Any
 
 from ccsds_ndm import Aem
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 from limits import HANGS_S
 import numpy as np
 import pyarrow.parquet
@@ -21,7 +22,6 @@ from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from run_bag import error_arcsec, FRAMES, HOSTILE, START_NS, STEP_NS, UNSOLVED, write_run
-from startracker_ros.__main__ import main
 from startracker_ros.io.export.aem import aem_text, AemError, AemLabels
 from startracker_ros.io.export.files import export_bag
 from startracker_ros.io.export.segments import lock_segments
@@ -205,7 +205,7 @@ def test_labels_that_would_break_the_message_are_refused(label: str) -> None:
 
 
 def call(*arguments: str) -> Result:
-    return CliRunner().invoke(main, ['export', *arguments])
+    return invoke('export', *arguments)
 
 
 def test_the_command(run: Path, tmp_path: Path) -> None:

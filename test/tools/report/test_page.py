@@ -10,11 +10,11 @@ import re
 import shutil
 
 from browser import Page
-from click.testing import CliRunner, Result
+from click.testing import Result
+from commands import invoke
 import numpy as np
 import pytest
 from run_bag import write_run
-from startracker_ros.__main__ import main
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.io.recordings.recording import Recording
 from startracker_ros.tools.report.page import json_block, write_report
@@ -325,7 +325,7 @@ def test_damaged_messages_are_counted_and_the_rest_is_shown(page: Page, tmp_path
 
 def test_the_command(run: Path, tmp_path: Path) -> None:
     def call(*arguments: str) -> Result:
-        return CliRunner().invoke(main, ['report', *arguments])
+        return invoke('report', *arguments)
     done = call(str(run), '-o', str(tmp_path / 'report.html'), '--json')
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)['rows']

@@ -12,11 +12,10 @@ import resource
 import shutil
 import struct
 
-from click.testing import CliRunner
+from commands import invoke
 import numpy as np
 from pictures import assert_legible
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.errors import BagError
@@ -142,11 +141,11 @@ def test_each_bad_bag_is_a_row_and_the_good_one_is_done(bad_bags, flight, reproc
 def test_what_is_not_processed_is_named_and_status_1(bad_bags, flight, reprocess, tmp_path):
     bags = [str(bad_bags / name) for name in ('two_cameras', 'text.mcap')]
     options = ['--no-bags', '--segment-s', '120', '--workers', '1', '-o', str(tmp_path / 'run')]
-    done = CliRunner().invoke(main, ['reprocess', *bags, str(flight), *options])
+    done = invoke('reprocess', *bags, str(flight), *options)
     assert done.exit_code == 1
     assert re.search(r'run: not processed: text, two_cameras/star_tracker/\d+; see errors.json\n$',
                      done.stderr)
-    whole = CliRunner().invoke(main, ['reprocess', str(flight), *options])
+    whole = invoke('reprocess', str(flight), *options)
     assert whole.exit_code == 0 and whole.stderr == ''
 
 
