@@ -14,7 +14,6 @@ import sys
 from threading import Event, Thread
 import time
 
-from limits import HANGS_S
 import rclpy
 from rosgraph_msgs.msg import Clock
 from startracker_ros.io.bags.reader import read_messages, read_topics
@@ -59,7 +58,7 @@ def main(bag: Path, rate: float, early: int) -> None:
     for publisher in publishers.values():
         publisher.wait_for_all_acked()
     ended.set()
-    clock_thread.join(HANGS_S)
+    clock_thread.join(DISCOVERY_S)
 
 
 if __name__ == '__main__':

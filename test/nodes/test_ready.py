@@ -38,10 +38,11 @@ def play(bag, rate, early):
     return subprocess.Popen([sys.executable, str(PLAYER), str(bag), str(rate), str(early)])
 
 
-def wait_while_it_increases(probe, count, done):
+def wait_while_it_increases(probe, count, done, player):
     """Wait until done() is true or count() has not increased for a long time."""
     progress = Progress(HANGS_S)
     while not done() and not progress.is_stalled(count()):
+        assert not player.poll(), 'the player has failed'
         probe.spin_for(0.1)
 
 
@@ -90,7 +91,7 @@ def test_every_frame_played_into_active_nodes_is_answered(
         player = processes.enter_context(play(bag, rate, early))
         processes.callback(player.kill)
         wait_while_it_increases(
-            probe, lambda: len(answers), lambda: len(answers) >= len(frames_ns))
+            probe, lambda: len(answers), lambda: len(answers) >= len(frames_ns), player)
         assert {ns_from_stamp(message.header.stamp) for message in answers} == frames_ns
         # The counters of the last frame.
         probe.forget()
