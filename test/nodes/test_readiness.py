@@ -30,4 +30,4 @@ def test_readiness(nodes, probe):
         1_790_000_000_000_000_000, 'camera'))
     probe.wait(lambda: condition(camera) == 'waiting for connections', 'the camera')
     readiness.connected()
-    probe.wait(lambda: condition() == '', 'the next diagnostics')
+    probe.wait(lambda: condition() == '', 'the answer to a request sent since then')

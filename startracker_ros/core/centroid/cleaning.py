@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from startracker_ros.core.centroid.background import Mesh, over_image, pixel_noise
+from startracker_ros.core.centroid.background import Mesh, over_image, pixel_noise, readable
 from startracker_ros.core.centroid.detection import Peaks
 from startracker_ros.core.centroid.frame import Frame
 from startracker_ros.core.centroid.hits import is_hit, is_storm, without_hits
@@ -59,7 +59,7 @@ def cleaned(image: np.ndarray, mesh: Mesh, contamination: Contamination, sigma_p
     if contamination.hits:
         image, hit = without_hits(image, mesh, noise_dn, sigma_px)
         hits = np.argwhere(hit)[:, ::-1]
-    return image, hits
+    return readable(image), hits
 
 
 def _without_large(image: np.ndarray, level: np.ndarray, noise_dn: float) -> np.ndarray:
@@ -76,5 +76,4 @@ def _without_large(image: np.ndarray, level: np.ndarray, noise_dn: float) -> np.
         return image
     clean = image.copy()
     clean[mask] = np.rint(level[mask]).clip(0, np.iinfo(image.dtype).max)
-    clean.flags.writeable = False
-    return clean
+    return readable(clean)

@@ -243,10 +243,10 @@ class CentroidExtractor:
         `before` of the next image.
         """
         check_image(image)
-        image = readable(image)
-        clean = (image if before.contamination == CLEAN else
-                 cleaned(image, before.frame.mesh, before.contamination, before.sigma_px)[0])
-        frame, rejections = replace(before.frame, image=readable(clean)), Rejections()
+        clean = readable(image)
+        if before.contamination != CLEAN:
+            clean, _ = cleaned(clean, before.frame.mesh, before.contamination, before.sigma_px)
+        frame, rejections = replace(before.frame, image=clean), Rejections()
         sigma_px = before.sigma_px
         if streak is None or streak.longest_px() < SHORTEST_PX:
             peaks, found = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
@@ -324,7 +324,7 @@ class CentroidExtractor:
         sigma_px = FILTER_SIGMA_PX if before is None else before.sigma_px
         image, hits = cleaned(frame.image, frame.mesh, contamination, sigma_px)
         rejections.add('hot_pixel', hits)
-        return prepare(readable(image), frame.kernel.sigma_px, self._threshold, frame.bits,
+        return prepare(image, frame.kernel.sigma_px, self._threshold, frame.bits,
                        pixel_noise(image) if contamination.hits else 0.0), contamination
 
     def _match_filter(self, frame: Frame, known: KnownSigma, narrow: bool

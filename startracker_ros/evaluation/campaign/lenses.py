@@ -76,8 +76,8 @@ def draw_lens_field(rng: np.random.Generator) -> LensField:
         onboard_catalog(catalog, camera, EPOCH_YEAR, float(limit)), camera, q,
         rng.uniform(*NOISE_PX), rng, missing=MISSING, false=FALSE,
         brightest_false=float(limit) - 3)
-    given = Camera.from_fov(WIDTH, HEIGHT,
-                           np.degrees(camera.seen_x_rad) * (1 + rng.uniform(-1, 1) * FOV_ERROR))
+    given = Camera.from_fov(
+        WIDTH, HEIGHT, np.degrees(camera.seen_x_rad) * (1 + rng.uniform(-1, 1) * FOV_ERROR))
     middle = camera.unproject(np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]))
     return LensField(camera, given, centroids, rotate(q, middle))
 

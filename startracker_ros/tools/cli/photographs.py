@@ -87,8 +87,8 @@ def _observer_options(epoch_default: str) -> Callable[[_Command], _Command]:
 
 
 def _observer_site(site: tuple[float, float, float] | None,
-                velocity_km_s: tuple[float, float, float] | None, pressure_hpa: float | None,
-                temperature_c: float) -> 'ObserverSite':
+                   velocity_km_s: tuple[float, float, float] | None, pressure_hpa: float | None,
+                   temperature_c: float) -> 'ObserverSite':
     """Return where the camera was; UsageError for options that do not go together."""
     import numpy as np
     from startracker_ros.core.astro.ground_site import Site

@@ -47,14 +47,12 @@ class _Node:
         self.active_s = max([self.active_s, *(
             sent_s for sent_s, future in self._requests
             if future.done() and future.result().current_state.id == State.PRIMARY_STATE_ACTIVE)])
-        sent_s = self._requests[-1][0] if self._requests else 0.0
-        is_connected = since_s <= time.monotonic()
-        if self.active_s > (since_s if is_connected else 0.0):
-            return
-        due_s = 0.0 if is_connected and sent_s <= since_s else sent_s + _REPEAT_REQUEST_S
-        if time.monotonic() > due_s and self._client.service_is_ready():
+        now_s, sent_s = time.monotonic(), self._requests[-1][0] if self._requests else 0.0
+        wanted_s = since_s if since_s <= now_s else 0.0
+        is_due = sent_s <= wanted_s or now_s > sent_s + _REPEAT_REQUEST_S
+        if self.active_s <= wanted_s and is_due and self._client.service_is_ready():
             self._requests = [*self._requests[-5:], (
-                time.monotonic(), self._client.call_async(GetState.Request()))]
+                now_s, self._client.call_async(GetState.Request()))]
 
     def text(self, since_s: float) -> str:
         """Return why the node is not ready, empty if it is; it was asked since then."""
