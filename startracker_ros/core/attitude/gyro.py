@@ -48,12 +48,14 @@ class GyroStep(NamedTuple):
     """
     A measured rate (3,) rad/s that holds for dt_s until a time.
 
+    noise_density rad^2/s is that of its white noise, larger where a short mean is used for long;
     variance rad^2 is that of the turn about each axis, of a rate measured at another time.
     """
 
     until_ns: int
     dt_s: float
     rate_rad_s: np.ndarray
+    noise_density: float
     variance: float
 
 
@@ -113,7 +115,7 @@ class Gyro:
         """Return the state at a later time, propagated by the measured rates alone."""
         for step in self.steps(state.stamp_ns, to_ns):
             state = state.propagated_at_gyro_rate(
-                step.until_ns, step.rate_rad_s, self.noise_density, step.variance,
+                step.until_ns, step.rate_rad_s, step.noise_density, step.variance,
                 self.drift_density)
         return state
 
@@ -121,15 +123,26 @@ class Gyro:
         """Yield the measured rates that propagate an attitude from one time to another."""
         index = bisect_right(self._stamps_ns, from_ns)
         while from_ns < to_ns:
-            last = index >= len(self._rates)
-            measured_ns = self._stamps_ns[-1 if last else index]
-            until_ns = to_ns if last else min(measured_ns, to_ns)
+            used = min(index, len(self._rates) - 1)
+            measured_ns = self._stamps_ns[used]
+            until_ns = to_ns if used < index else min(measured_ns, to_ns)
             dt_s = (until_ns - from_ns) * 1e-9
             away_s = max(abs(measured_ns - from_ns), abs(measured_ns - until_ns)) * 1e-9
-            yield GyroStep(until_ns, dt_s, self._rates[-1 if last else index],
+            yield GyroStep(until_ns, dt_s, self._rates[used],
+                           self.noise_density * max(1.0, dt_s / self._mean_s(used)),
                            (self._rate_change_rad_s2 * away_s * dt_s) ** 2)
             from_ns = until_ns
             index += 1
+
+    def _mean_s(self, index: int) -> float:
+        """Return the time that a rate is the mean of, infinity where nothing shows it."""
+        stamps_ns = self._stamps_ns
+        before = bisect_left(stamps_ns, stamps_ns[index]) - 1
+        if before >= 0:
+            return (stamps_ns[index] - stamps_ns[before]) * 1e-9
+        after = bisect_right(stamps_ns, stamps_ns[index])
+        return ((stamps_ns[after] - stamps_ns[index]) * 1e-9 if after < len(stamps_ns)
+                else math.inf)
 
     def filtered(self, state: AttitudeState, to_ns: int, acceleration_density: np.ndarray
                  ) -> AttitudeState:
@@ -155,9 +168,11 @@ class Gyro:
 
     def mean_rate(self, from_ns: int, to_ns: int) -> tuple[np.ndarray, float]:
         """Return the mean rate (3,) rad/s between two times and its variance without drift."""
-        first = bisect_right(self._stamps_ns, from_ns)
         # The interval of the first measurement at or after the end contains the end.
         last = min(bisect_left(self._stamps_ns, to_ns) + 1, len(self._rates))
+        first = min(bisect_right(self._stamps_ns, from_ns), last - 1)
         dt_s = (to_ns - from_ns) * 1e-9
-        variance = self.noise_density / dt_s + (self._rate_change_rad_s2 * dt_s) ** 2
-        return np.mean(self._rates[min(first, last - 1):last], axis=0), variance
+        measured_s = sum(self._mean_s(index) for index in range(first, last))
+        variance = (self.noise_density / min(dt_s, measured_s)
+                    + (self._rate_change_rad_s2 * dt_s) ** 2)
+        return np.mean(self._rates[first:last], axis=0), variance

@@ -90,8 +90,8 @@ class BodyMotion:
         if not self.gyro_runs(to_ns):
             return self.at_constant_rate(state, to_ns, factor)
         gyro = self._gyro
-        return state.at_gyro_rate(gyro.steps(state.stamp_ns, to_ns), gyro.noise_density,
-                                  gyro.drift_density, self._walk)
+        return state.at_gyro_rate(
+            gyro.steps(state.stamp_ns, to_ns), gyro.drift_density, self._walk)
 
     def at_constant_rate(self, state: FusedState, to_ns: int, factor: float) -> FusedState:
         """Return the same without the gyro."""

@@ -88,13 +88,12 @@ class FusedState(NamedTuple):
             covariance=filter_steps.propagated(
                 self.covariance, turn, (dt_s, 0.0, 1.0, 0.0), noise, walk * dt_s))
 
-    def at_gyro_rate(self, steps: Iterable[GyroStep], noise_density: float,
-                     drift_density: float, walk: np.ndarray) -> 'FusedState':
+    def at_gyro_rate(self, steps: Iterable[GyroStep], drift_density: float, walk: np.ndarray
+                     ) -> 'FusedState':
         """
         Return the state after the steps of a gyro; the rate is the last one minus the drift.
 
-        noise_density rad^2/s is that of the white noise of the gyro, drift_density rad^2/s^3 and
-        walk (M,) rad^2/s as above.
+        drift_density rad^2/s^3 and walk (M,) rad^2/s as above.
         """
         state, turn, variance, elapsed_s = self, np.zeros(3), 0.0, 0.0
         quaternion = self.quaternion
@@ -102,24 +101,24 @@ class FusedState(NamedTuple):
         for step in steps:
             angle = (step.rate_rad_s - self.drift) * step.dt_s
             quaternion = turned(quaternion, angle)
-            turn, variance, elapsed_s = turn + angle, variance + step.variance, (
-                elapsed_s + step.dt_s)
+            turn, elapsed_s = turn + angle, elapsed_s + step.dt_s
+            variance += step.noise_density * step.dt_s + step.variance
             if elapsed_s > _MAX_STEP_S or turn @ turn > _MAX_TURN_RAD ** 2:
-                state = state._after_gyro(step, quaternion, turn, elapsed_s, variance,
-                                          noise_density, drift_density, walk)
+                state = state._after_gyro(
+                    step, quaternion, turn, elapsed_s, variance, drift_density, walk)
                 turn, variance, elapsed_s = np.zeros(3), 0.0, 0.0
         if step is not None and elapsed_s:
-            state = state._after_gyro(step, quaternion, turn, elapsed_s, variance,
-                                      noise_density, drift_density, walk)
+            state = state._after_gyro(
+                step, quaternion, turn, elapsed_s, variance, drift_density, walk)
         return state
 
     def _after_gyro(self, step: GyroStep, quaternion: np.ndarray, turn: np.ndarray, dt_s: float,
-                    variance: float, noise_density: float, drift_density: float,
-                    walk: np.ndarray) -> 'FusedState':
+                    variance: float, drift_density: float, walk: np.ndarray) -> 'FusedState':
         """Return the state propagated over dt_s, with attitude error' = -drift error - noise."""
         # The noise of the last rate is a part of that of the turn.
-        noise = (noise_density * dt_s + drift_density * dt_s ** 3 / 3 + variance, noise_density,
-                 noise_density / step.dt_s, -drift_density * dt_s ** 2 / 2, drift_density * dt_s)
+        noise = (variance + drift_density * dt_s ** 3 / 3, step.noise_density,
+                 step.noise_density / step.dt_s, -drift_density * dt_s ** 2 / 2,
+                 drift_density * dt_s)
         return self._replace(
             stamp_ns=step.until_ns, quaternion=quaternion, rate=step.rate_rad_s - self.drift,
             covariance=filter_steps.propagated(

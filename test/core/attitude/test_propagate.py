@@ -6,7 +6,8 @@
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from startracker_ros.core.attitude.gyro import GyroErrorOptions
+from startracker_ros.core.attitude.attitude_state import AttitudeState
+from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
 from startracker_ros.core.attitude.propagate import AttitudePropagator
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
@@ -113,6 +114,33 @@ def test_the_errors_are_as_large_as_it_says(corrected):
     # The drift alone makes 400 arcsec of 20 s, the noise 27; frames remove most of it.
     rms = np.sqrt(np.mean(np.square(drift_left))) / ARCSEC
     assert rms < 20 if corrected else rms > 300
+
+
+@pytest.mark.parametrize('late_s', [0.0, 0.2])
+def test_rates_that_end_before_a_frame_have_the_noise_of_the_last_one(late_s):
+    """Means over 10 ms, of which the last one stands for all that are late."""
+    rng = np.random.default_rng(4)
+    step_ns, frame_ns = S // 100, S
+    stamps_ns = np.arange(step_ns, frame_ns - round(late_s * S) + 1, step_ns)
+    options = GyroErrorOptions(gyro_drift_deg_h=0.001, gyro_noise_deg_sqrt_h=0.15,
+                               gyro_rate_change_deg_s2=0.0)
+    sigma = np.radians(0.15 / 60) / np.sqrt(1e-9 * step_ns)
+    truth = multiply(START, quaternion_from_rotation_vector(RATE))
+    normalised, means = [], []
+    for _ in range(200):
+        gyro = Gyro(options)
+        state = AttitudeState(0, START, np.zeros(3), np.zeros(3),
+                              np.eye(9) * (1e-3 * ARCSEC) ** 2)
+        for stamp_ns in stamps_ns.tolist():
+            gyro.add(stamp_ns, RATE + rng.normal(0, sigma, 3))
+        state = gyro.propagate(state, frame_ns)
+        error = np.hstack([attitude_error(state.quaternion, truth), state.rate - RATE])
+        normalised.append(error @ np.linalg.solve(state.covariance[:6, :6], error))
+        mean, variance = gyro.mean_rate(frame_ns - S // 5 - S // 20, frame_ns)
+        means.append((mean - RATE) @ (mean - RATE) / variance)
+    for values, axes in ((normalised, 6), (means, 3)):
+        low, high = chi2.ppf([0.001, 0.999], axes * 200) / 200
+        assert low < np.mean(values) < high
 
 
 def blurred(q, rng):
