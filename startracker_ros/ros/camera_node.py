@@ -26,6 +26,9 @@ EARLY = 'camera_info before ready'
 """Counts camera_info of the time in which the code is loaded."""
 
 _DROPPED = 'dropped without camera_info'
+_LINK_PERIOD_S = 0.02
+LINK_LIMIT_S = 10.0
+"""Time to find the stage before: on a busy machine discovery takes seconds, or it does not run."""
 
 
 class CameraNode(PipelineNode):
@@ -112,7 +115,25 @@ class CameraNode(PipelineNode):
             self.use(None if build is None else build())
 
     def on_warm(self) -> None:
-        """Subscribe to the source."""
+        """Subscribe to the source, once the publisher of the frames is matched."""
+        self._warm_s = time.monotonic()
+        self._link_timer = self.create_steady_timer(_LINK_PERIOD_S, self._link)
+        self._link()
+
+    def _link(self) -> None:
+        """
+        Subscribe to camera_info if the frames can come, or have no publisher for LINK_LIMIT_S.
+
+        A source that waits for its users would else begin while one stage has not found the other.
+        """
+        if (not self.has_publisher(self.frame_topic)
+                and time.monotonic() - self._warm_s < LINK_LIMIT_S):
+            self.diagnostics.report(
+                WARN, f'waiting for a publisher of {self.frame_topic}', expected=True)
+            return
+        self._link_timer.cancel()
+        if self.camera is None:
+            self.diagnostics.report(WARN, 'waiting for camera_info', expected=True)
         self.subscribe_camera_info()
 
     def subscribe_camera_info(self) -> None:

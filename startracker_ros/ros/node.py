@@ -22,6 +22,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from startracker_ros.core.camera.model import CameraError
 from startracker_ros.core.options import Options
@@ -87,6 +88,7 @@ class PipelineNode(ManagedNode):
         self.diagnostics = Diagnostics(self, self.task, self.hardware_id)
         self._incompatible_publishers = IncompatiblePublishers(self, self.diagnostics)
         self._take_first: list[Callable[[], None]] = []
+        self._subscribed: dict[str, Subscription] = {}
 
     def begin(self) -> None:
         """Configure and activate unless a manager does, and accept changes of parameters."""
@@ -189,6 +191,7 @@ class PipelineNode(ManagedNode):
                     message_type, topic, guarded, copy(profile), raw=decode is not None,
                     qos_overriding_options=qos.overridable(),
                     event_callbacks=self._incompatible_publishers.callbacks(topic))
+            self._subscribed[topic] = subscription
             if first:
                 self._take_first.append(partial(take_all, subscription, guarded))
         if self.composition is None:
@@ -196,6 +199,10 @@ class PipelineNode(ManagedNode):
         else:
             self.composition.subscribe(
                 self.resolve_topic_name(topic), guarded, subscribe_dds, last)
+
+    def has_publisher(self, topic: str) -> bool:
+        """Return whether a publisher of a subscribed topic is matched, or is in this process."""
+        return topic not in self._subscribed or self._subscribed[topic].get_publisher_count() > 0
 
     def guard(self, topic: str, work: Callable[[], None]) -> None:
         """Do work with a message; one that it rejects is reported and counted."""

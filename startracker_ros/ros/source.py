@@ -18,12 +18,17 @@ from startracker_ros.core.options import option, Options
 from startracker_ros.io.bags.layouts import camera_from_message, ns_from_stamp
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.ros import qos
+from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.image_topic import ImageOutput
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.node import PipelineNode, StartError
 from std_msgs.msg import Header
+
+
+ANSWER_LIMIT_S = 30.0
+"""What has not been answered for so long is lost: the next image goes out."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +40,13 @@ class SourceOptions(Options):
     wait_for_subscribers: int = option(
         0, 'subscribers of the images to wait for before the first image', low=0, high=100)
     wait_for_camera_users: int = option(
-        0, 'subscribers of camera_info to wait for before the first image: every stage of the '
-        'pipeline is one once it has loaded its code; the extractor subscribes to image_raw then, '
-        'so that wait_for_subscribers, too, keeps first images from being lost', low=0, high=100)
+        0, 'subscribers of camera_info to wait for before the first image, and one of the images: '
+        'every stage of the pipeline is one once it has loaded its code and found the stage before '
+        'it, so that no first image is lost', low=0, high=100)
     frames_ahead: int = option(
-        0, 'images that may be ahead of the messages of answer_topics: the next one waits, so '
-        'that a busy machine loses no frame and is slower than frame_rate_hz; 0 for no limit',
-        low=0, high=1000)
+        0, 'images that may be ahead of the messages of answer_topics: the next one waits, for 30 s '
+        'at most, so that a busy machine loses no frame and is slower than frame_rate_hz; 0 for no '
+        'limit', low=0, high=1000)
     answer_topics: tuple[str, ...] = option(
         ('attitude_imu',), 'topics (sensor_msgs/Imu) with a message for each image, for '
         'frames_ahead', read_only=True)
@@ -171,7 +176,7 @@ class SourceNode(ImageSourceNode):
         self._waiting_camera, self._publish = camera, publish
         self._next_index = 0
         self._begin_ns = self._inactive_ns = None
-        self._waited_ns, self._waits = 0, False
+        self._waited_ns, self._published_ns, self._waits = 0, 0, False
         self._follow_answers()
         self._timer = self.create_timer(
             1 / self.options(SourceOptions).frame_rate_hz, self._tick)
@@ -196,7 +201,9 @@ class SourceNode(ImageSourceNode):
     def has_users(self, camera: Camera, stamp_ns: int) -> bool:
         """Return whether enough subscribers are there; until then publish the camera for them."""
         options = self.options(SourceOptions)
-        enough = (self._image.subscriptions >= options.wait_for_subscribers
+        # Who waits for users of the camera has one of its images among them.
+        images = max(options.wait_for_subscribers, min(options.wait_for_camera_users, 1))
+        enough = (self._image.subscriptions >= images
                   and self._camera_info.get_subscription_count() >= options.wait_for_camera_users)
         if not enough:
             self._publish_camera_info(camera, self.sensor_header(stamp_ns))
@@ -239,12 +246,17 @@ class SourceNode(ImageSourceNode):
         """Publish the next image, elapsed_ns after the first one at begin_ns, if none waits."""
         if self._is_ahead(begin_ns):
             self._waits = True
-            return
+            if elapsed_ns - self._published_ns < ANSWER_LIMIT_S * 1e9:
+                return
+            self.diagnostics.counts['images without an answer'] += 1
+            self.diagnostics.report(WARN, f'no answer to the last image for {ANSWER_LIMIT_S:g} s: '
+                                    'the next one goes out')
         if self._waits:
             # The schedule goes on from here.
             self._waits = False
             self._waited_ns = max(self._waited_ns, elapsed_ns - self._due_ns(self._next_index))
         since_ns = elapsed_ns - self._waited_ns
+        self._published_ns = elapsed_ns
         self._publish_next(begin_ns, since_ns)
         # Make up for a missed tick, so that later images are not late, too.
         if since_ns >= self._due_ns(self._next_index) and not self._is_ahead(begin_ns):

@@ -55,8 +55,8 @@ def test_a_lossy_image_topic_is_named_with_its_remedy(nodes, probe, reliability,
 
 def test_cloud_without_a_field_is_refused_by_name(nodes, probe):
     nodes.start('star_identifier')
-    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
     centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
     probe.publish_until_received(info, camera_to_message(CAMERA, header(0)))
     indices = count(1)
     not_finite = np.zeros(3, CENTROID_DTYPE)
@@ -74,8 +74,8 @@ def test_too_few_stars_give_no_attitude(nodes, probe):
         nodes.start(node)
     for topic in ('stars', 'tracks', 'attitude'):
         probe.collect(PointCloud2 if topic != 'attitude' else QuaternionStamped, topic)
-    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST, subscribers=3)
     centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST, subscribers=2)
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST, subscribers=3)
     probe.wait(lambda: probe.count_publishers('attitude') and probe.count_publishers('stars')
                and probe.count_publishers('tracks'), 'all nodes')
     probe.publish_until_received(info, camera_to_message(CAMERA, header(0)), nodes=3)

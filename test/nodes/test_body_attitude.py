@@ -31,8 +31,8 @@ def test_the_body_has_the_attitude_of_the_sensor_turned_by_the_mount(nodes, prob
         'mount_quaternion': MOUNT})
     for topic in ('attitude', 'attitude_body'):
         probe.collect(QuaternionStamped, topic, qos.LIST)
-    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
     stars = probe.advertise(PointCloud2, 'stars', qos.LIST)
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
     probe.publish_until_received(info, camera_to_message(CAMERA, make_header(STAMP_NS, FRAME)))
     for topic in ('attitude', 'attitude_body'):
         probe.wait(lambda topic=topic: probe.count_publishers(topic), f'the publisher of {topic}')

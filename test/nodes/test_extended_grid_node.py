@@ -110,9 +110,9 @@ class Sky:
         self.probe = probe
         self.index = 0
         probe.collect(PointCloud2, 'stars', qos.LIST)
+        self.centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
         self.info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
         probe.publish_until_received(self.info, camera_to_message(CAMERA, self.header()))
-        self.centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
         self.imu = probe.advertise(Imu, 'imu', qos.LIST)
         probe.wait(lambda: probe.count_publishers('stars'), 'stars offered')
         onboard = onboard_stars(CAMERA, EPOCH_YEAR, 7.5)

@@ -97,11 +97,11 @@ def by_the_nodes(sent, nodes, probe):
         nodes.start(node, {'aberration': 'none'}, ['--params-file', str(FILE)])
     probe.collect(Imu, 'attitude_imu', qos.LIST)
     probe.collect(DiagnosticStatus, 'tracker_state', STATES)
+    centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
     info = probe.advertise(CameraInfo, 'camera_info', qos.LIST, subscribers=2)
     probe.publish_until_received(
         info, camera_to_message(CAMERA, make_header(START_NS, FRAME)), nodes=2)
     imu = probe.advertise(Imu, 'imu', qos.IMU)
-    centroids = probe.advertise(PointCloud2, 'centroids', qos.LIST)
     stars = probe.advertise(PointCloud2, 'stars', qos.LIST)
     probe.wait(lambda: all(probe.count_publishers(topic) and probe.count_subscribers(topic)
                            for topic in ('tracks', 'tracked_attitude')), 'both nodes')

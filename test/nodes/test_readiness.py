@@ -3,7 +3,7 @@
 
 """A node is ready once it is active, set up for the camera, and connected."""
 
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, PointCloud2
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.camera_info import camera_to_message
@@ -25,7 +25,10 @@ def test_readiness(nodes, probe):
         readiness.update()
         return readiness.conditions()['/head/star_tracker']
     assert condition() == 'starting'
-    probe.wait(lambda: condition() == 'waiting for camera_info', 'the code')
+    probe.wait(lambda: condition() == 'waiting for a publisher of centroids', 'the code')
+    assert publisher.get_subscription_count() == 0, 'no user before its frames can come'
+    probe.create_publisher(PointCloud2, '/head/centroids', qos.LIST)
+    probe.wait(lambda: condition() == 'waiting for camera_info', 'the link')
     camera = camera_to_message(Camera.from_fov(256, 256, 12.0), make_header(
         1_790_000_000_000_000_000, 'camera'))
     probe.wait(lambda: condition(camera) == 'waiting for connections', 'the camera')

@@ -17,6 +17,7 @@ from startracker_ros.io.bags.layouts import camera_from_message, image_from_mess
 from startracker_ros.ros import qos
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.header import stamp_from_ns
+from startracker_ros.ros.source import ANSWER_LIMIT_S
 from std_msgs.msg import Header
 
 
@@ -53,6 +54,7 @@ def test_a_source_makes_up_for_the_time_that_it_stood_still(nodes, probe):
 
 def test_images_wait_for_the_attitudes_of_a_slow_pipeline(nodes, probe):
     probe.collect(CameraInfo, 'camera_info', qos.LIST)
+    probe.collect(Image, 'image_raw', qos.IMAGE)
     answers = probe.create_publisher(Imu, 'attitude_imu', qos.LIST)
     nodes.start('sky_simulator', {
         'width': 64, 'height': 64, 'frame_rate_hz': 10.0, 'frames_ahead': 3,
@@ -76,6 +78,9 @@ def test_images_wait_for_the_attitudes_of_a_slow_pipeline(nodes, probe):
     images = images_without_more(6)
     steps_ns = np.diff(images)
     assert np.abs(steps_ns - 100_000_000).max() <= 1, 'the stamps keep the rate'
+    # What was lost on its way is not waited for without end.
+    probe.wait_diagnostic(f'no answer to the last image for {ANSWER_LIMIT_S:g} s')
+    assert frames() > 6
 
 
 def test_looped_files_are_read_again_when_they_change(nodes, probe, tmp_path):

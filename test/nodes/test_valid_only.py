@@ -28,8 +28,8 @@ def test_frames_without_an_attitude_are_held_back_on_request(nodes, probe, valid
     nodes.start('attitude_estimator', {
         'source': 'stars', 'aberration': 'none', 'attitude_imu_valid_only': valid_only})
     probe.collect(Imu, 'attitude_imu', qos.LIST)
-    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
     stars = probe.advertise(PointCloud2, 'stars', qos.LIST)
+    info = probe.advertise(CameraInfo, 'camera_info', qos.LIST)
     probe.publish_until_received(info, camera_to_message(CAMERA, make_header(START_NS, FRAME)))
     probe.wait(lambda: probe.count_publishers('attitude_imu'), 'the publisher')
     centroids, hip = synthetic_field(
