@@ -5,7 +5,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +27,7 @@ from startracker_ros.core.stages.bodies import Bodies, BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.stages.solution import MIN_STARS, Solution
 
+_SEARCHES = 2  # of the nominal camera, and of any field
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
@@ -43,51 +44,67 @@ class _Search(NamedTuple):
 
 
 class PhotographSolver:
-    """Solves photographs at one epoch; the lens is fitted to each."""
+    """
+    Solves photographs at one epoch; the lens is fitted to each.
 
-    def __init__(self, camera: Camera | None, epoch_year: float,
-                 options: IdentificationOptions = IdentificationOptions()) -> None:
-        """Solve images of a nominal camera, or of any field of view without one."""
-        self._search: Callable[[tuple[int, int], float], _Search]
-        if camera is None:
-            self._search = partial(_any_field, BlindIdentifier(epoch_year, options))
-        else:
-            known = _known_field(camera, epoch_year, options)
-            self._search = lambda shape, likely_deg: known
+    A nominal camera is believed first, then any field of view is searched: both together are as
+    strict as one identification.
+    """
 
-    def solve(self, image: np.ndarray, observer: Observer = AT_REST,
-              likely_deg: float = LIKELY_DEG, bodies: Bodies = Bodies()) -> Solution:
+    def __init__(self, epoch_year: float, options: IdentificationOptions = IdentificationOptions()
+                 ) -> None:
+        """Databases are built, or loaded, when they are first searched."""
+        self._blind = BlindIdentifier(epoch_year, replace(
+            options, false_alarm_max=options.false_alarm_max / _SEARCHES))
+        # Not of a method of this object: the cycle would keep the databases.
+        self._known = lru_cache(maxsize=4)(partial(_known_field, epoch_year, replace(
+            options, false_alarm_max=options.false_alarm_max / _SEARCHES)))
+
+    def solve(self, image: np.ndarray, nominal: Camera | None = None,
+              observer: Observer = AT_REST, bodies: Bodies = Bodies()) -> Solution:
         """
         Return the attitude and the lens of image (H, W) uint8 or uint16, or why not.
 
-        observer is how the camera moved; likely_deg is the field of view of the long side that is
-        searched first where the camera is unknown; bodies are no stars.
+        nominal is the camera as far as it is known; observer is how the camera moved; bodies are
+        no stars.
         """
         height, width = image.shape
-        detections, search = Detections(image), self._search((height, width), likely_deg)
+        likely_deg = LIKELY_DEG if nominal is None else float(np.degrees(max(
+            nominal.fov_x_rad, nominal.fov_y_rad)))
+        searches = [_any_field(self._blind, (height, width), likely_deg)]
+        if nominal is not None:
+            searches.insert(0, self._known(nominal))
+        detections, first = Detections(image), searches[0]
         extraction = detections.extraction
         if len(extraction.centroids) < MIN_STARS:
             most = max(detections, key=len, default=Centroids.empty())
             if len(most) < MIN_STARS:
-                return Solution.none(search.camera, most, extraction.status, extraction.reason)
-        if search.coarse:
-            return Solution.none(search.camera, extraction.centroids, 'too_small', search.coarse)
-        solved, rejected = _first_lens(search.identify(detections), search.fov_error)
-        if solved is not None:
+                return Solution.none(first.camera, most, extraction.status, extraction.reason)
+        if first.coarse:
+            return Solution.none(first.camera, extraction.centroids, 'too_small', first.coarse)
+        rejected = ''
+        for search in searches:
+            solved, why_not = _first_lens(search.identify(detections), search.fov_error)
+            rejected = rejected or why_not
+            if solved is None:
+                mirrored = _mirrored(detections, search, width)
+                if mirrored:
+                    return Solution.none(
+                        first.camera, max(detections, key=len), 'mirrored', mirrored)
+                continue
             attempt, lens, seen = _without_bodies(*solved, bodies, search.fov_error)
             if not lens.rejected:
-                found = _identification(attempt, lens, search.attempts, observer)
+                found = _identification(attempt, lens, search.attempts * _SEARCHES, observer)
                 return Solution(attempt.centroids, found, lens.camera, lens.sigma_px,
-                                SkyMapping(lens.camera, lens.axis_quaternion), seen)
+                                SkyMapping(lens.camera, lens.axis_quaternion), seen,
+                                None if search is first else nominal)
             rejected = lens.rejected
-        status, reason = 'no_candidate', _mirrored(detections, search, width)
-        if reason:
-            status = 'mirrored'
         most = max(detections, key=len)
-        unexplained = (f'{len(most)} spots, no lens of {search.fields} explains them as stars: '
-                       'another --fov-deg, or no night sky')
-        return Solution.none(search.camera, most, status,
-                             reason or rejected or extraction.reason or unexplained)
+        unexplained = (f'{len(most)} spots, no lens of '
+                       f'{" and none of ".join(search.fields for search in searches)} explains '
+                       'them as stars: another --fov-deg, or no night sky')
+        return Solution.none(first.camera, most, 'no_candidate',
+                             rejected or extraction.reason or unexplained)
 
 
 def _mirrored(detections: Detections, search: _Search, width: int) -> str:
@@ -113,7 +130,7 @@ def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], likely_deg: 
         blind.FOV_ERROR, blind.ATTEMPTS, '1 to 120 deg')
 
 
-def _known_field(camera: Camera, epoch_year: float, options: IdentificationOptions) -> _Search:
+def _known_field(epoch_year: float, options: IdentificationOptions, camera: Camera) -> _Search:
     """Return the search of all images of a nominal camera."""
     pixel_deg = float(np.degrees(camera.pixel_rad))
     coarse = (f'a pixel is {pixel_deg:.2g} deg wide: more than {COARSEST_PIXEL_DEG} resolves no '

@@ -24,6 +24,7 @@ class Solution:
     camera has the fitted lens where identified, lens_px its error per axis; sky is None unless
     identified, and bodies, which are no centroids of it, are known only then. For an uncalibrated
     camera +z of the attitude is the middle of the image, else the optical axis of the camera.
+    dropped is the nominal camera where the image has another field of view.
     """
 
     centroids: Centroids
@@ -32,6 +33,7 @@ class Solution:
     lens_px: float = float('nan')
     sky: SkyMapping | None = None
     bodies: tuple[BodyInImage, ...] = ()
+    dropped: Camera | None = None
 
     @classmethod
     def none(cls, camera: Camera, centroids: Centroids, status: str, reason: str) -> 'Solution':

@@ -134,10 +134,10 @@ def _whole(images: Sequence[Photograph], cameras: Sequence[Camera]
     """Return what `startracker solve` does with images, and the brightest stars of each."""
     found, bright = [], []
     for image, given in zip(images, cameras):
-        solver = PhotographSolver(given, image.epoch_year, _OPTIONS)
+        solver = PhotographSolver(image.epoch_year, _OPTIONS)
         # Databases are built beforehand.
-        solver.solve(image.image)
-        time_s, solution = cpu_timed(solver.solve, image.image)
+        solver.solve(image.image, given)
+        time_s, solution = cpu_timed(solver.solve, image.image, given)
         found.append((None if solution.quaternion is None else
                       rotate(solution.quaternion, [0.0, 0.0, 1.0]), time_s))
         bright.append(brightest_stars(solution, image.epoch_year))

@@ -54,6 +54,14 @@ class Photograph(NamedTuple):
     bottom_up: bool = False
     mirrored: bool = False
 
+    @property
+    def fov_x_deg(self) -> float | None:
+        """The horizontal field of view, None where unknown."""
+        if self.fov_deg is None:
+            return None
+        half = np.tan(np.radians(self.fov_deg) / 2) * self.image.shape[1] / max(self.image.shape)
+        return float(np.degrees(2 * np.arctan(half)))
+
     def mirror(self) -> 'Photograph':
         """Return the photograph flipped from left to right."""
         return self._replace(image=np.ascontiguousarray(self.image[:, ::-1]),

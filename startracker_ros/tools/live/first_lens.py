@@ -39,8 +39,8 @@ def first_lens(device: Device, fov_deg: float | None,
         if solver is None:
             height, width = image.shape
             camera = None if fov_deg is None else Camera.from_fov(width, height, fov_deg)
-            solver = PhotographSolver(camera, epoch_year_from_stamp(captured.stamp_ns), _OPTIONS)
-        solution = solver.solve(image)
+            solver = PhotographSolver(epoch_year_from_stamp(captured.stamp_ns), _OPTIONS)
+        solution = solver.solve(image, camera)
         found = solution.identification
         solved = solution.sky is not None and found.matched >= _LEAST_MATCHED
         few = f'{found.matched} stars, {_LEAST_MATCHED} are needed for a lens'

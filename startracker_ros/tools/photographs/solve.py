@@ -18,7 +18,6 @@ from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import CentroidExtractor
-from startracker_ros.core.identify.blind import LIKELY_DEG
 from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.identification import IdentificationOptions, Identifier
 from startracker_ros.core.identify.methods import make_identifier
@@ -81,15 +80,15 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     """
     Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
 
-    The lens of the latter is fitted to each image. Without both, EXIF has the field of view or
-    all from 1 to 120 deg are searched. epoch_year None is the time of each image by EXIF, else
+    The lens of the latter is fitted to each image. Without both, EXIF has the field of view; all
+    from 1 to 120 deg are searched where that is unknown or does not fit. epoch_year None is the time of each image by EXIF, else
     today. mirror flips each image from left to right first; the result is that of the flipped
     image. selection is that of the frames of videos and of animated or paged files, each of which
     is a row. CameraError for an impossible camera; an unreadable image is a row of its own.
     """
     blind = fov_deg is None and camera_file is None
     solvers = Solvers(fov_deg, None if blind else calibrated_camera(camera_file, fov_deg), options)
-    rows, whens, observers = [], [], []
+    rows, whens, observers, dropped = [], [], [], list[str]()
     for shot in _progress(shots(paths, output_names(paths), selection), paths):
         if shot.photograph is None:
             rows.append(_unreadable(shot, shot.error))
@@ -105,6 +104,9 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
             continue
         whens.append(when)
         observers.append(observer)
+        if solution.dropped is not None:
+            dropped.append(f'{shot.label}: {np.degrees(solution.dropped.fov_x_rad):.3g} deg '
+                           f'given, {solution.fov_deg:.3g} fits')
         rows.append({**_row(shot, solution, solve_ms), 'epoch': when.year,
                      'epoch_from': when.source})
         outputs.write(shot.output, photograph, solution, when.year)
@@ -113,7 +115,8 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     fit = ({'camera_residual_px': read_wcs_camera(camera_file).residual_px}
            if camera_file is not None and is_wcs(camera_file) else {})
     return Result('solve', rows, {
-        **fit, **({'mirror': True} if mirror else {}), 'epoch': whens[0].year,
+        **fit, **({'mirror': True} if mirror else {}),
+        **({'fov_deg': '; '.join(dropped)} if dropped else {}), 'epoch': whens[0].year,
         'epoch_from': _different(when.source for when in whens),
         'aberration': _different(observer.condition for observer in observers)}, DETAILS)
 
@@ -126,32 +129,32 @@ class Solvers:
     """
     What solves images, by camera and epoch.
 
-    The camera is a calibrated one, or an uncalibrated one of fov_deg, or without both any.
+    The camera is a calibrated one, or an uncalibrated one of fov_deg, or without both that of the
+    file or any.
     """
 
     def __init__(self, fov_deg: float | None, camera: Camera | None,
                  options: IdentificationOptions) -> None:
-        self._blind = fov_deg is None and camera is None
         self._fov_deg = fov_deg
         self._calibrated = camera
         # Images of one camera and one night mostly follow each other. Not of methods of this
         # object: the cycle would keep the databases until garbage is collected.
-        self._photographs = lru_cache(maxsize=4)(partial(_photograph_solver, options))
+        self._photographs = lru_cache(maxsize=2)(partial(_photograph_solver, options))
         self._calibrations = lru_cache(maxsize=4)(partial(_calibrated_solver, options))
 
     def solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
               bodies: Bodies) -> tuple[Solution, float]:
         """Return the solution of an image and its time in ms; ImageError."""
-        image, camera = photograph.image, None
-        if not self._blind:
-            camera = camera_of(path, image, self._calibrated, self._fov_deg)
-        if camera is None or self._calibrated is None:
+        image = photograph.image
+        if self._calibrated is None:
+            fov_deg = self._fov_deg or photograph.fov_x_deg
+            nominal = None if fov_deg is None else camera_of(path, image, None, fov_deg)
             # Identifiers round epochs to years.
-            solver = self._photographs(camera, round(when.year))
+            solver = self._photographs(round(when.year))
             start_s = time.perf_counter()
-            solution = solver.solve(image, observer, photograph.fov_deg or LIKELY_DEG,
-                                    bodies)
+            solution = solver.solve(image, nominal, observer, bodies)
         else:
+            camera = camera_of(path, image, self._calibrated, None)
             # In 9 days no bright star moves by 0.1 arcsec.
             year = when.year if when.source == OPTION else round(20 * when.year) / 20
             identifier, onboard = self._calibrations(camera, year)
@@ -162,9 +165,8 @@ class Solvers:
         return solution, 1e3 * (time.perf_counter() - start_s)
 
 
-def _photograph_solver(options: IdentificationOptions, camera: Camera | None, year: int
-                       ) -> PhotographSolver:
-    return PhotographSolver(camera, year, options)
+def _photograph_solver(options: IdentificationOptions, year: int) -> PhotographSolver:
+    return PhotographSolver(year, options)
 
 
 def _calibrated_solver(options: IdentificationOptions, camera: Camera, year: float

@@ -166,8 +166,8 @@ def databases():
 def test_databases_die_with_the_solver(camera, no_garbage_collection):
     image = read_image(sorted(NIGHT_SKY.glob('*.png'))[2])
     before = len(databases())
-    solver = PhotographSolver(camera, 2019.57)
-    assert solver.solve(image, likely_deg=12.0).quaternion is not None
+    solver = PhotographSolver(2019.57)
+    assert solver.solve(image, camera).quaternion is not None
     during = len(databases())
     del solver
     assert len(databases()) == before < during

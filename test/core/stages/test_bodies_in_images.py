@@ -86,12 +86,12 @@ def test_without_the_hour_no_body_is_named(jupiter, tmp_path):
 def test_a_planet_beside_a_star_is_not_that_star(sky_data):
     """The brightest star of an image, as if it were a planet that outshines one."""
     image = read_image(sorted((sky_data / 'night-sky-11deg').glob('*.png'))[3])
-    solver = PhotographSolver(Camera.from_fov(1024, 768, 11.4), 2019.57, WIDE)
-    alone = solver.solve(image)
+    solver, camera = PhotographSolver(2019.57, WIDE), Camera.from_fov(1024, 768, 11.4)
+    alone = solver.solve(image, camera)
     star = int(np.flatnonzero(alone.identification.hip)[0])
     direction = alone.sky.directions(alone.centroids.uv[star:star + 1])
     planet = Bodies(BodiesInSky(direction, np.array([1.0]), np.array([1e-5]), ERROR_RAD))
-    solution = solver.solve(image, bodies=planet)
+    solution = solver.solve(image, camera, bodies=planet)
     body, = solution.bodies
     np.testing.assert_allclose((body.u, body.v), alone.centroids.uv[star], atol=0.1)
     assert alone.identification.hip[star] not in solution.identification.hip
@@ -99,7 +99,7 @@ def test_a_planet_beside_a_star_is_not_that_star(sky_data):
     assert np.abs(attitude_error(solution.quaternion, alone.quaternion)[:2]).max() < 10 * ARCSEC
     # One that is much fainter than the star is hidden by it.
     faint = Bodies(BodiesInSky(direction, np.array([9.0]), np.array([1e-5]), ERROR_RAD))
-    solution = solver.solve(image, bodies=faint)
+    solution = solver.solve(image, camera, bodies=faint)
     np.testing.assert_array_equal(solution.identification.hip, alone.identification.hip)
 
 

@@ -27,7 +27,7 @@ SIDE_PX = 384
 
 @pytest.fixture(scope='module')
 def solver():
-    return PhotographSolver(Camera.from_fov(SIDE_PX, SIDE_PX, 30.0), 2020.0, WIDE)
+    return PhotographSolver(2020.0, WIDE)
 
 
 def noise(rng):
@@ -87,7 +87,7 @@ def random_spots(rng):
                                        for seed in (1, 2, 3))])
 def test_images_without_stars_have_no_attitude_but_a_reason(solver, draw, seed):
     image = draw(np.random.default_rng(seed)).clip(0, 255).astype(np.uint8)
-    solution = solver.solve(image)
+    solution = solver.solve(image, Camera.from_fov(SIDE_PX, SIDE_PX, 30.0))
     assert solution.quaternion is None
     assert solution.identification.reason
     assert solution.identification.status != 'identified'
@@ -101,7 +101,7 @@ def test_images_without_stars_have_no_attitude_but_a_reason(solver, draw, seed):
 ])
 def test_black_white_and_tiny_images_are_named(image, status):
     height, width = image.shape
-    solution = PhotographSolver(Camera.from_fov(width, height, 50.0), 2020.0, WIDE).solve(image)
+    solution = PhotographSolver(2020.0, WIDE).solve(image, Camera.from_fov(width, height, 50.0))
     assert solution.identification.status == status
     assert solution.identification.reason
 
@@ -112,7 +112,7 @@ def test_a_thumbnail_is_no_work(monkeypatch):
     rng = np.random.default_rng(1)
     image = rng.integers(10, 20, (64, 64), dtype=np.uint8)
     image[rng.integers(4, 60, 12), rng.integers(4, 60, 12)] = 200
-    solution = PhotographSolver(Camera.from_fov(64, 64, 50.0), 2020.0, WIDE).solve(image)
+    solution = PhotographSolver(2020.0, WIDE).solve(image, Camera.from_fov(64, 64, 50.0))
     assert solution.quaternion is None
     assert 'deg wide' in solution.identification.reason
 
@@ -197,22 +197,34 @@ def test_names_of_files_are_unique():
 
 @pytest.fixture(scope='module')
 def any_field():
-    return PhotographSolver(None, 2019.57)
+    return PhotographSolver(2019.57)
 
 
 def test_an_image_without_a_told_field_is_solved(any_field, sky_data):
     paths = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[2:8:2]
     for path in paths:
-        solution = any_field.solve(read_image(path), likely_deg=12.0)
+        solution = any_field.solve(read_image(path))
         assert solution.quaternion is not None, solution.identification.reason
         assert np.degrees(solution.camera.seen_x_rad) == pytest.approx(11.425, abs=0.02)
         assert solution.identification.false_alarm_probability < 1e-5
 
 
+@pytest.mark.parametrize('given_deg', [9.0, 14.0])
+def test_a_field_that_does_not_fit_is_dropped(any_field, sky_data, given_deg):
+    path = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[4]
+    nominal = Camera.from_fov(1024, 768, given_deg)
+    solution = any_field.solve(read_image(path), nominal)
+    assert np.degrees(solution.camera.seen_x_rad) == pytest.approx(11.425, abs=0.02)
+    assert solution.dropped == nominal
+    result = solve_files([path], fov_deg=given_deg, options=WIDE)
+    assert result.conditions['fov_deg'] == f'{path.name}: {given_deg:g} deg given, 11.4 fits'
+    assert any_field.solve(read_image(path), Camera.from_fov(1024, 768, 11.4)).dropped is None
+
+
 def test_a_mirrored_image_is_named(sky_data):
     path = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[3]
     image = np.ascontiguousarray(read_image(path)[:, ::-1])
-    solution = PhotographSolver(Camera.from_fov(1024, 768, 11.4), 2019.57, WIDE).solve(image)
+    solution = PhotographSolver(2019.57, WIDE).solve(image, Camera.from_fov(1024, 768, 11.4))
     assert solution.quaternion is None
     assert solution.identification.status == 'mirrored'
     assert 'flip it with --mirror' in solution.identification.reason
