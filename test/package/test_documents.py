@@ -179,11 +179,10 @@ def test_examples_of_the_library_print_what_the_documents_say(
     assert f'```\n{capsys.readouterr().out}```' in DOCUMENTS[document]
 
 
-def test_measured_rows_of_the_readme_are_those_of_the_full_table():
-    section = DOCUMENTS['README.md'].split('## Measured')[1].split('\n## ')[0]
-    rows = [line for line in section.splitlines() if line.startswith('│')]
-    assert len(rows) == 6
-    assert set(rows) <= set(DOCUMENTS['docs/measured.md'].splitlines())
+def test_tables_of_the_readme_fit_a_terminal():
+    lines = [line for line in DOCUMENTS['README.md'].splitlines() if line.startswith(('|', '│'))]
+    assert len(lines) > 40
+    assert [line for line in lines if len(line) > 100] == []
 
 
 def anchors(text: str) -> set[str]:

@@ -16,9 +16,10 @@ def result_lines(document: Mapping[str, Any], link: str, *, columns: Sequence[st
     Yield the lines of a result: an empty one, rows, where they are from, conditions.
 
     link is the path of the document as the page sees it. An excerpt has the columns that are
-    named and the rows in which rows, a regular expression, is found, and no conditions.
+    named and the rows with a text in which rows, a regular expression, is found; no conditions.
     """
-    found = [row for row in document['rows'] if re.search(rows, str(next(iter(row.values()))))]
+    found = [row for row in document['rows'] if any(
+        re.search(rows, text) for text in row.values() if isinstance(text, str))]
     details = document.get('details', ())
     yield ''
     yield from table_lines(columns or [key for key in document['rows'][0] if key not in details],
