@@ -11,8 +11,8 @@ page shows it between two comments; columns and rows of an excerpt are named in 
     <!-- result pipeline: case, ours, unit: ^1024 px -->
     <!-- end of result -->
 
-Run in the source tree, this writes these tables and docs/papers.md again, and names each result
-that is older than the code it measures.
+Run in the source tree, this writes these tables and docs/papers.md again, the results with a line
+for each value, and names each result that is older than the code it measures.
 """
 
 from collections.abc import Iterator
@@ -73,7 +73,9 @@ def _commits_since(document: dict[str, Any], root: Path) -> int | None:
 
 
 def main(root: Path = Path()) -> None:
-    """Write the tables of all pages of a source tree; print what is outdated."""
+    """Write results and the tables of all pages of a source tree; print what is outdated."""
+    for path in (root / 'docs' / RESULTS).glob('*.json'):
+        path.write_text(json.dumps(json.loads(path.read_text()), indent=1) + '\n')
     write_page(root / 'docs')
     for page in pages(root):
         page.write_text(rendered(page, root))
