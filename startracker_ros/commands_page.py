@@ -32,7 +32,9 @@ command prints the same.
 | 141 | nobody reads the output any more, as behind `head` |
 
 - **`--json`** prints one document `{"name", "conditions", "rows"}`. That of an error has no rows,
-  and `error` and `status` besides.
+  and `error` and `status` besides; that of a demo, bench or campaign says in `commit`,
+  `machine`, `date` and `code` where the figures are from. Kept as `docs/results/NAME.json` it is
+  a table of these pages: `python -m startracker_ros.evaluation.documents`.
 - **Outputs** are written under another name and renamed when they are complete: a full disk leaves
   what was there before. A file needs a folder that is there; a folder for files is made.
 - **Terminals.** A table has as many columns as fit, all with `--wide`; on a narrow terminal its

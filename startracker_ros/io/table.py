@@ -21,7 +21,7 @@ class Result:
 
     A row is a dataclass or a mapping, all with the same columns. details are columns of the
     JSON document that the table leaves out; notes are what people read behind conditions, as
-    their units.
+    their units; origin is where a measured result is from, for the document.
     """
 
     name: str
@@ -29,6 +29,7 @@ class Result:
     conditions: Mapping[str, object] = field(default_factory=dict)
     details: Sequence[str] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
+    origin: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def records(self) -> list[dict[str, object]]:
@@ -39,8 +40,9 @@ class Result:
     @property
     def document(self) -> dict[str, object]:
         """Return the JSON document of --json."""
+        kept = {'details': list(self.details)} if self.details else {}
         return {'name': self.name, 'conditions': _plain_values(self.conditions),
-                'rows': self.records}
+                'rows': self.records, **kept, **self.origin}
 
     @property
     def holds(self) -> bool:

@@ -142,7 +142,7 @@ class CameraNode(PipelineNode):
                        while_inactive=True)
 
     def get_ready(self) -> None:
-        if self.camera is None:
+        if self.camera is None and self.has_publisher(self.frame_topic):
             self.diagnostics.report(WARN, 'waiting for camera_info', expected=True)
         self.on_warm()
 

@@ -41,12 +41,12 @@ class SourceOptions(Options):
         0, 'subscribers of the images to wait for before the first image', low=0, high=100)
     wait_for_camera_users: int = option(
         0, 'subscribers of camera_info to wait for before the first image, and one of the images: '
-        'every stage of the pipeline is one once it has loaded its code and found the stage before '
-        'it, so that no first image is lost', low=0, high=100)
+        'every stage of the pipeline is one once it has loaded its code and found the stage '
+        'before it, so that no first image is lost', low=0, high=100)
     frames_ahead: int = option(
-        0, 'images that may be ahead of the messages of answer_topics: the next one waits, for 30 s '
-        'at most, so that a busy machine loses no frame and is slower than frame_rate_hz; 0 for no '
-        'limit', low=0, high=1000)
+        0, 'images that may be ahead of the messages of answer_topics: the next one waits, for '
+        '30 s at most, so that a busy machine loses no frame and is slower than frame_rate_hz; 0 '
+        'for no limit', low=0, high=1000)
     answer_topics: tuple[str, ...] = option(
         ('attitude_imu',), 'topics (sensor_msgs/Imu) with a message for each image, for '
         'frames_ahead', read_only=True)

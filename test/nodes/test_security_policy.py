@@ -87,6 +87,8 @@ def start(name: str, parameters: dict[str, object]) -> dict[tuple[str, str], set
             # It subscribes to its source once its code is loaded.
             node._code._thread.join(HANGS_S)
             node._code._check()
+            if not node.has_publisher(node.frame_topic):
+                node.subscribe_camera_info()
             node._on_camera_info(camera_to_message(
                 Camera.from_fov(512, 512, 20.0), make_header(1_767_225_600 * 10 ** 9, 'lens')))
         found = opened(node)

@@ -201,7 +201,7 @@ def run_real_sky_bench(folders: Sequence[Path], *, seed: int = 1, cedar_python: 
         version = cedar.version() if cedar else 'absent: --cedar-python names its venv'
     return Result('bench real-sky', rows, {
         'machine': machine(),
-        'told': f'the field of view, off by up to {FOV_ERROR:.0%}',
+        'given': f'the field of view, off by up to {FOV_ERROR:.0%}',
         'correct': f'image centre within {CORRECT_OF_FIELD:.0%} of the field of view',
         'times': 'process CPU time of detection and solution, databases in memory',
         **peer_versions(TETRA3RS), CEDAR: version, 'seed': seed})

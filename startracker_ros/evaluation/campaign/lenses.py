@@ -130,6 +130,6 @@ def run_lenses_campaign(*, trials: int, seed: int, scheduler: str = '') -> Resul
                 f'{RATIO[1]:g}',
         'stars': f'{_STARS:g} a field on average, noise {NOISE_PX[0]:g} to {NOISE_PX[1]:g} px, '
                  f'{MISSING:.0%} missing, {FALSE} false',
-        'told': f'the field of view to {FOV_ERROR:.0%}',
+        'given': f'the field of view to {FOV_ERROR:.0%}',
         'wrong': f'middle of the image off by more than {_CORRECT_PX:g} px',
         'trials': trials, 'seed': seed})

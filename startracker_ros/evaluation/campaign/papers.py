@@ -9,17 +9,16 @@ again replaces its own.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from datetime import datetime, UTC
+from dataclasses import dataclass, replace
 import json
 from pathlib import Path
 import re
-import subprocess
 from typing import Any
 
 from startracker_ros.evaluation.campaign.paper_claims import Claim, Paper, PAPERS
-from startracker_ros.io.table import cell_text, Result
-from startracker_ros.tools.figures.machine import installed_version, machine, PACKAGE
+from startracker_ros.io.table import Result
+from startracker_ros.tools.figures.machine import origin
+from startracker_ros.tools.figures.result_table import escaped, result_lines
 
 CAMPAIGNS = tuple(name for paper in PAPERS for name in paper.campaigns)
 
@@ -54,8 +53,7 @@ def run_papers_campaign(folder: Path, *, seed: int, trials: int | None = None,
         pictures = folder / PICTURES / name
         pictures.mkdir(parents=True, exist_ok=True)
         result = _run(name, trials, seed, scheduler, pictures)
-        document = {**result.document, 'details': list(result.details), 'commit': _commit(),
-                    'machine': machine(), 'date': datetime.now(UTC).isoformat('T', 'seconds')}
+        document = replace(result, origin=origin()).document
         (folder / RESULTS / f'{name}.json').write_text(json.dumps(document, indent=1) + '\n')
     rows = write_page(folder)
     return Result('campaign papers', rows, {
@@ -86,18 +84,6 @@ def _run(name: str, trials: int | None, seed: int, scheduler: str, output: Path)
     run, default, options = campaigns[name]
     count = max(default if trials is None else trials, _LEAST_TRIALS.get(name, 1))
     return run(trials=count, seed=seed, output=output, **options)
-
-
-def _commit() -> str:
-    """Return the commit of the sources, '+' where they were changed; of a package its version."""
-    def git(*arguments: str) -> str:
-        return subprocess.run(['git', *arguments], cwd=Path(__file__).parents[1], text=True,
-                              capture_output=True, timeout=30, check=True).stdout.strip()
-
-    try:
-        return git('rev-parse', '--short', 'HEAD') + '+' * bool(git('status', '--porcelain', '.'))
-    except (OSError, subprocess.SubprocessError):
-        return f'{PACKAGE} {installed_version(PACKAGE)}'
 
 
 def write_page(folder: Path) -> list[ClaimRow]:
@@ -164,32 +150,12 @@ def _paper_section(paper: Paper, states: Sequence[ClaimRow]) -> Iterator[str]:
     yield 'Commands: ' + ', '.join(f'`startracker campaign {name}`' for name in paper.campaigns)
     yield from ('', '| item | claim | state | why |', '|---|---|---|---|')
     for row in states:
-        yield f'| {row.item} | {_escaped(row.claim)} | {row.state} | {_escaped(row.why)} |'
+        yield f'| {row.item} | {escaped(row.claim)} | {row.state} | {escaped(row.why)} |'
     yield ''
 
 
 def _result_section(name: str, document: dict, pictures: Sequence[str]) -> Iterator[str]:
-    conditions, rows = document['conditions'], document['rows']
-    yield from (f'### startracker campaign {name}', '')
-    yield (f'[{name}.json]({RESULTS}/{name}.json): {document["date"]}, commit '
-           f'{document["commit"]}, seed {conditions.get("seed", "-")}, trials '
-           f'{conditions.get("trials", "-")}; {document["machine"]}')
-    yield ''
-    columns = [key for key in (rows[0] if rows else ()) if key not in document.get('details', ())]
-    yield f'| {" | ".join(columns)} |'
-    yield f'|{"---|" * len(columns)}'
-    for row in rows:
-        # What has no bound holds, which says nothing.
-        shown = row if row.get('bound', True) else {**row, 'holds': None}
-        yield f'| {" | ".join(_escaped(cell_text(key, shown[key])) for key in columns)} |'
-    yield ''
-    yield from (f'- {key}: {_escaped(cell_text(key, value))}'
-                for key, value in conditions.items() if key not in ('trials', 'seed'))
-    yield ''
+    yield f'### startracker campaign {name}'
+    yield from (*result_lines(document, f'{RESULTS}/{name}.json'), '')
     for path in pictures:
         yield from (f'![{Path(path).stem.replace("_", " ")}]({path})', '')
-
-
-def _escaped(text: str) -> str:
-    """Return a text that a cell of a Markdown table can hold."""
-    return text.replace('|', '\\|').replace('<', '&lt;').replace('\n', ' ')

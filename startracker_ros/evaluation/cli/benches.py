@@ -9,7 +9,8 @@ from pathlib import Path
 import click
 from startracker_ros.tools.cli.outcome import Commands, exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    check_names, finish, json_option, scheduler_option, seed_option, trials_option)
+    check_names, finish_measured as finish, json_option, scheduler_option, seed_option,
+    trials_option)
 
 
 @click.group(cls=Commands)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 from startracker_ros.tools.cli.outcome import exit_1_on
-from startracker_ros.tools.cli.shared import finish, json_option, seed_option
+from startracker_ros.tools.cli.shared import finish_measured as finish, json_option, seed_option
 
 
 @click.command('closed-loop')

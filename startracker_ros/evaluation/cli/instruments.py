@@ -14,7 +14,7 @@ from startracker_ros.evaluation.datasheet.design_options import DesignOptions
 from startracker_ros.io.output import check_output
 from startracker_ros.tools.cli.outcome import exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    finish, json_option, scheduler_option, seed_option, trials_option)
+    finish_measured as finish, json_option, scheduler_option, seed_option, trials_option)
 
 
 @click.command()

@@ -111,7 +111,7 @@ def row_of(name: str, outcome: Outcome) -> dict[str, object]:
     return {'fault': name, 'recovery_from': expected.undone, 'recovery_s': outcome.recovery_s,
             'bound_s': expected.bound_s, 'longest_gap_s': outcome.longest_gap_s,
             'attitudes': outcome.attitudes, 'wrong': outcome.wrong,
-            'gross': outcome.gross, 'told': problem or outcome.diagnostic or None,
+            'gross': outcome.gross, 'reported': problem or outcome.diagnostic or None,
             'holds': outcome.holds}
 
 

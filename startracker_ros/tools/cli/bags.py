@@ -17,7 +17,7 @@ from startracker_ros.tools.cli.shared import (
 @click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
               help='Folder of the bag, made anew.  [default: startracker_<date>_<time>]')
 @click.option('--exclude', multiple=True, metavar='PATTERN',
-              help='Topics left out.  [default: */image_annotated]')
+              help='Topics left out.  [default: */image_annotated, */transition_event]')
 @click.option('--compression', type=click.Choice(['none', 'lz4', 'zstd']), default='zstd',
               show_default=True, help='Of the chunks of the bag.')
 @click.option('--max-file-size-mb', type=click.FloatRange(0), default=0.0,
@@ -52,7 +52,8 @@ def _full_names(patterns: tuple[str, ...]) -> tuple[str, ...]:
 @click.option('--topic', 'topics', multiple=True, metavar='PATTERN',
               help='Topics to play, * for any characters.  [default: all]')
 @click.option('--exclude', multiple=True, metavar='PATTERN',
-              help='Topics left out.  [default: /parameter_events, /rosout]')
+              help='Topics left out.  [default: /parameter_events, /rosout, '
+              '*/transition_event]')
 @click.option('--remap', 'remaps', multiple=True, metavar='FROM:=TO', help='Rename a topic.')
 @click.option('--rate', type=click.FloatRange(0.01, 1000), default=1.0, show_default=True,
               help='Times as fast as recorded.')

@@ -11,7 +11,7 @@ from startracker_ros.core.options import yaml_value
 from startracker_ros.ros.executables import EXECUTABLES, NODES, STAGES
 from startracker_ros.tools.cli.outcome import Commands, exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    become_node, finish, json_option, print_result, seed_option)
+    become_node, finish, finish_measured, json_option, print_result, seed_option)
 
 
 @click.command(context_settings={'ignore_unknown_options': True, 'allow_interspersed_args': False},
@@ -61,7 +61,7 @@ def demo(context: click.Context, output: Path, seconds: float, seed: int, as_jso
     from startracker_ros.tools.demos.demo import run_demo
     with exit_1_on(HarnessError):
         result = run_demo(output, seconds=seconds, seed=seed)
-    finish(result, as_json)
+    finish_measured(result, as_json)
 
 
 @demo.command('two-satellite')
@@ -78,7 +78,7 @@ def demo_two_satellite(output: Path, seconds: float, seed: int, as_json: bool) -
     from startracker_ros.tools.demos.two_satellite_demo import run_two_satellite_demo
     with exit_1_on(HarnessError):
         result = run_two_satellite_demo(output, seconds=seconds, seed=seed)
-    finish(result, as_json)
+    finish_measured(result, as_json)
 
 
 @demo.command('heads')
@@ -95,7 +95,7 @@ def demo_heads(output: Path, seconds: float, seed: int, as_json: bool) -> None:
     from startracker_ros.tools.demos.heads_demo import run_heads_demo
     with exit_1_on(HarnessError):
         result = run_heads_demo(output, seconds=seconds, seed=seed)
-    finish(result, as_json)
+    finish_measured(result, as_json)
 
 
 @click.command()

@@ -1,17 +1,23 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the figures were measured on: machine, versions, scheduling, steal time."""
+"""What the figures were measured on: sources, machine, versions, scheduling, steal time."""
 
+from datetime import datetime, UTC
 from importlib import metadata
 import os
 from pathlib import Path
 import platform
+import subprocess
+import sys
 
 import numpy as np
 import psutil
 
 PACKAGE = 'startracker_ros'
+
+_SOURCES = Path(__file__).parents[2]
+_PRINTING = ('io', 'tools/cli', 'tools/figures', 'evaluation/cli')
 
 _BUSY_STEAL = 0.1
 _HALT_POLL = Path('/sys/module/haltpoll/parameters/guest_halt_poll_ns')
@@ -21,6 +27,34 @@ def machine(*others: str) -> str:
     """Return processor, cores and versions, then what else is given."""
     return ', '.join([platform.machine(), f'{os.cpu_count()} cores',
                       f'Python {platform.python_version()}', f'NumPy {np.__version__}', *others])
+
+
+def origin() -> dict[str, object]:
+    """Return where a result is from: commit and folders of the code, machine, date."""
+    return {'commit': _commit(), 'machine': machine(),
+            'date': datetime.now(UTC).isoformat('T', 'seconds'), 'code': _loaded_code()}
+
+
+def _commit() -> str:
+    """Return the commit of the sources, '+' where they were changed; of a package its version."""
+    def git(*arguments: str) -> str:
+        return subprocess.run(['git', *arguments], cwd=_SOURCES, text=True, capture_output=True,
+                              timeout=30, check=True).stdout.strip()
+
+    try:
+        return git('rev-parse', '--short', 'HEAD') + '+' * bool(git('status', '--porcelain', '.'))
+    except (OSError, subprocess.SubprocessError):
+        return f'{PACKAGE} {installed_version(PACKAGE)}'
+
+
+def _loaded_code() -> list[str]:
+    """Return the folders of the loaded modules, and the modules that measure, in the package."""
+    files = [getattr(module, '__file__', None) for name, module in sys.modules.items()
+             if name.startswith(f'{PACKAGE}.')]
+    paths = [Path(file).relative_to(_SOURCES) for file in files if file]
+    return sorted({(path if path.parts[0] == 'evaluation' else path.parent).as_posix()
+                   for path in paths if path.name != '__init__.py' and len(path.parts) > 1
+                   and not path.as_posix().startswith(_PRINTING)})
 
 
 def installed_version(package: str) -> str:

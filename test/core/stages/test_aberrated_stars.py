@@ -114,8 +114,11 @@ def test_images_of_a_known_camera_are_solved_whatever_the_shape():
     assert solved == 6
 
 
-@pytest.mark.parametrize('shape, sigma_px', [(of_each_part, 0.5), (of_all, 0.7)])
-@pytest.mark.parametrize('rate_deg_s', [(0.0, 0.0, 0.0), (0.0, 0.6, 0.0), (0.1, 0.1, 0.0)])
+@pytest.mark.parametrize('shape, sigma_px, rate_deg_s', [
+    (of_each_part, 0.5, (0.0, 0.6, 0.0)), (of_all, 0.7, (0.0, 0.0, 0.0)),
+    *(pytest.param(*case, marks=pytest.mark.long) for case in (
+        (of_each_part, 0.5, (0.0, 0.0, 0.0)), (of_each_part, 0.5, (0.1, 0.1, 0.0)),
+        (of_all, 0.7, (0.0, 0.6, 0.0)), (of_all, 0.7, (0.1, 0.1, 0.0))))])
 def test_static_shapes_are_no_motion(shape, sigma_px, rate_deg_s):
     """Available in 95 % of the frames after the two identifications, none beyond 5 sigma."""
     simulator, pipeline = sky(rate_deg_s), StarTracker(CAMERA, EPOCH_YEAR)

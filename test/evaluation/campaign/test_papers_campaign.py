@@ -62,7 +62,7 @@ def test_the_page_has_claims_rows_conditions_and_pictures(folder):
     page = (folder / papers.PAGE).read_text()
     assert '| table 1 | a &lt; b | reproduced |' in page
     assert '| first \\| row | > 1 | 2 | - | px |  | - |' in page
-    assert 'commit abc, seed 1, trials 3' in page and '- orbit: round' in page
+    assert 'commit abc, seed 1, trials 3' in page and '| orbit | round |' in page
     assert '![figure 1 angles](pictures/papers/quad/figure_1_angles.png)' in page
     header = next(line for line in page.splitlines() if line.startswith('| case'))
     assert header == '| case | paper | as_published | beyond | unit | bound | holds |'

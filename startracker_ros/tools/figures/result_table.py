@@ -1,0 +1,51 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A kept result, the JSON document of a command that measures, as tables of Markdown."""
+
+from collections.abc import Iterator, Mapping, Sequence
+import re
+from typing import Any
+
+from startracker_ros.io.table import cell_text
+
+
+def result_lines(document: Mapping[str, Any], link: str, *, columns: Sequence[str] = (),
+                 rows: str = '') -> Iterator[str]:
+    """
+    Yield the lines of a result: an empty one, rows, where they are from, conditions.
+
+    link is the path of the document as the page sees it. An excerpt has the columns that are
+    named and the rows with a text in which rows, a regular expression, is found; no conditions.
+    """
+    found = [row for row in document['rows'] if any(
+        re.search(rows, text) for text in row.values() if isinstance(text, str))]
+    details = document.get('details', ())
+    yield ''
+    yield from table_lines(columns or [key for key in document['rows'][0] if key not in details],
+                           found)
+    conditions = document['conditions']
+    counts = ''.join(f', {key} {conditions[key]}' for key in ('seed', 'trials')
+                     if key in conditions)
+    yield from ('', f'[{link.rpartition("/")[2]}]({link}): {document["date"]}, commit '
+                    f'{document["commit"]}{counts}; {document["machine"]}')
+    others = [(key, value) for key, value in conditions.items()
+              if key not in ('seed', 'trials', 'machine')]
+    if others and not columns and not rows:
+        yield from ('', '| condition | |', '|---|---|')
+        yield from (f'| {key} | {escaped(cell_text(key, value))} |' for key, value in others)
+
+
+def table_lines(columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield a table of columns of rows."""
+    yield f'| {" | ".join(columns)} |'
+    yield f'|{"---|" * len(columns)}'
+    for row in rows:
+        # What has no bound holds, which says nothing.
+        shown = row if row.get('bound', True) else {**row, 'holds': None}
+        yield f'| {" | ".join(escaped(cell_text(key, shown[key])) for key in columns)} |'
+
+
+def escaped(text: str) -> str:
+    """Return a text that a cell of a Markdown table can hold."""
+    return text.replace('|', '\\|').replace('<', '&lt;').replace('\n', ' ')
