@@ -81,10 +81,11 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
 
     The lens of the latter is fitted to each image. Without both, EXIF has the field of view; all
-    from 1 to 120 deg are searched where that is unknown or does not fit. epoch_year None is the time of each image by EXIF, else
-    today. mirror flips each image from left to right first; the result is that of the flipped
-    image. selection is that of the frames of videos and of animated or paged files, each of which
-    is a row. CameraError for an impossible camera; an unreadable image is a row of its own.
+    from 1 to 120 deg are searched where that is unknown or does not fit. epoch_year None is the
+    time of each image by EXIF, else today. mirror flips each image from left to right first; the
+    result is that of the flipped image. selection is that of the frames of videos and of animated
+    or paged files, each of which is a row. CameraError for an impossible camera; an unreadable
+    image is a row of its own.
     """
     blind = fov_deg is None and camera_file is None
     solvers = Solvers(fov_deg, None if blind else calibrated_camera(camera_file, fov_deg), options)
