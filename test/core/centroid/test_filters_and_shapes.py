@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Filters, connected spots, shapes, hits and the common error, against slow ways to the same."""
+"""Filters, connected spots, shapes, hits and the correlated error against slow ways."""
 
 import cv2
 import numpy as np
@@ -196,7 +196,7 @@ def test_the_width_of_the_stars_and_peaks_near_predictions(sigma_px):
 
 
 @pytest.mark.parametrize('kick', [(6.0, 0.0, 0.2), (-4.0, 5.0, 0.3)])
-def test_the_common_error_is_that_of_the_flux_beside_the_stars(kick):
+def test_the_correlated_error_is_that_of_the_flux_beside_the_stars(kick):
     """C = b b^T + UNCERTAIN^2 M, of flux A in one point b = A d / (1 + A), M = b d^T."""
     image, stars = scene(0.7, kick=kick)
     d, share, fitted = np.array(kick[:2]), kick[2], stars.copy()

@@ -6,10 +6,9 @@
 from dataclasses import replace
 import json
 
-from click.testing import CliRunner
+from commands import invoke
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.evaluation.campaign.integrity import CONDITIONS, integrity_runs
@@ -72,9 +71,8 @@ def test_images_without_stars_are_due():
 
 
 def test_the_command_runs_both_kinds(one_process):
-    done = CliRunner().invoke(main, [
-        'campaign', 'integrity', '--trials', '1', '--json', '--only', 'steady turn',
-        '--only', 'start with 100 spots'])
+    done = invoke('campaign', 'integrity', '--trials', '1', '--json', '--only', 'steady turn',
+                  '--only', 'start with 100 spots')
     lists, images = json.loads(done.stdout)['rows']
     assert lists['condition'] == 'steady turn' and lists['frames'] == 400
     assert lists['published_percent'] == pytest.approx(99.5)
