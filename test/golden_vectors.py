@@ -16,7 +16,7 @@ import sys
 from typing import Any, NamedTuple
 
 import numpy as np
-from skies import onboard_stars, START_NS
+from skies import onboard_stars, SMALL_CAMERA, START_NS
 import startracker_ros as st
 from startracker_ros.core.astro.aberration import (
     Air, apparent_directions, natural_directions, vantage_near_earth)
@@ -193,7 +193,7 @@ def identification_inputs() -> Iterator[tuple[str, Values]]:
         yield method, {'method': method, 'camera': asdict(camera), 'epoch_year': EPOCH_YEAR,
                        'magnitude_limit': limit, **list_of(centroids), 'prior': prior}
     yield 'false_stars_alone', {
-        'method': 'pyramid', 'camera': asdict(st.Camera.from_fov(512, 512, 12.0)),
+        'method': 'pyramid', 'camera': asdict(SMALL_CAMERA),
         'epoch_year': EPOCH_YEAR, 'magnitude_limit': 6.0, 'prior': None,
         **list_of(Centroids(np.random.default_rng(8).uniform(0, 511, (9, 2)),
                             np.linspace(2e4, 1e3, 9), np.full(9, 20.0), np.full(9, 0.2)))}
@@ -377,7 +377,7 @@ def propagation_outputs(values: Values) -> Values:
 # --- the star tracker as a whole ---
 
 def tracker_inputs() -> Iterator[tuple[str, Values]]:
-    camera, rng = st.Camera.from_fov(512, 512, 12.0), np.random.default_rng(14)
+    camera, rng = SMALL_CAMERA, np.random.default_rng(14)
     onboard, frames = onboard_stars(camera, EPOCH_YEAR, 6.0), []
     for frame in range(5):
         turn = np.array([0.002, -0.001, 0.003]) * frame * 0.1

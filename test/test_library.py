@@ -12,12 +12,12 @@ from commands import invoke
 from limits import HANGS_S
 import numpy as np
 import pytest
+from skies import SMALL_CAMERA as CAMERA
 import startracker_ros as st
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.io.images.images import read_image
 from startracker_ros.tools.figures.correctness import error_over_bound
 
-CAMERA = st.Camera.from_fov(512, 512, 12.0)
 START_NS, STEP_NS = stamp_from_epoch_year(2026.5), 100_000_000
 
 

@@ -9,7 +9,7 @@ import json
 from commands import invoke
 import numpy as np
 import pytest
-from startracker_ros.core.camera.model import Camera
+from skies import SMALL_CAMERA
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.evaluation.campaign.integrity import CONDITIONS, integrity_runs
 from startracker_ros.evaluation.campaign.integrity_images import IMAGE_CONDITIONS, image_run
@@ -18,7 +18,6 @@ from startracker_ros.sim.sky.detector import DetectorOptions
 
 MISLEADING = ['slews, gyro in deg/s', 'turned away at once', 'planet passing',
               'half of the image covered', 'dark for 2 s at 0.3 deg/s, gyro']
-SMALL = Camera.from_fov(512, 512, 12.0)
 
 
 @pytest.mark.parametrize('name', MISLEADING)
@@ -37,7 +36,7 @@ def test_nothing_at_all_is_published_of_a_wrong_camera(name, monkeypatch):
 
 
 def small_run(name, **changes):
-    return image_run(replace(IMAGE_CONDITIONS[name], **{'frames': 25, **changes}), 5, SMALL)
+    return image_run(replace(IMAGE_CONDITIONS[name], **{'frames': 25, **changes}), 5, SMALL_CAMERA)
 
 
 @pytest.mark.parametrize('name', ['smear 2 deg/s', 'smear 5 deg/s, gyro', '300 hits',

@@ -10,6 +10,7 @@ from browser import assert_readable
 from commands import invoke
 import numpy as np
 import pytest
+from skies import CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, random_attitude
 from startracker_ros.evaluation.datasheet import datasheet, design
@@ -151,7 +152,7 @@ def test_the_formula_is_that_of_liebe_and_has_a_best_exposure():
     assert expected[0].cross_rad > best.cross_rad <= expected[-1].cross_rad
     assert best.streak_px < expected[-1].streak_px
     # 40 stars of 0.1 px in a field of 12 deg over 1024 px.
-    cross, about = design._liebe(Camera.from_fov(1024, 1024, 12.0), 0.1, 40)
+    cross, about = design._liebe(CAMERA, 0.1, 40)
     assert cross / ARCSEC == pytest.approx(12 * 3600 * 0.1 / 1024 / 40 ** 0.5)
     assert about / ARCSEC == pytest.approx(0.1 / 0.3825 / 1024 / 40 ** 0.5 / ARCSEC, rel=1e-6)
     slower = design.best_of(design.expectations(replace(options, rate_deg_s=0.2), magnitudes))
