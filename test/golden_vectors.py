@@ -15,6 +15,7 @@ import re
 import sys
 from typing import Any, NamedTuple
 
+from directions import blurred, field, unit
 import numpy as np
 from skies import onboard_stars, SMALL_CAMERA, START_NS
 import startracker_ros as st
@@ -60,21 +61,6 @@ class Stage(NamedTuple):
     inputs: Callable[[], Iterator[tuple[str, Values]]]
     outputs: Callable[[Values], Values]
     tolerance: dict[str, tuple[float, float]]
-
-
-def field(rng: np.random.Generator, count: int, half_angle_rad: float = 0.1) -> np.ndarray:
-    """Return directions (N, 3) of a square field."""
-    tangent = rng.uniform(-1, 1, (count, 2)) * np.tan(half_angle_rad)
-    return unit(np.column_stack([tangent, np.ones(count)]))
-
-
-def unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def measured(true: np.ndarray, sigma_rad: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return directions (N, 3) with errors of sigma_rad (N,) on each axis across."""
-    return unit(true + rng.normal(0, 1, true.shape) * sigma_rad[:, None])
 
 
 def arrays(values: Values, *names: str) -> list[np.ndarray]:
@@ -232,7 +218,7 @@ def attitude_inputs() -> Iterator[tuple[str, Values]]:
         rng = np.random.default_rng(count)
         true = field(rng, count, half_angle_rad)
         sigma_rad = rng.uniform(2, 20, count) * ARCSEC
-        sensor, icrf = measured(true, sigma_rad, rng), rotate(Q, true)
+        sensor, icrf = blurred(true, sigma_rad, rng), rotate(Q, true)
         for solver in SOLVERS:
             yield f'{solver}_{count}_stars', {'solver': solver, 'sensor': sensor, 'icrf': icrf,
                                               'sigma_rad': sigma_rad}
