@@ -5,10 +5,10 @@
 
 import json
 import os
-from commands import invoke
 import pty
 import socket
 
+from commands import invoke
 from limits import HANGS_S
 import numpy as np
 import pytest
