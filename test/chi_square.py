@@ -22,6 +22,13 @@ def independent(values: np.ndarray) -> int:
     return max(1, int(len(values) / (2 * pairs[:end].sum() - 1)))
 
 
-def mean_bounds(degrees: int, *series: np.ndarray) -> tuple[float, float]:
-    """Return the 95 % bounds of the mean of series (F,) of chi-squares that are correlated."""
-    return mean_chi_square_bounds(degrees, sum(map(independent, series)))
+def check_mean(degrees: int, *series: np.ndarray, inflation: float = 1.0) -> None:
+    """
+    Check that the mean of series (F,) of correlated chi-squares is within its 95 % bounds.
+
+    With inflation a covariance may be so much larger than that of the errors, as that of a filter
+    is which allows for what does not happen.
+    """
+    low, high = mean_chi_square_bounds(degrees, sum(map(independent, series)))
+    mean = np.concatenate(series).mean()
+    assert low / inflation < mean < high, (low / inflation, mean, high)

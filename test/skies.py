@@ -1,14 +1,17 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Cameras, stars and stamps that tests share; each is made once in a process."""
+"""Cameras, stars, centroids and stamps that tests share."""
 
 from functools import cache
 from math import inf
 
+import numpy as np
+from numpy.typing import ArrayLike
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog
+from startracker_ros.core.centroid.centroids import Centroids
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 """The default of the simulator."""
@@ -23,6 +26,13 @@ FRAME = 'star_tracker_optical_frame'
 
 START_NS = 1_790_000_000_000_000_000
 """A stamp in 2026."""
+
+
+def frame(uv: ArrayLike, flux: np.ndarray | None = None, sigma_px: float = 0.1) -> Centroids:
+    """Return centroids at uv (N, 2) px, brightest first."""
+    uv = np.asarray(uv, float).reshape(-1, 2)
+    flux = np.linspace(2e4, 1e3, len(uv)) if flux is None else flux
+    return Centroids(uv, flux, np.full(len(uv), 20.0), np.full(len(uv), sigma_px))
 
 
 @cache

@@ -8,17 +8,16 @@ from pathlib import Path
 import subprocess
 import sys
 
-from click.testing import CliRunner
+from commands import invoke
 from limits import HANGS_S
 import numpy as np
 import pytest
+from skies import SMALL_CAMERA as CAMERA
 import startracker_ros as st
-from startracker_ros.__main__ import main
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.io.images.images import read_image
 from startracker_ros.tools.figures.correctness import error_over_bound
 
-CAMERA = st.Camera.from_fov(512, 512, 12.0)
 START_NS, STEP_NS = stamp_from_epoch_year(2026.5), 100_000_000
 
 
@@ -56,8 +55,7 @@ def test_names_load_when_they_are_used():
 
 def test_solve_equals_the_command_in_any_order(sky_data):
     first, second = photographs(sky_data)[:2]
-    command = CliRunner().invoke(main, ['solve', str(first), '--fov-deg', '11.4', '--epoch',
-                                        '2019.57', '--json'])
+    command = invoke('solve', str(first), '--fov-deg', '11.4', '--epoch', '2019.57', '--json')
     row, = json.loads(command.stdout)['rows']
     st.solve(second, fov_deg=11.4, epoch=2019.57)
     solution = st.solve(read_image(first), 11.4, 2019.57)

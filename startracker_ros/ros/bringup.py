@@ -74,10 +74,6 @@ class Bringup:
             return ACTIVATE
         return ''
 
-    def is_active(self, name: str, now_s: float) -> bool:
-        """Return whether a node responds and is active."""
-        return self._state(name, now_s) == ACTIVE
-
     def problems(self, now_s: float) -> tuple[bool, str]:
         """Return whether somebody has to act, and what keeps nodes from being active, or ''."""
         found, serious = [], False

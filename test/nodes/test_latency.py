@@ -8,7 +8,7 @@ import time
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.core.camera.model import Camera
+from skies import SMALL_CAMERA
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.evaluation.harness import latency
 from startracker_ros.ros.processes import HarnessError
@@ -22,7 +22,7 @@ def images(tmp_path):
     folder = tmp_path / 'images'
     folder.mkdir()
     simulator = SkySimulator(
-        Camera.from_fov(512, 512, 12.0), motion_from_options(MotionOptions(motion='inertial')),
+        SMALL_CAMERA, motion_from_options(MotionOptions(motion='inertial')),
         load_catalog(), 2026.5)
     for index in range(4):
         cv2.imwrite(str(folder / f'{index}.png'), simulator.frame(0.0).image)

@@ -12,11 +12,9 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
+from skies import CAMERA, FRAME, onboard_stars, START_NS
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.observer_motion import AberrationOptions, ObserverMotion
-from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.maths.rotation import (
     attitude_error, multiply, quaternion_from_pointing, quaternion_from_rotation_vector)
@@ -35,11 +33,9 @@ from startracker_ros.ros.messages.header import make_header
 import yaml
 
 FILE = Path(__file__).parents[2] / 'config' / 'paper_jpdaf.yaml'
-CAMERA = Camera.from_fov(1024, 1024, 12.0)
-ONBOARD = onboard_catalog(load_catalog(), CAMERA, 2026.7, 6.5)
-START_NS, STEP_NS = 1_790_000_000_000_000_000, 100_000_000
+ONBOARD = onboard_stars(CAMERA, 2026.7, 6.5)
+STEP_NS = 100_000_000
 FRAMES = 25
-FRAME = 'star_tracker_optical_frame'
 STATES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 

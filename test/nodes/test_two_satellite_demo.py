@@ -5,12 +5,11 @@
 
 import json
 
-from click.testing import CliRunner
+from commands import invoke
 import cv2
 from foreign_reader import messages_by_topic, stamp_ns
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud
 
 FRAMES = 24
@@ -20,8 +19,8 @@ FRAMES = 24
 def demo(tmp_path_factory):
     """Run the demo for twelve seconds of sky time."""
     output = tmp_path_factory.mktemp('demo') / 'two'
-    done = CliRunner().invoke(main, [
-        'demo', 'two-satellite', '--seconds', str(FRAMES / 2), '--output', str(output), '--json'])
+    done = invoke('demo', 'two-satellite', '--seconds', str(FRAMES / 2), '--output', str(output),
+                  '--json')
     assert done.exit_code == 0, done.output
     return output, json.loads(done.stdout.splitlines()[-1])
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Imu, PointCloud2
-from skies import FRAME, onboard_stars
+from skies import FRAME, onboard_stars, START_NS
 from startracker_ros.core.centroid.synthetic_field import (
     synthetic_field, WARM_UP_CAMERA as CAMERA, WARM_UP_EPOCH_YEAR)
 from startracker_ros.io.bags.layouts import ns_from_stamp
@@ -18,7 +18,7 @@ from startracker_ros.ros.messages.clouds import stars_to_message
 from startracker_ros.ros.messages.header import make_header
 import yaml
 
-START_NS, STEP_NS = 1_790_000_000_000_000_000, 100_000_000
+STEP_NS = 100_000_000
 IDENTIFIED = (True, False, False, True)
 EXAMPLE = Path(__file__).parents[2] / 'docs' / 'examples' / 'robot_localization.yaml'
 

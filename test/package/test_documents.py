@@ -16,7 +16,7 @@ import shlex
 import shutil
 import subprocess
 
-from click.testing import CliRunner
+from commands import invoke
 from docutils.core import publish_doctree
 from docutils.utils import Reporter
 from limits import HANGS_S
@@ -64,7 +64,7 @@ def test_every_command_and_option_in_a_document_exists(document, text):
     if words[0] in CHEAP:
         return
     command, depth = sub_command(words)
-    shown = CliRunner().invoke(main, [*words[:depth], '--help'])
+    shown = invoke(*words[:depth], '--help')
     if words[0] == 'run':
         assert len(words) == 1 or words[1] in EXECUTABLES, text
         return
@@ -77,7 +77,7 @@ def test_every_command_and_option_in_a_document_exists(document, text):
 
 @pytest.mark.parametrize('option', CHEAP)
 def test_cheap_commands_run(option):
-    assert CliRunner().invoke(main, [option]).exit_code == 0
+    assert invoke(option).exit_code == 0
 
 
 @pytest.mark.slow
@@ -89,7 +89,7 @@ def test_commands_on_the_photographs_run(text, sky_data, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     *words, pattern = shlex.split(text)
     files = sorted(path.as_posix() for path in Path().glob(pattern))
-    done = CliRunner().invoke(main, [*words, *files])
+    done = invoke(*words, *files)
     assert files and done.exit_code == 0, done.output
     assert ('camera.yaml' in words) == (tmp_path / 'camera.yaml').exists()
 
@@ -99,8 +99,7 @@ def test_photographs_of_the_readme_are_solved_as_printed(sky_data):
     printed = [[cell.strip() for cell in line.strip('│').split('│')]
                for line in DOCUMENTS['README.md'].splitlines() if line.startswith('│ 2019-')]
     files = [str(sky_data / 'night-sky-11deg' / cells[0]) for cells in printed]
-    done = CliRunner().invoke(main, ['solve', '--fov-deg', '11.4', '--epoch', '2019.57', '--json',
-                                     *files])
+    done = invoke('solve', '--fov-deg', '11.4', '--epoch', '2019.57', '--json', *files)
     for cells, row in zip(printed, json.loads(done.stdout)['rows'], strict=True):
         assert cells[1] == 'yes' and row['solved']
         # Of a busy machine another step of the search may be the first one in time.

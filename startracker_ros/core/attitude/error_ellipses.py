@@ -16,7 +16,7 @@ import numpy as np
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import (
-    conjugate, multiply, quaternion_from_rotation_vector, rotate, sign_continuous)
+    angle_between, conjugate, multiply, quaternion_from_rotation_vector, rotate, sign_continuous)
 
 _ITERATIONS = 2  # of Gauss and Newton from the best fit of round errors
 _STEPS_PX = 0.5 * np.array([[[1.0, 0.0]], [[-1.0, 0.0]], [[0.0, 1.0]], [[0.0, -1.0]]])
@@ -49,7 +49,7 @@ def fit_error_ellipses(attitude: AttitudeEstimate, camera: Camera, uv: np.ndarra
     r = _times(into_px, seen - predicted)
     return replace(
         attitude, quaternion=sign_continuous(quaternion, None), covariance_sensor=covariance,
-        residual_rad=2 * np.arcsin(np.linalg.norm(seen - predicted, axis=1) / 2),
+        residual_rad=angle_between(seen, predicted),
         chi2=float(np.einsum('ni,nij,nj->', r, inverse, r)))
 
 

@@ -25,7 +25,7 @@ from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.identify.identification import (
     CandidateIdentifier, Candidates, FieldStars, IdentificationOptions)
-from startracker_ros.core.maths.rotation import unit_from_radec
+from startracker_ros.core.maths.rotation import angle_between, unit_from_radec
 
 # Pivots along one side of a square about the centre of an image, and the share of the radius of
 # the circle from one to the next: 1 deg in a field of 12 deg.
@@ -97,7 +97,7 @@ class HausdorffIdentifier(CandidateIdentifier):
         self.centre_px = half_px - 0.5
         self.centre = camera.unproject(self.centre_px)
         edges = camera.unproject(self.centre_px + half_px * [[-1, 0], [1, 0], [0, -1], [0, 1]])
-        self.radius_rad = float(_angle(edges, self.centre).min())
+        self.radius_rad = float(angle_between(edges, self.centre).min())
         self.pivots = self.sky_pivots(self.onboard)
         direction = self.onboard.direction
         self._sky = StarSets.joined([
@@ -238,14 +238,9 @@ def hausdorff_distance(distance: np.ndarray) -> np.ndarray:
     return np.maximum(distance.min(-1).max(-1), distance.min(-2).max(-1))
 
 
-def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the angles (...) between unit vectors (..., 3)."""
-    return 2 * np.arcsin(np.minimum(np.linalg.norm(a - b, axis=-1) / 2, 1.0))
-
-
 def _sides(corner: np.ndarray) -> np.ndarray:
     """Return the sides (T, 3) in rad of triangles (T, 3, 3)."""
-    return _angle(corner, corner[:, [1, 2, 0]])
+    return angle_between(corner, corner[:, [1, 2, 0]])
 
 
 class PivotIdentifier(HausdorffIdentifier):

@@ -27,7 +27,7 @@ from startracker_ros.core.identify.identification import (
     CandidateIdentifier, Candidates, FieldStars, Identification, IdentificationOptions)
 from startracker_ros.core.identify.pairs import PairDatabase
 from startracker_ros.core.identify.verification import MAX_VERIFIED, Verifier
-from startracker_ros.core.maths.rotation import matrix_from_quaternion, rotate
+from startracker_ros.core.maths.rotation import angle_between, matrix_from_quaternion, rotate
 
 # The relative noise of shorter sides is too large to be of use.
 _MIN_SEPARATION_PX = 20.0
@@ -92,7 +92,7 @@ class FieldPairs:
         """Sort the pairs of stars (S,), catalogue indices, with their unit vectors (S, 3)."""
         self.star, self.direction = star, direction
         first, second = np.triu_indices(len(star), 1)
-        separation = _angle(direction[first], direction[second])
+        separation = angle_between(direction[first], direction[second])
         order = np.argsort(separation)
         self.separation, self._pairs = separation[order], np.stack([first, second])[:, order]
 
@@ -164,7 +164,7 @@ def matching_quads(pairs: PairDatabase | FieldPairs, directions: np.ndarray, ima
     """
     side = {}
     for i, j in _SIDES:
-        angle = _angle(image[i], image[j])
+        angle = angle_between(image[i], image[j])
         reach = tolerance_sigmas * np.hypot(sigma_rad[i], sigma_rad[j]) + scale_error * angle
         side[i, j] = pairs.between(angle - reach, angle + reach)
     # The identifier array of the paper: how many of the three sides in a row a star has.
@@ -224,8 +224,8 @@ def full_field_match(onboard: OnboardCatalog, radius_rad: float, tolerance_sigma
     corner = onboard.direction[star]
     coarse, _ = davenport(image[base], corner, np.full(len(base), 1 / len(base)))
     near = onboard.within(matrix_from_quaternion(coarse)[:, 2], radius_rad)
-    seen = _angle(image[:, None], image[base])
-    true = _angle(onboard.direction[near][:, None], corner)
+    seen = angle_between(image[:, None], image[base])
+    true = angle_between(onboard.direction[near][:, None], corner)
     reach = (tolerance_sigmas * np.hypot(sigma_rad[:, None], sigma_rad[base])
              + scale_error * seen)
     worst = np.max(np.abs(seen[:, None] - true) / reach[:, None], axis=2)
@@ -235,8 +235,3 @@ def full_field_match(onboard: OnboardCatalog, radius_rad: float, tolerance_sigma
     found = np.where(good, near[nearest], -1)
     found[base] = star
     return found
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the angles (...) between unit vectors (..., 3)."""
-    return 2 * np.arcsin(np.minimum(np.linalg.norm(a - b, axis=-1) / 2, 1.0))

@@ -91,6 +91,11 @@ def unit_from_radec(ra_rad: np.ndarray, dec_rad: np.ndarray) -> np.ndarray:
                      np.sin(dec_rad)], -1)
 
 
+def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the angles (...) in rad between unit vectors (..., 3), also small ones exactly."""
+    return 2 * np.arcsin(np.minimum(np.linalg.norm(a - b, axis=-1) / 2, 1.0))
+
+
 def east_and_north(unit: np.ndarray) -> np.ndarray:
     """Return the unit vectors (..., 2, 3) to the east and north at unit vectors (..., 3)."""
     east = np.stack([-unit[..., 1], unit[..., 0], np.zeros(unit.shape[:-1])], -1)

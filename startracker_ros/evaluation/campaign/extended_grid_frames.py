@@ -25,7 +25,8 @@ from startracker_ros.core.identify.extended_grid import (
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.maths.rotation import (
-    multiply, quaternion_from_rotation_vector, random_attitude)
+    angle_between, multiply, quaternion_from_rotation_vector, random_attitude)
+from startracker_ros.tools.figures.correctness import right_and_wrong
 from startracker_ros.tools.figures.timing import cpu_timed
 
 EPOCH_YEAR = 2026.5
@@ -219,8 +220,8 @@ def _frame(identifier: ExtendedGridIdentifier, pyramid: PyramidIdentifier, condi
         'grid, one limit': identifier.match(observed, beyond, [image]),
         'triangles': triangle_votes(observed, image, identifier.buffer_rad, sigma),
         'plain grid': identifier.match(observed, beyond[:0], sky.about_limit(len(observed)))}
-    counts = [_right_and_wrong(result.hip, hip), *(
-        _right_and_wrong(np.where(rows[method] >= 0, hip_known[rows[method]], 0), hip_seen)
+    counts = [right_and_wrong(result.hip, hip), *(
+        right_and_wrong(np.where(rows[method] >= 0, hip_known[rows[method]], 0), hip_seen)
         for method in METHODS[1:])]
     right, wrong = zip(*counts)
     return (len(centroids), right, wrong, *_neighbours(identifier, observed, hip_seen, image,
@@ -237,14 +238,7 @@ def _untimed(function: Callable, *arguments: object) -> tuple[float, Any]:
 def _separations(direction: np.ndarray) -> np.ndarray:
     """Return the number of pairs of stars (N, 3) in each bin of separation."""
     first, second = np.triu_indices(len(direction), 1)
-    angle = 2 * np.arcsin(np.linalg.norm(direction[first] - direction[second], axis=1) / 2)
-    return np.histogram(np.degrees(angle), _BINS)[0]
-
-
-def _right_and_wrong(identified: np.ndarray, hip: np.ndarray) -> tuple[int, int]:
-    """Return the numbers of correctly and of falsely identified stars."""
-    return (int(np.count_nonzero((identified > 0) & (identified == hip))),
-            int(np.count_nonzero((identified > 0) & (identified != hip))))
+    return np.histogram(np.degrees(angle_between(direction[first], direction[second])), _BINS)[0]
 
 
 def _neighbours(identifier: ExtendedGridIdentifier, observed: np.ndarray, hip: np.ndarray,

@@ -11,17 +11,17 @@ from startracker_ros.io.table import Result
 from startracker_ros.ros.rig import LogFolder
 from startracker_ros.tools.figures.correctness import WRONG_TEXT
 
-NAMES = tuple(faults(Times()))
+_TIMES = Times()
+NAMES = tuple(faults(_TIMES))
 
 
-def run_faults_campaign(*, seed: int, only: tuple[str, ...] = (), times: Times = Times()
-                        ) -> Result:
+def run_faults_campaign(*, seed: int, only: tuple[str, ...] = ()) -> Result:
     """Inject each fault into the same pipeline; HarnessError when it does not work."""
-    rows, functions = [], faults(times)
+    rows, functions = [], faults(_TIMES)
     logs = LogFolder('faults')
     with logs as folder, FaultRig(folder, seed=seed) as rig:
         for name in progress(only or tuple(functions), 'faults', transient=True):
-            rows.append(row_of(name, inject(rig, name, functions[name], times)))
+            rows.append(row_of(name, inject(rig, name, functions[name], _TIMES)))
         logs.keep = not all(row['holds'] for row in rows)
     return Result('campaign faults', rows, {
         'pipeline': 'four stages and a recorder, a process each; images of 512 x 512 px, 12 deg, '

@@ -14,6 +14,7 @@ sides, all of them compared, without an index.
 from itertools import combinations
 
 import numpy as np
+from startracker_ros.core.maths.rotation import angle_between
 
 STARS = 5
 _SIDES = np.array(list(combinations(range(STARS), 2)))
@@ -59,5 +60,4 @@ class FiveStarStructures:
 
 def _sides(corner: np.ndarray) -> np.ndarray:
     """Return the sides (S, 10) in rad of sets (S, 5, 3)."""
-    chord = np.linalg.norm(corner[:, _SIDES[:, 0]] - corner[:, _SIDES[:, 1]], axis=-1)
-    return 2 * np.arcsin(np.minimum(chord / 2, 1.0))
+    return angle_between(corner[:, _SIDES[:, 0]], corner[:, _SIDES[:, 1]])

@@ -9,35 +9,27 @@ The conditions here are those of star lists, those of images are in integrity_im
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
-from startracker_ros.core.astro.observer_motion import AberrationOptions
-from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
-from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.frame_result import FrameResult
-from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import ARCSEC, conjugate, random_attitude, rotate
-from startracker_ros.core.stages.parameters import StarTrackerOptions
 from startracker_ros.core.star_tracker import StarTracker
-from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.evaluation.campaign.integrity_images import (
     FRAMES as IMAGE_FRAMES, IMAGE_CONDITIONS, image_runs, ImageCondition, START_FRAMES)
 from startracker_ros.evaluation.campaign.integrity_motion import (
-    FRAMES as MOTION_FRAMES, MOTION_CONDITIONS, motion_runs, MotionCondition,
-    SIGMA_PX as MOTION_SIGMA_PX)
+    FRAMES as MOTION_FRAMES, MAGNITUDE_LIMIT, MOTION_CONDITIONS, motion_runs, MotionCondition,
+    onboard_stars, SIGMA_PX as MOTION_SIGMA_PX, star_tracker)
 from startracker_ros.evaluation.campaign.integrity_tally import (
-    CAMERA, EPOCH_YEAR, START_NS, STEP_NS, Tally, tally_of_frame)
+    CAMERA, START_NS, STEP_NS, Tally, tally_of_frame)
 from startracker_ros.evaluation.campaign.parallel import parallel_map, split_trials
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.correctness import WRONG_SHARE, WRONG_TEXT
 from startracker_ros.tools.figures.rows import combined
 
-MAGNITUDE_LIMIT = 6.5
 SIGMA_PX = 0.1
 FRAMES = 400
 # The gyro, and the motion between two frames, run at 100 Hz.
@@ -132,20 +124,6 @@ class IntegrityRow:
     holds: bool | None
 
 
-@cache
-def _pipeline() -> StarTracker:
-    return StarTracker.with_options(CAMERA, EPOCH_YEAR, StarTrackerOptions(
-        identification=IdentificationOptions(magnitude_limit=MAGNITUDE_LIMIT),
-        tracker=TrackerOptions(magnitude_limit=MAGNITUDE_LIMIT),
-        # The star lists are those of an observer at rest.
-        aberration=AberrationOptions(aberration='none')))
-
-
-@cache
-def _sky() -> OnboardCatalog:
-    return onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, MAGNITUDE_LIMIT)
-
-
 def integrity_runs(name: str, runs: int, seed: int) -> Tally:
     """Return the tally of so many runs of one condition."""
     if name in IMAGE_CONDITIONS:
@@ -203,7 +181,7 @@ def _frames(condition: Condition, rates: np.ndarray, rng: np.random.Generator
                 q = turned(q, rate * _SUBSTEP_S)
         if frame == jump:
             q = random_attitude(rng)
-        seen, _ = star_list(_sky(), taken_by, q, SIGMA_PX, rng, missing=condition.missing,
+        seen, _ = star_list(onboard_stars(), taken_by, q, SIGMA_PX, rng, missing=condition.missing,
                             false=condition.false, brightest_false=2.0)
         if condition.planet:
             planet = planet + drift
@@ -236,7 +214,7 @@ def _with_point(seen: Centroids, uv: np.ndarray) -> Centroids:
 def run_of(condition: Condition, rng: np.random.Generator
            ) -> Iterator[tuple[StarTracker, FrameResult, np.ndarray]]:
     """Run the pipeline from its start; yield it with its frame and the true attitude (4,)."""
-    pipeline = _pipeline()
+    pipeline = star_tracker()
     pipeline.reset()
     rates = _rates(condition, rng)
     measured = _gyro(condition, rates, rng) if condition.gyro else None

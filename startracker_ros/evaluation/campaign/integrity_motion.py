@@ -120,7 +120,8 @@ MOTION_CONDITIONS = {f'list, {name}': condition for name, condition in _CONDITIO
 
 
 @cache
-def _pipeline() -> StarTracker:
+def star_tracker() -> StarTracker:
+    """Return the star tracker of star lists, which are those of an observer at rest."""
     return StarTracker.with_options(CAMERA, EPOCH_YEAR, StarTrackerOptions(
         identification=IdentificationOptions(magnitude_limit=MAGNITUDE_LIMIT),
         tracker=TrackerOptions(magnitude_limit=MAGNITUDE_LIMIT),
@@ -128,7 +129,8 @@ def _pipeline() -> StarTracker:
 
 
 @cache
-def _sky() -> OnboardCatalog:
+def onboard_stars() -> OnboardCatalog:
+    """Return the stars of the lists."""
     return onboard_catalog(load_catalog(), CAMERA, EPOCH_YEAR, MAGNITUDE_LIMIT)
 
 
@@ -139,7 +141,7 @@ def motion_runs(name: str, runs: int, seed: int, frames: int = FRAMES) -> Tally:
 
 
 def _run(condition: MotionCondition, rng: np.random.Generator, frames: int) -> Tally:
-    pipeline = _pipeline()
+    pipeline = star_tracker()
     pipeline.reset()
     attitude = attitudes(condition, rng, frames)
     # From the first sample an exposure, or an error of a stamp, may reach back.
@@ -151,7 +153,7 @@ def _run(condition: MotionCondition, rng: np.random.Generator, frames: int) -> T
         stamp_s = begin_s + frame * condition.step_s
         exposed_s = stamp_s + rng.normal(0, condition.stamp_s) + part_s
         truth = attitude(np.array([stamp_s]))[0]
-        seen, _ = star_list(_sky(), CAMERA, truth, SIGMA_PX, rng, missing=0.05, false=3,
+        seen, _ = star_list(onboard_stars(), CAMERA, truth, SIGMA_PX, rng, missing=0.05, false=3,
                             exposed=attitude(exposed_s))
         result = pipeline.process_centroids(START_NS + round(frame * condition.step_s * 1e9),
                                  replace(seen, exposure_s=exposure_s))

@@ -36,7 +36,7 @@ from startracker_ros.io.images.images import read_image
 from startracker_ros.io.table import Result
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.tools.figures.correctness import (
-    CORRECT_BORESIGHT_DEG, CORRECT_TEXT, is_correct)
+    CORRECT_BORESIGHT_DEG, CORRECT_TEXT, is_correct, right_and_wrong)
 from startracker_ros.tools.figures.rows import Check, judged, PaperRow
 from startracker_ros.tools.figures.timing import cpu_timed
 
@@ -150,7 +150,7 @@ def _frame(q: np.ndarray, velocity_m_s: np.ndarray, before: np.ndarray | None,
     solutions = [quaternion, *(found.attitude.quaternion if found.attitude is not None else None
                                for found in (initial, tracked, other))]
     named = np.where(star >= 0, onboard.hip[star], 0)
-    counts = [_right_and_wrong(named, hip[field.index]), _right_and_wrong(initial.hip, hip)]
+    counts = [right_and_wrong(named, hip[field.index]), right_and_wrong(initial.hip, hip)]
     right, false = zip(*counts)
     fitted, error_rad = np.full(4, np.nan), np.full(3, np.nan)
     chosen = np.flatnonzero(tracked.hip)
@@ -195,12 +195,6 @@ def published(identifier: QuadIdentifier, field: FieldStars
             continue
         return star, attitude.quaternion
     return none, None
-
-
-def _right_and_wrong(identified: np.ndarray, hip: np.ndarray) -> tuple[int, int]:
-    """Return the numbers of correctly and of falsely identified stars."""
-    return (int(np.count_nonzero((identified > 0) & (identified == hip))),
-            int(np.count_nonzero((identified > 0) & (identified != hip))))
 
 
 def _database() -> Iterator[PaperRow]:

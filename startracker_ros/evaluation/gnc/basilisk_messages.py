@@ -55,13 +55,6 @@ def star_tracker_payload(time_ns: int, q_icrf_from_sensor: np.ndarray) -> Any:
     return payload
 
 
-def attitude_of_star_tracker(payload: Any) -> tuple[int, np.ndarray]:
-    """Return time in ns and q_icrf_from_sensor (4,), w >= 0, of an STSensorMsgPayload."""
-    w, x, y, z = payload.qInrtl2Case
-    q = _unit(np.array([x, y, z, w]))
-    return int(payload.timeTag), -q if q[3] < 0 else q
-
-
 def navigation_payload(time_ns: int, q_icrf_from_body: np.ndarray, rate_rad_s: np.ndarray
                        ) -> Any:
     """Return the NavAttMsgPayload: sigma_BN, omega_BN_B (3,) on body axes, timeTag in s."""
@@ -71,12 +64,6 @@ def navigation_payload(time_ns: int, q_icrf_from_body: np.ndarray, rate_rad_s: n
     payload.sigma_BN = mrp_from_quaternion(q_icrf_from_body).tolist()
     payload.omega_BN_B = _finite(rate_rad_s, 'rate', 3).tolist()
     return payload
-
-
-def attitude_of_navigation(payload: Any) -> tuple[int, np.ndarray, np.ndarray]:
-    """Return time in ns, q_icrf_from_body (4,) and the rate (3,) of a NavAttMsgPayload."""
-    return (round(payload.timeTag * 1e9), quaternion_from_mrp(np.array(payload.sigma_BN)),
-            np.array(payload.omega_BN_B))
 
 
 def _time_ns(time_ns: int) -> int:

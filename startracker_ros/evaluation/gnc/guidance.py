@@ -49,11 +49,6 @@ class Slew:
         """Return when the body is to be at rest again."""
         return self.begin_s + self.angle_rad / self.peak_rad_s + self.ramp_s
 
-    @property
-    def q_end(self) -> np.ndarray:
-        """Return the attitude (4,) at the end."""
-        return multiply(self.q_start, quaternion_from_rotation_vector(self.axis * self.angle_rad))
-
     def at(self, time_s: float) -> Reference:
         """Return the reference of a time; before and after the slew it is at rest."""
         since_s = np.clip(time_s, self.begin_s, self.end_s) - self.begin_s

@@ -273,14 +273,6 @@ def read_quaternion(cdr: bytes) -> tuple[Header, Quaternion]:
     return header, Quaternion(*doubles.tolist())
 
 
-def read_stamp_ns(cdr: bytes) -> int:
-    """Return the stamp of a message that begins with a header; MessageError if it is too short."""
-    if len(cdr) < 12:
-        raise MessageError(f'{len(cdr)} bytes hold no header')
-    seconds, nanoseconds = struct.unpack_from('<iI' if cdr[1] & 1 else '>iI', cdr, 4)
-    return seconds * 1_000_000_000 + nanoseconds
-
-
 def _read_header(cdr: bytes) -> tuple[Header, int]:
     """Return the header of little-endian bytes, and where it ends."""
     if cdr[:2] != _ENCAPSULATION[:2]:

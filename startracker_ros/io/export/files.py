@@ -15,8 +15,6 @@ from startracker_ros.io.output import output_folder, write_output
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.io.table import Result
 
-FORMATS = ('aem', 'csv', 'parquet')
-
 
 def export_bag(bag: Path, folder: Path, formats: Sequence[str], labels: AemLabels,
                namespace: str | None = None) -> Result:

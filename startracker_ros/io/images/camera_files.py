@@ -45,13 +45,13 @@ def is_wcs(path: str | Path) -> bool:
     return Path(path).suffix.lower() in SUFFIXES
 
 
-def save_camera(camera: Camera, path: str | Path, name: str = 'star_tracker') -> None:
+def save_camera(camera: Camera, path: str | Path) -> None:
     """Write a camera as YAML in the format of ROS camera_calibration."""
     matrix = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
     document = {
         'image_width': camera.width,
         'image_height': camera.height,
-        'camera_name': name,
+        'camera_name': 'star_tracker',
         'camera_matrix': {'rows': 3, 'cols': 3, 'data': [float(v) for v in matrix]},
         'distortion_model': camera.distortion_model,
         'distortion_coefficients': {

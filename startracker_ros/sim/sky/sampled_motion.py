@@ -65,10 +65,6 @@ class SampledMotion:
             self._samples.popleft()
         return disagreement_rad
 
-    def begin_anew(self) -> None:
-        """Forget all samples."""
-        self._samples.clear()
-
     def at(self, time_s: float) -> MotionState:
         """Return the state; IndexError without a sample."""
         samples = self._samples

@@ -75,3 +75,9 @@ def error_over_bound(quaternion: np.ndarray, covariance: np.ndarray, truth: np.n
 def is_wrong(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> bool:
     """Return whether the error of an attitude exceeds WRONG_SIGMAS sigma on any axis."""
     return verdict(quaternion, covariance, truth).wrong > 0
+
+
+def right_and_wrong(identified: np.ndarray, hip: np.ndarray) -> tuple[int, int]:
+    """Return the numbers of correctly and of falsely identified stars."""
+    return (int(np.count_nonzero((identified > 0) & (identified == hip))),
+            int(np.count_nonzero((identified > 0) & (identified != hip))))

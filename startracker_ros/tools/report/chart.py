@@ -16,7 +16,7 @@ _SIZE_IN = 4.6, 2.9
 _COLOUR = re.compile(r'--(\w+): light-dark\((#\w{6}), (#\w{6})\);')
 
 
-def chart(draw: Callable[[Any], object], size_in: tuple[float, float] = _SIZE_IN) -> str:
+def chart(draw: Callable[[Any], object]) -> str:
     """
     Return the URI of a picture of what draw(figure) draws; MissingLibraryError.
 
@@ -37,7 +37,7 @@ def chart(draw: Callable[[Any], object], size_in: tuple[float, float] = _SIZE_IN
             'axes.facecolor': 'none', 'legend.frameon': False, 'legend.fontsize': 9,
             'axes.grid': True, 'grid.color': rule, 'axes.formatter.useoffset': False,
             'axes.prop_cycle': f'cycler("color", {lines})'}):
-        figure = new_figure(figsize=size_in)
+        figure = new_figure(figsize=_SIZE_IN)
         figure.patch.set_alpha(0)
         draw(figure)
         figure.savefig(content, format='svg', metadata={'Date': None})

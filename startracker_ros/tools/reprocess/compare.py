@@ -119,20 +119,20 @@ def _rms(values: np.ndarray) -> float | None:
     return float(np.sqrt(np.mean(values ** 2))) if len(values) else None
 
 
-def extremes(stamps_ns: np.ndarray, values: np.ndarray, most: int = _MOST_INTERVALS
-             ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times (M,), least and greatest values (M,) of at most so many intervals."""
+def _extremes(stamps_ns: np.ndarray, values: np.ndarray
+              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times (M,), least and greatest values (M,) of at most _MOST_INTERVALS."""
     if not len(stamps_ns):
         return np.empty(0, np.int64), np.empty(0), np.empty(0)
-    begins = np.unique(np.linspace(0, len(stamps_ns), min(most, len(stamps_ns)) + 1).astype(
-        int)[:-1])
+    begins = np.unique(np.linspace(0, len(stamps_ns), min(_MOST_INTERVALS, len(stamps_ns)) + 1
+                                   ).astype(int)[:-1])
     return (stamps_ns[begins], np.minimum.reduceat(values, begins),
             np.maximum.reduceat(values, begins))
 
 
 def draw_extremes(axes: Any, stamps_ns: np.ndarray, values: np.ndarray, label: str) -> None:
     """Draw values (N,) over the time: the middle of each interval, and a band of its extremes."""
-    times, low, high = extremes(stamps_ns, values)
+    times, low, high = _extremes(stamps_ns, values)
     moments = times.astype('datetime64[ns]')
     line, = axes.plot(moments, (low + high) / 2, '.-', linewidth=0.8, markersize=2, label=label)
     axes.fill_between(moments, low, high, alpha=0.3, color=line.get_color(), linewidth=0)

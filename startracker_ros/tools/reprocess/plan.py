@@ -153,8 +153,8 @@ def plan_bag(bag: Path, name: str, source: str, options: SegmentOptions) -> BagP
     """Return the segments of a bag; source is centroids, image_raw or empty for either."""
     plan = BagPlan()
 
-    def problem(reason: str, tracker: str = '', count: int = 1) -> None:
-        plan.problems.append(Problem(name, tracker, 0, count, reason))
+    def problem(reason: str, tracker: str = '') -> None:
+        plan.problems.append(Problem(name, tracker, 0, 1, reason))
     try:
         try:
             topics = read_topics(bag)

@@ -14,7 +14,8 @@ from startracker_ros.core.astro.state import State
 from startracker_ros.core.locate.line_of_sight import LineOfSight, without_aberration
 from startracker_ros.core.locate.locator import Located, TargetLocator
 from startracker_ros.core.locate.observer import ObservedLine
-from startracker_ros.core.maths.rotation import ARCSEC, east_and_north, unit_from_radec
+from startracker_ros.core.maths.rotation import (
+    angle_between, ARCSEC, east_and_north, unit_from_radec)
 from startracker_ros.io.export.tdm import tdm_text, TrackletAngles
 from startracker_ros.io.output import output_folder, write_output
 from startracker_ros.io.table import Result
@@ -106,7 +107,7 @@ def _read(run: Run, tracker: str) -> list[_Tracklet]:
 def _row(one: _Tracklet, located_with: str, range_m: float | None) -> TrackletRow:
     rows, direction = one.rows, one.direction
     duration_s = float(rows['stamp_ns'][-1] - rows['stamp_ns'][0]) * 1e-9
-    angle_deg = np.degrees(2 * np.arcsin(np.linalg.norm(direction[-1] - direction[0]) / 2))
+    angle_deg = np.degrees(angle_between(direction[-1], direction[0]))
     variance = (rows['cov_ee_arcsec2'] + rows['cov_nn_arcsec2']) / 2
     return TrackletRow(
         one.tracker, one.number, utc(int(rows['stamp_ns'][0])), duration_s, len(rows),

@@ -3,6 +3,7 @@
 
 """The attitude against SciPy, against its own covariance, and what it rejects."""
 
+from directions import blurred, field, unit
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 import numpy as np
@@ -15,22 +16,6 @@ from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, quaternion_from_pointing, rotate)
 
 POINTING = quaternion_from_pointing(*np.radians([251.3, -37.2, 118.0]))
-
-
-def field(rng, count, half_angle_rad=0.1):
-    """Return directions (N, 3) in a square field about +z."""
-    tangent = rng.uniform(-1, 1, (count, 2)) * np.tan(half_angle_rad)
-    return unit(np.concatenate([tangent, np.ones((count, 1))], -1))
-
-
-def unit(vectors):
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def blurred(sensor, sigma_rad, rng):
-    """Return directions with Gaussian errors across the line of sight."""
-    noise = rng.normal(0, 1, sensor.shape) * sigma_rad[:, None]
-    return unit(sensor + noise - sensor * np.sum(noise * sensor, -1, keepdims=True))
 
 
 @given(arrays(float, 4, elements=st.floats(-1, 1)), st.integers(3, 30), st.integers(0, 9999))

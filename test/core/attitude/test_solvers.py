@@ -5,6 +5,7 @@
 
 from itertools import permutations
 
+from directions import blurred, unit
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -28,10 +29,6 @@ ROTATIONS = st.one_of(
             pair[1] * np.array([0.6, 0.48, 0.64])).as_quat())))
 
 
-def unit(vectors):
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
 def field(rng, count, half_angle_rad=0.1):
     """Return directions (N, 3) in a square field, two of them at its corners."""
     tangent = rng.uniform(-1, 1, (count, 2))
@@ -43,11 +40,6 @@ def pair(separation_rad):
     """Return two directions (2, 3) on both sides of the boresight."""
     half = separation_rad / 2
     return np.array([[np.sin(half), 0, np.cos(half)], [-np.sin(half), 0, np.cos(half)]])
-
-
-def blurred(true, sigma_rad, rng):
-    noise = rng.normal(0, 1, true.shape) * sigma_rad[:, None]
-    return unit(true + noise - true * np.sum(noise * true, -1, keepdims=True))
 
 
 def monte_carlo(solver, true, sigma_rad, q, runs, rng):

@@ -6,6 +6,7 @@
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
+from skies import onboard_stars, SMALL_CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import (
     build_onboard_catalog, CROWD_MAGNITUDES, CROWD_PX, MERGE_PX, onboard_catalog)
@@ -150,7 +151,7 @@ def test_crowded_stars_of_the_real_sky():
 
 
 def test_within_agrees_with_brute_force():
-    onboard = onboard_catalog(load_catalog(), Camera.from_fov(512, 512, 12.0), EPOCH_YEAR, 5.0)
+    onboard = onboard_stars(SMALL_CAMERA, EPOCH_YEAR, 5.0)
     rng = np.random.default_rng(3)
     for radius_rad in (0.0, 0.01, 0.3, 2.0, np.pi):
         center = rng.normal(size=3)
@@ -165,7 +166,7 @@ def test_within_agrees_with_brute_force():
 
 
 def test_index_of():
-    onboard = onboard_catalog(load_catalog(), Camera.from_fov(512, 512, 12.0), EPOCH_YEAR, 5.0)
+    onboard = onboard_stars(SMALL_CAMERA, EPOCH_YEAR, 5.0)
     np.testing.assert_array_equal(onboard.index_of(onboard.hip), np.arange(len(onboard)))
     assert onboard.index_of(np.array([0, -5, 999999])).tolist() == [-1, -1, -1]
     assert onboard.index_of(np.zeros(0, np.int32)).shape == (0,)

@@ -15,6 +15,7 @@ from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.background import TILE_PX
 from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions
 from startracker_ros.core.maths.rotation import conjugate, rotate
+from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
 SKY_E, READ_E, GAIN_E_PER_DN, OFFSET_DN = 200.0, 10.0, 1.5, 100.0
 # Enough for the crowded fields here; the default keeps to what a star tracker follows.
@@ -101,7 +102,8 @@ def test_errors_match_sigma_and_are_near_the_cramer_rao_bound(snr):
         errors.append(result.centroids.uv[index[seen]] - uv[seen])
         sigmas.append(result.centroids.sigma_px[index[seen]])
     errors, sigmas = np.concatenate(errors), np.concatenate(sigmas)
-    assert (errors ** 2 / sigmas[:, None] ** 2).mean() == pytest.approx(1, abs=0.16)
+    low, high = mean_chi_square_bounds(1, errors.size)
+    assert low < (errors ** 2 / sigmas[:, None] ** 2).mean() < high
     assert np.sqrt((errors ** 2).mean()) < 1.08 * cramer_rao_px(flux)
     assert np.abs(errors.mean(0)).max() < 4 * sigmas.mean() / len(errors) ** 0.5
 
@@ -119,9 +121,12 @@ def test_sigma_of_every_method_is_that_of_the_errors(method):
         seen = index >= 0
         assert seen.mean() > 0.98
         error = (result.centroids.uv[index] - uv)[seen]
-        chi2.append((error ** 2 / result.centroids.sigma_px[index[seen], None] ** 2).mean())
-    assert np.mean(chi2) == pytest.approx(1, abs=0.1)
-    assert np.abs(np.array(chi2) - 1).max() < 0.2
+        chi2.append((error ** 2 / result.centroids.sigma_px[index[seen], None] ** 2).ravel())
+        assert chi2[-1].mean() == pytest.approx(1, abs=0.2)
+    chi2 = np.concatenate(chi2)
+    low, high = mean_chi_square_bounds(1, len(chi2))
+    # sigma is that of all places within a pixel, up to a tenth larger than that of these.
+    assert low / 1.1 < chi2.mean() < high, (low, chi2.mean(), high)
 
 
 def test_a_fixed_threshold_is_in_dn():
@@ -164,7 +169,9 @@ def test_stars_of_all_magnitudes_in_one_image():
                                    rtol=0.06)
         np.testing.assert_allclose(chosen.snr[index[strong]], snr[strong], rtol=0.35)
     assert lost <= 2 and false <= 1
-    assert np.concatenate(chi2).mean() == pytest.approx(1, abs=0.15)
+    chi2 = np.concatenate(chi2)
+    low, high = mean_chi_square_bounds(1, chi2.size)
+    assert low < chi2.mean() < high, (low, chi2.mean(), high)
 
 
 def test_detection_at_default_threshold():
@@ -189,7 +196,8 @@ def test_coarsely_quantised_8_bit_images(gain):
     index, false = found(result, uv)
     assert (index >= 0).all() and false == 0
     error = (result.centroids.uv[index] - uv) / result.centroids.sigma_px[index, None]
-    assert 0.4 < (error ** 2).mean() < 1.4
+    low, high = mean_chi_square_bounds(1, error.size)
+    assert low < (error ** 2).mean() < high, (low, (error ** 2).mean(), high)
 
 
 def test_steep_gradient_gives_no_false_stars():

@@ -3,13 +3,15 @@
 
 """Two and three stars of a narrow field by a predicted attitude: right, or no result."""
 
+from functools import partial
+
 import numpy as np
 import pytest
+import skies
 from skies import NARROW_CAMERA as CAMERA, onboard_stars
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.attitude.propagate import AttitudePrediction
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.extended_grid import (
     ExtendedGridIdentifier, PredictedField, RecursiveIdentifier)
@@ -44,10 +46,7 @@ def prior_near(q, sigma_deg, rng, off_deg=None):
                               np.eye(3) * np.radians(sigma_deg) ** 2)
 
 
-def frame(uv, flux=None, sigma_px=0.3):
-    uv = np.asarray(uv, float).reshape(-1, 2)
-    flux = np.linspace(2e4, 1e3, len(uv)) if flux is None else flux
-    return Centroids(uv, flux, np.full(len(uv), 20.0), np.full(len(uv), sigma_px))
+frame = partial(skies.frame, sigma_px=0.3)
 
 
 def check_right(result, hip, q):

@@ -10,9 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.distance import directed_hausdorff
-from skies import SMALL_CAMERA as CAMERA
+from skies import frame, SMALL_CAMERA as CAMERA
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify import identification
 from startracker_ros.core.identify.hausdorff import (
@@ -40,12 +39,6 @@ def identifiers():
 @pytest.fixture(params=['pivot', 'segment'])
 def identifier(request, identifiers):
     return identifiers[request.param]
-
-
-def frame(uv, flux=None, sigma_px=0.1):
-    uv = np.asarray(uv, float).reshape(-1, 2)
-    flux = np.linspace(2e4, 1e3, len(uv)) if flux is None else flux
-    return Centroids(uv, flux, np.full(len(uv), 20.0), np.full(len(uv), sigma_px))
 
 
 def right(result, q):

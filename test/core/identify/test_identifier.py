@@ -8,9 +8,8 @@ import re
 
 import numpy as np
 import pytest
-from skies import onboard_stars, SMALL_CAMERA as CAMERA
+from skies import frame, onboard_stars, SMALL_CAMERA as CAMERA
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.methods import make_identifier
@@ -29,12 +28,6 @@ def onboard():
 def identifier():
     return make_identifier(CAMERA, EPOCH_YEAR,
                            IdentificationOptions(magnitude_limit=6.0, time_limit_s=600.0))
-
-
-def frame(uv, flux=None, sigma_px=0.1):
-    uv = np.asarray(uv, float).reshape(-1, 2)
-    flux = np.linspace(2e4, 1e3, len(uv)) if flux is None else flux
-    return Centroids(uv, flux, np.full(len(uv), 20.0), np.full(len(uv), sigma_px))
 
 
 def with_false(centroids, count, rng):

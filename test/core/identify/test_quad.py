@@ -4,14 +4,15 @@
 """Quads: the search against brute force, the field match, and bad images of the real sky."""
 
 from dataclasses import replace
+from functools import partial
 from itertools import combinations, count, islice, permutations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import skies
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.onboard import OnboardCatalog
-from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify import identification
 from startracker_ros.core.identify.identification import IdentificationOptions
@@ -38,10 +39,7 @@ def hasty(identifier):
     return make_identifier(CAMERA, EPOCH_YEAR, replace(identifier.options, time_limit_s=0.03))
 
 
-def frame(uv, flux=None, sigma_px=0.5):
-    uv = np.asarray(uv, float).reshape(-1, 2)
-    flux = np.linspace(2e4, 1e3, len(uv)) if flux is None else flux
-    return Centroids(uv, flux, np.full(len(uv), 20.0), np.full(len(uv), sigma_px))
+frame = partial(skies.frame, sigma_px=0.5)
 
 
 def off_by_deg(result, q):

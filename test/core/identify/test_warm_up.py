@@ -5,6 +5,7 @@
 
 import numpy as np
 import pytest
+from skies import SMALL_CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.identify.extended_grid import RecursiveIdentifier
@@ -35,8 +36,7 @@ def test_the_field_of_a_warm_up_is_identified(method, fov_deg, monkeypatch):
 
 
 def test_a_warm_up_is_no_frame_of_a_recursive_identifier():
-    camera = Camera.from_fov(512, 512, 12.0)
     recursive = RecursiveIdentifier(make_identifier(
-        camera, EPOCH_YEAR, IdentificationOptions(method='extended_grid')))
+        SMALL_CAMERA, EPOCH_YEAR, IdentificationOptions(method='extended_grid')))
     recursive.warm_up()
     assert recursive.condition == 'no frame yet' and not recursive.has_rates

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from scipy.integrate import quad_vec
 from scipy.linalg import expm
+from skies import CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import conjugate, quaternion_from_rotation_vector, rotate
 from startracker_ros.core.track.motion_models import (
     body_rate, constant_velocity, coordinated_turn, image_jacobian, turn_curvature)
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
-CAMERAS = [Camera.from_fov(1024, 1024, 12.0),
+CAMERAS = [CAMERA,
            Camera(1200, 900, 1500.0, 1520.0, 610.0, 440.0, (-0.2, 0.05, 1e-3, -2e-3, 0.01)),
            Camera(1200, 900, 460.0, 455.0, 610.0, 440.0, (-0.02, 0.005, -0.003, 4e-4),
                   'equidistant')]

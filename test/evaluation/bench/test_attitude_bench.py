@@ -5,10 +5,9 @@
 
 import json
 
-from click.testing import CliRunner
+from commands import invoke
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.core.attitude.estimate import SOLVERS
 from startracker_ros.core.maths.rotation import ARCSEC, rotate
 from startracker_ros.evaluation.bench.attitude import (
@@ -48,8 +47,7 @@ def test_each_bound_can_fall_short():
 
 
 def test_the_command_runs_all():
-    done = CliRunner().invoke(main, ['bench', 'attitude', '--trials', '200', '--vectors', '4',
-                                     '--json'])
+    done = invoke('bench', 'attitude', '--trials', '200', '--vectors', '4', '--json')
     rows = {row['case']: row for row in json.loads(done.stdout)['rows']}
     assert len(rows) == 4 * 4 + 1
     for case, row in rows.items():

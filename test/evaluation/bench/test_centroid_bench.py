@@ -5,10 +5,9 @@
 
 import json
 
-from click.testing import CliRunner
+from commands import invoke
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.evaluation.bench.centroid import bounds, Ours, PEERS, Tally
 from startracker_ros.evaluation.bench.star_images import flux_e, SIZE_PX, star_image, STARS
 
@@ -63,8 +62,7 @@ def test_each_bound_can_fall_short():
 
 
 def test_the_command_runs_all_that_is_installed():
-    done = CliRunner().invoke(main, ['bench', 'centroid', '--trials', '1', '--snr', '100',
-                                     '--json'])
+    done = invoke('bench', 'centroid', '--trials', '1', '--snr', '100', '--json')
     rows = {row['extractor']: row for row in json.loads(done.stdout)['rows']}
     assert {'ours', 'memcpy', 'np.max'} <= set(rows) <= {*PEERS, 'memcpy', 'np.max'}
     assert rows['ours']['found_percent'] == 100

@@ -6,10 +6,9 @@
 import json
 from types import SimpleNamespace
 
-from click.testing import CliRunner
+from commands import invoke
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.core.centroid.synthetic_field import star_list
 from startracker_ros.core.identify.identification import IdentificationOptions
@@ -73,9 +72,8 @@ def test_a_hundred_bright_false_spots_are_no_obstacle():
 
 
 def test_the_command_prints_rows_that_hold(one_process):
-    done = CliRunner().invoke(main, [
-        'bench', 'identification', '--trials', '100', '--json', '--only', 'resolved',
-        '--only', '100 bright false spots'])
+    done = invoke('bench', 'identification', '--trials', '100', '--json', '--only', 'resolved',
+                  '--only', '100 bright false spots')
     assert done.exit_code == 0, done.output
     document = json.loads(done.stdout)
     assert [row['case'] for row in document['rows']] == [

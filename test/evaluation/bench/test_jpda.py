@@ -5,10 +5,9 @@
 
 import json
 
-from click.testing import CliRunner
+from commands import invoke
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.evaluation.bench import moving_targets as scene
 from startracker_ros.evaluation.bench.jpda import bounds, FILTERS, Ours, run, swapped, Tally
 from startracker_ros.evaluation.bench.moving_targets import moving_targets
@@ -74,8 +73,8 @@ def test_each_bound_can_fall_short():
 
 
 def test_the_command_runs_all_that_is_installed():
-    done = CliRunner().invoke(main, ['bench', 'jpda', '--trials', '1', '--tracks', '5',
-                                     '--scene', 'crossing', '--json'])
+    done = invoke('bench', 'jpda', '--trials', '1', '--tracks', '5', '--scene', 'crossing',
+                  '--json')
     rows = json.loads(done.stdout)['rows']
     assert {'ours'} <= {row['filter'] for row in rows} <= set(FILTERS)
     for row in rows:

@@ -7,11 +7,10 @@ import os
 import subprocess
 import sys
 
-from click.testing import CliRunner
+from commands import invoke
 from limits import HANGS_S
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.evaluation.bench.corpus import ALL_CELLS, Cell, CELLS, frames, View, VIEWS
 from startracker_ros.evaluation.bench.lost_in_space import (
@@ -165,5 +164,5 @@ def test_a_database_is_measured_in_a_process_of_its_own():
     (['--cedar-python', sys.executable, '--scheduler', 'tcp://nowhere:1'], 'on this machine'),
 ])
 def test_wrong_use_is_status_2(arguments, words):
-    done = CliRunner().invoke(main, ['bench', 'lost-in-space', *arguments])
-    assert done.exit_code == 2 and words in done.output
+    done = invoke('bench', 'lost-in-space', *arguments)
+    assert done.exit_code == 2 and words in done.stderr

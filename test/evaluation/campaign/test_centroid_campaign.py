@@ -5,10 +5,9 @@
 
 import json
 
-from click.testing import CliRunner
+from commands import invoke
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.moments import WEIGHTS
 from startracker_ros.evaluation.campaign.centroid import (
@@ -18,9 +17,8 @@ from startracker_ros.evaluation.campaign.centroid import (
 @pytest.fixture(scope='module')
 def document(sky_data, tmp_path_factory):
     output = tmp_path_factory.mktemp('centroid')
-    done = CliRunner().invoke(main, [
-        'campaign', 'centroid', '--json', '--images', str(sky_data / 'night-sky-11deg'),
-        '--trials', '50', '--seed', '3', '--output', str(output)])
+    done = invoke('campaign', 'centroid', '--json', '--images', str(sky_data / 'night-sky-11deg'),
+                  '--trials', '50', '--seed', '3', '--output', str(output))
     assert done.exit_code == 0, done.output
     assert (output / 'thresholds.png').stat().st_size > 1000
     return json.loads(done.stdout)
@@ -76,20 +74,20 @@ def test_the_lens_is_taken_off():
 
 
 def test_a_folder_without_solutions_is_an_error(tmp_path):
-    done = CliRunner().invoke(main, ['campaign', 'centroid', '--images', str(tmp_path)])
+    done = invoke('campaign', 'centroid', '--images', str(tmp_path))
     assert done.exit_code == 1
-    assert 'no solutions.csv' in done.output
+    assert 'no solutions.csv' in done.stderr
 
 
 def test_without_a_folder_it_says_what_to_name(monkeypatch):
     monkeypatch.delenv('STARTRACKER_DATA', raising=False)
-    done = CliRunner().invoke(main, ['campaign', 'centroid'])
+    done = invoke('campaign', 'centroid')
     assert done.exit_code == 1
-    assert '--images' in done.output and 'STARTRACKER_DATA' in done.output
+    assert '--images' in done.stderr and 'STARTRACKER_DATA' in done.stderr
 
 
 def test_the_environment_names_a_larger_set(monkeypatch, tmp_path):
     monkeypatch.setenv('STARTRACKER_DATA', str(tmp_path))
-    done = CliRunner().invoke(main, ['campaign', 'centroid'])
+    done = invoke('campaign', 'centroid')
     assert done.exit_code == 1
-    assert 'night-sky-11deg: no solutions.csv' in done.output.replace('\n', '')
+    assert 'night-sky-11deg: no solutions.csv' in done.stderr.replace('\n', '')

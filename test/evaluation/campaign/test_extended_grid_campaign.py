@@ -5,11 +5,10 @@
 
 import json
 
-from click.testing import CliRunner
+from commands import invoke
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.core.identify.extended_grid import PredictedField
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.evaluation.campaign import extended_grid as campaign
@@ -99,8 +98,8 @@ def test_the_fourth_step_identifies_observed_stars_by_those_beyond_the_edge():
 
 
 def test_the_command_prints_the_rows_and_draws_the_figures(tmp_path, one_process):
-    done = CliRunner().invoke(main, ['campaign', 'extended-grid', '--trials', '12', '--json',
-                                     '--output', str(tmp_path)])
+    done = invoke('campaign', 'extended-grid', '--trials', '12', '--json', '--output',
+                  str(tmp_path))
     document = json.loads(done.stdout.splitlines()[-1])
     assert document['name'] == 'campaign extended-grid'
     assert document['conditions']['trials'] == 12

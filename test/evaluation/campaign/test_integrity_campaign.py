@@ -6,11 +6,10 @@
 from dataclasses import replace
 import json
 
-from click.testing import CliRunner
+from commands import invoke
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
-from startracker_ros.core.camera.model import Camera
+from skies import SMALL_CAMERA
 from startracker_ros.core.maths.rotation import multiply, quaternion_from_rotation_vector
 from startracker_ros.evaluation.campaign.integrity import CONDITIONS, integrity_runs
 from startracker_ros.evaluation.campaign.integrity_images import IMAGE_CONDITIONS, image_run
@@ -19,7 +18,6 @@ from startracker_ros.sim.sky.detector import DetectorOptions
 
 MISLEADING = ['slews, gyro in deg/s', 'turned away at once', 'planet passing',
               'half of the image covered', 'dark for 2 s at 0.3 deg/s, gyro']
-SMALL = Camera.from_fov(512, 512, 12.0)
 
 
 @pytest.mark.parametrize('name', MISLEADING)
@@ -38,7 +36,7 @@ def test_nothing_at_all_is_published_of_a_wrong_camera(name, monkeypatch):
 
 
 def small_run(name, **changes):
-    return image_run(replace(IMAGE_CONDITIONS[name], **{'frames': 25, **changes}), 5, SMALL)
+    return image_run(replace(IMAGE_CONDITIONS[name], **{'frames': 25, **changes}), 5, SMALL_CAMERA)
 
 
 @pytest.mark.parametrize('name', ['smear 2 deg/s', 'smear 5 deg/s, gyro', '300 hits',
@@ -72,9 +70,8 @@ def test_images_without_stars_are_due():
 
 
 def test_the_command_runs_both_kinds(one_process):
-    done = CliRunner().invoke(main, [
-        'campaign', 'integrity', '--trials', '1', '--json', '--only', 'steady turn',
-        '--only', 'start with 100 spots'])
+    done = invoke('campaign', 'integrity', '--trials', '1', '--json', '--only', 'steady turn',
+                  '--only', 'start with 100 spots')
     lists, images = json.loads(done.stdout)['rows']
     assert lists['condition'] == 'steady turn' and lists['frames'] == 400
     assert lists['published_percent'] == pytest.approx(99.5)

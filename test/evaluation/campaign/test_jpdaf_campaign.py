@@ -7,11 +7,10 @@ from dataclasses import asdict
 import json
 from pathlib import Path
 
-from click.testing import CliRunner
+from commands import invoke
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.core.maths.rotation import (
     conjugate, multiply, quaternion_from_rotation_vector, rotate)
 from startracker_ros.core.track.motion_models import (
@@ -196,8 +195,8 @@ def test_the_command_prints_every_cell_and_draws(tmp_path, monkeypatch, one_proc
     cells = {cell: PUBLISHED[cell] for cell in (still, Cell('linear', 0.1, 0.02))}
     monkeypatch.setattr(campaign, 'PUBLISHED', cells)
     monkeypatch.setattr(campaign, 'VARIANT_CELLS', (Cell('linear', 0.1, 0.02),))
-    done = CliRunner().invoke(main, ['campaign', 'jpdaf', '--trials', '1', '--json',
-                                     '--output', str(tmp_path / 'out')])
+    done = invoke('campaign', 'jpdaf', '--trials', '1', '--json', '--output',
+                  str(tmp_path / 'out'))
     # One run is too few for any bound.
     assert done.exit_code == 0, done.output
     document = json.loads(done.stdout)

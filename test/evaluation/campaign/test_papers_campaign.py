@@ -7,9 +7,8 @@ from collections import Counter
 import json
 import re
 
-from click.testing import CliRunner
+from commands import invoke
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.evaluation.campaign import papers
 from startracker_ros.evaluation.campaign.paper_claims import Claim, Paper, PAPERS
 from startracker_ros.io.table import Result
@@ -96,9 +95,8 @@ def test_every_claim_of_the_five_papers_can_be_judged():
 
 def test_the_command_runs_a_campaign_and_prints_the_states(tmp_path, sky_data, monkeypatch):
     monkeypatch.setenv('STARTRACKER_DATA', str(sky_data))
-    done = CliRunner().invoke(main, [
-        'campaign', 'papers', '--only', 'centroid', '--trials', '20', '--json', '--output',
-        str(tmp_path)])
+    done = invoke('campaign', 'papers', '--only', 'centroid', '--trials', '20', '--json',
+                  '--output', str(tmp_path))
     rows = json.loads(done.stdout.splitlines()[-1])['rows']
     states = {row['state'] for row in rows if 'threshold' in row['claim']}
     assert states == {'differs'} and done.exit_code == 0
@@ -107,6 +105,5 @@ def test_the_command_runs_a_campaign_and_prints_the_states(tmp_path, sky_data, m
 
 
 def test_an_unknown_campaign_is_wrong_use(tmp_path):
-    done = CliRunner().invoke(main, ['campaign', 'papers', '--only', 'nothing', '--output',
-                                     str(tmp_path)])
-    assert done.exit_code == 2 and 'no campaign nothing' in done.output
+    done = invoke('campaign', 'papers', '--only', 'nothing', '--output', str(tmp_path))
+    assert done.exit_code == 2 and 'no campaign nothing' in done.stderr

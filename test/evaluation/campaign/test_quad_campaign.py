@@ -5,11 +5,10 @@
 
 import json
 
-from click.testing import CliRunner
+from commands import invoke
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.evaluation.campaign.quad import CAMERA, orbit_frames, sky_frames
 
 
@@ -18,8 +17,7 @@ def document(one_process, sky_data, tmp_path_factory):
     output = tmp_path_factory.mktemp('quad')
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('STARTRACKER_DATA', str(sky_data))
-        done = CliRunner().invoke(main, ['campaign', 'quad', '--trials', '20', '--json',
-                                         '--output', str(output)])
+        done = invoke('campaign', 'quad', '--trials', '20', '--json', '--output', str(output))
     assert done.exit_code == 0, done.output
     picture = cv2.imread(str(output / 'figure_5_angles.png'))
     assert picture.shape[0] > 200 and picture.std() > 10

@@ -5,19 +5,18 @@
 
 import json
 
-from click.testing import CliRunner
+from commands import invoke
 import cv2
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.evaluation.campaign.two_satellite_scene import ALL, Scene
 
 
 @pytest.fixture(scope='module')
 def document(tmp_path_factory):
     output = tmp_path_factory.mktemp('campaign')
-    done = CliRunner().invoke(main, ['campaign', 'two-satellite', '--trials', '20000',
-                                     '--output', str(output), '--json'])
+    done = invoke('campaign', 'two-satellite', '--trials', '20000', '--output', str(output),
+                  '--json')
     # Status 1: a row does not hold.
     assert done.exit_code in (0, 1) and done.stdout, done.output
     for name in ('two_satellite', 'scales', 'axes'):

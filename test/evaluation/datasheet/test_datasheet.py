@@ -7,10 +7,10 @@ from dataclasses import replace
 import json
 
 from browser import assert_readable
-from click.testing import CliRunner
+from commands import invoke
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
+from skies import CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, random_attitude
 from startracker_ros.evaluation.datasheet import datasheet, design
@@ -134,8 +134,8 @@ def test_wrong_optics_are_named(tmp_path, text, words):
     file.write_text(text)
     with pytest.raises(OpticsError, match=words):
         load_optics(file)
-    result = CliRunner().invoke(main, ['datasheet', '--optics', str(file)])
-    assert result.exit_code == 2 and str(file) in result.output
+    result = invoke('datasheet', '--optics', str(file))
+    assert result.exit_code == 2 and str(file) in result.stderr
 
 
 def test_optics_change_what_they_name(tmp_path):
@@ -152,7 +152,7 @@ def test_the_formula_is_that_of_liebe_and_has_a_best_exposure():
     assert expected[0].cross_rad > best.cross_rad <= expected[-1].cross_rad
     assert best.streak_px < expected[-1].streak_px
     # 40 stars of 0.1 px in a field of 12 deg over 1024 px.
-    cross, about = design._liebe(Camera.from_fov(1024, 1024, 12.0), 0.1, 40)
+    cross, about = design._liebe(CAMERA, 0.1, 40)
     assert cross / ARCSEC == pytest.approx(12 * 3600 * 0.1 / 1024 / 40 ** 0.5)
     assert about / ARCSEC == pytest.approx(0.1 / 0.3825 / 1024 / 40 ** 0.5 / ARCSEC, rel=1e-6)
     slower = design.best_of(design.expectations(replace(options, rate_deg_s=0.2), magnitudes))
@@ -167,6 +167,6 @@ def test_the_formula_is_that_of_liebe_and_has_a_best_exposure():
      'cannot be simulated')])
 def test_an_impossible_design_is_named(arguments, words, monkeypatch):
     monkeypatch.setattr('startracker_ros.evaluation.datasheet.design_table._SKY_FIELDS', 20)
-    result = CliRunner().invoke(main, ['design', *arguments.split()])
+    result = invoke('design', *arguments.split())
     assert result.exit_code == 2, result.output
-    assert words in ' '.join(result.output.split()), result.output
+    assert words in ' '.join(result.stderr.split()), result.stderr

@@ -11,12 +11,12 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from skies import START_NS
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.writer import BagWriter
 
 ROOT = Path(__file__).parents[3]
-START_NS = 1_790_000_000_000_000_000
 SIGMA_RAD = 2 * ARCSEC
 RATE_SIGMA_RAD_S = 1e-4
 

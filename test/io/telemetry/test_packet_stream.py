@@ -8,11 +8,10 @@ import os
 import pty
 import socket
 
-from click.testing import CliRunner
+from commands import invoke
 from limits import HANGS_S
 import numpy as np
 import pytest
-from startracker_ros.__main__ import main
 from startracker_ros.io.telemetry import nos3, space_packet
 from startracker_ros.io.telemetry.capture import decode_capture
 from startracker_ros.io.telemetry.link import Link, LinkError
@@ -119,8 +118,8 @@ def test_a_capture_is_decoded_and_its_damage_reported(tmp_path):
     for packet in (first, second[:40], fourth, third[:10]):
         link.send(packet)
     link.close()
-    result = CliRunner().invoke(main, ['telemetry', 'decode', str(tmp_path / 'capture'), '--json'])
-    document = json.loads(result.output)
+    result = invoke('telemetry', 'decode', str(tmp_path / 'capture'), '--json')
+    document = json.loads(result.stdout)
     assert result.exit_code == 0
     assert [row['sequence'] for row in document['rows']] == [0, 3]
     assert document['rows'][1]['q_x'] == 0.1
@@ -128,9 +127,8 @@ def test_a_capture_is_decoded_and_its_damage_reported(tmp_path):
     assert (conditions['packets'], conditions[CUT_SHORT], conditions[DAMAGED]) == (2, 2, 0)
     assert conditions['packets missing by their sequence'] == 2
     (tmp_path / 'nos3').write_bytes(b''.join(PACKETS[nos3_stream]))
-    result = CliRunner().invoke(
-        main, ['telemetry', 'decode', str(tmp_path / 'nos3'), '--format', 'nos3', '--json'])
-    assert [row['valid'] for row in json.loads(result.output)['rows']] == [True] * 4
+    result = invoke('telemetry', 'decode', str(tmp_path / 'nos3'), '--format', 'nos3', '--json')
+    assert [row['valid'] for row in json.loads(result.stdout)['rows']] == [True] * 4
 
 
 @pytest.mark.parametrize(('numbers', 'missing', 'back'), [

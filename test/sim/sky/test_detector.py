@@ -9,6 +9,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from scipy.stats import chi2, chisquare, norm, poisson
+from skies import CAMERA as FULL_CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.sim.sky.detector import Detector, DetectorOptions
 
@@ -77,8 +78,7 @@ def test_a_star_slides_in_over_the_edge():
 def test_background_is_poisson_plus_read_noise(change):
     """Chi-square against an integral over counts that shares nothing with the renderer."""
     options = replace(DetectorOptions(), **change)
-    camera = Camera.from_fov(1024, 1024, 12.0)
-    image = draw(options, *NOBODY, camera=camera)
+    image = draw(options, *NOBODY, camera=FULL_CAMERA)
     electrons = np.arange(0, 2000)
     weight = poisson.pmf(electrons, options.background_e)
     collected = np.minimum(electrons, options.full_well_e)
@@ -96,7 +96,7 @@ def test_background_is_poisson_plus_read_noise(change):
 
 def test_background_mean_and_variance():
     options = DetectorOptions(gain_e_per_dn=1.0)
-    image = draw(options, *NOBODY, camera=Camera.from_fov(1024, 1024, 12.0)).astype(float)
+    image = draw(options, *NOBODY, camera=FULL_CAMERA).astype(float)
     variance = 20.0 + 5.0 ** 2 + 1 / 12
     assert image.mean() == pytest.approx(84.0, abs=5 * np.sqrt(variance / image.size))
     assert image.var() == pytest.approx(variance, rel=5 * np.sqrt(2 / image.size))

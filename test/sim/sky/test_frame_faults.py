@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skies import SMALL_CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog
 from startracker_ros.sim.sky.artefacts import ArtefactOptions
@@ -150,9 +151,8 @@ def test_a_preset_leaves_what_the_user_has_set():
 
 
 def test_a_harsh_frame_has_what_the_truth_says():
-    camera = Camera.from_fov(512, 512, 12.0)
     frame = simulator(with_preset(ArtefactOptions(), 'harsh'),
-                      with_preset(DetectorOptions(), 'harsh'), camera=camera).frame(0.0)
+                      with_preset(DetectorOptions(), 'harsh'), camera=SMALL_CAMERA).frame(0.0)
     counts = frame.artefacts.counts()
     assert counts['trails'] == 1 and counts['saturated_columns'] == 1
     assert counts['dead_columns'] == 2 and counts['warm_columns'] == 4

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import kstest, poisson
+from skies import CAMERA as FULL_CAMERA
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.sim.sky.cosmic_rays import add_cosmic_rays, DEPTH_UM
 from startracker_ros.sim.sky.detector import Detector, DetectorOptions
@@ -116,8 +117,7 @@ def tracks(hits, seed, pitch_um=5.5):
 
 def test_number_of_cosmic_rays():
     """5 hits/cm^2/s: over 0.32 cm^2 in 0.2 s it is 0.32 a frame."""
-    camera = Camera.from_fov(1024, 1024, 12.0)
-    detector = Detector(camera, replace(EXACT, cosmic_ray_hits_cm2_s=5.0, exposure_s=0.2))
+    detector = Detector(FULL_CAMERA, replace(EXACT, cosmic_ray_hits_cm2_s=5.0, exposure_s=0.2))
     mean = 5 * (1024 * 5.5e-4) ** 2 * 0.2
     rng = np.random.default_rng(3)
     struck = [detector.render(*NOBODY, rng).any() for _ in range(300)]

@@ -1,0 +1,177 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The equations of the fits against numerical derivatives, integrals and slow sums."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
+from star_windows import psf_image, windows_of
+from startracker_ros.core.centroid.background import readable
+from startracker_ros.core.centroid.gaussian_fit import fit_stars
+from startracker_ros.core.centroid.noise import NoiseModel, pixel_variance
+from startracker_ros.core.centroid.noise_fit import refine_noise_model
+from startracker_ros.core.centroid.normal_equations import invert
+from startracker_ros.core.centroid.psf import D_CENTRE, D_SIGMA, LEVEL, profile, SHARE
+from startracker_ros.core.centroid.streak_fit import fit_streaks, Pixels, share_at
+
+NOISE, BACKGROUND = NoiseModel(0.7, 0.02), 40.0
+STEPS = np.array([1e-4, 1e-4, 1e-2, 1e-2, 1e-4, 1e-4, 1e-4])
+
+
+def derivatives(model, parameters):
+    """Return d model / d parameters (P, N) by central differences."""
+    rows = []
+    for p, step in enumerate(STEPS[:len(parameters)]):
+        change = np.zeros(len(parameters))
+        change[p] = step
+        rows.append((model(parameters + change) - model(parameters - change)).ravel()
+                    / (2 * step))
+    return np.array(rows)
+
+
+def gauss_newton(model, parameters, data, free, used=None):
+    """Return information (free, free), step (free,) and chi-square of a fit with slow sums."""
+    expected = model(parameters)
+    flux = expected - parameters[LEVEL]
+    weight = 1 / (BACKGROUND + NOISE.gain_dn * flux + (NOISE.model_error * flux) ** 2).ravel()
+    if used is not None:
+        weight = weight * used.ravel()
+    J = derivatives(model, parameters)[:free]
+    residual = (data - expected).ravel()
+    information = J * weight @ J.T
+    return (information, np.linalg.solve(information, J * weight @ residual),
+            np.sum(weight * residual ** 2))
+
+
+def same_information(found, expected):
+    """Compare matrices (p, p), each element in units of its diagonal."""
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / scale, expected / scale, atol=2e-4)
+
+
+@pytest.mark.parametrize('centre', [10.0, 10.31, 9.5])
+@pytest.mark.parametrize('sigma', [0.35, 0.8, 2.5])
+def test_the_profile_is_the_normal_distribution_over_pixels(centre, sigma):
+    share = np.empty((3, 21), np.float32)
+    profile(centre, sigma, 0, share)
+
+    def expected(u, s):
+        return np.diff(norm.cdf(np.arange(-0.5, 21), u, s))
+    step = 1e-5
+    np.testing.assert_allclose(share[SHARE], expected(centre, sigma), atol=2e-7)
+    np.testing.assert_allclose(
+        share[D_CENTRE], (expected(centre + step, sigma) - expected(centre - step, sigma))
+        / (2 * step), atol=2e-6)
+    np.testing.assert_allclose(
+        share[D_SIGMA], (expected(centre, sigma + step) - expected(centre, sigma - step))
+        / (2 * step), atol=2e-6)
+
+
+@pytest.mark.parametrize('free_sigma', [False, True])
+@pytest.mark.parametrize('u, v, sigma', [(7.0, 7.0, 0.6), (7.4, 6.7, 1.1), (6.5, 7.5, 2.0)])
+def test_information_step_and_chi_square_of_a_star(u, v, sigma, free_sigma):
+    start = np.array([u, v, 5000.0, 3.0, sigma])
+    rng = np.random.default_rng(1)
+    data = psf_image(start + [0.1, -0.05, 300.0, 1.0, 0.05], 15) + rng.normal(0, 5, (15, 15))
+    windows = windows_of(data[None], BACKGROUND)
+    windows.used[0, 3, 8] = False
+    free = 5 if free_sigma else 4
+    information, step, chi2 = gauss_newton(
+        lambda star: psf_image(star, 15), start, windows.data[0, :, :15].astype(float), free,
+        windows.used[0, :, :15])
+    fit = fit_stars(windows, start[None], NOISE, free_sigma=free_sigma, iterations=0)
+    same_information(np.linalg.inv(fit.covariance[0]), information)
+    assert fit.chi2[0] == pytest.approx(chi2, rel=1e-4)
+    assert fit.dof[0] == 15 * 15 - 1 - free
+    moved = fit_stars(windows, start[None], NOISE, free_sigma=free_sigma, iterations=1)
+    np.testing.assert_allclose(
+        (moved.parameters[0] - start)[:free], step, rtol=2e-3,
+        atol=1e-3 * np.sqrt(np.diag(np.linalg.inv(information))).min())
+
+
+def streak_flux(star, x, y):
+    """Return the flux of a Gaussian that moves along a line, integrated over the exposure."""
+    u, v, flux, _, sigma, length, angle = star
+    variance = sigma ** 2 + 1 / 12
+
+    def at(t):
+        square = ((x - u - t * length * np.cos(angle)) ** 2
+                  + (y - v - t * length * np.sin(angle)) ** 2)
+        return np.exp(-square / (2 * variance)) / (2 * np.pi * variance)
+    return flux * quad(at, -0.5, 0.5, epsabs=1e-13, epsrel=1e-11)[0]
+
+
+@pytest.mark.parametrize('length, angle', [(0.5, 0.0), (6.0, 0.7), (15.0, -1.2)])
+def test_the_flux_of_a_streak_is_that_of_a_moving_star(length, angle):
+    star = np.array([10.2, 9.7, 1.0, 0.0, 0.9, length, angle])
+    for x, y in ((10, 10), (12, 9), (7, 13), (10, 4)):
+        assert share_at(star, x, y) == pytest.approx(streak_flux(star, x, y), rel=1e-6, abs=1e-7)
+
+
+@pytest.mark.parametrize('free', [4, 7])
+@pytest.mark.parametrize('length, angle', [(5.0, 0.0), (8.0, 0.6), (12.0, -1.0)])
+def test_information_step_and_chi_square_of_a_streak(length, angle, free):
+    start = np.array([20.3, 19.6, 9000.0, 2.0, 1.1, length, angle])
+    rng = np.random.default_rng(2)
+    y, x = np.mgrid[:41, :41]
+    dx, dy = x - start[0], y - start[1]
+    along = dx * np.cos(angle) + dy * np.sin(angle)
+    across = dy * np.cos(angle) - dx * np.sin(angle)
+    reach = 3.5 * np.sqrt(1.1 ** 2 + 1 / 12) + 1
+    fitted = ((np.abs(across) <= reach) & (np.abs(along) <= length / 2 + reach)
+              & (np.abs(dx) <= length / 2 * abs(np.cos(angle)) + reach)
+              & (np.abs(dy) <= length / 2 * abs(np.sin(angle)) + reach))
+
+    def model(star):
+        return np.array([streak_flux(star, *pixel) + star[LEVEL]
+                         for pixel in zip(x[fitted], y[fitted])])
+    # A background that rises by 0.5 DN a pixel along u.
+    level = 500 + 0.5 * x
+    image = level.copy()
+    image[fitted] += (model(start + [0.2, -0.1, 300.0, 1.0, 0.0, 0.3, 0.01])
+                      + rng.normal(0, 6, fitted.sum()))
+    pixels = Pixels(readable(np.round(image).astype(np.uint16)), np.array([[500.0, 0.5, 0.0]]),
+                    np.array([BACKGROUND]), 65535.0)
+    data = (np.round(image) - level)[fitted]
+    information, step, chi2 = gauss_newton(model, start, data, free)
+    fit = fit_streaks(pixels, start[None], NOISE, free, 0)
+    same_information(np.linalg.inv(fit.covariance[0]), information)
+    assert fit.chi2[0] == pytest.approx(chi2, rel=1e-6)
+    assert fit.dof[0] == fitted.sum() - free
+    moved = fit_streaks(pixels, start[None], NOISE, free, 1)
+    np.testing.assert_allclose((moved.parameters[0] - start)[:free], step, rtol=1e-4)
+
+
+def test_a_matrix_is_inverted_in_place():
+    root = np.random.default_rng(3).normal(0, 1, (5, 5))
+    matrix = root @ root.T + np.eye(5)
+    found = matrix.copy()
+    invert(found)
+    np.testing.assert_allclose(found @ matrix, np.eye(5), atol=1e-12)
+
+
+@pytest.mark.parametrize('gain, model_error', [(0.3, 0.0), (2.0, 0.0), (0.5, 0.05)])
+def test_the_noise_model_is_that_of_the_pixels(gain, model_error):
+    """The initial model is wrong by a factor of 3; 300 stars of many fluxes show the right one."""
+    rng, count = np.random.default_rng(4), 300
+    star = np.column_stack([*rng.uniform(6.5, 7.5, (2, count)), np.geomspace(500, 50000, count),
+                            np.zeros(count), np.full(count, 1.0)])
+    light = np.array([psf_image(one, 15) for one in star])
+    sigma = np.sqrt(BACKGROUND + gain * light + (model_error * light) ** 2)
+    windows = windows_of(light + sigma * rng.normal(0, 1, light.shape), BACKGROUND)
+    noise = NoiseModel(3 * gain, 0.0)
+    for _ in range(4):
+        noise = refine_noise_model(noise, fit_stars(windows, star, noise), windows,
+                                   np.ones(count, bool))
+    # Both at once: with the model error free, that of small fluxes is in its error.
+    assert noise.gain_dn == pytest.approx(gain, rel=0.06)
+    assert noise.model_error == pytest.approx(model_error, rel=0.06, abs=0.012)
+    for flux in (100.0, 3000.0):
+        assert pixel_variance(noise, BACKGROUND, flux) == pytest.approx(
+            BACKGROUND + gain * flux + (model_error * flux) ** 2, rel=0.1)
+
+
+def test_flux_below_zero_has_the_noise_of_the_background():
+    assert pixel_variance(NOISE, BACKGROUND, -50.0) == BACKGROUND
