@@ -111,7 +111,7 @@ def taken_with_zone(sky_data, tmp_path):
         for name, details in (('zone.png', {0x9011: '+02:00'}), ('none.png', {})):
             exif = Image.Exif()
             exif[0x0112] = 1
-            exif.get_ifd(0x8769).update({0x9003: '2019:07:29 22:47:26', **details})
+            exif[0x8769] = {0x9003: '2019:07:29 22:47:26', **details}
             picture.save(tmp_path / name, exif=exif)
     return tmp_path / 'zone.png', tmp_path / 'none.png'
 
