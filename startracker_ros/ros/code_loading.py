@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from startracker_ros.core.machine_code import machine_code_folder
 from startracker_ros.ros.diagnostics import WARN
+from startracker_ros.ros.input_links import InputLinks
 from startracker_ros.ros.memory import return_free_memory
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ class CodeLoading:
     Loads, or compiles, all registered functions of the modules that the process has imported.
 
     The executor stays free meanwhile, so that diagnostics continue. What is compiled, now or
-    later, is reported within a second. on_loaded() is called in the executor.
+    later, is reported within a second. on_loaded() is called in the executor, once the nodes that
+    publish the inputs have discovered the subscriptions as well.
     """
 
     def __init__(self, node: 'PipelineNode', warm_up: Callable[[], None],
@@ -38,6 +40,7 @@ class CodeLoading:
         self._thread = Thread(target=partial(self._load, warm_up), daemon=True,
                               name=f'{node.get_name()} code')
         self._thread.start()
+        self._links: InputLinks | None = None
         self._timer = node.create_steady_timer(_POLL_S, self._check)
 
     @property
@@ -76,7 +79,11 @@ class CodeLoading:
         self._node.diagnostics.say_compiling(name and f'{name}{progress}{reason}')
 
     def _check(self) -> None:
-        if not self.is_running:
+        if self.is_running:
+            return
+        if self._links is None:
+            self._links = InputLinks(self._node)
+        if self._links.are_there():
             self._node.destroy_timer(self._timer)
             return_free_memory()
             self.is_loaded = True

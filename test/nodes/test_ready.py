@@ -8,10 +8,13 @@ from pathlib import Path
 import subprocess
 import sys
 
+from lifecycle_msgs.srv import GetState
 from limits import HANGS_S
 import numpy as np
 import pytest
 from queues import deep_queues
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from skies import START_NS
@@ -101,6 +104,30 @@ def test_every_frame_played_into_active_nodes_is_answered(
         assert player.wait(HANGS_S) == 0
         rig.remove_probe()
         assert set(nodes.stop(HANGS_S).values()) == {0}
+
+
+@pytest.mark.parametrize('answers', [True, False])
+def test_the_publisher_of_an_input_has_discovered_a_stage_that_is_ready(nodes, probe, answers):
+    """What the tracker publishes before it has discovered the estimator would be lost."""
+    tracker = rclpy.create_node('star_tracker', context=probe.context)
+    tracker.create_publisher(PointCloud2, 'tracks', qos.LIST)
+    users = []
+
+    def on_request(request, response):
+        users.append(probe.count_subscribers('camera_info'))
+        return response
+    tracker.create_service(GetState, '~/get_state', on_request)
+    executor = SingleThreadedExecutor(context=probe.context)
+    executor.add_node(tracker)
+    nodes.start('attitude_estimator')
+
+    def is_ready():
+        if answers:
+            executor.spin_once(0.01)
+        return probe.count_subscribers('camera_info')
+    probe.wait(is_ready, 'the estimator, which does not wait for an answer for ever')
+    tracker.destroy_node()
+    assert not any(users) and bool(users) == answers
 
 
 def header(index):
