@@ -99,7 +99,7 @@ setup(
         # Space packets of telemetry_bridge.
         'telemetry': ['spacepackets>=0.28'],
         # Images of `startracker solve` in FITS, and those of digital cameras.
-        'fits': ['astropy>=5.0'],
+        'fits': ['astropy>=6.0'],
         'raw': ['rawpy>=0.18'],
         # A machine with ROS 2 has these; elsewhere these wheels are enough.
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],

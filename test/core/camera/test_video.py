@@ -52,7 +52,7 @@ def test_frames_of_16_bit_are_exact_or_what_an_old_opencv_has_of_them(sky_data):
         np.testing.assert_array_equal(found, noise(4, np.uint16))
     else:
         assert found.dtype == np.uint8
-        np.testing.assert_allclose(found, np.array(noise(4, np.uint16)) / 257, atol=1)
+        np.testing.assert_allclose(found, np.array(noise(4, np.uint16)) / 256, atol=1)
 
 
 @pytest.mark.parametrize('name, dtype', [
