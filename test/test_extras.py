@@ -10,7 +10,9 @@ import subprocess
 import sys
 
 from limits import HANGS_S
+import matplotlib
 import pytest
+from startracker_ros.core.extras import MissingLibraryError, new_figure
 import yaml
 
 LIBRARIES = ('Basilisk', 'dask', 'distributed', 'jinja2', 'matplotlib', 'pyarrow')
@@ -40,6 +42,13 @@ def test_a_command_without_the_extras(arguments: list[str], words: str, tmp_path
         capture_output=True, text=True, timeout=HANGS_S)
     assert done.returncode == (1 if words else 0), done.stderr
     assert done.stderr.strip() == (f'startracker: {words}' if words else '')
+
+
+def test_an_old_matplotlib_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(matplotlib, '__version__', '3.6.3')
+    monkeypatch.setattr(matplotlib, '__version_info__', (3, 6, 3, 'final', 0))
+    with pytest.raises(MissingLibraryError, match='needs matplotlib 3.7 or later, not 3.6.3'):
+        new_figure()
 
 
 @pytest.fixture

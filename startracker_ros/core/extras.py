@@ -11,6 +11,9 @@ from typing import Any
 OLDEST_NUMBA = 0, 61
 """With NumPy 1.26 earlier ones end a program at random: TypeError, can't unbox array."""
 
+OLDEST_MATPLOTLIB = 3, 7
+"""Earlier ones have no place for the legend outside of the axes."""
+
 
 class MissingLibraryError(RuntimeError):
     """A library is not installed or too old; the text says how to install it."""
@@ -61,5 +64,10 @@ PAGE_IN = 10.0
 def new_figure(**options: Any) -> Any:
     """Return a matplotlib Figure, which saves PNG files without pyplot and without a display."""
     with extra('report', 'matplotlib', 'A picture'):
+        import matplotlib
         from matplotlib.figure import Figure
+    if matplotlib.__version_info__ < OLDEST_MATPLOTLIB:
+        raise MissingLibraryError(
+            f'A picture needs matplotlib {".".join(map(str, OLDEST_MATPLOTLIB))} or later, not '
+            f"{matplotlib.__version__}: pip install 'startracker_ros[report]'")
     return Figure(layout='constrained', **options)

@@ -74,6 +74,8 @@ def test_a_healthy_start_logs_no_warning(nodes, probe, tmp_path):
     for node in STAGES:
         nodes.start(node, {'autostart': False})
     nodes.start('pipeline_manager')
+    # What comes before that is dropped.
+    probe.wait_diagnostic(f'all {len(STAGES)} nodes are active')
     nodes.start('sky_simulator', {'wait_for_camera_users': len(STAGES), 'frames_ahead': 1,
                                   'width': 512, 'height': 512, 'fov_deg': 12.0})
     probe.wait_diagnostic('publishing attitude')

@@ -232,7 +232,8 @@ def _step(residual: np.ndarray, lens: np.ndarray, rotation: np.ndarray, frame: n
     scale = np.outer(scale, scale)
     covariance = np.linalg.inv(information / scale + _NO_INFORMATION * np.eye(count)) / scale
     change = covariance @ gradient
-    rotations = np.array([np.linalg.lstsq(b, r - a @ change)[0] for a, b, r in parts])
+    rotations = np.array([np.linalg.lstsq(b, r - a @ change, rcond=None)[0]
+                              for a, b, r in parts])
     return change, rotations.reshape(frames, 3), covariance
 
 

@@ -165,7 +165,7 @@ class LensFilter:
         gradient = design.T @ residual
         # y = A'r has the covariance Y + Y P Y.
         S = information + information @ covariance @ information
-        if gradient @ np.linalg.lstsq(S, gradient)[0] > _GATE:
+        if gradient @ np.linalg.lstsq(S, gradient, rcond=None)[0] > _GATE:
             off_px = float(np.median(frame.sigma_px)) * math.sqrt(
                 self.variance * float(np.mean(residual ** 2)))
             raise CalibrationError(

@@ -86,7 +86,7 @@ def _fit(design: np.ndarray, observed: np.ndarray, steady: np.ndarray
     """
     used = steady
     for _ in range(_ITERATIONS):
-        value = np.linalg.lstsq(design[used], observed[used])[0]
+        value = np.linalg.lstsq(design[used], observed[used], rcond=None)[0]
         residual = observed - design @ value
         within = steady & (np.abs(residual) <= _REJECT_SIGMAS * _MAD_SIGMA * np.median(
             np.abs(residual)))

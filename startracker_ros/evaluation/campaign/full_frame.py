@@ -72,7 +72,8 @@ def draw_chip(rng: np.random.Generator) -> FullFrame:
     r2 = (x - x0) ** 2 + (y - y0) ** 2
     shift = (third * r2 + fifth * r2 ** 2)[:, None] * np.stack([x - x0, y - y0], -1)
     powers = [(i, j) for i in range(_ORDER + 1) for j in range(_ORDER + 1 - i)]
-    terms = np.linalg.lstsq(np.stack([x ** i * y ** j for i, j in powers], -1), shift)[0]
+    terms = np.linalg.lstsq(np.stack([x ** i * y ** j for i, j in powers], -1), shift,
+                            rcond=None)[0]
     terms += rng.normal(0, OTHER_PX / np.sqrt(len(powers)), terms.shape)
     polynomials = np.zeros((2, _ORDER + 1, _ORDER + 1))
     for (i, j), term in zip(powers, terms):

@@ -108,6 +108,9 @@ def _pages(path: Path) -> Iterator[Frame]:
 
 def _pixels(image: Image.Image) -> np.ndarray:
     """Return the current page as (H, W) or (H, W, 3), uint8 or uint16."""
+    if image.mode == 'I' and image.format == 'PNG':
+        # Pillow before 10.3 has no mode of its own for 16 bit there.
+        return np.asarray(image).astype(np.uint16)
     if image.mode in ('F', 'I'):
         raise ValueError(f'pixels of mode {image.mode}, must be 8 or 16 bit integers')
     pixels = np.asarray(image if image.mode in ('L', 'I;16', 'I;16B') else image.convert('RGB'))

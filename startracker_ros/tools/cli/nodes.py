@@ -9,13 +9,15 @@ from typing import Any
 import click
 from startracker_ros.core.options import yaml_value
 from startracker_ros.ros.executables import EXECUTABLES, NODES, STAGES
-from startracker_ros.tools.cli.outcome import Commands, exit_1_on, usage_error_on
+from startracker_ros.tools.cli.outcome import (
+    Commands, exit_1_on, NeedsArguments, usage_error_on)
 from startracker_ros.tools.cli.shared import (
     become_node, finish, finish_measured, json_option, print_result, seed_option)
 
 
-@click.command(context_settings={'ignore_unknown_options': True, 'allow_interspersed_args': False},
-               no_args_is_help=True, epilog=f'Nodes: {", ".join(EXECUTABLES)}.')
+@click.command(cls=NeedsArguments, no_args_is_help=True,
+               context_settings={'ignore_unknown_options': True, 'allow_interspersed_args': False},
+               epilog=f'Nodes: {", ".join(EXECUTABLES)}.')
 @click.argument('node')
 @click.argument('arguments', nargs=-1, type=click.UNPROCESSED, metavar='[--ros-args ...]')
 def run(node: str, arguments: tuple[str, ...]) -> None:
@@ -45,7 +47,8 @@ def _print_parameters(node: str) -> None:
             for row in node_rows(each)]), as_json=False)
 
 
-@click.group(cls=Commands, invoke_without_command=True)
+@click.group(cls=Commands, invoke_without_command=True,
+             subcommand_metavar='[COMMAND] [ARGS]...')
 @click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False), default='demo',
               show_default=True, help='Folder for bag, picture and logs.')
 @click.option('--seconds', type=click.FloatRange(5, 3600), default=60.0, show_default=True,

@@ -35,7 +35,26 @@ class _NoReaderError(Exception):
     """Nobody reads the output any more."""
 
 
-class Commands(click.Group):
+class _NoArgumentsError(click.UsageError):
+    """A command without arguments that needs some: the text is its help."""
+
+    def __init__(self, ctx: click.Context) -> None:
+        super().__init__(ctx.get_help(), ctx)
+
+    def show(self, file: Any = None) -> None:
+        click.echo(self.message, file=file, err=True)
+
+
+class NeedsArguments(click.Command):
+    """A command whose no_args_is_help is wrong use; click before 8.2 ends with status 0."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if not args and self.no_args_is_help and not ctx.resilient_parsing:
+            raise _NoArgumentsError(ctx)
+        return super().parse_args(ctx, args)
+
+
+class Commands(NeedsArguments, click.Group):
     """A group of commands, each listed with the whole of its first sentence."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

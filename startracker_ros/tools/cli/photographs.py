@@ -10,7 +10,7 @@ import sys
 from typing import Any, TYPE_CHECKING, TypeVar
 
 import click
-from startracker_ros.tools.cli.outcome import exit_1_on, usage_error_on
+from startracker_ros.tools.cli.outcome import exit_1_on, NeedsArguments, usage_error_on
 from startracker_ros.tools.cli.shared import json_option, print_result
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ Examples:
 """
 
 
-@click.command(no_args_is_help=True, epilog=_EXAMPLES)
+@click.command(cls=NeedsArguments, no_args_is_help=True, epilog=_EXAMPLES)
 @click.argument('images', nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option('--fov-deg', type=float, help='Horizontal field of view, edge to edge; one that '
               'does not fit is dropped.  [default: EXIF, then a search from 1 to 120 deg]')

@@ -17,7 +17,7 @@ def save(path, tags=(), details=(), size=(60, 40)):
     picture = Image.fromarray(image)
     exif = picture.getexif()
     exif.update(dict(tags))
-    exif.get_ifd(0x8769).update(dict(details))
+    exif[0x8769] = dict(details)
     picture.save(path, exif=exif)
     return path
 

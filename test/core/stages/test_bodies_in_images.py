@@ -75,7 +75,7 @@ def test_without_the_hour_no_body_is_named(jupiter, tmp_path):
         for name, details in (('zone.png', {0x9011: '+00:00'}), ('none.png', {})):
             exif = Image.Exif()
             exif[0x0112] = 1
-            exif.get_ifd(0x8769).update({0x9003: '2026:07:02 15:00:00', **details})
+            exif[0x8769] = {0x9003: '2026:07:02 15:00:00', **details}
             picture.save(tmp_path / name, exif=exif)
     zone, none, today = solve_files([tmp_path / 'zone.png', tmp_path / 'none.png', jupiter],
                                     fov_deg=14.0).rows

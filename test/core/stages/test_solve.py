@@ -111,7 +111,7 @@ def taken_with_zone(sky_data, tmp_path):
         for name, details in (('zone.png', {0x9011: '+02:00'}), ('none.png', {})):
             exif = Image.Exif()
             exif[0x0112] = 1
-            exif.get_ifd(0x8769).update({0x9003: '2019:07:29 22:47:26', **details})
+            exif[0x8769] = {0x9003: '2019:07:29 22:47:26', **details}
             picture.save(tmp_path / name, exif=exif)
     return tmp_path / 'zone.png', tmp_path / 'none.png'
 
@@ -193,7 +193,9 @@ def test_colours_become_grey_and_depth_is_kept(tmp_path):
 def test_each_selected_frame_of_a_video_is_a_row(sky_data, tmp_path):
     folder = sky_data / 'night-sky-11deg'
     known = known_rows(folder)[1:3]
-    pages = [Image.fromarray(read_image(folder / row['file'])) for row in known]
+    # Of 8 bit: Pillow before 10.3 takes animated PNG of 16 bit with the same white for one page.
+    pages = [Image.fromarray(np.uint8(np.minimum(read_image(folder / row['file']) // 128, 255)))
+             for row in known]
     (tmp_path / 'video').mkdir()
     # The second file has the same stem: its pictures have names of their own.
     for path in (tmp_path / 'a.tif', tmp_path / 'video' / 'a.png'):

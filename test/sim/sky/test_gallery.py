@@ -27,7 +27,10 @@ def test_pictures_are_those_of_the_command(name):
     shown = cv2.imread(str(DOCS / 'pictures' / f'{name}.png'))
     drawn = draw(PICTURES[name]).astype(int)
     # Another processor may round one pixel in a thousand to the next grey.
-    assert (np.abs(drawn - shown) > 5).mean() < 1e-3
+    assert (np.abs(drawn - shown)[TITLE_PX:] > 5).mean() < 1e-3
+    # Versions of OpenCV have fonts of their own.
+    ink = [(title > 100).any(axis=(0, 2)).sum() for title in (drawn[:TITLE_PX], shown[:TITLE_PX])]
+    assert ink[0] == pytest.approx(ink[1], rel=0.2) and ink[0] > 50
     if not PICTURES[name].overlay:
         halves = drawn[TITLE_PX:]
         assert (halves[:, :340] != halves[:, 346:]).any()
