@@ -113,8 +113,7 @@ def test_the_calibration_prints_what_its_page_says(sky_data, tmp_path, monkeypat
                                     DOCUMENTS['docs/calibration.md']).groups()
     monkeypatch.chdir(tmp_path)
     *words, _ = shlex.split(command)
-    done = CliRunner().invoke(main, [*words, *map(str, sorted(
-        (sky_data / 'night-sky-11deg').glob('*.png')))])
+    done = invoke(*words, *map(str, sorted((sky_data / 'night-sky-11deg').glob('*.png'))))
     number = re.compile(r'(?<![\w-])-?\d+\.?\d*(?![\w-])')
     assert number.sub('', done.output).split() == number.sub('', printed).split()
     # Other processors round otherwise, and a star more or less is matched.
