@@ -81,12 +81,14 @@ class Estimate(NamedTuple):
     """
     The acceleration at a frame about sensor axes, each (3,): its value in the way that is used.
 
-    variance is its own, in rad^2/s^4; process the part of it that is significant, for the process
-    noise of a filter; unsteady what of that no way predicts.
+    ahead is the mean up to the next frame, half a frame later: a swinging body has another one by
+    then. variance is its own, in rad^2/s^4; process the part of it that is significant, for the
+    process noise of a filter; unsteady what of that no way predicts.
     """
 
     way: int
     value: np.ndarray
+    ahead: np.ndarray
     variance: np.ndarray
     process: np.ndarray
     unsteady: np.ndarray
@@ -99,7 +101,7 @@ class Shift(NamedTuple):
     covariance: np.ndarray
 
 
-_NOTHING = Estimate(STEADY, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
+_NOTHING = Estimate(STEADY, *[np.zeros(3)] * 5)
 
 
 class AngularAcceleration:
@@ -122,7 +124,7 @@ class AngularAcceleration:
         if memory.numbers[WEIGHT]:
             variance = memory.square[STEADY] / memory.numbers[WEIGHT]
             self.estimate = Estimate(
-                STEADY, np.zeros(3), variance, variance, self.estimate.unsteady)
+                STEADY, np.zeros(3), np.zeros(3), variance, variance, self.estimate.unsteady)
 
     def start(self, stamp_ns: int, quaternion: np.ndarray, rate_rad_s: np.ndarray) -> None:
         """Begin by the attitude (4,) of a frame and the mean rate (3,) since the one before."""
@@ -168,7 +170,7 @@ class AngularAcceleration:
 
 @compiled
 def add_difference(memory: Memory, acceleration: np.ndarray, noise: np.ndarray, since_jump: int
-                   ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+                   ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """
     Add a difference (3,) of attitudes of covariance noise (3, 3) over dt^4; return an Estimate.
 
@@ -210,12 +212,12 @@ def add_difference(memory: Memory, acceleration: np.ndarray, noise: np.ndarray, 
 
 @compiled
 def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
-              ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+              ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the Estimate in the way of the least variance."""
     recent, square, peak, numbers = memory
     weight, b, two = numbers[WEIGHT], numbers[B], numbers[FRAMES] > 1
     best, least = STEADY, np.inf
-    value, variance = np.zeros(3), np.zeros(3)
+    value, ahead, variance = np.zeros(3), np.zeros(3), np.zeros(3)
     process, unsteady = np.zeros(3), np.zeros(3)
     for way in range(3):
         own2 = chance2 = 0.0
@@ -247,6 +249,10 @@ def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
             value[axis] = 0.0 if way == STEADY else last
             if way == OSCILLATION and two:
                 value[axis] = b * last - recent[1, axis]
+            ahead[axis] = value[axis]
+            if way == OSCILLATION and two and b > 1:
+                # Of one faster than six frames the differences do not show it.
+                ahead[axis] += b / 4 * (b * value[axis] - last - value[axis])
             process[axis] = significant
             if way != STEADY:
                 process[axis] = (max(excess, 0.0) + own_variance
@@ -254,7 +260,7 @@ def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
             if since_jump == 1:
                 # The rest of a jump, or a torque that has started.
                 variance[axis] += last * last
-    return best, value, variance, process, unsteady
+    return best, value, ahead, variance, process, unsteady
 
 
 @compiled

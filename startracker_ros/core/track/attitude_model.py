@@ -259,7 +259,7 @@ class AttitudeModel(StarModel):
         acceleration = self._acceleration.estimate
         # A vibration that the frames hardly show would give the rate of its guess.
         certain = acceleration.value ** 2 > SURE_SIGMAS ** 2 * acceleration.variance
-        change = acceleration.value * certain * (dt_s / 2)
+        change = acceleration.ahead * certain * (dt_s / 2)
         process = acceleration.process + acceleration.value ** 2 * ~certain
         after = state._replace(rate=state.rate + change).propagated_at_constant_rate(
             stamp_ns, density + process * dt_s, self._gyro.drift_density)

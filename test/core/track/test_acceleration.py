@@ -47,6 +47,19 @@ def test_the_shift_of_a_sway_is_taken_out_within_its_covariance(amplitude_deg, p
     assert np.max(normalised[2:]) < 25 and np.mean(normalised[settled]) < 1.3
 
 
+@pytest.mark.parametrize(('amplitude_deg', 'period_s'), [(0.2, 2.0), (0.05, 1.0)])
+def test_the_next_rate_of_a_sway_is_that_half_a_frame_ahead(amplitude_deg, period_s):
+    angle, errors = sway(amplitude_deg, period_s), []
+    for frame, (found, _) in enumerate(frames(angle, exposure_s=0.0)):
+        # Of a constant acceleration up to the next frame, that leads from this angle and rate there.
+        now_s, next_s = frame * DT_S, (frame + 1) * DT_S
+        rate = (angle(now_s + 1e-4) - angle(now_s - 1e-4)) / 2e-4
+        needed = 2 * (angle(next_s) - angle(now_s) - rate * DT_S) / DT_S ** 2
+        errors.append((needed - found.estimate.value @ AXIS, needed - found.estimate.ahead @ AXIS))
+    held, ahead = np.std(errors[40:], axis=0)
+    assert ahead < 0.7 * held
+
+
 def test_a_steady_turn_costs_next_to_nothing():
     for found, _ in frames(lambda time_s: np.radians(0.3) * time_s, exposure_s=0.0):
         turn, covariance = found.shift(EXPOSED, np.radians(0.3) * AXIS, 4900.0)
