@@ -17,7 +17,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
+from sensor_msgs.msg import Imu
 from startracker_ros.io.bags.reader import read_messages
+from startracker_ros.ros import qos
 from std_msgs.msg import Header, String
 
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -95,6 +97,22 @@ def test_topics_are_found_as_they_appear_with_the_quality_they_offer(nodes, prob
     assert offers['/late'][0].reliability == QosReliability.RELIABLE
     log = (tmp_path / 'bag_recorder.log').read_text()
     assert f'{sum(map(len, found.values()))} messages of 3 topics, ' in log
+
+
+def test_a_burst_of_a_gyro_is_recorded_whole(nodes, probe, tmp_path):
+    """As many rates as a publisher holds, faster than they are written."""
+    nodes.start('bag_recorder', {'folder': str(tmp_path / 'bag'), 'topics': ['/imu']})
+    publisher = probe.create_publisher(Imu, '/imu', qos.IMU)
+    wait_recorded(probe, publisher)
+    probe.send_until(lambda: publisher.publish(Imu()), lambda: messages(probe), 'the first one')
+    before, burst = messages(probe), Imu()
+    burst.header.frame_id = 'burst'
+    for _ in range(qos.IMU.depth):
+        publisher.publish(burst)
+    probe.wait(lambda: messages(probe) >= before + qos.IMU.depth, 'all of the burst')
+    assert nodes.stop(HANGS_S) == {'bag_recorder': 0}
+    found, _ = recorded(tmp_path / 'bag')
+    assert sum(message.header.frame_id == 'burst' for message in found['/imu']) == qos.IMU.depth
 
 
 def test_a_killed_recorder_loses_what_is_not_on_the_disk_and_the_bag_is_recovered(

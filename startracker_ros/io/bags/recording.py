@@ -31,8 +31,8 @@ class RecordOptions(Options):
         ('*/image_annotated', '*/transition_event'), 'patterns of topics left out; '
         'image_annotated is drawn only for subscribers and can be drawn again, the states of the '
         'nodes are in /diagnostics', read_only=True)
-    queue_depth: int = option(100, 'messages of a topic that wait for the recorder', low=1,
-                              high=10000, read_only=True)
+    queue_depth: int = option(100, 'messages of a topic that wait for the recorder; rates of a '
+                              'gyro are 1000 or more', low=1, high=10000, read_only=True)
     queue_size_mb: float = option(
         256.0, 'messages of all topics that wait for compression and disk; what does not fit is '
         'dropped and counted', unit='MB', low=1.0, high=65536.0, read_only=True)

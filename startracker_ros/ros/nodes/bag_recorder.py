@@ -8,10 +8,12 @@ import sys
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from sensor_msgs.msg import Imu
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.patterns import selected
 from startracker_ros.io.bags.recording import Recording, RecordOptions
 from startracker_ros.io.bags.writer import BagOptions
+from startracker_ros.ros import qos
 from startracker_ros.ros.bag_qos import bag_qos, recording_qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages.message_types import message_class
@@ -87,7 +89,10 @@ class BagRecorderNode(PipelineNode):
                     topic, message, info['received_timestamp'], info['source_timestamp']):
                 self.diagnostics.counts['messages'] += 1
 
-        profile = recording_qos(publishers, self.options(RecordOptions).queue_depth)
+        depth = self.options(RecordOptions).queue_depth
+        # What a gyro measures between two frames may come at once, while images are written.
+        profile = recording_qos(
+            publishers, max(depth, qos.IMU.depth) if message_type is Imu else depth)
         # After a publisher with a weaker profile the next discovery subscribes again.
         events = SubscriptionEventCallbacks(
             message_lost=lambda event: self.diagnostics.counts.update(

@@ -51,11 +51,12 @@ def test_the_shift_of_a_sway_is_taken_out_within_its_covariance(amplitude_deg, p
 def test_the_next_rate_of_a_sway_is_that_half_a_frame_ahead(amplitude_deg, period_s):
     angle, errors = sway(amplitude_deg, period_s), []
     for frame, (found, _) in enumerate(frames(angle, exposure_s=0.0)):
-        # Of a constant acceleration up to the next frame, that leads from this angle and rate there.
+        # The constant acceleration that leads from this angle and rate to the next angle.
         now_s, next_s = frame * DT_S, (frame + 1) * DT_S
         rate = (angle(now_s + 1e-4) - angle(now_s - 1e-4)) / 2e-4
         needed = 2 * (angle(next_s) - angle(now_s) - rate * DT_S) / DT_S ** 2
-        errors.append((needed - found.estimate.value @ AXIS, needed - found.estimate.ahead @ AXIS))
+        found = found.estimate
+        errors.append((needed - found.value @ AXIS, needed - found.ahead @ AXIS))
     held, ahead = np.std(errors[40:], axis=0)
     assert ahead < 0.7 * held
 
