@@ -54,11 +54,10 @@ class PhotographSolver:
     def __init__(self, epoch_year: float, options: IdentificationOptions = IdentificationOptions()
                  ) -> None:
         """Databases are built, or loaded, when they are first searched."""
-        self._blind = BlindIdentifier(epoch_year, replace(
-            options, false_alarm_max=options.false_alarm_max / _SEARCHES))
+        options = replace(options, false_alarm_max=options.false_alarm_max / _SEARCHES)
+        self._blind = BlindIdentifier(epoch_year, options)
         # Not of a method of this object: the cycle would keep the databases.
-        self._known = lru_cache(maxsize=4)(partial(_known_field, epoch_year, replace(
-            options, false_alarm_max=options.false_alarm_max / _SEARCHES)))
+        self._known = lru_cache(maxsize=4)(partial(_known_field, epoch_year, options))
 
     def solve(self, image: np.ndarray, nominal: Camera | None = None,
               observer: Observer = AT_REST, bodies: Bodies = Bodies()) -> Solution:

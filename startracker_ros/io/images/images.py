@@ -56,11 +56,12 @@ class Photograph(NamedTuple):
 
     @property
     def fov_x_deg(self) -> float | None:
-        """The horizontal field of view, None where unknown."""
+        """The horizontal field of view, None where unknown or too small for the catalogue."""
         if self.fov_deg is None:
             return None
         half = np.tan(np.radians(self.fov_deg) / 2) * self.image.shape[1] / max(self.image.shape)
-        return float(np.degrees(2 * np.arctan(half)))
+        fov_deg = float(np.degrees(2 * np.arctan(half)))
+        return fov_deg if fov_deg >= LEAST_FOV_DEG else None
 
     def mirror(self) -> 'Photograph':
         """Return the photograph flipped from left to right."""

@@ -140,7 +140,7 @@ class Solvers:
         self._calibrated = camera
         # Images of one camera and one night mostly follow each other. Not of methods of this
         # object: the cycle would keep the databases until garbage is collected.
-        self._photographs = lru_cache(maxsize=2)(partial(_photograph_solver, options))
+        self._photographs = lru_cache(maxsize=2)(partial(PhotographSolver, options=options))
         self._calibrations = lru_cache(maxsize=4)(partial(_calibrated_solver, options))
 
     def solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
@@ -164,10 +164,6 @@ class Solvers:
             # A new extractor, so that no image depends on those before.
             solution = solve_image(image, CentroidExtractor(), identifier, sky, bodies)
         return solution, 1e3 * (time.perf_counter() - start_s)
-
-
-def _photograph_solver(options: IdentificationOptions, year: int) -> PhotographSolver:
-    return PhotographSolver(year, options)
 
 
 def _calibrated_solver(options: IdentificationOptions, camera: Camera, year: float

@@ -14,12 +14,14 @@ from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.centroid.photograph import Detections
 from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.identify.ladder import LadderIdentifier
+from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.evaluation.campaign.lenses import draw_lens_field, solve_lens_fields
-from startracker_ros.io.images.images import ImageError, read_image
+from startracker_ros.io.images.images import ImageError, read_image, read_photograph
+from startracker_ros.tools.photographs.epoch_and_site import epoch_of, ObserverSite
 from startracker_ros.tools.photographs.outputs import Outputs
 from startracker_ros.tools.photographs.shots import output_names
-from startracker_ros.tools.photographs.solve import solve_files
+from startracker_ros.tools.photographs.solve import solve_files, Solvers
 
 WIDE = IdentificationOptions(fov_error_percent=5.0)
 SIDE_PX = 384
@@ -219,6 +221,14 @@ def test_a_field_that_does_not_fit_is_dropped(any_field, sky_data, given_deg):
     result = solve_files([path], fov_deg=given_deg, options=WIDE)
     assert result.conditions['fov_deg'] == f'{path.name}: {given_deg:g} deg given, 11.4 fits'
     assert any_field.solve(read_image(path), Camera.from_fov(1024, 768, 11.4)).dropped is None
+
+
+def test_a_header_with_a_field_too_small_for_the_catalogue_is_no_error(sky_data):
+    path = sorted((sky_data / 'night-sky-11deg').glob('*.png'))[4]
+    photograph, when = read_photograph(path)._replace(fov_deg=0.2), epoch_of(2019.57)
+    solution, _ = Solvers(None, None, WIDE).solve(
+        path, photograph, when, ObserverSite().observer(when), Bodies())
+    assert np.degrees(solution.camera.seen_x_rad) == pytest.approx(11.425, abs=0.02)
 
 
 def test_a_mirrored_image_is_named(sky_data):
