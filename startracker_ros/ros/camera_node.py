@@ -114,9 +114,9 @@ class CameraNode(PipelineNode):
             build = self.builder(self.camera, self.epoch_year)
             self.use(None if build is None else build())
 
-    def on_warm(self) -> None:
+    def get_ready(self) -> None:
         """Subscribe to the source, once the publisher of the frames is matched."""
-        self._warm_s = time.monotonic()
+        self._ready_s = time.monotonic()
         self._link_timer = self.create_steady_timer(_LINK_PERIOD_S, self._link)
         self._link()
 
@@ -127,24 +127,23 @@ class CameraNode(PipelineNode):
         A source that waits for its users would else begin while one stage has not found the other.
         """
         if (not self.has_publisher(self.frame_topic)
-                and time.monotonic() - self._warm_s < LINK_LIMIT_S):
+                and time.monotonic() - self._ready_s < LINK_LIMIT_S):
             self.diagnostics.report(
                 WARN, f'waiting for a publisher of {self.frame_topic}', expected=True)
             return
         self._link_timer.cancel()
+        self.report_camera()
+        self.subscribe_camera_info()
+
+    def report_camera(self) -> None:
+        """Report that the camera is not known yet, if so."""
         if self.camera is None:
             self.diagnostics.report(WARN, 'waiting for camera_info', expected=True)
-        self.subscribe_camera_info()
 
     def subscribe_camera_info(self) -> None:
         """Subscribe to camera_info: sources take a subscriber for a stage that is ready."""
         self.subscribe(CameraInfo, 'camera_info', self._on_camera_info, qos.LIST,
                        while_inactive=True)
-
-    def get_ready(self) -> None:
-        if self.camera is None and self.has_publisher(self.frame_topic):
-            self.diagnostics.report(WARN, 'waiting for camera_info', expected=True)
-        self.on_warm()
 
     def camera_or_drop(self) -> Camera | None:
         """Return the camera; without one, count and report that the message is dropped."""

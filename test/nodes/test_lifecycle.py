@@ -3,7 +3,6 @@
 
 """Every node at run time: parameters changed, signals, one line in the log for a transition."""
 
-from contextlib import suppress
 from pathlib import Path
 import re
 import signal
@@ -11,7 +10,6 @@ import signal
 from diagnostic_msgs.msg import DiagnosticStatus
 from limits import HANGS_S
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
-from rclpy.node import NodeNameNonExistentError
 from rclpy.parameter import Parameter, parameter_value_to_python
 from sensor_msgs.msg import Image
 from startracker_ros.io.bags.reader import read_messages
@@ -224,11 +222,13 @@ def check_topics_and_reset(probe, places, folder):
             return {re.sub('^tracker_[12]/', '', name.removeprefix(space)) for name in own}
 
         def publishes_all(node=node, where=where, names=names):
-            with suppress(NodeNameNonExistentError):
-                return names(probe.get_publisher_names_and_types_by_node(
-                    node, where)) == publishes[node]
+            return names(probe.get_publisher_names_and_types_by_node(
+                node, where)) == publishes[node]
+        # Nodes and their endpoints are discovered one after the other. The player publishes what
+        # its bag has.
+        probe.wait(lambda node=node, where=where: (node, where)
+                   in probe.get_node_names_and_namespaces(), f'the node {place}')
         if node != 'bag_player':
-            # Endpoints are discovered one after the other.
             probe.wait(publishes_all, f'the topics of {node}: {publishes[node]}')
         if node != 'bag_recorder':
             assert names(probe.get_subscriber_names_and_types_by_node(

@@ -11,7 +11,7 @@ import time
 from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 from rich.progress import Progress
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import CameraInfo, Imu
 
 from startracker_ros.evaluation.harness.managed_nodes import (
     ACTIVATE, ACTIVE, CLEANUP, CONFIGURE, DEACTIVATE, NEXT_STATE, NodeManager, UNCONFIGURED)
@@ -83,10 +83,12 @@ class RandomTransitions(Rig):
         self.probe.create_subscription(Imu, 'attitude_imu', self._on_attitude_imu, _DEEP)
         self.probe.create_subscription(
             QuaternionStamped, 'truth/attitude', self._on_truth, _DEEP)
+        # Last, and counted by the simulator: it begins when it has found the users of the truth.
+        self.probe.create_subscription(CameraInfo, 'camera_info', lambda _: None, _DEEP)
         for name in (('composed_pipeline',) if composed else STAGES):
             self.processes.start(name)
         self.processes.start(SIMULATOR, {
-            **SKY, 'seed': seed, 'wait_for_camera_users': len(STAGES)})
+            **SKY, 'seed': seed, 'wait_for_camera_users': len(STAGES) + 1})
         # Users of what a node publishes before the node, as pipeline_manager has them.
         self._states = dict.fromkeys((*STAGES[::-1], SIMULATOR), ACTIVE)
 

@@ -57,7 +57,9 @@ class CentroidExtractorNode(CameraNode):
     def warm_up(self) -> None:
         CentroidExtractor(self.options(ExtractionOptions)).warm_up()
 
-    def on_warm(self) -> None:
+    def get_ready(self) -> None:
+        if self.has_publisher(self.frame_topic):
+            self.report_camera()
         early = self.diagnostics.counts[EARLY]
         if early:
             # Whether there were images with them is not known: ours wait for subscribers.

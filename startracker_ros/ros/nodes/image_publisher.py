@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from startracker_ros.core.options import option, Options
-from startracker_ros.io.images.images import ImageError, read_image
+from startracker_ros.io.images.images import image_paths, ImageError, read_image
 from startracker_ros.ros.diagnostics import ERROR, OK
 from startracker_ros.ros.frames import FrameOptions
 from startracker_ros.ros.image_topic import TransportOptions
@@ -17,7 +17,6 @@ from startracker_ros.ros.node import main_of, StartError
 from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
 
 _CACHE_BYTES = 256 * 2 ** 20
-_SUFFIXES = {'.png', '.tif', '.tiff', '.jpg', '.jpeg', '.bmp', '.pgm'}
 
 
 @dataclass(frozen=True)
@@ -30,17 +29,14 @@ class FileOptions(Options):
 
     def files(self) -> list[Path]:
         """Return the image files; StartError says what is wrong with path."""
-        path = Path(self.path)
         if not self.path:
             raise StartError('path is empty: give an image file or a folder')
-        if path.is_dir():
-            files = sorted(f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES)
-            if not files:
-                raise StartError(f'path {path} holds no image ({", ".join(sorted(_SUFFIXES))})')
-            return files
-        if not path.is_file():
-            raise StartError(f'path {path} does not exist')
-        return [path]
+        files = image_paths([Path(self.path)])
+        if not files:
+            raise StartError(f'path {self.path} holds no image')
+        if not files[0].is_file():
+            raise StartError(f'path {self.path} does not exist')
+        return files
 
 
 class ImagePublisherNode(SourceNode):
