@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Votes of further image stars for a candidate triangle, counted before it is verified.
+Support of further image stars for a candidate triangle, summed before it is verified.
 
 Image stars a, b, c taken for catalogue stars A, B, C predict where star i must be. With
 
@@ -12,23 +12,39 @@ the catalogue direction is that of w_a A + w_b B + w_c C. This needs no attitude
 focal length cancels. The error of the prediction and of the star itself is
 
     sigma^2 = sigma_i^2 + w_a^2 sigma_a^2 + w_b^2 sigma_b^2 + w_c^2 sigma_c^2.
+
+One of the N catalogue stars is within its tolerance r by chance with p = N r^2 / 4. A star that
+is there supports the candidate by -ln p: the logarithm of how much more likely it makes it.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.catalog.sky_grid import nearest, SkyGrid
 from startracker_ros.core.compiled import compiled
 
-SUPPORTERS = 8
-"""Image stars that are looked up for each candidate."""
+DECISIVE = 25.0
+"""So much support no candidate has by chance."""
+
+# Image stars that are looked up for each candidate. One without support of the first ones is left.
+_SUPPORTERS, _FIRST = 20, 8
+
+
+class Supporters(NamedTuple):
+    """Weights (K, 3), search radii (K,) in rad and support (K,) of stars, those of most first."""
+
+    weight: np.ndarray
+    reach: np.ndarray
+    gain: np.ndarray
 
 
 @compiled
-def support_weights(image: np.ndarray, sigma: np.ndarray, base: np.ndarray, tolerance_sigmas: float
-                    ) -> tuple[np.ndarray, np.ndarray]:
+def supporters(sky: SkyGrid, image: np.ndarray, sigma: np.ndarray, base: np.ndarray,
+               tolerance_sigmas: float) -> Supporters:
     """
-    Return weights (K, 3) and search radii (K,) in rad of the stars that base (3,) predicts best.
+    Return the stars that base (3,) predicts best.
 
-    image (N, 3) are unit vectors, sigma (N,) their errors in rad; K is SUPPORTERS at most.
+    image (N, 3) are unit vectors, sigma (N,) their errors in rad.
     """
     a, b, c = base[0], base[1], base[2]
     whole = triple_product(image, a, b, c)
@@ -40,7 +56,9 @@ def support_weights(image: np.ndarray, sigma: np.ndarray, base: np.ndarray, tole
         dual[k, 1] = (image[p, 2] * image[q, 0] - image[p, 0] * image[q, 2]) / whole
         dual[k, 2] = (image[p, 0] * image[q, 1] - image[p, 1] * image[q, 0]) / whole
     variance_a, variance_b, variance_c = sigma[a] ** 2, sigma[b] ** 2, sigma[c] ** 2
-    weights, reach = np.empty((SUPPORTERS, 3)), np.empty(SUPPORTERS)
+    weight, reach = np.empty((_SUPPORTERS, 3)), np.empty(_SUPPORTERS)
+    # Beyond, a star is there by chance.
+    farthest = 2 / np.sqrt(len(sky.direction))
     chosen = 0
     for i in range(len(image)):
         if i in (a, b, c):
@@ -51,17 +69,17 @@ def support_weights(image: np.ndarray, sigma: np.ndarray, base: np.ndarray, tole
         w_c = x * dual[2, 0] + y * dual[2, 1] + z * dual[2, 2]
         radius = tolerance_sigmas * np.sqrt(sigma[i] ** 2 + w_a * w_a * variance_a
                                             + w_b * w_b * variance_b + w_c * w_c * variance_c)
-        if not radius < (np.inf if chosen < SUPPORTERS else reach[-1]):
+        if not radius < (farthest if chosen < _SUPPORTERS else reach[-1]):
             continue
-        row = min(chosen, SUPPORTERS - 1)
+        row = min(chosen, _SUPPORTERS - 1)
         while row > 0 and reach[row - 1] > radius:
             reach[row] = reach[row - 1]
             for k in range(3):
-                weights[row, k] = weights[row - 1, k]
+                weight[row, k] = weight[row - 1, k]
             row -= 1
-        reach[row], weights[row, 0], weights[row, 1], weights[row, 2] = radius, w_a, w_b, w_c
-        chosen = min(chosen + 1, SUPPORTERS)
-    return weights[:chosen], reach[:chosen]
+        reach[row], weight[row, 0], weight[row, 1], weight[row, 2] = radius, w_a, w_b, w_c
+        chosen = min(chosen + 1, _SUPPORTERS)
+    return Supporters(weight[:chosen], reach[:chosen], 2 * np.log(farthest / reach[:chosen]))
 
 
 @compiled
@@ -75,25 +93,26 @@ def triple_product(vectors: np.ndarray, a: int, b: int, c: int) -> float:
 
 
 @compiled
-def support(sky: SkyGrid, weights: np.ndarray, reach: np.ndarray, first: int, second: int,
-            third: int, enough: int) -> int:
+def support(sky: SkyGrid, stars: Supporters, first: int, second: int, third: int, enough: float
+            ) -> float:
     """
-    Return how many predicted image stars have a catalogue star, if base is these three stars.
+    Return the support of a candidate: base is these three catalogue stars.
 
-    weights (K, 3) and reach (K,) are those of support_weights(). A count that can no longer
-    exceed enough is not completed.
+    A sum that can no longer exceed enough is not completed.
     """
-    direction = sky.direction
+    direction, weight, reach, gain = sky.direction, stars.weight, stars.reach, stars.gain
     ax, ay, az = direction[first, 0], direction[first, 1], direction[first, 2]
     bx, by, bz = direction[second, 0], direction[second, 1], direction[second, 2]
     cx, cy, cz = direction[third, 0], direction[third, 1], direction[third, 2]
-    count = 0
+    found, left = 0.0, gain.sum()
     for i in range(len(reach)):
-        if count + len(reach) - i <= enough:
+        if found + left <= enough or (i == _FIRST and not found):
             break
-        x = weights[i, 0] * ax + weights[i, 1] * bx + weights[i, 2] * cx
-        y = weights[i, 0] * ay + weights[i, 1] * by + weights[i, 2] * cy
-        z = weights[i, 0] * az + weights[i, 1] * bz + weights[i, 2] * cz
+        left -= gain[i]
+        x = weight[i, 0] * ax + weight[i, 1] * bx + weight[i, 2] * cx
+        y = weight[i, 0] * ay + weight[i, 1] * by + weight[i, 2] * cy
+        z = weight[i, 0] * az + weight[i, 1] * bz + weight[i, 2] * cz
         unit = 1 / np.sqrt(x * x + y * y + z * z)
-        count += nearest(sky, unit * x, unit * y, unit * z, reach[i])[0] >= 0
-    return count
+        if nearest(sky, unit * x, unit * y, unit * z, reach[i])[0] >= 0:
+            found += gain[i]
+    return found

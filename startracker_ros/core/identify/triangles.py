@@ -22,8 +22,8 @@ By chance
 triangles fit where e = 0 and all angles are small: the size of the join, times the probability
 that the third side of a triangle of area F agrees if the angle at A is random.
 
-The fourth star of the pyramid of Mortari et al. (2004) is up to eight stars here: support.py
-predicts where A, B, C put the other image stars.
+The fourth star of the pyramid of Mortari et al. (2004) is up to 20 stars here: support.py predicts
+where A, B, C put the other image stars.
 """
 
 from typing import NamedTuple
@@ -35,7 +35,7 @@ from startracker_ros.core.identify.clock import SearchClock, time_is_up
 from startracker_ros.core.identify.pair_search import (
     band_count, entry_range, image_side, list_entries, PairLevel, scale_band, ScaleBand, Side)
 from startracker_ros.core.identify.support import (
-    support, support_weights, SUPPORTERS, triple_product)
+    DECISIVE, support, Supporters, supporters, triple_product)
 from startracker_ros.core.identify.verification import MAX_VERIFIED, VerifierData
 
 # A triangle flatter than this many sigmas of its own height has no sure handedness.
@@ -94,31 +94,30 @@ def catalogue_triangles(level: PairLevel, verifier: VerifierData, image: np.ndar
     (1,) counts the triangles that fit. When time is up these are the best so far.
     """
     triangle = image_triangle(image, sigma, base, verifier.tolerance_sigmas)
-    weights, reach = support_weights(image, sigma, base, verifier.tolerance_sigmas)
+    stars = supporters(verifier.sky, image, sigma, base, verifier.tolerance_sigmas)
     best = np.empty((MAX_VERIFIED, 3), np.int64)
-    votes = np.zeros(MAX_VERIFIED, np.int64)
+    supports = np.zeros(MAX_VERIFIED)
     bands = band_count(verifier.scale_error)
     for band in range(bands):
         if _search_band(level, verifier.sky, triangle,
-                        scale_band(band, bands, verifier.scale_error), weights, reach, best,
-                        votes, tested, clock):
+                        scale_band(band, bands, verifier.scale_error), stars, best, supports,
+                        tested, clock):
             break
-    # Candidates with a third of the votes of the best one or less are chance.
+    # Candidates with a third of the support of the best one or less are chance.
     count = 0
-    while count < MAX_VERIFIED and votes[count] > votes[0] // 3:
+    while count < MAX_VERIFIED and supports[count] > supports[0] / 3:
         count += 1
     return best, count
 
 
 @compiled
 def _search_band(level: PairLevel, sky: SkyGrid, triangle: ImageTriangle, band: ScaleBand,
-                 weights: np.ndarray, reach: np.ndarray, best: np.ndarray, votes: np.ndarray,
-                 tested: np.ndarray, clock: SearchClock) -> bool:
+                 stars: Supporters, best: np.ndarray, supports: np.ndarray, tested: np.ndarray,
+                 clock: SearchClock) -> bool:
     """
-    Join sides ab and ac in one band, put the fitting triangles into best (M, 3), votes (M,).
+    Join sides ab and ac in one band, put the fitting triangles into best (M, 3), supports (M,).
 
-    Return whether that ends the search: time is up, or a triangle has all SUPPORTERS, which none
-    has by chance.
+    Return whether that ends the search: time is up, or a triangle is DECISIVE.
     """
     # Taken out of the tuples once: each access costs more than what is done with the value.
     separation, member, star = level.table.values, level.member, level.star
@@ -151,10 +150,10 @@ def _search_band(level: PairLevel, sky: SkyGrid, triangle: ImageTriangle, band: 
                         direction, int(a), int(b), int(c)) * triangle.volume > 0)):
                 tested[0] += 1
                 steps += _SUPPORT_STEPS
-                found = support(sky, weights, reach, int(star[a]), int(star[b]), int(star[c]),
-                                max(votes[-1], votes[0] // 3))
-                _keep(best, votes, star[a], star[b], star[c], found)
-                if found == SUPPORTERS:
+                found = support(sky, stars, int(star[a]), int(star[b]), int(star[c]),
+                                max(supports[-1], supports[0] / 3))
+                _keep(best, supports, star[a], star[b], star[c], found)
+                if found >= DECISIVE:
                     return True
             ab = previous[ab]
     return time_is_up(clock, _STEP_NS * steps)
@@ -170,15 +169,15 @@ def _squared_chords(side: Side, band: ScaleBand) -> tuple[float, float]:
 
 
 @inlined
-def _keep(best: np.ndarray, votes: np.ndarray, a: int, b: int, c: int, count: int) -> None:
-    """Insert a triangle of so many votes into the best (M, 3), the most votes (M,) first."""
-    if count <= votes[-1]:
+def _keep(best: np.ndarray, supports: np.ndarray, a: int, b: int, c: int, found: float) -> None:
+    """Insert a triangle of so much support into the best (M, 3), the most (M,) first."""
+    if found <= supports[-1]:
         return
-    row = len(votes) - 1
-    while row > 0 and votes[row - 1] < count:
-        votes[row] = votes[row - 1]
+    row = len(supports) - 1
+    while row > 0 and supports[row - 1] < found:
+        supports[row] = supports[row - 1]
         for k in range(3):
             best[row, k] = best[row - 1, k]
         row -= 1
-    votes[row] = count
+    supports[row] = found
     best[row, 0], best[row, 1], best[row, 2] = a, b, c

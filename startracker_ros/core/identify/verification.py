@@ -24,7 +24,7 @@ from startracker_ros.core.identify.association import align, fit
 from startracker_ros.core.identify.false_alarm import (
     binomial_tail, fisher_combined, occupied_cells, order_probability, residual_probability)
 from startracker_ros.core.identify.lens_mismatch import lens_mismatch
-from startracker_ros.core.identify.support import support, support_weights
+from startracker_ros.core.identify.support import support, supporters
 from startracker_ros.core.maths.sorting import upper_median
 
 MAX_VERIFIED = 5
@@ -120,13 +120,14 @@ class Verifier:
         image (N, 3) are the image stars, base (B,) those of the pattern, stars (M, B) the
         catalogue stars that they may be.
         """
-        weights, reach = support_weights(image, sigma_rad, np.asarray(base),
-                                         self.data.tolerance_sigmas)
-        votes = np.array([support(self.data.sky, weights, reach, first, second, third, 0)
-                          for first, second, third in stars[:, :3].tolist()], int)
-        order = np.argsort(-votes, kind='stable')[:MAX_VERIFIED]
-        # Candidates with a third of the votes of the best one or less are chance.
-        return order[votes[order] > votes[order[0]] // 3] if len(order) else order
+        data = self.data
+        stars_to_see = supporters(data.sky, image, sigma_rad, np.asarray(base),
+                                  data.tolerance_sigmas)
+        found = np.array([support(data.sky, stars_to_see, first, second, third, 0.0)
+                          for first, second, third in stars[:, :3].tolist()])
+        order = np.argsort(-found, kind='stable')[:MAX_VERIFIED]
+        # Candidates with a third of the support of the best one or less are chance.
+        return order[found[order] > found[order[0]] / 3] if len(order) else order
 
     def verify(self, image: np.ndarray, sigma_rad: np.ndarray, base: np.ndarray,
                star: np.ndarray, tested: int) -> Match:
