@@ -135,6 +135,30 @@ def residual_probability(residual: np.ndarray, radius: float, base: int) -> floa
 
 
 @compiled
+def least_matches(n: int, p: float, share: float, base: int, tolerance_sigmas: float,
+                  tested: int, most: float) -> int:
+    """
+    Return the least number of true stars among n that has a false-alarm probability <= most.
+
+    p and the base as in P_1, share is P_2, tested T; the stars are in order, and their residuals
+    those of a normal distribution of sigma = r / tolerance_sigmas. It is n + 1 if there is none.
+    """
+    order = bound = 1.0
+    for m in range(1, n + 1):
+        order /= min(m, _ORDERED)
+        if m <= base:
+            continue
+        x = min(2 * m / tolerance_sigmas ** 2, 1.0)
+        bound = x ** (m - base)
+        for k in range(m - base):
+            bound /= k + 1
+        product = binomial_tail(m - base, n - base, p) * share * order * bound
+        if tested * fisher_combined(product) <= most:
+            return m
+    return n + 1
+
+
+@compiled
 def fisher_combined(product: float) -> float:
     """Return the probability that four uniform numbers have a product of P or less."""
     log = -np.log(product) if product > 0 else 0.0

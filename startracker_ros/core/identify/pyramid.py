@@ -35,6 +35,7 @@ from startracker_ros.core.compiled import compiled
 from startracker_ros.core.identify.association import count_matched, fit
 from startracker_ros.core.identify.cache import cached_pairs
 from startracker_ros.core.identify.clock import search_clock, time_is_up
+from startracker_ros.core.identify.false_alarm import least_matches
 from startracker_ros.core.identify.identification import (
     Identification, IdentificationOptions, Identifier, per_centroid, usable_stars)
 from startracker_ros.core.identify.pair_search import pair_level, PairLevel
@@ -43,6 +44,7 @@ from startracker_ros.core.identify.triangle_order import new_state, next_triangl
 from startracker_ros.core.identify.triangles import catalogue_triangles
 from startracker_ros.core.identify.verification import (
     rejected, same_attitude, Verification, VerifierData, verify)
+from startracker_ros.core.maths.sorting import upper_median
 from startracker_ros.core.stored_arrays import prepare
 
 # The relative noise of shorter sides is too large to be of use.
@@ -53,6 +55,12 @@ _MANY_TRIANGLES = 10 ** 8
 # triangle, and to verify a candidate.
 _PREDICTION_COST, _VERIFICATION_COST = 60.0, 500.0
 _MIN_STARS = 4
+# The search ends when a field of the least stars that could be accepted would have been found but
+# for this share. A triangle of its stars finds it in so many cases at least: the others have a
+# larger error, or less support than a chance one. Looked at after so many triangles.
+_MISSED, _FINDS, _LOOK_PERIOD = 0.02, 0.5, 16
+# The field is taken to have so few stars as one of ten has: these are the easiest to accept.
+_POOREST = 10
 _IDENTIFIED, _TOO_FEW, _AMBIGUOUS, _EXHAUSTED, _TIME_LIMIT = range(5)
 
 
@@ -223,7 +231,10 @@ def _search(levels: tuple[PairLevel, PairLevel], verifier: VerifierData, image: 
     clock = search_clock(deadline_s)
     for level in levels:
         state = new_state(len(image), level.image_stars)
-        for _ in range(level.triangles):
+        for looked_up in range(level.triangles):
+            if looked_up % _LOOK_PERIOD == _LOOK_PERIOD - 1 and _is_searched(
+                    verifier, sigma, len(state.weight), looked_up, tested[0], false_alarm_max):
+                break
             cost = next_triangle(level, verifier.tolerance_sigmas, verifier.scale_error, image,
                                  sigma, state, base)
             if cost < 0:
@@ -238,6 +249,26 @@ def _search(levels: tuple[PairLevel, PairLevel], verifier: VerifierData, image: 
                           + count * (TRIANGLE_COST + _VERIFICATION_COST * len(image))):
                 return _TIME_LIMIT, tested[0], best
     return _EXHAUSTED, tested[0], best
+
+
+@compiled
+def _is_searched(verifier: VerifierData, sigma: np.ndarray, count: int, looked_up: int,
+                 tested: int, false_alarm_max: float) -> bool:
+    """
+    Return whether more triangles of count image stars are of no use.
+
+    Of the N = C(count, 3) triangles K = C(m, 3) are of true stars alone if m stars are true. When
+    a share t of all was looked up, the field is not found with a probability of (1 - t q)^K.
+    """
+    r = verifier.tolerance_sigmas * upper_median(sigma)
+    poor = max(verifier.counts[len(verifier.counts) // _POOREST], 1)
+    p = min(1.0, poor * np.pi * r ** 2 / verifier.area)
+    m = least_matches(count, p, 1 / _POOREST, 3, verifier.tolerance_sigmas, tested,
+                      false_alarm_max)
+    if m > count:
+        return True
+    share = looked_up / (count * (count - 1) * (count - 2) / 6)
+    return (m * (m - 1) * (m - 2) / 6 * np.log(1 - min(share, 1.0) * _FINDS) < np.log(_MISSED))
 
 
 @compiled

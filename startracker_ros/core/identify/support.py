@@ -14,25 +14,34 @@ focal length cancels. The error of the prediction and of the star itself is
     sigma^2 = sigma_i^2 + w_a^2 sigma_a^2 + w_b^2 sigma_b^2 + w_c^2 sigma_c^2.
 
 One of the N catalogue stars is within its tolerance r by chance with p = N r^2 / 4. A star that
-is there supports the candidate by -ln p: the logarithm of how much more likely it makes it.
+is there supports the candidate by -ln p: the logarithm of how much more likely it makes it. So
+does the order of brightness of A, B, C, of which so few or fewer inversions have the share p of
+all six orders.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.catalog.sky_grid import nearest, SkyGrid
-from startracker_ros.core.compiled import compiled
+from startracker_ros.core.compiled import compiled, inlined
 
 DECISIVE = 25.0
 """So much support no candidate has by chance."""
 
-# Image stars that are looked up for each candidate. One without support of the first ones is left.
-_SUPPORTERS, _FIRST = 20, 8
+# Image stars that are looked up for each candidate.
+_SUPPORTERS = 16
+# Of orders with 0 to 3 inversions.
+_ORDER_SUPPORT = np.log([6.0, 2.0, 6 / 5, 1.0])
 
 
 class Supporters(NamedTuple):
-    """Weights (K, 3), search radii (K,) in rad and support (K,) of stars, those of most first."""
+    """
+    The image stars that base (3,) predicts best, those of most support first.
 
+    weight (K, 3), reach (K,) in rad in which each is looked up, gain (K,) its support.
+    """
+
+    base: np.ndarray
     weight: np.ndarray
     reach: np.ndarray
     gain: np.ndarray
@@ -79,7 +88,7 @@ def supporters(sky: SkyGrid, image: np.ndarray, sigma: np.ndarray, base: np.ndar
             row -= 1
         reach[row], weight[row, 0], weight[row, 1], weight[row, 2] = radius, w_a, w_b, w_c
         chosen = min(chosen + 1, _SUPPORTERS)
-    return Supporters(weight[:chosen], reach[:chosen], 2 * np.log(farthest / reach[:chosen]))
+    return Supporters(base, weight[:chosen], reach[:chosen], 2 * np.log(farthest / reach[:chosen]))
 
 
 @compiled
@@ -92,11 +101,20 @@ def triple_product(vectors: np.ndarray, a: int, b: int, c: int) -> float:
             + z * (vectors[b, 0] * vectors[c, 1] - vectors[b, 1] * vectors[c, 0]))
 
 
+@inlined
+def _order_support(base: np.ndarray, first: int, second: int, third: int) -> float:
+    """Return the support of the order of three catalogue stars for the image stars base (3,)."""
+    a, b, c = base[0], base[1], base[2]
+    inversions = (((a < b) != (first < second)) + ((a < c) != (first < third))
+                  + ((b < c) != (second < third)))
+    return _ORDER_SUPPORT[inversions]
+
+
 @compiled
 def support(sky: SkyGrid, stars: Supporters, first: int, second: int, third: int, enough: float
             ) -> float:
     """
-    Return the support of a candidate: base is these three catalogue stars.
+    Return the support of a candidate: base is these three catalogue stars, numbered by brightness.
 
     A sum that can no longer exceed enough is not completed.
     """
@@ -105,8 +123,9 @@ def support(sky: SkyGrid, stars: Supporters, first: int, second: int, third: int
     bx, by, bz = direction[second, 0], direction[second, 1], direction[second, 2]
     cx, cy, cz = direction[third, 0], direction[third, 1], direction[third, 2]
     found, left = 0.0, gain.sum()
+    order = _order_support(stars.base, first, second, third)
     for i in range(len(reach)):
-        if found + left <= enough or (i == _FIRST and not found):
+        if found + left + order <= enough:
             break
         left -= gain[i]
         x = weight[i, 0] * ax + weight[i, 1] * bx + weight[i, 2] * cx
@@ -115,4 +134,4 @@ def support(sky: SkyGrid, stars: Supporters, first: int, second: int, third: int
         unit = 1 / np.sqrt(x * x + y * y + z * z)
         if nearest(sky, unit * x, unit * y, unit * z, reach[i])[0] >= 0:
             found += gain[i]
-    return found
+    return found + order if found else 0.0

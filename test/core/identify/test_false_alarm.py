@@ -3,11 +3,13 @@
 
 """The false-alarm probability and the test of the lens, each against its definition."""
 
+from math import factorial
+
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import binom, chi2
 from startracker_ros.core.catalog.sky_grid import sky_grid
-from startracker_ros.core.identify.false_alarm import fisher_combined
+from startracker_ros.core.identify.false_alarm import fisher_combined, least_matches
 from startracker_ros.core.identify.lens_mismatch import lens_mismatch
 
 SIGMA = 1e-4
@@ -19,6 +21,22 @@ CHANCE = 1e-4
 def test_four_probabilities_are_combined_as_fisher_does(product):
     """Minus twice the logarithm of n uniform numbers' product is chi-square with 2 n degrees."""
     assert fisher_combined(product) == pytest.approx(chi2.sf(-2 * np.log(product), 8), rel=1e-9)
+
+
+@pytest.mark.parametrize('n', [5, 12, 30])
+@pytest.mark.parametrize('tested', [1, 1e3, 1e6])
+def test_the_least_matches_are_those_of_the_definition(n, tested):
+    p, share, most = 0.002, 0.1, 1e-5
+
+    def false_alarm(m):
+        residuals = (2 * m / 3.5 ** 2) ** (m - 3) / factorial(m - 3)
+        product = (binom.sf(m - 4, n - 3, p) * share * min(residuals, 1) / factorial(m))
+        return tested * chi2.sf(-2 * np.log(product), 8)
+    accepted = [m for m in range(4, min(n, 6) + 1) if false_alarm(m) <= most]
+    least = least_matches(n, p, share, 3, 3.5, int(tested), most)
+    assert accepted[0] == least if accepted else least > min(n, 6)
+    # More noise, more candidates or fewer stars never need fewer matches.
+    assert least <= least_matches(n, 4 * p, share, 3, 3.5, 100 * int(tested), most)
 
 
 def rejected(matches, misses, residual_sigmas, blended=False, false=0):
