@@ -18,6 +18,13 @@ def inverse(A: np.ndarray) -> np.ndarray:
 
 
 @compiled
+def determinant(A: np.ndarray) -> float:
+    """Return the determinant of the upper left block of A."""
+    xx, xy, xz = adjugate(A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2])[:3]
+    return A[0, 0] * xx + A[0, 1] * xy + A[0, 2] * xz
+
+
+@compiled
 def is_positive_definite(A: np.ndarray) -> bool:
     """Return whether the leading minors of the upper left block of A are positive (Sylvester)."""
     xx, xy, xz = adjugate(A[0, 0], A[0, 1], A[0, 2], A[1, 1], A[1, 2], A[2, 2])[:3]

@@ -21,7 +21,8 @@ sinc(w dt / 2)^2 in the differences, which b gives. Fits of streaks see the acce
 motion by their ends, which are a T^2 / 8 away, the more the longer they are.
 
 Where the rate jumps within an exposure the light is up to the whole innovation away from the
-attitude, and the difference to the frame after has another part of the jump.
+attitude: after the middle of the exposure a jump moves the light alone. The difference to the
+frame after has another part of the jump.
 """
 
 import math
@@ -45,7 +46,7 @@ STREAK_PX = 15.0
 
 STREAK_DOUBT = 0.25  # of the acceleration along streaks: bright stars show it in another way
 LEAST_WEIGHT = 5.0  # frames from which on a jump differs from a motion that has started
-JUMP_FRAMES = 5  # after a jump, in which there is no other one
+JUMP_FRAMES = 5  # after a jump more probable than not, in which there is no other one
 ENDS = 0.25  # of an acceleration, 1 sigma: a torque ends at some time without a sign before
 UNSTEADY = 0.15
 """Of what the body moves by from frame to frame and no frames before show, as of a vibration: the
@@ -53,8 +54,6 @@ fit of a star whose light that spreads within the exposure is off by as much, 1 
 
 PEAK_MEMORY, PEAK_SIGMAS = 0.97, 6.0
 """What was wrong once in an error of the prediction may be again: it is so many sigma."""
-
-JUMP_DOUBT = 0.3  # of the innovation by a jump of the rate, 1 sigma
 
 
 class Memory(NamedTuple):
@@ -118,7 +117,7 @@ class AngularAcceleration:
         """Begin new differences; how the body moved before is not forgotten."""
         self._attitude: tuple[int, np.ndarray] | None = None
         self._rate: np.ndarray | None = None
-        self._jump = np.zeros(3)
+        self._jump = np.zeros((3, 3))
         memory = self._memory
         memory.numbers[FRAMES] = 0.0
         if memory.numbers[WEIGHT]:
@@ -131,11 +130,11 @@ class AngularAcceleration:
         self._attitude, self._rate = (stamp_ns, quaternion), rate_rad_s
 
     def add(self, stamp_ns: int, quaternion: np.ndarray, covariance: np.ndarray,
-            jump: np.ndarray | None = None) -> None:
+            jump: np.ndarray = np.zeros(3), probability: float = 0.0) -> None:
         """
         Add the attitude (4,) that the stars of a frame measure, of covariance (3, 3) rad^2.
 
-        jump (3,) rad is its turn from a prediction that it contradicts.
+        jump (3,) rad is its turn from the prediction, by a jump of the rate with this probability.
         """
         attitude, before = self._attitude, self._rate
         self._attitude = stamp_ns, quaternion
@@ -147,9 +146,11 @@ class AngularAcceleration:
             return
         middle_s = dt_s if math.isnan(before_s) else (dt_s + before_s) / 2
         self._since_jump += 1
-        self._jump = np.zeros(3)
-        if jump is not None and self._since_jump > JUMP_FRAMES:
-            self._since_jump, self._jump = 0, jump
+        self._jump = np.zeros((3, 3))
+        if self._since_jump > JUMP_FRAMES:
+            self._jump = probability * np.outer(jump, jump)
+            if probability > 0.5:
+                self._since_jump = 0
         self.estimate = Estimate(*add_difference(
             self._memory, (self._rate - before) / middle_s, covariance / dt_s ** 4,
             self._since_jump))
@@ -267,7 +268,11 @@ def _best_way(memory: Memory, noise: np.ndarray, since_jump: int
 def light_shift(memory: Memory, estimate: Estimate, jump: np.ndarray, dt_s: float, least_s: float,
                 most_s: float, rate: np.ndarray, focal_px: float
                 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the Shift for exposures between least_s and most_s."""
+    """
+    Return the Shift for exposures between least_s and most_s.
+
+    jump (3, 3) is the mean square of the turn by a jump.
+    """
     b, b_sigma = memory.numbers[B], memory.numbers[B_SIGMA]
     swings = estimate.way == OSCILLATION
     low = _seconds2(least_s, dt_s, b + b_sigma, swings)
@@ -282,7 +287,7 @@ def light_shift(memory: Memory, estimate: Estimate, jump: np.ndarray, dt_s: floa
     seen = estimate.value + long * along
     uncertain = (STREAK_DOUBT * min(length_px / 4, 1.0) + long) * mean
     covariance = (doubt ** 2 * np.outer(seen, seen) + uncertain ** 2 * np.outer(along, along)
-                  + JUMP_DOUBT ** 2 * most_s / dt_s * np.outer(jump, jump))
+                  + most_s / dt_s * jump)
     for axis in range(3):
         covariance[axis, axis] += ((mean ** 2 + doubt ** 2) * estimate.variance[axis]
                                    + UNSTEADY ** 2 * most_s * dt_s ** 3 * estimate.unsteady[axis])

@@ -27,6 +27,7 @@ from startracker_ros.core.track.followed_stars import followed, Measured
 from startracker_ros.core.track.lens_error import LensError
 from startracker_ros.core.track.model import FrameUpdate, StarModel
 from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.rate_jumps import Mixture, NO_JUMP, RateJumps
 from startracker_ros.core.track.rotation_fit import RAYLEIGH_MEDIAN, RotationFit
 from startracker_ros.core.track.stamp_differences import measured_turn
 from startracker_ros.core.track.stamp_jitter import StampJitter
@@ -37,31 +38,10 @@ MANOEUVRES = (10.0, 100.0, 1000.0)
 of a frame is too large: so one option filters a steady turn and follows a manoeuvre. The
 covariance is inflated by the same factor, as a manoeuvre is detected frames after its begin."""
 
-MANOEUVRE_FRAMES = 10
-"""Frames for which the acceleration of a manoeuvre is assumed to last."""
-
-# More than NIS_GATE is a manoeuvre, or a wrong gyro. A false alarm inflates a covariance that took
-# a long steady turn to shrink.
-MEMORY = 0.2
-MEAN_VARIANCE = MEMORY / (2 - MEMORY)
-MEAN_NIS_GATE = NIS_GATE * MEAN_VARIANCE
-"""The same gate for the exponential mean of the innovations, in which the newest has the weight
-MEMORY: it detects a manoeuvre too slow for the gate of one frame."""
-
-RAISED_FROM, RAISED_TENFOLD = 4.0, 8.0
-"""Normalised square of that mean from which on the acceleration that is allowed is raised, and by
-how much more for a factor of 10: a lag of the filter shows long before the gate. In a steady turn
-one frame in twenty has more than twice RAISED_FROM."""
-
 DIVERGED_SIGMAS, DIVERGED_FRAMES = 20.0, 5
 """Innovation by stars that agree, in so many frames in a row, of a filter that has diverged."""
 
-DOUBTED_NIS = 16.0
-"""Normalised innovation squared of a frame that is a manoeuvre as likely as not: one in a thousand
-of a steady turn has as much."""
-
 SURE_SIGMAS = 2.0  # of an acceleration that is used for the prediction
-LEAST_DOUBT = 0.02  # probability of a manoeuvre that is not neglected
 
 GYRO_SILENCE_S = 1.0
 """Age of the newest gyro rate from which on the rate is that of the stars alone."""
@@ -114,10 +94,8 @@ class AttitudeModel(StarModel):
         self._acceleration, self._exposure_s = AngularAcceleration(), UNKNOWN_EXPOSURE
         if start.cross.any():
             self._acceleration.start(frame.stamp_ns, frame.attitude.quaternion, start.rate)
-        self._mean_innovation = np.zeros(3)
-        # Whether the body accelerates is not known of the first frames.
-        self._level, self._manoeuvre_frames = MANOEUVRES[0], MANOEUVRE_FRAMES
         self._measured: AttitudeEstimate | None = None
+        self._jumps, self._mixture = RateJumps(), NO_JUMP
         self._uv = np.empty((0, 2))
 
     def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
@@ -141,30 +119,23 @@ class AttitudeModel(StarModel):
             # The stars show the pointing up to the error that they share.
             correction = correction._replace(state=_with_error(correction.state, common))
             fit = self._consistent_fit(correction)
-            mean = self._mean_innovation + MEMORY * (
-                correction.innovation - self._mean_innovation)
-            if (fit is None or nominal is None and mean @ mean > MEAN_NIS_GATE
-                    or repeated and self._is_old(hypothesis.state, correction.state)):
+            if fit is None or repeated and self._is_old(hypothesis.state, correction.state):
                 nominal = nominal or (hypothesis, correction)
                 if sparse:
                     break
                 continue
-            if nominal is not None:
-                self._mean_innovation = np.zeros(3)
-                self._level, self._manoeuvre_frames = hypothesis.level, MANOEUVRE_FRAMES
-            else:
-                self._mean_innovation = mean
-                self._manoeuvre_frames = max(0, self._manoeuvre_frames - 1)
             before_ns = self._state.stamp_ns
-            self._stamp_jitter.add(self._state, predicted, correction.state, measured)
-            self._measure(predicted, measured, common,
-                          None if nominal is None else nominal[0].state)
             self._exposure_s = frame.exposure_s
-            doubt = self._doubt(correction)
-            if doubt is not None:
-                correction = correction._replace(state=_with_error(correction.state, doubt))
-                fit = replace(fit, attitude=replace(
-                    fit.attitude, covariance_sensor=correction.state.covariance[:3, :3]))
+            mixture = self._measure(hypothesis, predicted, measured, common,
+                                    None if nominal is None else nominal[0].state)
+            state = _with_jumps(correction.state, mixture)
+            fit = replace(fit, attitude=replace(
+                fit.attitude, quaternion=state.quaternion,
+                covariance_sensor=state.covariance[:3, :3]))
+            if mixture.is_certain:
+                correction, mixture = correction._replace(state=state), NO_JUMP
+            self._mixture = mixture
+            self._stamp_jitter.add(self._state, predicted, correction.state, measured)
             self._set_state(correction.state, hypothesis.uses_gyro)
             seen, residuals = self._follow(correction, icrf, Measured(
                 uv, frame.flux, frame.snr, frame.sigma_px, variance, error_px2))
@@ -180,6 +151,7 @@ class AttitudeModel(StarModel):
         hypothesis, correction = nominal
         self._stamp_jitter.interrupt()
         self._acceleration.interrupt()
+        self._mixture = self._jumps.interrupt()
         self._set_state(hypothesis.state, hypothesis.uses_gyro)
         count = len(correction.predicted)
         self._follow(correction._replace(probability=np.ones((count, 1)),
@@ -195,19 +167,6 @@ class AttitudeModel(StarModel):
                             'is not known')
         self._check_covariance()
         return FrameUpdate(False, None, correction.unassociated)
-
-    def _doubt(self, correction: Correction) -> np.ndarray | None:
-        """
-        Return the covariance (3, 3) for that the frame is a manoeuvre, None if it hardly is one.
-
-        Then the attitude would be that of its stars alone: the mixture of both has this spread.
-        """
-        nis = float(correction.innovation @ correction.innovation)
-        share = 1 / (1 + math.exp((DOUBTED_NIS - nis) / 2))
-        if share < LEAST_DOUBT or self._measured is None:
-            return None
-        away = rotation_between(correction.state.quaternion, self._measured.quaternion)
-        return share * np.outer(away, away)
 
     def _check_covariance(self) -> None:
         """Set the failure of a state whose covariance is none."""
@@ -228,29 +187,19 @@ class AttitudeModel(StarModel):
         """Yield the nominal prediction, then those of manoeuvres."""
         state, gyro = self._state, self._gyro
         density = self._acceleration_rad_s2 ** 2 * (stamp_ns - state.stamp_ns) * 1e-9
-        level = self._level if self._manoeuvre_frames else 1.0
         with_gyro = self.uses_gyro and gyro.silent_s(stamp_ns) <= GYRO_SILENCE_S and (
             sparse or not self._is_saturated(stamp_ns))
         if with_gyro:
-            # In a sparse frame or a manoeuvre no assumption about the acceleration holds.
-            if sparse or level > 1:
-                yield _Hypothesis(True, level, gyro.propagate(state, stamp_ns))
-            else:
-                yield _Hypothesis(True, level, gyro.filtered(state, stamp_ns, density))
+            # In a sparse frame no assumption about the acceleration holds.
+            yield _Hypothesis(True, 1.0, gyro.propagate(state, stamp_ns) if sparse
+                              else gyro.filtered(state, stamp_ns, density))
             yield _Hypothesis(True, MANOEUVRES[0],
                               gyro.propagate(state.inflated(MANOEUVRES[0]), stamp_ns))
         else:
-            yield _Hypothesis(False, level, self._propagated(
-                state, stamp_ns, max(level, self._raised()) ** 2 * density))
+            yield _Hypothesis(False, 1.0, self._propagated(state, stamp_ns, density))
         for factor in MANOEUVRES:
-            if with_gyro or factor >= level:
-                yield _Hypothesis(False, factor, self._propagated(
-                    state.inflated(factor), stamp_ns, factor ** 2 * density))
-
-    def _raised(self) -> float:
-        """Return the factor of the acceleration by a lag that the innovations show."""
-        lag = float(self._mean_innovation @ self._mean_innovation) / MEAN_VARIANCE
-        return 10.0 ** min(max((lag - RAISED_FROM) / RAISED_TENFOLD, 0.0), 1.5)
+            yield _Hypothesis(False, factor, self._propagated(
+                state.inflated(factor), stamp_ns, factor ** 2 * density))
 
     def _propagated(self, state: AttitudeState, stamp_ns: int, density: np.ndarray
                     ) -> AttitudeState:
@@ -350,29 +299,41 @@ class AttitudeModel(StarModel):
         return replace(estimate, quaternion=turned(estimate.quaternion, -turn),
                        covariance_sensor=estimate.covariance_sensor + covariance)
 
-    def _measure(self, predicted: AttitudeState, corrected: AttitudeState, common: np.ndarray,
-                 contradicted: AttitudeState | None) -> None:
-        """Set the attitude that the stars of the frame measure, beside what was predicted."""
+    def _measure(self, hypothesis: _Hypothesis, predicted: AttitudeState,
+                 corrected: AttitudeState, common: np.ndarray,
+                 contradicted: AttitudeState | None) -> Mixture:
+        """
+        Set the attitude that the stars of the frame measure, beside what was predicted.
+
+        Return the errors by jumps of the rate.
+        """
         adds, turn, covariance = measured_turn(predicted, corrected)
         if not adds:
             self._measured = None
             self._acceleration.interrupt()
-            return
+            return self._jumps.interrupt()
         self._measured = AttitudeEstimate(
             turned(predicted.quaternion, turn), covariance + common, 0, np.empty(0), 0.0)
+        if contradicted is None:
+            if hypothesis.uses_gyro:
+                # The gyro corrects the rate before the next frame.
+                self._jumps.interrupt()
+            mixture = self._jumps.add(self._state.stamp_ns, predicted, turn, covariance)
+        else:
+            turn = rotation_between(contradicted.quaternion, self._measured.quaternion)
+            mixture = self._jumps.found()
         self._acceleration.add(
-            corrected.stamp_ns, self._measured.quaternion,
-            self._measured.covariance_sensor,
-            None if contradicted is None else rotation_between(
-                contradicted.quaternion, self._measured.quaternion))
+            corrected.stamp_ns, self._measured.quaternion, self._measured.covariance_sensor,
+            turn, mixture.newest)
+        return mixture
 
     @property
     def rate_rad_s(self) -> np.ndarray:  # type: ignore[override]  # a property of the state
-        return self._state.rate
+        return self._state.rate + self._mixture.mean[3:]
 
     @property
     def rate_covariance(self) -> np.ndarray:  # type: ignore[override]  # the same
-        return self._state.covariance[3:6, 3:6]
+        return self._state.covariance[3:6, 3:6] + self._mixture.covariance[3:, 3:]
 
     def _compare_gyro(self, before_ns: int, level: float) -> None:
         """
@@ -433,6 +394,14 @@ def _with_error(state: AttitudeState, error: np.ndarray) -> AttitudeState:
     covariance = state.covariance.copy()
     covariance[:3, :3] += error
     return state._replace(covariance=covariance)
+
+
+def _with_jumps(state: AttitudeState, mixture: Mixture) -> AttitudeState:
+    """Return a state with the errors by jumps."""
+    covariance = state.covariance.copy()
+    covariance[:6, :6] += mixture.covariance
+    return state._replace(quaternion=turned(state.quaternion, mixture.mean[:3]),
+                          rate=state.rate + mixture.mean[3:], covariance=covariance)
 
 
 def _deg_s(rate_rad_s: np.ndarray) -> str:
