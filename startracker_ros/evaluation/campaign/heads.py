@@ -16,12 +16,13 @@ from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import ARCSEC, matrix_from_quaternion
 from startracker_ros.evaluation.campaign.heads_hint import hint_rows, hint_runs
 from startracker_ros.evaluation.campaign.heads_scene import (
-    errors_of, NAMES, nees_of, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY)
+    errors_of, NAMES, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY)
 from startracker_ros.evaluation.campaign.heads_tracker import (
     TRACKER_CONDITIONS, tracker_rows, tracker_runs)
 from startracker_ros.evaluation.campaign.parallel import parallel_map, split_trials
 from startracker_ros.io.table import Result
-from startracker_ros.tools.figures.correctness import count_wrong, WRONG_TEXT, WrongCount
+from startracker_ros.tools.figures.correctness import (
+    count_wrong, nees_of, WRONG_TEXT, WrongCount)
 from startracker_ros.tools.figures.rows import Row
 
 _KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)

@@ -202,8 +202,3 @@ def errors_of(outcomes: list[Outcome]) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors (N, 3) rad about body axes and their covariances (N, 3, 3)."""
     return (np.array([attitude_error(one.fused.quaternion, one.truth) for one in outcomes]),
             np.array([one.fused.covariance for one in outcomes]))
-
-
-def nees_of(errors: np.ndarray, covariances: np.ndarray) -> np.ndarray:
-    """Return e^T P^-1 e (N,)."""
-    return np.einsum('ni,ni->n', errors, np.linalg.solve(covariances, errors[..., None])[..., 0])

@@ -16,7 +16,8 @@ from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
 from startracker_ros.evaluation.campaign.heads_scene import (
-    errors_of, head_mounts, NAMES, nees_of, Scene, SceneRun, START_NS, UNDERSTATED, UNDERSTATED_BY)
+    errors_of, head_mounts, NAMES, Scene, SceneRun, START_NS, UNDERSTATED, UNDERSTATED_BY)
+from startracker_ros.tools.figures.correctness import nees_of
 
 KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)
 COVARIANCE = np.diag([1.0, 1.0, 100.0]) * ARCSEC ** 2
