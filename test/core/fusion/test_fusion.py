@@ -17,7 +17,7 @@ from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
 from startracker_ros.evaluation.campaign.heads_scene import (
     errors_of, head_mounts, NAMES, Scene, SceneRun, START_NS, UNDERSTATED, UNDERSTATED_BY)
-from startracker_ros.tools.figures.correctness import nees_of
+from startracker_ros.tools.figures.correctness import count_wrong, nees_of
 
 KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)
 COVARIANCE = np.diag([1.0, 1.0, 100.0]) * ARCSEC ** 2
@@ -358,6 +358,43 @@ def test_a_head_with_larger_errors_than_it_says_counts_less():
     assert UNDERSTATED_BY ** 2 / 1.5 < understated < UNDERSTATED_BY ** 2 * 1.5
     assert scales == [1.0, 1.0]
     assert fusion.heads[NAMES[run.faulty]].noise.stands_out
+
+
+def test_two_heads_with_larger_errors_than_they_say_are_both_named():
+    run = SceneRun(Scene(130.0, fault=UNDERSTATED, faulty_heads=2), np.random.default_rng(2))
+    fusion = AttitudeFusion(run.mount_file(), mount_options=KNOWN)
+    check_mean(3, nees_of(*errors_of(list(run.events(fusion))))[600:])
+    named = [head for head, name in enumerate(NAMES) if fusion.heads[name].noise.stands_out]
+    assert named == sorted(run.all_faulty)
+
+
+@pytest.mark.parametrize('seed', [10, 13, 25, 59, 68, 95])
+def test_two_heads_begin_only_where_they_agree_well(seed):
+    """A clock that is late by 4 sigma of two heads agreed within the gate, and stayed."""
+    run = SceneRun(Scene(12.0, fault='time offset 0.2 s'), np.random.default_rng(seed))
+    fusion = AttitudeFusion(run.mount_file(), mount_options=MountOptions(mount_sigma_arcsec=3.0))
+    errors, covariances = errors_of(list(run.events(fusion)))
+    assert run.excluded_after <= 10
+    assert count_wrong(errors, np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))).wrong == 0
+    assert [fusion.heads[name].state for head, name in enumerate(NAMES)
+            if head != run.faulty] == 2 * [HeadState.USED]
+
+
+def test_the_reference_is_not_wrong_where_it_does_not_count(monkeypatch):
+    """Two mounts that leave their file are then against each other, not against its own."""
+    heads = Heads(3)
+    heads.run(3)
+    fusion = heads.fusion
+    monkeypatch.setattr(fusion.mounts, 'implausible', lambda stamp_ns: [
+        fusion.heads[name] for name in NAMES[1:]])
+    fusion.heads[NAMES[0]].enter(HeadState.EXCLUDED)
+    assert fusion._has_implausible_mounts(START_NS)
+    assert {head.state for head in fusion.heads.values()} == {HeadState.EXCLUDED}
+    for name in NAMES:
+        fusion.heads[name].enter(HeadState.USED)
+    assert fusion._has_implausible_mounts(START_NS)
+    assert [head.state is HeadState.EXCLUDED for head in fusion.heads.values()] == [
+        True, False, False]
 
 
 def test_filtered_attitudes_count_less():

@@ -30,5 +30,9 @@ def test_a_frame_of_two_heads_is_at_the_cramer_rao_bound():
 def test_rows_name_what_holds():
     rows = heads._rows_faults('a fault', np.array([[100, 0, 0, 3], [90, 1, 1, 12]]))
     assert [row.holds for row in rows] == [True, False, False, False]
+    rows = heads._rows_understated('two heads alike', np.array(
+        [[3.0, 0, 0, 9, 2.9, 2, 0], [3.0, 1, 0, 9, 2.9, 1, 1]]))
+    assert [row.holds for row in rows] == [True, False, True, True, True, False, False]
+    assert rows[-2].bound == '= 4' and rows[-2].ours == 3
     row, = heads.tracker_rows('mirrored image', np.array([[20, 0, 0, 0, 0, 0, 0, 0, 0.0]]))
     assert row.holds
