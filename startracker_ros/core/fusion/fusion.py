@@ -166,6 +166,8 @@ class AttitudeFusion:
         before, newest = self._history[index - 1].state, index == len(self._history)
         factor = self._factor if newest else self._history[index].factor
         predicted = self.motion.propagated(before, frame.stamp_ns, factor)
+        if self._gave_up(predicted):
+            return None
         innovation = self._innovation(predicted, head, frame)
         if innovation.nis > GATE and newest and self._is_alone(head, frame.stamp_ns):
             for factor in MANOEUVRES:
@@ -183,8 +185,10 @@ class AttitudeFusion:
         if not self._counts(head, frame, predicted, innovation):
             head.counts['agreeing, not counted yet'] += 1
             return None
-        head.counts['used'] += 1
         state = predicted.updated(innovation)
+        if self._gave_up(state):
+            return None
+        head.counts['used'] += 1
         self._insert(index, _Entry(state, head, frame, factor))
         self._observe(head, frame, predicted, innovation)
         head.used_ns = max(frame.stamp_ns, head.used_ns or frame.stamp_ns)
@@ -194,6 +198,15 @@ class AttitudeFusion:
         if factor == 1:
             self.motion.compare_gyro(before, state)
         return self._result()
+
+    def _gave_up(self, state: FusedState) -> bool:
+        """Drop a state whose covariance is none, with the mounts learnt; return whether it is."""
+        if state.has_covariance:
+            return False
+        self._drop('the covariance of the filter is not positive definite, its diagonal is '
+                   f'{np.diagonal(state.covariance).tolist()}')
+        self.mounts.reset()
+        return True
 
     def _counts(self, head: Head, frame: HeadFrame, predicted: FusedState,
                 innovation: Innovation) -> bool:

@@ -8,6 +8,7 @@ import itertools
 from chi_square import check_mean
 import numpy as np
 import pytest
+from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.fusion.fusion import AttitudeFusion
 from startracker_ros.core.fusion.head import HeadFrame, HeadState
 from startracker_ros.core.fusion.mounts import Mount, MountOptions
@@ -28,11 +29,13 @@ Q0 = np.array([0.5, -0.1, 0.7, np.sqrt(1 - 0.75)])
 class Heads:
     """Heads without noise on a body at a constant rate, frames every 0.2 s."""
 
-    def __init__(self, count=3, options=FusionOptions(), mount_options=MountOptions()):
+    def __init__(self, count=3, options=FusionOptions(), mount_options=MountOptions(),
+                 gyro_options=GyroErrorOptions()):
         self.mounts = head_mounts(count)
         self.names = NAMES[:count]
         self.fusion = AttitudeFusion(
-            {name: Mount(q) for name, q in zip(self.names, self.mounts)}, options, mount_options)
+            {name: Mount(q) for name, q in zip(self.names, self.mounts)}, options, mount_options,
+            gyro_options)
         self.time_s = 0.0
 
     def truth(self, time_s):
@@ -395,6 +398,47 @@ def test_the_reference_is_not_wrong_where_it_does_not_count(monkeypatch):
     assert fusion._has_implausible_mounts(START_NS)
     assert [head.state is HeadState.EXCLUDED for head in fusion.heads.values()] == [
         True, False, False]
+
+
+def test_a_covariance_that_is_none_is_given_up():
+    heads = Heads(2)
+    heads.run(5)
+    for element, value in (((4, 4), -1e-6), ((0, 0), -1e-6), ((10, 10), np.nan)):
+        entry = heads.fusion._history[-1]
+        bad = entry.state.covariance.copy()
+        bad[element] = value
+        heads.fusion._history[-1] = entry._replace(state=entry.state._replace(covariance=bad))
+        result, = heads.run(1, heads=[0])
+        assert result is None and 'not positive definite' in heads.fusion.trouble
+        # And begins anew, without what was learnt with it.
+        last = heads.run(3)[-1]
+        assert heads.error_arcsec(last) < 0.1 and heads.fusion.trouble == ''
+        assert np.linalg.eigvalsh(last.covariance)[0] > 0
+
+
+def test_a_gyro_at_its_range_is_named_and_not_used():
+    heads = Heads(2, gyro_options=GyroErrorOptions(gyro_range_deg_s=5.0))
+    motion = heads.fusion.motion
+
+    def run(frames, rate):
+        for _ in range(frames):
+            begin_s = heads.time_s
+            for tick in range(4):
+                heads.fusion.add_rate(
+                    START_NS + round((begin_s + 0.05 * (tick + 1)) * 1e9), rate)
+            result = heads.run(1)[-1]
+        return result
+    run(10, RATE)
+    assert motion.uses_gyro and motion.gyro_trouble == ''
+    result = run(3, np.radians([0.0, 6.0, 0.0]))
+    assert not motion.uses_gyro and 'gyro_range_deg_s' in motion.gyro_trouble
+    assert result is not None and heads.error_arcsec(result) < 0.1
+    # The rate of the heads alone is far less certain than that of the gyro.
+    assert result.rate_covariance[0, 0] > 0
+    run(4, RATE)
+    assert not motion.uses_gyro and 'gyro_range_deg_s' in motion.gyro_trouble
+    run(10, RATE)
+    assert motion.uses_gyro and motion.gyro_trouble == ''
 
 
 def test_filtered_attitudes_count_less():
