@@ -22,7 +22,7 @@ from startracker_ros.evaluation.campaign.heads_tracker import (
 from startracker_ros.evaluation.campaign.parallel import parallel_map, split_trials
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.correctness import (
-    count_wrong, nees_of, WRONG_TEXT, WrongCount)
+    count_wrong, nees_of, WRONG_SHARE, WRONG_TEXT, WrongCount)
 from startracker_ros.tools.figures.rows import Row
 
 _KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)
@@ -177,7 +177,7 @@ def understated(heads: str, runs: int, seed: int) -> np.ndarray:
     Return the figures of each run with one head or two alike.
 
     Mean NEES, wrong and gross frames, all after _SETTLED; wrong frames before, least found scale,
-    heads named, heads named falsely.
+    heads named, heads named falsely; frames after _SETTLED.
     """
     rows = []
     for index in range(runs):
@@ -192,7 +192,7 @@ def understated(heads: str, runs: int, seed: int) -> np.ndarray:
                      *_wrong(errors[after], covariances[after]),
                      _wrong(errors[before], covariances[before]).wrong,
                      min(fusion.heads[name].noise.scale for name in faulty) ** 0.5,
-                     len(named & {*faulty}), len(named - {*faulty})])
+                     len(named & {*faulty}), len(named - {*faulty}), len(errors[after])])
     return np.array(rows)
 
 
@@ -319,9 +319,11 @@ def _rows_faults(case: str, rows: np.ndarray) -> list[Row]:
 
 def _rows_understated(case: str, rows: np.ndarray) -> list[Row]:
     name, wanted = f'{case}, {UNDERSTATED}', _UNDERSTATED_HEADS[case] * len(rows)
-    wrong, gross, before, _, named, falsely = rows[:, 1:].sum(axis=0)
+    wrong, gross, before, _, named, falsely, frames = rows[:, 1:].sum(axis=0)
     return [Row(f'{name}: mean NEES', rows[:, 0].mean(), ''),
-            *_wrong_rows(f'{name}, once found', wrong, gross),
+            Row(f'{name}, once found: wrong attitudes', wrong, 'frames',
+                f'<= {WRONG_SHARE:g} of the frames', wrong <= WRONG_SHARE * frames),
+            Row(f'{name}, once found: gross attitudes', gross, 'frames', '= 0', gross == 0),
             Row(f'{name}: wrong attitudes in the first {_SETTLED} frames', before, 'frames'),
             Row(f'{name}: found scale of {UNDERSTATED_BY:g}', rows[:, 4].mean(), ''),
             Row(f'{name}: heads named', named, 'heads', f'= {wanted}', named == wanted),
