@@ -6,6 +6,7 @@
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3Stamped
 import numpy as np
 import pytest
 from queues import deep_queues
@@ -47,6 +48,7 @@ def values(status):
 def test_replay_and_reprocessing_agree(nodes, probe, reprocessed):
     probe.collect(DiagnosticArray, 'tracker_status', 100)
     probe.collect(Imu, 'attitude_imu', 100)
+    probe.collect(Vector3Stamped, 'protection_level', 100)
     player = nodes.start('bag_player', {
         'path': str(BAG), 'topics': ['*/image_raw', '*/camera_info', '*/imu', '*/odometry'],
         'wait_for_camera_users': 4, 'wait_limit_s': 300.0, 'start_delay_s': 2.0})
@@ -62,8 +64,17 @@ def test_replay_and_reprocessing_agree(nodes, probe, reprocessed):
     imu = {ns_from_stamp(message.header.stamp): message
            for message in probe.received['attitude_imu']}
     assert imu.keys() == reprocessed['attitude_imu'].keys()
+    bounds = {ns_from_stamp(message.header.stamp): message.vector
+              for message in probe.received['protection_level']}
+    assert bounds.keys() == {stamp_ns for stamp_ns, message in imu.items()
+                             if message.orientation_covariance[0] != -1}
     # An identification ends some frames later in the nodes: the same stars are tracked in the end.
     last = sorted(replayed)[-10:]
+    ours, other = (np.array([[vector.x, vector.y, vector.z] for vector in vectors])
+                   for vectors in zip(*((bounds[stamp_ns], reprocessed[
+                       'protection_level'][stamp_ns].vector) for stamp_ns in last)))
+    # Some stars differ; where one of them doubts the motion of a frame its bound is far wider.
+    np.testing.assert_allclose(np.median(ours / other, axis=0), 1, atol=0.2)
     for stamp_ns in last:
         ours, other = replayed[stamp_ns], reprocessed['tracker_state'][stamp_ns]
         assert (ours.name, ours.level, ours.message) == (other.name, other.level, 'TRACKING')

@@ -8,6 +8,7 @@ from functools import partial
 import socket
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Vector3, Vector3Stamped
 import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParametersAtomically
@@ -88,17 +89,31 @@ def test_packets_hold_what_was_published(bridge: Rig, packet_of: Callable[..., b
     state.publish(DiagnosticStatus(message='TRACKING', values=[
         KeyValue(key='stars_matched', value='37'), KeyValue(key='residual_px', value='0.061')]))
     numbers = iter(range(1, 10_000))
+    protection = probe.advertise(Vector3Stamped, 'protection_level', qos.LIST)
+
+    def bound(number: int, x: float) -> None:
+        protection.publish(Vector3Stamped(header=imu(number).header,
+                                          vector=Vector3(x=x, y=1.2e-5, z=float('inf'))))
 
     def complete() -> bool:
         temperature.publish(Temperature(temperature=-12.25))
         diagnostics.publish(DiagnosticArray(status=[
             DiagnosticStatus(hardware_id=name, values=[KeyValue(key='background_dn', value=value)])
             for name, value in (('star_tracker', '71.5'), ('other', '99'))]))
-        report = space_packet.decode(packet_of(imu(next(numbers))))
+        number = next(numbers)
+        bound(number, 6e-6)
+        report = space_packet.decode(packet_of(imu(number)))
+        if report.protection_rad is None:
+            return False
+        assert report.protection_rad == pytest.approx([6e-6, 1.2e-5, np.inf])
         return (report.state, report.stars, round(report.residual_px, 3), report.background_dn,
                 report.temperature_c) == (TrackerCode.TRACKING, 37, 0.061, 71.5, -12.25)
     probe.wait(complete, 'state, background and temperature')
+    # The bound of another frame is not that of this one.
+    bound(10_002, 6e-6)
+    assert space_packet.decode(packet_of(imu(10_001))).protection_rad is None
     # What no packet can hold is rejected, and packets go on.
+    bound(10_003, float('nan'))
     state.publish(DiagnosticStatus(message='TRACKING', values=[
         KeyValue(key='stars_matched', value='-3'), KeyValue(key='residual_px', value='0.5')]))
     for publisher, message in (
@@ -107,10 +122,10 @@ def test_packets_hold_what_was_published(bridge: Rig, packet_of: Callable[..., b
                 hardware_id='star_tracker',
                 values=[KeyValue(key='background_dn', value='many')])]))):
         probe.publish_until_received(publisher, message)
-    for topic in ('tracker_state', 'temperature', '/diagnostics'):
+    for topic in ('tracker_state', 'temperature', '/diagnostics', 'protection_level'):
         probe.wait(partial(probe.diagnostic_value, 'telemetry_bridge: telemetry',
                            f'{topic} rejected'), f'{topic} rejected')
-    assert (space_packet.decode(packet_of(imu(10_000))).quaternion == Q).all()
+    assert (space_packet.decode(packet_of(imu(10_004))).quaternion == Q).all()
     # Without an attitude: sent, and marked.
     packet = packet_of(imu(20_000, None))
     assert space_packet.decode(packet).quaternion is None

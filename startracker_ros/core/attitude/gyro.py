@@ -59,6 +59,10 @@ class GyroStep(NamedTuple):
     variance: float
 
 
+AT_ITS_RANGE = ('imu reaches gyro_range_deg_s: its rates are not used while the true ones may be '
+                'larger')
+
+
 class Gyro:
     """
     The latest rates, which propagate an attitude.
@@ -106,6 +110,10 @@ class Gyro:
     def silent_s(self, stamp_ns: int) -> float:
         """Return how long before a time the newest measurement was; infinity without any."""
         return (stamp_ns - self._stamps_ns[-1]) * 1e-9 if self._stamps_ns else np.inf
+
+    def is_saturated(self, stamp_ns: int, for_s: float) -> bool:
+        """Return whether a measurement reached the range at most for_s before a time."""
+        return self.saturated_ns is not None and 0 <= stamp_ns - self.saturated_ns <= for_s * 1e9
 
     def newest_ns(self, stamp_ns: int) -> int:
         """Return the time of the newest measurement, but none later than a time."""

@@ -27,7 +27,12 @@ from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.rotation import ARCSEC, sign_continuous
 
 RETURN_GATE = 9.0
-"""At which a head counts again: the state then changes by 3 sigma of it at most."""
+"""
+At which two heads begin or a head counts again: the state then changes by 3 sigma at most.
+
+Chance exceeds it in one of 34 frames, and is only later for it. GATE, which chance exceeds once
+in a million frames, lets an error of 4 sigma in.
+"""
 MANOEUVRES = (10.0, 100.0)
 """Accelerations tried for a single head without gyro, in units of acceleration_deg_s2."""
 
@@ -161,6 +166,8 @@ class AttitudeFusion:
         before, newest = self._history[index - 1].state, index == len(self._history)
         factor = self._factor if newest else self._history[index].factor
         predicted = self.motion.propagated(before, frame.stamp_ns, factor)
+        if self._gave_up(predicted):
+            return None
         innovation = self._innovation(predicted, head, frame)
         if innovation.nis > GATE and newest and self._is_alone(head, frame.stamp_ns):
             for factor in MANOEUVRES:
@@ -178,8 +185,10 @@ class AttitudeFusion:
         if not self._counts(head, frame, predicted, innovation):
             head.counts['agreeing, not counted yet'] += 1
             return None
-        head.counts['used'] += 1
         state = predicted.updated(innovation)
+        if self._gave_up(state):
+            return None
+        head.counts['used'] += 1
         self._insert(index, _Entry(state, head, frame, factor))
         self._observe(head, frame, predicted, innovation)
         head.used_ns = max(frame.stamp_ns, head.used_ns or frame.stamp_ns)
@@ -189,6 +198,15 @@ class AttitudeFusion:
         if factor == 1:
             self.motion.compare_gyro(before, state)
         return self._result()
+
+    def _gave_up(self, state: FusedState) -> bool:
+        """Drop a state whose covariance is none, with the mounts learnt; return whether it is."""
+        if state.has_covariance:
+            return False
+        self._drop('the covariance of the filter is not positive definite, its diagonal is '
+                   f'{np.diagonal(state.covariance).tolist()}')
+        self.mounts.reset()
+        return True
 
     def _counts(self, head: Head, frame: HeadFrame, predicted: FusedState,
                 innovation: Innovation) -> bool:
@@ -207,8 +225,14 @@ class AttitudeFusion:
             return False
         if head.state is HeadState.USED or head.state is HeadState.WAITING:
             head.enter(HeadState.CHECKED, 'is checked after a time without frames')
-        head.agreed += 1
-        if head.agreed < self._options.agree_frames or innovation.nis > RETURN_GATE:
+        head.agreed = [*head.agreed, innovation.nis][-self._options.agree_frames:]
+        if len(head.agreed) < self._options.agree_frames:
+            return False
+        if sum(head.agreed) > self._options.agree_frames * RETURN_GATE:
+            # An error that lasts shows in the mean, though each frame is within the gate.
+            head.enter(HeadState.EXCLUDED, _disagreement(innovation))
+            return False
+        if innovation.nis > RETURN_GATE:
             return False
         head.enter(HeadState.USED)
         return True
@@ -235,10 +259,9 @@ class AttitudeFusion:
     def _disputed(self, head: Head, frame: HeadFrame, innovation: Innovation
                   ) -> FusedAttitude | None:
         """Use no frame that disagrees, unless two heads are more than those that agree."""
-        angle_deg = math.degrees(float(np.linalg.norm(innovation.vector)))
-        head.agreed = 0
+        head.agreed.clear()
         head.disagreed += 1
-        head.reason = f'{angle_deg:.3g} deg from what other heads and prediction have'
+        head.reason = _disagreement(innovation)
         if head.state is not HeadState.USED or head.disagreed >= self._options.exclude_frames:
             disagreed = head.disagreed
             head.enter(HeadState.EXCLUDED, head.reason)
@@ -291,7 +314,7 @@ class AttitudeFusion:
             if other is not head:
                 state = self.motion.at_constant_rate(entries[-1].state, frame.stamp_ns, factor)
                 innovation = self._innovation(state, head, frame)
-                if innovation.nis > GATE:
+                if innovation.nis > RETURN_GATE:
                     angle_deg = math.degrees(float(np.linalg.norm(innovation.vector)))
                     trouble = f'{other.name} and {head.name} disagree by {angle_deg:.3g} deg'
                     continue
@@ -375,8 +398,12 @@ class AttitudeFusion:
         self._drop(text)
         self.mounts.reset()
         reference = next(iter(self.heads.values()))
-        suspects = [reference] if len(wrong) > 1 else wrong
-        for head in suspects if len(self.heads) > 2 else self.heads.values():
+        if reference.state is not HeadState.USED or len(self.heads) == 2:
+            # The mounts of those in use are against each other: any may be wrong.
+            suspects = list(self.heads.values())
+        else:
+            suspects = [reference] if len(wrong) > 1 else wrong
+        for head in suspects:
             head.enter(HeadState.EXCLUDED, text)
         return True
 
@@ -392,6 +419,11 @@ class AttitudeFusion:
             self.heads[step.head].stepped_rad2 += float(step.size_rad @ step.size_rad)
             self._history = [entry._replace(state=reopened(
                 entry.state, self.heads[step.head], step)) for entry in self._history]
+
+
+def _disagreement(innovation: Innovation) -> str:
+    angle_deg = math.degrees(float(np.linalg.norm(innovation.vector)))
+    return f'{angle_deg:.3g} deg from what other heads and prediction have'
 
 
 def warm_up() -> None:

@@ -98,7 +98,8 @@ class Head:
     def reset(self) -> None:
         """Forget the frames."""
         self.state, self.reason = HeadState.WAITING, 'no frames yet'
-        self.agreed = self.disagreed = 0
+        self.agreed: list[float] = []
+        self.disagreed = 0
         self.recent: deque[HeadFrame] = deque(maxlen=2)
         self.used_ns: int | None = None
         self.stepped_rad2 = 0.0
@@ -237,4 +238,5 @@ class Head:
     def enter(self, state: HeadState, reason: str = '') -> None:
         """Enter a state."""
         self.state, self.reason = state, reason
-        self.agreed = self.disagreed = 0
+        self.agreed.clear()
+        self.disagreed = 0

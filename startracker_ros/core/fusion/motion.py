@@ -6,7 +6,7 @@
 import math
 
 import numpy as np
-from startracker_ros.core.attitude.gyro import Gyro, GyroErrorOptions
+from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro, GyroErrorOptions
 from startracker_ros.core.fusion.options import FusionOptions
 from startracker_ros.core.fusion.state import FusedState, GATE
 from startracker_ros.core.maths.rotation import ARCSEC
@@ -60,7 +60,11 @@ class BodyMotion:
                 return False
             self._gyro = Gyro(self._gyro_options)
             self.forget_gyro()
-        return self._gyro.add(stamp_ns, rate_rad_s)
+        added = self._gyro.add(stamp_ns, rate_rad_s)
+        if self._gyro.saturated_ns == stamp_ns:
+            self.forget_gyro()
+            self.gyro_trouble = AT_ITS_RANGE
+        return added
 
     def gyro_runs(self, stamp_ns: int) -> bool:
         """Return whether the rates propagate a state to a time."""
@@ -103,6 +107,9 @@ class BodyMotion:
         gyro = self._gyro
         if (self.uses_gyro or after.stamp_ns <= before.stamp_ns
                 or abs(gyro.silent_s(after.stamp_ns)) > GYRO_SILENCE_S):
+            return
+        if gyro.is_saturated(after.stamp_ns, GYRO_SILENCE_S):
+            self._agreed = 0
             return
         if self._is_behind(after.stamp_ns):
             self._agreed = 0

@@ -10,12 +10,14 @@ mounts], (9 + M,), where truth = estimate + error and R(truth) = R(estimate) exp
 """
 
 from collections.abc import Iterable
+import math
 from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.gyro import GyroStep
 from startracker_ros.core.fusion import filter_steps
 from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.maths.symmetric_matrix import is_positive_definite
 
 BODY = 9
 """Elements of the error state that are not of the mounts."""
@@ -123,6 +125,13 @@ class FusedState(NamedTuple):
             stamp_ns=step.until_ns, quaternion=quaternion, rate=step.rate_rad_s - self.drift,
             covariance=filter_steps.propagated(
                 self.covariance, turn, (0.0, -dt_s, 0.0, -1.0), noise, walk * dt_s))
+
+    @property
+    def has_covariance(self) -> bool:
+        """Whether the covariance is one: finite, no variance negative, positive definite."""
+        P = self.covariance
+        return bool(math.isfinite(P.sum()) and min(np.diagonal(P).tolist()) >= 0
+                    and is_positive_definite(P))
 
     def innovation(self, measured: Measurement) -> Innovation:
         """Return z = H x + noise, with H = [I 0 0 B] and S = H P H^T + R."""

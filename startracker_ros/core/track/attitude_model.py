@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
-from startracker_ros.core.attitude.gyro import Gyro
+from startracker_ros.core.attitude.gyro import AT_ITS_RANGE, Gyro
 from startracker_ros.core.attitude.result import pointing_covariance
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
@@ -179,9 +179,7 @@ class AttitudeModel(StarModel):
 
     def _is_saturated(self, stamp_ns: int) -> bool:
         """Return whether the gyro reached its range within GYRO_SILENCE_S before a time."""
-        saturated_ns = self._gyro.saturated_ns
-        return (saturated_ns is not None
-                and 0 <= stamp_ns - saturated_ns <= GYRO_SILENCE_S * 1e9)
+        return self._gyro.is_saturated(stamp_ns, GYRO_SILENCE_S)
 
     def _hypotheses(self, stamp_ns: int, sparse: bool) -> Iterator[_Hypothesis]:
         """Yield the nominal prediction, then those of manoeuvres."""
@@ -344,8 +342,7 @@ class AttitudeModel(StarModel):
         state, gyro = self._state, self._gyro
         if self._is_saturated(state.stamp_ns):
             self._gyro_agreed = 0
-            self.gyro_trouble = ('imu reaches gyro_range_deg_s: its rates are not used while the '
-                                 'true ones may be larger')
+            self.gyro_trouble = AT_ITS_RANGE
             return
         if gyro.silent_s(state.stamp_ns) > GYRO_SILENCE_S:
             self._gyro_agreed, self.gyro_trouble = 0, ''

@@ -26,7 +26,8 @@ class Start(NamedTuple):
     """
     An identified frame with the body rate (3,) rad/s and its covariance (3, 3).
 
-    cross (3, 3) is the covariance of attitude and rate error; reason is for tracker_state.
+    cross (3, 3) is the covariance of attitude and rate error; reason is for tracker_state; hinted
+    is whether the rate is that of a hint.
     """
 
     frame: IdentifiedFrame
@@ -34,6 +35,7 @@ class Start(NamedTuple):
     rate_covariance: np.ndarray
     cross: np.ndarray
     reason: str
+    hinted: bool = False
 
 
 def start_of_two(first: IdentifiedFrame, second: IdentifiedFrame) -> Start:
@@ -44,6 +46,28 @@ def start_of_two(first: IdentifiedFrame, second: IdentifiedFrame) -> Start:
     rate = rotation_between(first.attitude.quaternion, second.attitude.quaternion) / dt_s
     return Start(second, rate, (attitude + before) / dt_s ** 2, attitude / dt_s,
                  f'{len(second.star_index)} stars identified twice')
+
+
+def start_of_prediction(predicted: Hint, frame: IdentifiedFrame) -> Start | None:
+    """Return the start at a frame of stars where tracks predicted them; None if they differ."""
+    return _confirmed(predicted, frame, 'where the tracks before had them', hinted=False)
+
+
+def _confirmed(hint: Hint, frame: IdentifiedFrame, where: str, *, hinted: bool) -> Start | None:
+    """Return the start at a frame that agrees with an attitude; None without one."""
+    dt_s = (frame.stamp_ns - hint.stamp_ns) * 1e-9
+    rate_covariance = hint.rate_covariance + _RATE_FLOOR_RAD_S ** 2 * np.eye(3)
+    if not (_is_within(hint.covariance, MAX_SIGMA_RAD)
+            and _is_within(hint.rate_covariance, MAX_RATE_SIGMA_RAD_S)):
+        return None
+    innovation = rotation_between(
+        turned(hint.quaternion, hint.rate * dt_s), frame.attitude.quaternion)
+    S = (hint.covariance + frame.attitude.covariance_sensor * frame.scale ** 2
+         + rate_covariance * dt_s ** 2)
+    if innovation @ np.linalg.solve(S, innovation) > NIS_GATE:
+        return None
+    return Start(frame, hint.rate, rate_covariance, np.zeros((3, 3)),
+                 f'{len(frame.star_index)} stars {where}', hinted)
 
 
 class HintedStart:
@@ -65,25 +89,14 @@ class HintedStart:
     def start(self, frame: IdentifiedFrame, max_gap_s: float) -> Start | None:
         """Return the start at a frame that agrees with the hint; None without one."""
         hint = self.newest
-        if hint is None or self._ignored:
+        if (hint is None or self._ignored
+                or abs(frame.stamp_ns - hint.stamp_ns) * 1e-9 > max_gap_s):
             return None
-        dt_s = (frame.stamp_ns - hint.stamp_ns) * 1e-9
-        rate_covariance = hint.rate_covariance + _RATE_FLOOR_RAD_S ** 2 * np.eye(3)
-        if (abs(dt_s) > max_gap_s or not _is_within(hint.covariance, MAX_SIGMA_RAD)
-                or not _is_within(hint.rate_covariance, MAX_RATE_SIGMA_RAD_S)):
-            return None
-        innovation = rotation_between(
-            turned(hint.quaternion, hint.rate * dt_s), frame.attitude.quaternion)
-        S = (hint.covariance + frame.attitude.covariance_sensor * frame.scale ** 2
-             + rate_covariance * dt_s ** 2)
-        if innovation @ np.linalg.solve(S, innovation) > NIS_GATE:
-            return None
-        return Start(frame, hint.rate, rate_covariance, np.zeros((3, 3)),
-                     f'{len(frame.star_index)} stars identified where a hint has them')
+        return _confirmed(hint, frame, 'identified where a hint has them', hinted=True)
 
     def started(self, start: Start) -> None:
         """Note what the tracker has started with."""
-        self._used = not start.cross.any()
+        self._used = start.hinted
         self._ignored = self._ignored and self._used
 
     def lost(self, good_frames: int) -> None:

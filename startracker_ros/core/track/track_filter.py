@@ -20,6 +20,7 @@ from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.centroid.synthetic_field import synthetic_field
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.track.attitude_model import AttitudeModel
+from startracker_ros.core.track.bank import TrackBank
 from startracker_ros.core.track.consistency import (
     expected_stars, PRESENT_PX, PRESENT_SIGMAS, RowPattern)
 from startracker_ros.core.track.frame_masks import kept_after_fit, kept_tracks, usable_centroids
@@ -32,12 +33,19 @@ from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.prediction import predict_stars, visible_stars
 from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import median, OUTLIER_SIGMA, RotationFit
-from startracker_ros.core.track.start import HintedStart, Start, start_of_two
+from startracker_ros.core.track.start import (
+    HintedStart, Start, start_of_prediction, start_of_two)
 from startracker_ros.core.track.tracks import Hint, TrackedAttitude, Tracks
 
 RECENT_FRAMES = 64
 """Frames stored for an identification that comes late, and attitudes to check it by:
 6 s at 10 Hz, several times the duration of a lost-in-space identification."""
+
+FAST_SHARE = 0.02
+"""Of the width of the image, moved in a frame: a star crosses it in fifty."""
+
+NEIGHBOURHOOD_PX = 10.0
+"""Distance of a centroid that may be that of a star which the motion has carried elsewhere."""
 
 TIME_JUMP_S = 1.0
 """A step back of time by more is a restart (a simulation, a recording played again); by less, a
@@ -61,7 +69,8 @@ class TrackFilter:
     any        -> TRACKING   an identified frame that agrees with a hint, unless TRACKING
                -> ACQUIRING  a second one at a higher rate, which becomes the first
                -> LOST       no second one within max_gap_s
-    TRACKING   -> ACQUIRING  an identified frame that contradicts the tracks
+    TRACKING   -> TRACKING   other stars than those followed, where the prediction has them
+               -> ACQUIRING  an identified frame that contradicts the tracks
                -> LOST       max_bad_frames bad frames in a row, or max_gap_s without stars
     any        -> LOST       reset(), or time jumps back
 
@@ -247,17 +256,22 @@ class TrackFilter:
         vacant = self._options.max_stars - len(bank)
         if vacant <= 0 or not unassociated.any():
             return
-        frame, detected = frame.select(unassociated), bank.detected
-        with np.errstate(invalid='ignore', divide='ignore'):
-            zero_point = median(self._onboard.magnitude[bank.star_index[detected]]
-                                + 2.5 * np.log10(bank.flux[detected]))
+        frame = frame.select(unassociated)
         star_index, centroid = match_new_stars(
             self._stars, self._tracked_sky, fit.attitude, frame,
-            fit.scale * self._model.sigma_px(frame), zero_point, self._options.magnitude_tolerance)
+            fit.scale * self._model.sigma_px(frame), self._zero_point(bank),
+            self._options.magnitude_tolerance)
         new = np.flatnonzero(~(star_index[:, None] == bank.star_index).any(axis=1))[:vacant]
         star_index, centroid = star_index[new], centroid[new]
         if len(star_index):
             self._add_tracks(star_index, frame.select(centroid), confirmed=False)
+
+    def _zero_point(self, bank: TrackBank) -> float:
+        """Return the magnitude of 1 DN by the detected stars of a bank."""
+        detected = bank.detected
+        with np.errstate(invalid='ignore', divide='ignore'):
+            return median(self._onboard.magnitude[bank.star_index[detected]]
+                          + 2.5 * np.log10(bank.flux[detected]))
 
     # --- transitions ---
 
@@ -265,6 +279,7 @@ class TrackFilter:
         """Enter a state without tracks."""
         if state is TrackerState.LOST:
             self.hints.lost(len(self._history))
+            self._seen: TrackBank | None = None
         self.state = state
         self.reason = reason
         self.stars_matched = 0
@@ -274,7 +289,7 @@ class TrackFilter:
         self._unassociated = None
         self._pattern = RowPattern(self._camera)
         self.contradiction = ''
-        self._bank_stamp_ns = 0
+        self._before_ns = self._bank_stamp_ns = 0
         self._good_stamp_ns = 0
         self._bad_frames = 0
         self._history.clear()
@@ -296,6 +311,7 @@ class TrackFilter:
         self._model.start(start)
         most = slice(self._options.max_stars)
         self._add_tracks(frame.star_index[most], frame.centroids.select(most), confirmed=True)
+        self._seen = self._model.bank
         self._bank_stamp_ns = self._good_stamp_ns = frame.stamp_ns
         self.stars_matched = len(frame.star_index)
         self.frames_since_fix = 0
@@ -327,7 +343,7 @@ class TrackFilter:
         if stamp_ns <= self._bank_stamp_ns or self.state is not TrackerState.TRACKING:
             return
         self.acquire_new_stars()
-        self._bank_stamp_ns = stamp_ns
+        self._before_ns, self._bank_stamp_ns = self._bank_stamp_ns, stamp_ns
         frame = at_frame_time(self._camera, frame, self._model.rate_rad_s)
         result = self._model.update(stamp_ns, frame, self._tracked_sky)
         if self._model.failure:
@@ -344,6 +360,47 @@ class TrackFilter:
             self._unassociated = result.fit, frame, result.unassociated
         else:
             self._end_bad_frame(frame)
+            if self.state is TrackerState.TRACKING and not self._model.is_sparse(frame):
+                self._resume(stamp_ns, frame)
+
+    def _resume(self, stamp_ns: int, frame: Centroids) -> None:
+        """
+        Start anew by other stars than those followed, where enough are as predicted.
+
+        Only in a fast turn, where faint stars leave the image before as many new ones count.
+        Where those followed are seen and do not agree, the motion is not as predicted.
+        """
+        attitude = self._model.predicted_attitude
+        if (attitude is None or self._seen is None or not self._crosses_fast(stamp_ns)
+                or self._are_seen(frame)):
+            return
+        star_index, centroid = match_new_stars(
+            self._stars, self._tracked_sky, attitude, frame, self._model.sigma_px(frame),
+            self._zero_point(self._seen), self._options.magnitude_tolerance)
+        hip = np.zeros(len(frame), np.int64)
+        hip[centroid] = self._onboard.hip[star_index]
+        found, _ = fit_identified(self._camera, self._tracked_sky, self._options, stamp_ns, frame,
+                                  self._model.error_px2(frame), hip)
+        if found is None or self._misplaced(found.attitude, found.star_index, found.scale, frame):
+            return
+        start = start_of_prediction(
+            Hint(stamp_ns, attitude.quaternion, attitude.covariance_sensor,
+                 self._model.rate_rad_s, self._model.rate_covariance), found)
+        if start is not None:
+            self._start(start)
+
+    def _crosses_fast(self, stamp_ns: int) -> bool:
+        """Return whether stars leave the image within some frames of this interval."""
+        x, y, _ = self._model.rate_rad_s
+        interval_s = (stamp_ns - self._before_ns) * 1e-9
+        return math.hypot(x, y) * self._camera.fx * interval_s > FAST_SHARE * self._camera.width
+
+    def _are_seen(self, frame: Centroids) -> bool:
+        """Return whether enough of the stars followed have a centroid in the neighbourhood."""
+        bank = self._model.bank
+        away_px = np.linalg.norm(bank.uv[bank.confirmed][:, None] - frame.uv, axis=-1)
+        seen = away_px.min(axis=1, initial=np.inf) < NEIGHBOURHOOD_PX
+        return bool(np.count_nonzero(seen) >= self._options.min_stars)
 
     def _end_good_frame(self, stamp_ns: int, frame: Centroids, fit: RotationFit) -> None:
         """Record the attitude, drop missed, blended and outlying stars, confirm new ones."""
@@ -355,19 +412,24 @@ class TrackFilter:
         kept, confirmed, new = kept_after_fit(
             self._kept(frame), fit.normalised, OUTLIER_SIGMA, bank.missed, bank.age,
             bank.confirmed, self._options.confirm_frames)
-        self._model.bank = (replace(bank, confirmed=confirmed) if new else bank).select(kept)
+        self._seen = (replace(bank, confirmed=confirmed) if new else bank).select(kept)
+        self._model.bank = self._seen
 
     def _contradiction(self, result: FrameUpdate, frame: Centroids) -> str:
         """Return why not all of a frame shows the attitude that was found, empty if it does."""
         bank, fit = self._model.bank, result.fit
         assert fit is not None, 'a good frame has a fit'
-        present_px = max(PRESENT_PX, PRESENT_SIGMAS * fit.scale * median(
-            self._model.sigma_px(frame)))
-        faintest = self._onboard.magnitude[bank.star_index[bank.detected]].max()
-        expected, velocity = visible_stars(
-            self._stars, self._tracked_sky, fit.attitude, self._model.rate_rad_s, faintest)
-        return expected_stars(expected, velocity, frame.uv, present_px) or (
+        return self._misplaced(fit.attitude, bank.star_index[bank.detected], fit.scale, frame) or (
             self._pattern.find(result.residuals) if result.residuals else '')
+
+    def _misplaced(self, attitude: AttitudeEstimate, detected: np.ndarray, scale: float,
+                   frame: Centroids) -> str:
+        """Return what speaks against an attitude among stars as bright as those detected (N,)."""
+        present_px = max(PRESENT_PX, PRESENT_SIGMAS * scale * median(self._model.sigma_px(frame)))
+        expected, velocity = visible_stars(
+            self._stars, self._tracked_sky, attitude, self._model.rate_rad_s,
+            self._onboard.magnitude[detected].max())
+        return expected_stars(expected, velocity, frame.uv, present_px)
 
     def _end_bad_frame(self, frame: Centroids) -> None:
         """Drop missed stars, and enter LOST after max_bad_frames."""

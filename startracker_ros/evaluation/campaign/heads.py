@@ -16,18 +16,20 @@ from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import ARCSEC, matrix_from_quaternion
 from startracker_ros.evaluation.campaign.heads_hint import hint_rows, hint_runs
 from startracker_ros.evaluation.campaign.heads_scene import (
-    errors_of, NAMES, nees_of, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY)
+    errors_of, NAMES, Scene, SceneRun, SIGMA_ARCSEC, UNDERSTATED, UNDERSTATED_BY)
 from startracker_ros.evaluation.campaign.heads_tracker import (
     TRACKER_CONDITIONS, tracker_rows, tracker_runs)
 from startracker_ros.evaluation.campaign.parallel import parallel_map, split_trials
 from startracker_ros.io.table import Result
-from startracker_ros.tools.figures.correctness import count_wrong, WRONG_TEXT, WrongCount
+from startracker_ros.tools.figures.correctness import (
+    count_wrong, nees_of, WRONG_SHARE, WRONG_TEXT, WrongCount)
 from startracker_ros.tools.figures.rows import Row
 
 _KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)
 _LEARNT = MountOptions(mount_sigma_arcsec=3.0)
 FAULTS = ('mount wrong by 1 deg', 'time offset 0.2 s', 'jump of 1 deg')
 FRAMES = 2000
+_UNDERSTATED_HEADS = {'one head': 1, 'two heads alike': 2}
 _HEAD_FRAMES_S = 0.2
 _SETTLED = 300  # frames at the start of a run that are not compared with a bound of the end
 _PIECE = 5
@@ -170,15 +172,27 @@ def faults(fault: str, runs: int, seed: int) -> np.ndarray:
     return np.array(rows)
 
 
-def understated(runs: int, seed: int) -> np.ndarray:
-    """Return mean NEES, wrong and gross frames and found scale of a head, of each run."""
+def understated(heads: str, runs: int, seed: int) -> np.ndarray:
+    """
+    Return the figures of each run with one head or two alike.
+
+    Mean NEES, wrong and gross frames, all after _SETTLED; wrong frames before, least found scale,
+    heads named, heads named falsely; frames after _SETTLED.
+    """
     rows = []
     for index in range(runs):
-        run, fusion, outcomes = _run(Scene(_seconds(3), fault=UNDERSTATED), _KNOWN, seed + index)
+        run, fusion, outcomes = _run(
+            Scene(_seconds(3), fault=UNDERSTATED, faulty_heads=_UNDERSTATED_HEADS[heads]), _KNOWN,
+            seed + index)
         errors, covariances = errors_of(outcomes)
-        rows.append([nees_of(errors, covariances)[_SETTLED:].mean(),
-                     *_wrong(errors, covariances),
-                     fusion.heads[NAMES[run.faulty]].noise.scale ** 0.5])
+        before, after = slice(0, _SETTLED), slice(_SETTLED, None)
+        faulty = [NAMES[head] for head in run.all_faulty]
+        named = {name for name, head in fusion.heads.items() if head.noise.stands_out}
+        rows.append([nees_of(errors[after], covariances[after]).mean(),
+                     *_wrong(errors[after], covariances[after]),
+                     _wrong(errors[before], covariances[before]).wrong,
+                     min(fusion.heads[name].noise.scale for name in faulty) ** 0.5,
+                     len(named & {*faulty}), len(named - {*faulty}), len(errors[after])])
     return np.array(rows)
 
 
@@ -228,17 +242,15 @@ def steps(runs: int, seed: int) -> np.ndarray:
 
 
 _TASKS = {'two heads': two_heads, 'snapshots': snapshots, 'dropping': dropping,
-          'understated': understated, 'steps': steps, 'hint': hint_runs}
+          'steps': steps, 'hint': hint_runs}
+_TASKS_OF_CASES = {'faults': faults, 'understated': understated, 'bending': bending,
+                   'tracker': tracker_runs}
 
 
 def heads_runs(task: str, case: str, runs: int, seed: int) -> np.ndarray:
     """Return the figures of so many runs of one task."""
-    if task == 'faults':
-        return faults(case, runs, seed)
-    if task == 'bending':
-        return bending(case, runs, seed)
-    if task == 'tracker':
-        return tracker_runs(case, runs, seed)
+    if task in _TASKS_OF_CASES:
+        return _TASKS_OF_CASES[task](case, runs, seed)
     return _TASKS[task](runs, seed)
 
 
@@ -247,7 +259,8 @@ def run_heads_campaign(*, trials: int, seed: int, only: tuple[str, ...] = (),
     """Fuse heads in so many runs of FRAMES frames for each figure; only names tasks."""
     long_runs = max(1, trials // _LONG_RUNS)
     cases = [('two heads', '', trials), ('snapshots', '', trials), ('dropping', '', trials),
-             *(('faults', fault, trials) for fault in FAULTS), ('understated', '', trials),
+             *(('faults', fault, trials) for fault in FAULTS),
+             *(('understated', heads, trials) for heads in _UNDERSTATED_HEADS),
              *(('bending', law, long_runs) for law in ('orbit', 'temperature')),
              ('steps', '', long_runs), ('hint', '', long_runs),
              *(('tracker', condition, long_runs) for condition in TRACKER_CONDITIONS)]
@@ -305,10 +318,16 @@ def _rows_faults(case: str, rows: np.ndarray) -> list[Row]:
 
 
 def _rows_understated(case: str, rows: np.ndarray) -> list[Row]:
-    wrong, gross = rows[:, 1:3].sum(axis=0)
-    return [Row(f'{UNDERSTATED}: mean NEES', rows[:, 0].mean(), ''),
-            *_wrong_rows(UNDERSTATED, wrong, gross),
-            Row(f'{UNDERSTATED}: found scale of {UNDERSTATED_BY:g}', rows[:, 3].mean(), '')]
+    name, wanted = f'{case}, {UNDERSTATED}', _UNDERSTATED_HEADS[case] * len(rows)
+    wrong, gross, before, _, named, falsely, frames = rows[:, 1:].sum(axis=0)
+    return [Row(f'{name}: mean NEES', rows[:, 0].mean(), ''),
+            Row(f'{name}, once found: wrong attitudes', wrong, 'frames',
+                f'<= {WRONG_SHARE:g} of the frames', wrong <= WRONG_SHARE * frames),
+            Row(f'{name}, once found: gross attitudes', gross, 'frames', '= 0', gross == 0),
+            Row(f'{name}: wrong attitudes in the first {_SETTLED} frames', before, 'frames'),
+            Row(f'{name}: found scale of {UNDERSTATED_BY:g}', rows[:, 4].mean(), ''),
+            Row(f'{name}: heads named', named, 'heads', f'= {wanted}', named == wanted),
+            Row(f'{name}: heads named falsely', falsely, 'heads', '= 0', falsely == 0)]
 
 
 def _rows_bending(case: str, rows: np.ndarray) -> list[Row]:

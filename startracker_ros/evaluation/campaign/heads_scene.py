@@ -47,7 +47,7 @@ class Scene:
     acceleration_deg_s2 a white acceleration that lasts for 0.1 s. drop_s is the time for which
     one head after the other is blinded, 0 for none. bend_arcsec is the rms of a misalignment with
     the period of an orbit, temperature_arcsec_k of one with the temperature, step_arcsec that of a
-    step of the last head at step_s. fault is what one head has from fault_s on.
+    step of the last head at step_s. fault is what faulty_heads have from fault_s on.
     """
 
     seconds: float
@@ -67,6 +67,7 @@ class Scene:
     step_s: float = 0.0
     fault: str = ''
     fault_s: float = 0.0
+    faulty_heads: int = 1
 
 
 class Outcome(NamedTuple):
@@ -78,13 +79,19 @@ class Outcome(NamedTuple):
 
 
 class SceneRun:
-    """A scene with its random numbers; events() drives a fusion and yields what comes out."""
+    """
+    A scene with its random numbers; events() drives a fusion and yields what comes out.
+
+    faulty is the first head with a fault, -1 without one, all_faulty are all of them.
+    """
 
     def __init__(self, scene: Scene, rng: np.random.Generator) -> None:
         self.scene = scene
         self._rng = rng
         self.mounts = head_mounts(scene.heads)
         self.faulty = int(rng.integers(scene.heads)) if scene.fault else -1
+        self.all_faulty = [(self.faulty + k) % scene.heads for k in range(
+            scene.faulty_heads)] if scene.fault else []
         self.excluded_after: int | None = None
         # A frame of each head in a period; the gyro has a rate in each tick.
         self._ticks = 4 if scene.period_s <= 0.4 else 12
@@ -138,7 +145,7 @@ class SceneRun:
 
     def _measure(self, head: int, tick: int, time_s: float) -> np.ndarray:
         """Return q_icrf_from_sensor (4,) as a head measures it."""
-        faulty = head == self.faulty and time_s >= self.scene.fault_s
+        faulty = head in self.all_faulty and time_s >= self.scene.fault_s
         offset = self.misalignment(time_s)[head]
         if faulty and self.scene.fault == 'time offset 0.2 s':
             tick += round(0.2 / self._dt_s)
@@ -202,8 +209,3 @@ def errors_of(outcomes: list[Outcome]) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors (N, 3) rad about body axes and their covariances (N, 3, 3)."""
     return (np.array([attitude_error(one.fused.quaternion, one.truth) for one in outcomes]),
             np.array([one.fused.covariance for one in outcomes]))
-
-
-def nees_of(errors: np.ndarray, covariances: np.ndarray) -> np.ndarray:
-    """Return e^T P^-1 e (N,)."""
-    return np.einsum('ni,ni->n', errors, np.linalg.solve(covariances, errors[..., None])[..., 0])

@@ -50,9 +50,15 @@ def records(table: Sequence[SheetRow]) -> list[dict[str, object]]:
     lines = lines_of(table)
     rates = [rate for rate in rates_of(lines) if rate]
     return [{'figure': line.case, 'unit': line.unit,
-             'at rest': number(line.rows.get(0.0, line.rows.get(None))),
-             **{f'{rate:g} deg/s': number(line.rows.get(rate)) for rate in rates}}
+             'at rest': _cell(line.rows.get(0.0, line.rows.get(None))),
+             **{f'{rate:g} deg/s': _cell(line.rows.get(rate)) for rate in rates}}
             for line in lines]
+
+
+def _cell(row: SheetRow | None) -> str:
+    """Return the figure of a row, with its goal where that is missed."""
+    missed = row is not None and row.goal.endswith('missed')
+    return f'{number(row)} ({row.goal})' if row and missed else number(row)
 
 
 def number(value: SheetRow | float | None) -> str:

@@ -167,6 +167,7 @@ def run_datasheet(lens: Camera, detector: DetectorOptions, output: Path, *, seed
     table = [
         *rows.split_rows(done.errors), *rows.mechanical_rows(),
         *rows.tracked_rows(cases(effort), done.runs, bias_rad),
+        *rows.consistency_rows(cases(effort), done.runs, bias_rad),
         *rows.limit_rows([*cases(effort), *LIMIT_CASES], [*done.runs, *done.limit_runs],
                          bias_rad),
         *rows.acquisition_rows(done.errors, done.runs, done.fields),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core.attitude.protection import ProtectionOptions
 from startracker_ros.evaluation.campaign.integrity_tally import Tally
 from startracker_ros.evaluation.datasheet import estimates
 from startracker_ros.evaluation.datasheet.availability import DISTURBANCES
@@ -17,6 +18,8 @@ from startracker_ros.evaluation.datasheet.published import (
 from startracker_ros.evaluation.datasheet.single_images import ImageErrors
 from startracker_ros.evaluation.datasheet.sky_coverage import SkyFields, star_counts
 from startracker_ros.evaluation.datasheet.tracked_runs import RunCase, Runs
+from startracker_ros.tools.figures.correctness import WRONG_SHARE, WRONG_SIGMAS
+from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
 IMAGES, TRACKER = 'images, one by one', 'images through the tracker'
 CALIBRATIONS = 'calibrations and images'
@@ -39,7 +42,8 @@ class SheetRow:
     One figure: ours is 1 sigma or the value itself, three_sigma is 3 sigma of an error.
 
     low and high are its 95 % confidence interval, bound its Cramer-Rao bound, published what
-    Sodern states of Auriga, at 3 sigma where there is a three_sigma. method says what it is of.
+    Sodern states of Auriga, at 3 sigma where there is a three_sigma. method says what it is of,
+    goal what a figure should be, and whether it is.
     """
 
     section: str
@@ -52,6 +56,7 @@ class SheetRow:
     bound: float | None = None
     published: float | None = None
     method: str = IMAGES
+    goal: str = ''
 
 
 def mechanical_rows() -> Iterator[SheetRow]:
@@ -113,6 +118,37 @@ def tracked_rows(cases: Sequence[RunCase], runs: Sequence[Runs], bias_rad: np.nd
                    float(sum(count.wrong for count in counts)), 'frames', method=TRACKER)
     yield SheetRow(section, 'gross attitudes, all rates',
                    float(sum(count.gross for count in counts)), 'frames', method=TRACKER)
+
+
+def consistency_rows(cases: Sequence[RunCase], runs: Sequence[Runs], bias_rad: np.ndarray
+                     ) -> Iterator[SheetRow]:
+    """
+    Yield how true covariance and protection level are at each rate, but for the bias (3,).
+
+    The frames of a run are correlated: the interval of the mean NEES is that of one of each run.
+    """
+    section = 'Consistency of the published attitude'
+    low, high = mean_chi_square_bounds(3, len(runs[0].error))
+    # Each axis has its own probability.
+    misleading_percent = 300 * ProtectionOptions().misleading_probability
+    for case, each in zip(cases, runs):
+        rate = f'{case.rate_deg_s:g} deg/s'
+        nees, published = each.nees(bias_rad), each.published
+        if nees is not None:
+            yield SheetRow(section, f'NEES, {rate}', nees, '', method=TRACKER,
+                           goal=_goal(f'{low:.2f} .. {high:.2f}', low <= nees <= high))
+        for name, count, percent in (
+                (f'beyond {WRONG_SIGMAS:g} sigma', each.wrong(bias_rad).wrong, 100 * WRONG_SHARE),
+                ('beyond the protection level', each.beyond_protection(bias_rad),
+                 misleading_percent)):
+            if published:
+                share = 100 * count / published
+                yield SheetRow(section, f'frames {name}, {rate}', share, '%', method=TRACKER,
+                               goal=_goal(f'<= {percent:.2g}', share <= percent))
+
+
+def _goal(text: str, met: bool) -> str:
+    return f'{text}, {"met" if met else "missed"}'
 
 
 def limit_rows(cases: Sequence[RunCase], runs: Sequence[Runs], bias_rad: np.ndarray

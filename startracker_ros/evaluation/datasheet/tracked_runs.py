@@ -14,7 +14,7 @@ from startracker_ros.evaluation.datasheet.instrument import (
     EPOCH_YEAR, FRAME_RATE_HZ, Instrument, START_NS)
 from startracker_ros.evaluation.datasheet.motions import across_boresight, RUN_S, Spins
 from startracker_ros.sim.sky.simulator import SkySimulator
-from startracker_ros.tools.figures.correctness import count_wrong, WrongCount
+from startracker_ros.tools.figures.correctness import count_wrong, nees_of, WrongCount
 
 SETTLED_FRAMES = 10
 """Frames after which the filter of the tracker no longer depends on its start."""
@@ -38,13 +38,14 @@ class Runs:
     """
     What runs (R,) of F frames published.
 
-    error and sigma (R, F, 3) rad are about sensor axes, NaN without an attitude, sigma that of
-    the covariance; acquired_s (R,) is the time of the first attitude after the first image,
+    error and protection (R, F, 3) rad and covariance (R, F, 3, 3) rad^2 are about sensor axes, NaN
+    without an attitude; acquired_s (R,) is the time of the first attitude after the first image,
     infinite without one.
     """
 
     error: np.ndarray
-    sigma: np.ndarray
+    covariance: np.ndarray
+    protection: np.ndarray
     acquired_s: np.ndarray
 
     @property
@@ -54,7 +55,25 @@ class Runs:
 
     def wrong(self, bias_rad: np.ndarray) -> WrongCount:
         """Return how many attitudes are wrong beside the bias (3,), which alignment removes."""
-        return count_wrong(self.error - bias_rad, self.sigma)
+        sigma = np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
+        return count_wrong(self.error - bias_rad, sigma)
+
+    def beyond_protection(self, bias_rad: np.ndarray) -> int:
+        """Return how many errors but for the bias (3,) exceed their protection level."""
+        beyond = np.abs(self.error - bias_rad) > self.protection
+        return int(np.count_nonzero(beyond.any(axis=-1)))
+
+    def nees(self, bias_rad: np.ndarray) -> float | None:
+        """Return the mean normalised squared error but for the bias (3,), None of no frame."""
+        known = np.isfinite(self.settled[..., 0])
+        error = self.settled[known] - bias_rad
+        covariance = self.covariance[:, SETTLED_FRAMES:][known]
+        return float(nees_of(error, covariance).mean()) if len(error) else None
+
+    @property
+    def published(self) -> int:
+        """Return the number of frames with an attitude."""
+        return int(np.count_nonzero(np.isfinite(self.error[..., 0])))
 
     @property
     def available_percent(self) -> float:
@@ -82,10 +101,11 @@ def tracked_runs(instrument: Instrument, case: RunCase, runs: int, seed: int) ->
 
 
 def _run(simulator: SkySimulator, pipeline: StarTracker, begin_s: float, frames: int
-         ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the errors and their sigmas (F, 3), and the time of acquisition."""
+         ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Return the fields of Runs of one run."""
     pipeline.reset()
-    error, sigma = np.full((2, frames, 3), np.nan)
+    error, protection = np.full((2, frames, 3), np.nan)
+    covariance = np.full((frames, 3, 3), np.nan)
     for index in range(frames):
         time_s = begin_s + index / FRAME_RATE_HZ
         taken = simulator.frame(time_s)
@@ -94,6 +114,8 @@ def _run(simulator: SkySimulator, pipeline: StarTracker, begin_s: float, frames:
         attitude = pipeline.process(stamp_ns, taken.image).attitude
         if attitude is not None:
             error[index] = attitude_error(attitude.quaternion, taken.state.q_icrf_from_sensor)
-            sigma[index] = np.sqrt(np.diag(attitude.covariance_sensor))
+            covariance[index] = attitude.covariance_sensor
+            protection[index] = attitude.protection_rad
     published = np.flatnonzero(np.isfinite(error[:, 0]))
-    return error, sigma, published[0] / FRAME_RATE_HZ if len(published) else np.inf
+    return (error, covariance, protection,
+            published[0] / FRAME_RATE_HZ if len(published) else np.inf)

@@ -19,6 +19,7 @@ from startracker_ros.io.bags.layouts import MessageError, POINT_FIELD_TYPES, rot
 POINT_CLOUD, IMU = 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Imu'
 QUATERNION, POSE = ('geometry_msgs/msg/QuaternionStamped',
                     'geometry_msgs/msg/PoseWithCovarianceStamped')
+VECTOR = 'geometry_msgs/msg/Vector3Stamped'
 TRANSFORM, ODOMETRY = 'geometry_msgs/msg/TransformStamped', 'nav_msgs/msg/Odometry'
 CAMERA_INFO, STATUS = 'sensor_msgs/msg/CameraInfo', 'diagnostic_msgs/msg/DiagnosticStatus'
 
@@ -154,6 +155,11 @@ def gyro_imu(stamp_ns: int, frame_id: str, rate_rad_s: np.ndarray, sigma_rad_s: 
 def quaternion_stamped(stamp_ns: int, frame_id: str, quaternion: np.ndarray) -> bytes:
     """Return a QuaternionStamped of (4,)."""
     return _Body(stamp_ns, frame_id).doubles(quaternion).done()
+
+
+def vector_stamped(stamp_ns: int, frame_id: str, vector: np.ndarray) -> bytes:
+    """Return a Vector3Stamped of (3,)."""
+    return _Body(stamp_ns, frame_id).doubles(vector).done()
 
 
 def pose_stamped(stamp_ns: int, frame_id: str, quaternion: np.ndarray,

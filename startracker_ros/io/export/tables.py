@@ -22,7 +22,7 @@ Table = Mapping[str, np.ndarray]
 
 
 def attitude_table(recording: Recording) -> Table:
-    """Return a row for each attitude: quaternion, pointing, covariance, rate, error if known."""
+    """Return a row for each attitude: quaternion, pointing, covariance, rate, error, bound."""
     stamps, count = recording.attitude_ns, len(recording.attitude_ns)
     pointing = np.degrees([pointing_from_quaternion(q) for q in recording.quaternion])
     error = np.full((count, 3), np.nan)
@@ -36,7 +36,9 @@ def attitude_table(recording: Recording) -> Table:
         **dict(zip(('ra_deg', 'dec_deg', 'roll_deg'), pointing.reshape(-1, 3).T)),
         **{f'cov_{"xyz"[i]}{"xyz"[j]}_rad2': covariance[:, i, j] for i, j in pairs},
         **{f'rate_{axis}_rad_s': rate for axis, rate in zip('xyz', recording.rate_rad_s.T)},
-        **{f'error_{axis}_arcsec': column for axis, column in zip('xyz', error.T)}}
+        **{f'error_{axis}_arcsec': column for axis, column in zip('xyz', error.T)},
+        **{f'protection_{axis}_rad': bound for axis, bound in zip(
+            'xyz', recording.protection_rad.T)}}
 
 
 def tracks_table(recording: Recording) -> Table:
@@ -81,7 +83,7 @@ def _cells(column: np.ndarray) -> np.ndarray:
         return column
     # The shortest text that reads back as the same number, of float32 as of float64.
     text = column.astype(str).astype(object)
-    text[~np.isfinite(column)] = ''
+    text[np.isnan(column)] = ''
     return text
 
 

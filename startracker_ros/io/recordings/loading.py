@@ -24,6 +24,7 @@ TOPIC_TYPES = {
     'tracks': 'sensor_msgs/msg/PointCloud2', 'attitude': 'geometry_msgs/msg/QuaternionStamped',
     'attitude_cov': 'geometry_msgs/msg/PoseWithCovarianceStamped',
     'attitude_imu': 'sensor_msgs/msg/Imu',
+    'protection_level': 'geometry_msgs/msg/Vector3Stamped',
     'truth/attitude': 'geometry_msgs/msg/QuaternionStamped',
     'tracker_state': 'diagnostic_msgs/msg/DiagnosticStatus'}
 HEADS_TOPIC, HEADS_TYPE = 'heads', 'diagnostic_msgs/msg/DiagnosticArray'
@@ -120,8 +121,8 @@ class _Reader:
             'camera_info': self._on_camera, 'centroids': self._on_cloud,
             'stars': self._on_cloud, 'tracks': self._on_cloud,
             'attitude': self._on_attitude, 'attitude_cov': self._on_pose,
-            'attitude_imu': self._on_imu, 'truth/attitude': self._on_truth,
-            'tracker_state': self._on_state}
+            'attitude_imu': self._on_imu, 'protection_level': self._on_protection,
+            'truth/attitude': self._on_truth, 'tracker_state': self._on_state}
         # Images are only looked at for their stamps.
         self.handlers = {full_name(namespace, topic): (topic, type_name, handlers.get(topic))
                          for topic, type_name in TOPIC_TYPES.items()}
@@ -135,6 +136,7 @@ class _Reader:
         self._quaternion: dict[int, np.ndarray] = {}
         self._received: dict[int, int] = {}
         self._covariance: dict[int, np.ndarray] = {}
+        self._protection: dict[int, np.ndarray] = {}
         self._rate: dict[int, np.ndarray] = {}
         self._without: set[int] = set()
         self._truth: dict[int, np.ndarray] = {}
@@ -202,6 +204,12 @@ class _Reader:
             if np.isfinite([rate.x, rate.y, rate.z]).all():
                 self._rate[stamp_ns] = np.array([rate.x, rate.y, rate.z])
 
+    def _on_protection(self, decoded: Any, message: BagMessage) -> None:
+        bound = np.array([decoded.vector.x, decoded.vector.y, decoded.vector.z])
+        if not (bound > 0).all():
+            raise MessageError(f'protection level {bound.tolist()} is no bound')
+        self._protection[self._stamp_ns(decoded, message)] = bound
+
     def _note_attitude(self, stamp_ns: int, quaternion: np.ndarray, message: BagMessage) -> None:
         """Keep an attitude; the topic `attitude` has the last word where several tell one."""
         if stamp_ns not in self._quaternion or self.handlers[message.topic][0] == 'attitude':
@@ -243,6 +251,7 @@ class _Reader:
             attitude_received_ns=np.array([self._received[ns] for ns in attitude_ns], np.int64),
             quaternion=_table(self._quaternion, attitude_ns, (4,)),
             covariance_sensor=_table(self._covariance, attitude_ns, (3, 3)),
+            protection_rad=_table(self._protection, attitude_ns, (3,)),
             rate_rad_s=_table(self._rate, attitude_ns, (3,)),
             without_attitude_ns=np.array(sorted(self._without - set(attitude_ns)), np.int64),
             truth_ns=np.array(sorted(self._truth), np.int64),

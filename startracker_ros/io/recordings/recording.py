@@ -67,8 +67,9 @@ class Recording:
     One star tracker's run; stamps are int64 ns since the UNIX epoch, sorted.
 
     times: TopicTimes by relative topic, of all that carry a stamp;
-    quaternion (N, 4) at attitude_ns (N,), covariance_sensor (N, 3, 3) in rad^2 about sensor
-    axes and rate_rad_s (N, 3), both NaN where they were not published;
+    quaternion (N, 4) at attitude_ns (N,); about sensor axes and NaN where not published:
+    covariance_sensor (N, 3, 3) in rad^2, protection_rad (N, 3), infinite where there is no bound,
+    and rate_rad_s (N, 3);
     without_attitude_ns: frames of which the estimator said that they have none;
     truth_ns (T,), truth_quaternion (T, 4); state_ns and state: the tracker's states, by the
     time they were received; state_sent_ns: when they were sent; problems: what of the bag could
@@ -86,6 +87,7 @@ class Recording:
     attitude_received_ns: np.ndarray
     quaternion: np.ndarray
     covariance_sensor: np.ndarray
+    protection_rad: np.ndarray
     rate_rad_s: np.ndarray
     without_attitude_ns: np.ndarray
     truth_ns: np.ndarray
@@ -126,6 +128,13 @@ class Recording:
         """Return 1 sigma (N, 3) of each attitude about sensor axes; NaN where not published."""
         variance = np.diagonal(self.covariance_sensor, axis1=1, axis2=2)
         return np.sqrt(np.where(variance >= 0, variance, np.nan)) / ARCSEC
+
+    def beyond_protection(self) -> tuple[int, int]:
+        """Return how many frames of known error have a protection level, and exceed it."""
+        stamps, error, _ = self.errors()
+        bound = self.protection_rad[np.searchsorted(self.attitude_ns, stamps)] / ARCSEC
+        return (int(np.count_nonzero(~np.isnan(bound).any(axis=1))),
+                int(np.count_nonzero((np.abs(error) > bound).any(axis=1))))
 
     def latency_ms(self) -> np.ndarray:
         """Return the time from sending an image to receiving its attitude, each frame (M,)."""

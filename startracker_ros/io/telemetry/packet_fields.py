@@ -53,6 +53,8 @@ FIELDS = (
     Field('RESIDUAL', 'float', 32, 'px', 'rms residual of the stars'),
     Field('BACKGROUND', 'float', 32, 'DN', 'median background of the image'),
     Field('TEMPERATURE', 'float', 32, 'Cel', 'temperature of the detector'),
+    *(Field(f'PROTECTION_{axis}', 'float', 32, 'rad', 'protection level, bound of the error about '
+            f'sensor {axis.lower()}; infinite where there is none') for axis in 'XYZ'),
     Field('CHECKSUM', 'uint', 16, '', 'CRC-16/CCITT (0x1021, from 0xFFFF) of all bytes before'),
 )
 """Behind the primary header of 6 bytes; big-endian. The first four are the secondary header. NaN

@@ -28,8 +28,9 @@ class FrameReport:
     One frame: stamp_ns is UNIX time in UTC, of the middle of the exposure.
 
     quaternion (4,) is q_icrf_from_sensor in the order x, y, z, w, None without a trusted
-    attitude; sigma_rad (3,) its 1-sigma errors about sensor axes; rate_rad_s (3,) is on sensor
-    axes, None where not known. residual_px, background_dn and temperature_c are NaN where not
+    attitude; sigma_rad (3,) its 1-sigma errors about sensor axes, protection_rad (3,) the bound of
+    these, infinite where there is none, None where not known; rate_rad_s (3,) is on sensor axes,
+    None where not known. residual_px, background_dn and temperature_c are NaN where not
     known.
     """
 
@@ -42,6 +43,7 @@ class FrameReport:
     residual_px: float = float('nan')
     background_dn: float = float('nan')
     temperature_c: float = float('nan')
+    protection_rad: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         q = self.quaternion

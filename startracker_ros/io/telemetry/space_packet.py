@@ -5,6 +5,7 @@
 
 import binascii
 from collections.abc import Iterator, Mapping
+import math
 import re
 
 import numpy as np
@@ -47,7 +48,9 @@ def encode(report: FrameReport, apid: int, sequence: int) -> bytes:
         **_named('SIGMA_', unknown if report.sigma_rad is None else report.sigma_rad),
         **_named('RATE_', unknown if report.rate_rad_s is None else report.rate_rad_s),
         'RESIDUAL': report.residual_px, 'BACKGROUND': report.background_dn,
-        'TEMPERATURE': report.temperature_c, 'CHECKSUM': 0})
+        'TEMPERATURE': report.temperature_c,
+        **_named('PROTECTION_', unknown if report.protection_rad is None
+                 else report.protection_rad), 'CHECKSUM': 0})
     packet = _header(apid, sequence) + data[:-2]
     return packet + binascii.crc_hqx(packet, 0xFFFF).to_bytes(2, 'big')
 
@@ -103,8 +106,8 @@ def decode(packet: bytes) -> FrameReport:
         stamp_ns, _vector(found, 'Q_', 'XYZW') if valid else None,
         _vector(found, 'SIGMA_') if valid else None,
         _vector(found, 'RATE_') if found['RATE_VALID'] else None, TrackerCode(code),
-        int(found['STARS']), *(float(found[name]) for name in (
-            'RESIDUAL', 'BACKGROUND', 'TEMPERATURE')))
+        int(found['STARS']), found['RESIDUAL'], found['BACKGROUND'], found['TEMPERATURE'],
+        _vector(found, 'PROTECTION_') if not math.isnan(found['PROTECTION_X']) else None)
 
 
 def apids(data: bytes) -> Iterator[int]:

@@ -1,13 +1,15 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""telemetry_bridge: attitude_imu, tracker_state, temperature, /diagnostics -> packets."""
+"""telemetry_bridge: attitude_imu, protection_level, states and conditions -> packets."""
 
 from dataclasses import replace
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Vector3Stamped
+import numpy as np
 from sensor_msgs.msg import Imu, Temperature
 from startracker_ros.core.astro.epoch import RESTART_NS
 from startracker_ros.core.extras import MissingLibraryError
@@ -17,7 +19,8 @@ from startracker_ros.io.telemetry.report import FrameReport, TelemetryError
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages.telemetry import (
-    background_from_diagnostics, report_from_imu, state_from_status, temperature_from_message)
+    background_from_diagnostics, protection_from_message, report_from_imu, state_from_status,
+    temperature_from_message)
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
 
 _VALID_S = 3.0
@@ -33,6 +36,8 @@ class TelemetryBridgeNode(PipelineNode):
     def __init__(self) -> None:
         super().__init__('telemetry_bridge')
         self._link: Link | None = None
+        # Before attitude_imu, as attitude_estimator publishes it before.
+        self.subscribe(Vector3Stamped, 'protection_level', self._on_protection, qos.LIST)
         self.subscribe(Imu, 'attitude_imu', self._on_attitude_imu, qos.LIST)
         self.subscribe(DiagnosticStatus, 'tracker_state', self._on_tracker_state, qos.STATE)
         self.subscribe(Temperature, 'temperature', self._on_temperature, qos.LIST)
@@ -48,6 +53,7 @@ class TelemetryBridgeNode(PipelineNode):
             raise StartError(str(error)) from error
         self._newest_ns: int | None = None
         self._known: dict[str, tuple[float, dict[str, Any]]] = {}
+        self._protection: tuple[int, np.ndarray] | None = None
 
     def cleanup(self) -> None:
         self.close()
@@ -72,6 +78,9 @@ class TelemetryBridgeNode(PipelineNode):
         if background_dn is not None:
             self._set('background', background_dn=background_dn)
 
+    def _on_protection(self, message: Vector3Stamped) -> None:
+        self._protection = protection_from_message(message)
+
     def _on_attitude_imu(self, message: Imu) -> None:
         report = report_from_imu(message)
         if (self._newest_ns is not None
@@ -83,6 +92,8 @@ class TelemetryBridgeNode(PipelineNode):
         for set_s, values in self._known.values():
             if set_s > oldest_s:
                 report = replace(report, **values)
+        if self._protection is not None and self._protection[0] == report.stamp_ns:
+            report = replace(report, protection_rad=self._protection[1])
         self._send(report)
 
     def _send(self, report: FrameReport) -> None:

@@ -284,9 +284,9 @@ function plotPanel(holder, panel) {
     series.colour = `k${(series.kind === 'band' ? 0 : index) % 5}`;
     series.step = spacing(series.t);
   });
-  // A band and the dots within it are of one colour.
-  if (panel.series.length === 2 && panel.series[0].kind === 'band') {
-    panel.series[1].colour = 'k0';
+  // Bands and the dots within them are of one colour.
+  if (panel.series.length > 1 && panel.series[0].kind === 'band') {
+    panel.series[panel.series.length - 1].colour = 'k0';
   }
   const head = makeHtml(holder, 'div', 'head');
   makeHtml(head, 'strong', '', panel.unit ? `${panel.title} [${panel.unit}]` : panel.title);

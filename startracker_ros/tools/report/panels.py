@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
-from startracker_ros.core.maths.rotation import pointing_from_quaternion
+from startracker_ros.core.maths.rotation import ARCSEC, pointing_from_quaternion
 from startracker_ros.io.recordings.recording import Clouds, gaps_after, Recording
 
 # A curve of more samples is thinned to about this many, its extremes kept.
@@ -155,20 +155,26 @@ class Panels:
         return panels
 
     def errors(self) -> list[Panel]:
-        """Return a panel for each sensor axis: error, where there is truth, and 3 sigma."""
+        """Return a panel for each sensor axis: error, where there is truth, and its bounds."""
         stamps, error, sigma = self.recording.errors()
         if not len(stamps):
             stamps, sigma = self.recording.attitude_ns, self.recording.sigma_arcsec()
             error = np.empty((0, 3))
+        attitude_ns = self.recording.attitude_ns
+        bound = self.recording.protection_rad[np.searchsorted(attitude_ns, stamps)] / ARCSEC
         panels = []
         for axis, name in enumerate(AXES):
             series = []
+            if np.isfinite(bound[:, axis]).any():
+                series.append(self.series('protection level', 'band', stamps, bound[:, axis], 4))
             if np.isfinite(sigma[:, axis]).any():
                 series.append(self.series('3 sigma', 'band', stamps, 3 * sigma[:, axis], 4))
             if len(error):
                 series.append(self.series('error', 'dots', stamps, error[:, axis], 4))
             panels.append({'id': f'error-{"xyz"[axis]}', 'title': name, 'unit': 'arcsec',
-                           'series': series, 'range': _error_range(error, sigma, axis)})
+                           'series': series,
+                           'range': _error_range(error[:, axis], sigma[:, axis],
+                                                 bound[:, axis])})
         return panels
 
     def histograms(self) -> list[dict[str, Any]]:
@@ -263,6 +269,16 @@ class Panels:
                 for axis, rms in (('cross-boresight', _rms(values[:, :2])),
                                   ('roll', _rms(values[:, 2]))):
                     figures[f'{axis} {kind}, rms'] = KeyFigure(f'{rms:.3g} arcsec', rms, 'arcsec')
+        bound = recording.protection_rad[~np.isnan(recording.protection_rad).any(axis=1)] / ARCSEC
+        if len(bound):
+            for axis, columns in (('cross-boresight', bound[:, :2]), ('roll', bound[:, 2:])):
+                median = float(np.median(columns))
+                figures[f'{axis} protection level, median'] = KeyFigure(
+                    f'{median:.3g} arcsec', median, 'arcsec')
+        known, beyond = recording.beyond_protection()
+        if known:
+            figures['errors beyond protection level'] = KeyFigure(
+                str(beyond), beyond, 'frames', low=beyond > 0)
         if len(recording.tracks):
             seen = np.median(recording.tracks.count(usable(recording.tracks)))
             figures['stars used, median'] = KeyFigure(f'{seen:.0f}', float(seen), '')
@@ -292,12 +308,17 @@ def diagnostics_table(recording: Recording) -> list[Mapping[str, Any]]:
     return [table[key] for key in sorted(table)]
 
 
-def _error_range(error: np.ndarray, sigma: np.ndarray, axis: int) -> list[float] | None:
+def _error_range(error: np.ndarray, sigma: np.ndarray, bound: np.ndarray) -> list[float] | None:
     """Return low and high: the wide bounds of the first frames may leave it, no error may."""
-    known = sigma[:, axis][np.isfinite(sigma[:, axis])]
-    limit = max(4.5 * float(np.median(known)) if len(known) else 0.0,
-                1.1 * float(np.abs(error[:, axis]).max()) if len(error) else 0.0)
+    limit = max(4.5 * _median(sigma), 1.1 * _median(bound),
+                1.1 * float(np.abs(error).max()) if len(error) else 0.0)
     return [-limit, limit] if limit else None
+
+
+def _median(values: np.ndarray) -> float:
+    """Return the median of the finite values, 0 without any."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else 0.0
 
 
 def _rms(values: np.ndarray) -> float:

@@ -41,10 +41,18 @@ def summarise(recording: Recording, frames: int | None = None) -> list[DemoRow]:
     return [
         *rows, DemoRow('wrong attitudes', wrong, 'frames', '= 0', wrong == 0),
         DemoRow('gross attitudes', gross, 'frames', '= 0', gross == 0),
+        *_protection_rows(recording),
         DemoRow('first image to first attitude', start_s, 's'),
         *(DemoRow.with_goal(f'image sent to attitude received, p{percent}',
                             float(np.percentile(latency_ms, percent)), 'ms', goal)
           for percent, goal in _LATENCY_GOALS_MS.items())]
+
+
+def _protection_rows(recording: Recording) -> list[DemoRow]:
+    """Return how many frames exceed their protection level, none where none was published."""
+    known, beyond = recording.beyond_protection()
+    return [DemoRow('errors beyond the protection level', beyond, 'frames', '= 0', beyond == 0)
+            ] if known else []
 
 
 def _rows_without_attitude(recording: Recording) -> list[DemoRow]:

@@ -26,7 +26,7 @@ TOPICS = {
     'camera_info': cdr.CAMERA_INFO, 'centroids': cdr.POINT_CLOUD, 'stars': cdr.POINT_CLOUD,
     'tracked_attitude': cdr.IMU, 'tracks': cdr.POINT_CLOUD, 'tracker_state': cdr.STATUS,
     'attitude': cdr.QUATERNION, 'attitude_cov': cdr.POSE, 'attitude_transform': cdr.TRANSFORM,
-    'attitude_imu': cdr.IMU}
+    'attitude_imu': cdr.IMU, 'protection_level': cdr.VECTOR}
 _OK, _WARN = 0, 1
 
 
@@ -93,6 +93,9 @@ class SegmentBag:
                 send('attitude', cdr.quaternion_stamped(stamp_ns, INERTIAL, q))
             if sends('attitude_cov'):
                 send('attitude_cov', cdr.pose_stamped(stamp_ns, INERTIAL, q, covariance))
+            if sends('protection_level'):
+                send('protection_level', cdr.vector_stamped(
+                    stamp_ns, frame_id, attitude.protection_rad))
             if sends('attitude_transform'):
                 send('attitude_transform', cdr.transform(stamp_ns, INERTIAL, frame_id, q))
         if sends('attitude_imu'):

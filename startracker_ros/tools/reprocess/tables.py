@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.frame_result import FrameResult
+from startracker_ros.core.frame_result import Attitude, FrameResult
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.export.tables import load_parquet_writer
@@ -31,9 +30,11 @@ FRAME_DTYPE = np.dtype([
     *((f'rate_{axis}_rad_s', 'f8') for axis in 'xyz'),
     *((f'single_{axis}_arcsec', 'f4') for axis in 'xyz'),
     *((f'single_cov_{pair}_arcsec2', 'f4') for pair in PAIRS),
-    ('zero_point_mag', 'f4'), *((f'error_{axis}_arcsec', 'f4') for axis in 'xyz')])
+    ('zero_point_mag', 'f4'), *((f'error_{axis}_arcsec', 'f4') for axis in 'xyz'),
+    *((f'protection_{axis}_rad', 'f4') for axis in 'xyz')])
 """One row for each frame; single is the turn from the tracked attitude to that of the frame's
-stars alone, error that from the truth to the attitude. Unknown values are NaN."""
+stars alone, error that from the truth to the attitude, protection its bound, infinite where there
+is none. Unknown values are NaN."""
 
 LENS_DTYPE = np.dtype([
     ('stamp_ns', 'i8'), ('frames', 'i4'), ('ff', 'f8'), ('fk', 'f8'), ('kk', 'f8'), ('f', 'f8'),
@@ -54,7 +55,7 @@ class _Frame(NamedTuple):
     stamp_ns: int
     state: TrackerState
     residual_px: float
-    attitude: AttitudeEstimate | None
+    attitude: Attitude | None
     rate_rad_s: np.ndarray | None
     truth: np.ndarray | None
     stars: FittedStars
@@ -103,6 +104,8 @@ class SegmentTables:
             _set(rows, 'stars', known, [attitude.stars for attitude in attitudes])
             _set_all(rows, 'q_{}', 'xyzw', known, quaternion)
             _set_all(rows, 'cov_{}_rad2', PAIRS, known, covariance[:, UPPER[0], UPPER[1]])
+            _set_all(rows, 'protection_{}_rad', 'xyz', known,
+                     np.array([attitude.protection_rad for attitude in attitudes]))
             rate, truth = (np.array([np.full(size, np.nan) if value is None else value
                                      for value in values]) for size, values in (
                 (3, [frame.rate_rad_s for frame in frames]),

@@ -94,6 +94,24 @@ def test_rejections_have_a_reason(stars):
     assert twice.attitude is None and 'identical: one star counted twice' in twice.reason
 
 
+@pytest.mark.parametrize('element, value', [
+    ((0, 0), -1e-12), ((2, 2), 0.0), ((0, 1), 1.0), ((1, 1), np.nan), ((0, 0), np.inf)])
+def test_an_attitude_of_a_covariance_that_is_none_is_not_published(stars, element, value):
+    uv, hip, error_px2 = stars
+    solved = validator().solve(SKY, uv, hip, error_px2).attitude
+    sigma_px = np.sqrt(error_px2[:, 0, 0])
+
+    def checked(covariance):
+        return validator().check(
+            SKY, replace(solved, covariance_sensor=covariance), uv, hip, sigma_px, sigma_px)
+    assert checked(solved.covariance_sensor).attitude is not None
+    bad = solved.covariance_sensor.copy()
+    bad[element] = bad[element[::-1]] = value
+    found = checked(bad)
+    assert found.attitude is None and 'not positive definite' in found.reason
+    assert np.isinf(found.protection_rad).all()
+
+
 def test_the_sign_of_the_quaternion_is_continuous():
     continuous, signs = validator(), []
     for roll_deg in np.arange(0, 720, 20):

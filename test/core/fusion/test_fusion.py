@@ -8,6 +8,7 @@ import itertools
 from chi_square import check_mean
 import numpy as np
 import pytest
+from startracker_ros.core.attitude.gyro import GyroErrorOptions
 from startracker_ros.core.fusion.fusion import AttitudeFusion
 from startracker_ros.core.fusion.head import HeadFrame, HeadState
 from startracker_ros.core.fusion.mounts import Mount, MountOptions
@@ -16,7 +17,8 @@ from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, conjugate, multiply, quaternion_from_rotation_vector)
 from startracker_ros.evaluation.campaign.heads_scene import (
-    errors_of, head_mounts, NAMES, nees_of, Scene, SceneRun, START_NS, UNDERSTATED, UNDERSTATED_BY)
+    errors_of, head_mounts, NAMES, Scene, SceneRun, START_NS, UNDERSTATED, UNDERSTATED_BY)
+from startracker_ros.tools.figures.correctness import count_wrong, nees_of
 
 KNOWN = MountOptions(mount_sigma_arcsec=0.0, mount_walk_arcsec_sqrt_h=0.0)
 COVARIANCE = np.diag([1.0, 1.0, 100.0]) * ARCSEC ** 2
@@ -27,11 +29,13 @@ Q0 = np.array([0.5, -0.1, 0.7, np.sqrt(1 - 0.75)])
 class Heads:
     """Heads without noise on a body at a constant rate, frames every 0.2 s."""
 
-    def __init__(self, count=3, options=FusionOptions(), mount_options=MountOptions()):
+    def __init__(self, count=3, options=FusionOptions(), mount_options=MountOptions(),
+                 gyro_options=GyroErrorOptions()):
         self.mounts = head_mounts(count)
         self.names = NAMES[:count]
         self.fusion = AttitudeFusion(
-            {name: Mount(q) for name, q in zip(self.names, self.mounts)}, options, mount_options)
+            {name: Mount(q) for name, q in zip(self.names, self.mounts)}, options, mount_options,
+            gyro_options)
         self.time_s = 0.0
 
     def truth(self, time_s):
@@ -357,6 +361,84 @@ def test_a_head_with_larger_errors_than_it_says_counts_less():
     assert UNDERSTATED_BY ** 2 / 1.5 < understated < UNDERSTATED_BY ** 2 * 1.5
     assert scales == [1.0, 1.0]
     assert fusion.heads[NAMES[run.faulty]].noise.stands_out
+
+
+def test_two_heads_with_larger_errors_than_they_say_are_both_named():
+    run = SceneRun(Scene(130.0, fault=UNDERSTATED, faulty_heads=2), np.random.default_rng(2))
+    fusion = AttitudeFusion(run.mount_file(), mount_options=KNOWN)
+    check_mean(3, nees_of(*errors_of(list(run.events(fusion))))[600:])
+    named = [head for head, name in enumerate(NAMES) if fusion.heads[name].noise.stands_out]
+    assert named == sorted(run.all_faulty)
+
+
+@pytest.mark.parametrize('seed', [10, 13, 25, 59, 68, 95])
+def test_two_heads_begin_only_where_they_agree_well(seed):
+    """A clock that is late by 4 sigma of two heads agreed within the gate, and stayed."""
+    run = SceneRun(Scene(12.0, fault='time offset 0.2 s'), np.random.default_rng(seed))
+    fusion = AttitudeFusion(run.mount_file(), mount_options=MountOptions(mount_sigma_arcsec=3.0))
+    errors, covariances = errors_of(list(run.events(fusion)))
+    assert run.excluded_after <= 10
+    assert count_wrong(errors, np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))).wrong == 0
+    assert [fusion.heads[name].state for head, name in enumerate(NAMES)
+            if head != run.faulty] == 2 * [HeadState.USED]
+
+
+def test_the_reference_is_not_wrong_where_it_does_not_count(monkeypatch):
+    """Two mounts that leave their file are then against each other, not against its own."""
+    heads = Heads(3)
+    heads.run(3)
+    fusion = heads.fusion
+    monkeypatch.setattr(fusion.mounts, 'implausible', lambda stamp_ns: [
+        fusion.heads[name] for name in NAMES[1:]])
+    fusion.heads[NAMES[0]].enter(HeadState.EXCLUDED)
+    assert fusion._has_implausible_mounts(START_NS)
+    assert {head.state for head in fusion.heads.values()} == {HeadState.EXCLUDED}
+    for name in NAMES:
+        fusion.heads[name].enter(HeadState.USED)
+    assert fusion._has_implausible_mounts(START_NS)
+    assert [head.state is HeadState.EXCLUDED for head in fusion.heads.values()] == [
+        True, False, False]
+
+
+def test_a_covariance_that_is_none_is_given_up():
+    heads = Heads(2)
+    heads.run(5)
+    for element, value in (((4, 4), -1e-6), ((0, 0), -1e-6), ((10, 10), np.nan)):
+        entry = heads.fusion._history[-1]
+        bad = entry.state.covariance.copy()
+        bad[element] = value
+        heads.fusion._history[-1] = entry._replace(state=entry.state._replace(covariance=bad))
+        result, = heads.run(1, heads=[0])
+        assert result is None and 'not positive definite' in heads.fusion.trouble
+        # And begins anew, without what was learnt with it.
+        last = heads.run(3)[-1]
+        assert heads.error_arcsec(last) < 0.1 and heads.fusion.trouble == ''
+        assert np.linalg.eigvalsh(last.covariance)[0] > 0
+
+
+def test_a_gyro_at_its_range_is_named_and_not_used():
+    heads = Heads(2, gyro_options=GyroErrorOptions(gyro_range_deg_s=5.0))
+    motion = heads.fusion.motion
+
+    def run(frames, rate):
+        for _ in range(frames):
+            begin_s = heads.time_s
+            for tick in range(4):
+                heads.fusion.add_rate(
+                    START_NS + round((begin_s + 0.05 * (tick + 1)) * 1e9), rate)
+            result = heads.run(1)[-1]
+        return result
+    run(10, RATE)
+    assert motion.uses_gyro and motion.gyro_trouble == ''
+    result = run(3, np.radians([0.0, 6.0, 0.0]))
+    assert not motion.uses_gyro and 'gyro_range_deg_s' in motion.gyro_trouble
+    assert result is not None and heads.error_arcsec(result) < 0.1
+    # The rate of the heads alone is far less certain than that of the gyro.
+    assert result.rate_covariance[0, 0] > 0
+    run(4, RATE)
+    assert not motion.uses_gyro and 'gyro_range_deg_s' in motion.gyro_trouble
+    run(10, RATE)
+    assert motion.uses_gyro and motion.gyro_trouble == ''
 
 
 def test_filtered_attitudes_count_less():

@@ -16,6 +16,7 @@ from startracker_ros.core.maths.rotation import (
     attitude_error, multiply, quaternion_from_rotation_vector)
 from startracker_ros.core.track.options import MODELS, TrackerOptions
 from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
+from startracker_ros.core.track.tracks import Hint
 
 ONBOARD = sky()
 ELSEWHERE_DEG = (200.0, -40.0, 10.0)
@@ -211,6 +212,74 @@ def test_new_stars_count_only_after_some_frames():
         tracker.identified(stamp_ns, centroids, np.where(np.arange(len(hip)) < 8, hip, 0))
     usable = [tracker.update(*motion.frame(k)[:2]).usable.sum() for k in range(2, 9)]
     assert usable[:4] == [8] * 4 and usable[4] > 25
+
+
+def test_few_stars_that_come_and_go_in_a_fast_turn_are_no_loss():
+    sparse = sky(5.6)
+    published, losses = 0, 0
+    for seed in range(4):
+        motion = Motion(sparse, (0.0, 9.0, 0.0), (84.0, 5.0, 30.0 * seed), missed=0.2, seed=seed)
+        tracker = tracking(motion, 2)
+        for k, _ in run(tracker, motion, range(2, 100)):
+            losses += tracker.state is not TrackerState.TRACKING
+            if tracker.attitude is not None:
+                published += 1
+                error, _ = consistency(tracker, motion.q(k))
+                sigma = np.sqrt(np.diag(tracker.attitude.attitude.covariance_sensor))
+                assert (np.abs(error) < 5 * sigma).all()
+    assert losses == 0 and published > 0.9 * 4 * 98
+
+
+def test_other_stars_than_those_followed_are_used_where_they_are_as_predicted():
+    motion = Motion(ONBOARD, (0.0, 4.0, 0.0))
+    for shift_px, trusted in ((None, True), (60.0, False)):
+        tracker = tracking(motion, 12, max_stars=12)
+        followed = tracker.update(*motion.frame(12)[:2]).hip
+        stamp_ns, centroids, hip = motion.frame(13)
+        mine = np.isin(hip, followed)
+        if shift_px is None:
+            centroids = centroids.select(~mine)
+        else:
+            # A second image beside: not all stars are where the others have them.
+            centroids.uv[mine] += [0.0, shift_px]
+        tracks = tracker.update(stamp_ns, centroids)
+        assert (tracker.attitude is not None) == trusted
+        assert tracker.state is TrackerState.TRACKING
+        if trusted:
+            assert 'where the tracks before had them' in tracker.reason
+            assert not np.isin(tracks.hip, followed).any() and worst_px(motion, 13, tracks) < 0.6
+            assert consistency(tracker, motion.q(13))[1] < 25
+
+
+def test_other_stars_are_not_used_where_those_followed_are_elsewhere_or_cannot_have_left():
+    for rate_deg_s, away_px in ((0.5, None), (4.0, 5.0)):
+        motion = Motion(ONBOARD, (0.0, rate_deg_s, 0.0))
+        tracker = tracking(motion, 12, max_stars=12)
+        followed = tracker.update(*motion.frame(12)[:2]).hip
+        stamp_ns, centroids, hip = motion.frame(13)
+        mine = np.isin(hip, followed)
+        if away_px is None:
+            centroids = centroids.select(~mine)
+        else:
+            centroids.uv[mine] += np.random.default_rng(1).normal(0, away_px, (mine.sum(), 2))
+        tracker.update(stamp_ns, centroids)
+        assert tracker.attitude is None and tracker.state is TrackerState.TRACKING
+
+
+def test_a_start_by_its_own_prediction_does_not_count_against_a_hint():
+    motion = Motion(ONBOARD, (0.0, 4.0, 0.0))
+    tracker = tracking(motion, 12, max_stars=12)
+    followed = tracker.update(*motion.frame(12)[:2]).hip
+    stamp_ns, centroids, hip = motion.frame(13)
+    tracker.update(stamp_ns, centroids.select(~np.isin(hip, followed)))
+    assert 'where the tracks before had them' in tracker.reason
+    tracker._enter(TrackerState.LOST, 'by hand')
+    stamp_ns, centroids, hip = motion.frame(14)
+    tracker.add_hint(Hint(stamp_ns, motion.q(14), np.eye(3) * 1e-8,
+                          np.radians(motion.rate_deg_s), np.eye(3) * 1e-8))
+    tracker.update(stamp_ns, centroids)
+    tracker.identified(stamp_ns, centroids, hip)
+    assert tracker.state is TrackerState.TRACKING and 'a hint has them' in tracker.reason
 
 
 def test_crowded_stars_are_left_alone():

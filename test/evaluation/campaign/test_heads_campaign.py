@@ -30,5 +30,10 @@ def test_a_frame_of_two_heads_is_at_the_cramer_rao_bound():
 def test_rows_name_what_holds():
     rows = heads._rows_faults('a fault', np.array([[100, 0, 0, 3], [90, 1, 1, 12]]))
     assert [row.holds for row in rows] == [True, False, False, False]
+    rows = heads._rows_understated('two heads alike', np.array(
+        [[3.0, 0, 0, 9, 2.9, 2, 0, 9000], [3.0, 1, 0, 9, 2.9, 1, 1, 900]]))
+    assert [row.holds for row in rows] == [True, False, True, True, True, False, False]
+    rows = heads._rows_understated('one head', np.array([[3.0, 1, 1, 9, 2.9, 1, 0, 10_000]]))
+    assert [row.holds for row in rows] == [True, True, False, True, True, True, True]
     row, = heads.tracker_rows('mirrored image', np.array([[20, 0, 0, 0, 0, 0, 0, 0, 0.0]]))
     assert row.holds

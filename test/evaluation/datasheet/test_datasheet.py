@@ -20,9 +20,11 @@ from startracker_ros.evaluation.datasheet.design_options import DesignOptions
 from startracker_ros.evaluation.datasheet.instrument import (
     DETECTOR, Instrument, load_optics, OpticsError)
 from startracker_ros.evaluation.datasheet.motions import Pointings, RUN_S, Spins
-from startracker_ros.evaluation.datasheet.rows import SheetRow
+from startracker_ros.evaluation.datasheet.rows import consistency_rows, SheetRow
 from startracker_ros.evaluation.datasheet.single_images import image_errors
 from startracker_ros.evaluation.datasheet.sky_coverage import field_magnitudes, star_counts
+from startracker_ros.evaluation.datasheet.tracked_runs import RunCase, Runs
+from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
 SMALL = Camera.from_fov(384, 384, 10.0)
 EFFORT = datasheet.Effort(2, 5, 2, 1, 12, 1, 1, 2, 20, 2)
@@ -97,6 +99,8 @@ def test_a_page_holds_all_rows(sheet_and_result):
     rows = {row.case: row for row in result.rows}
     assert rows['temporal noise, 0 deg/s, cross boresight'].bound > 0
     assert rows['wrong attitudes, all rates'].ours == 0
+    assert rows['frames beyond 5 sigma, 0 deg/s'].goal == '<= 0.01, met'
+    assert rows['frames beyond the protection level, 0 deg/s'].goal == '<= 3e-05, met'
     assert rows['thermo-elastic error'].method == 'not simulated'
     assert rows['temporal noise, 0 deg/s, about boresight'].published == 70.0
     assert rows['bias, 0 deg/s, cross boresight'].three_sigma > 0
@@ -107,6 +111,38 @@ def test_a_page_holds_all_rows(sheet_and_result):
     assert 'ST-16RT2' in text and '<script' not in text and '://' not in text
     document = json.dumps(result.records)
     assert 'NaN' not in document
+
+
+def runs(error_scale, protection_sigma, count=40, frames=30):
+    """Return runs with errors so many times as large as their covariance says, off by 1 mrad."""
+    rng = np.random.default_rng(1)
+    covariance = np.diag([1.0, 1.0, 100.0]) * ARCSEC ** 2
+    sigma = np.sqrt(np.diag(covariance))
+    error = 1e-3 + error_scale * sigma * rng.normal(size=(count, frames, 3))
+    return Runs(error, np.tile(covariance, (count, frames, 1, 1)),
+                np.tile(protection_sigma * sigma, (count, frames, 1)), np.zeros(count))
+
+
+@pytest.mark.parametrize(('scale', 'protection_sigma', 'nees', 'wrong', 'misleading'), [
+    (1.0, 6.0, 'met', 'met', 'met'), (0.5, 6.0, 'missed', 'met', 'met'),
+    (1.3, np.inf, 'missed', 'met', 'met'), (4.0, 40.0, 'missed', 'missed', 'met'),
+    (1.0, 2.0, 'met', 'met', 'missed')])
+def test_a_covariance_or_a_protection_level_that_is_not_true_misses_its_goal(
+        scale, protection_sigma, nees, wrong, misleading):
+    table = list(consistency_rows([RunCase(0.3)], [runs(scale, protection_sigma)], 1e-3))
+    found = {row.case: row for row in table}
+    assert found['NEES, 0.3 deg/s'].ours == pytest.approx(3 * scale ** 2, rel=0.1)
+    assert [row.goal.split(', ')[1] for row in table] == [nees, wrong, misleading]
+    low, high = mean_chi_square_bounds(3, 40)
+    assert found['NEES, 0.3 deg/s'].goal.startswith(f'{low:.2f} .. {high:.2f}')
+    text = records(table)[0]['at rest'], records(table)[0]['0.3 deg/s']
+    assert text[0] == '-' and text[1].endswith('missed)') == (nees == 'missed')
+
+
+def test_without_an_attitude_nothing_is_said_of_its_consistency():
+    none = Runs(*(np.full((2, 12, *shape), np.nan) for shape in ((3,), (3, 3), (3,))),
+                np.full(2, np.inf))
+    assert not list(consistency_rows([RunCase(0.0)], [none], np.zeros(3)))
 
 
 def test_the_page_is_readable_on_phone_and_screen(page, sheet_and_result):

@@ -36,6 +36,7 @@ def written(frame):
     yield cdr.IMU, cdr.gyro_imu(STAMP_NS, frame, np.arange(3.0), 1e-5)
     yield cdr.QUATERNION, cdr.quaternion_stamped(STAMP_NS, frame, Q)
     yield cdr.POSE, cdr.pose_stamped(STAMP_NS, frame, Q, COVARIANCE)
+    yield cdr.VECTOR, cdr.vector_stamped(STAMP_NS, frame, np.array([1e-5, 2e-5, np.inf]))
     yield cdr.TRANSFORM, cdr.transform(STAMP_NS, frame, 'sensor', Q)
     yield cdr.ODOMETRY, cdr.odometry(STAMP_NS, frame, 'icrf', np.arange(3.0), np.ones(3), 1., 2.)
     yield cdr.CAMERA_INFO, cdr.camera_info(STAMP_NS, frame, camera)

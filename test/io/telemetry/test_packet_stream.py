@@ -151,6 +151,6 @@ def test_packets_of_other_apids_are_named(tmp_path):
     conditions = decode_capture(file, 'ccsds', 100).conditions
     assert conditions['packets'] == 1
     assert conditions['packets of other apids'] == '1 of 7, 2 of 42'
-    assert conditions[SKIPPED] == 2 + 3 * 90
+    assert conditions[SKIPPED] == 2 + 3 * space_packet.LENGTH
     file.write_bytes(b'')
     assert decode_capture(file, 'ccsds', 100).conditions['packets of other apids'] == 'none'

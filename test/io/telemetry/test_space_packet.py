@@ -20,7 +20,8 @@ from startracker_ros.io.telemetry.xtce import xtce_text
 STAMP_NS = 1_790_000_000_123_456_789
 REPORT = FrameReport(
     STAMP_NS, np.array([0.1, -0.5, 0.7, 0.5]), np.array([1e-6, 2e-6, 3e-5]),
-    np.array([0.01, -0.02, 0.03]), TrackerCode.TRACKING, 37, 0.06, 71.5, -12.25)
+    np.array([0.01, -0.02, 0.03]), TrackerCode.TRACKING, 37, 0.06, 71.5, -12.25,
+    np.array([6e-6, 1.2e-5, np.inf]))
 SCHEMA = Path(space_packet_parser.__file__).parent / 'xtce' / 'schemas' / 'SpaceSystem.xsd'
 
 
@@ -30,9 +31,9 @@ def packet() -> bytes:
 
 
 def test_bytes_by_hand(packet):
-    # Version 0, telemetry, secondary header, APID 100; unsegmented, 5; 84 bytes, less one.
-    assert packet[:6] == bytes.fromhex('0864 C005 0053')
-    assert len(packet) == space_packet.LENGTH == 90
+    # Version 0, telemetry, secondary header, APID 100; unsegmented, 5; 96 bytes, less one.
+    assert packet[:6] == bytes.fromhex('0864 C005 005F')
+    assert len(packet) == space_packet.LENGTH == 102
     days, ms, ps = struct.unpack('>HII', packet[7:17])
     assert packet[6] == 0b0_100_0_0_10
     assert datetime(1958, 1, 1, tzinfo=UTC) + timedelta(days=days, milliseconds=ms) == (
@@ -42,6 +43,7 @@ def test_bytes_by_hand(packet):
     assert packet[18:20] == b'\x00\x25'
     assert packet[20:52] == struct.pack('>4d', 0.1, -0.5, 0.7, 0.5)
     assert packet[84:88] == struct.pack('>f', -12.25)
+    assert packet[88:100] == struct.pack('>3f', 6e-6, 1.2e-5, np.inf)
     # CRC-16/CCITT-FALSE of '123456789' is 0x29B1 by every catalogue of checksums.
     assert space_packet.binascii.crc_hqx(b'123456789', 0xFFFF) == 0x29B1
 
@@ -54,7 +56,7 @@ def test_a_reader_of_the_description_finds_the_same_fields(packet):
     assert {name: getattr(read[name], 'raw_value', read[name]) for name in names} == {
         name: ours[name] for name in names}
     assert read['TRACKER_STATE'] == 'TRACKING'
-    assert (read['PKT_APID'], read['SRC_SEQ_CTR'], read['PKT_LEN']) == (100, 5, 83)
+    assert (read['PKT_APID'], read['SRC_SEQ_CTR'], read['PKT_LEN']) == (100, 5, 95)
 
 
 class OfflineXml(lxml.etree.Resolver):
@@ -83,6 +85,7 @@ def test_a_report_survives(packet):
     assert (back.quaternion == REPORT.quaternion).all()
     assert back.rate_rad_s == pytest.approx(REPORT.rate_rad_s, rel=1e-7)
     assert back.sigma_rad == pytest.approx(REPORT.sigma_rad, rel=1e-7)
+    assert back.protection_rad == pytest.approx(REPORT.protection_rad, rel=1e-7)
     assert (back.state, back.stars) == (TrackerCode.TRACKING, 37)
     assert (back.background_dn, back.temperature_c) == (71.5, -12.25)
     assert space_packet.sequence_of(packet) == 5
@@ -95,9 +98,10 @@ def test_what_is_not_known_is_flagged():
     found = space_packet.values(packet)
     assert packet[17] == 0b0000_0_111
     assert not any(found[f'Q_{axis}'] for axis in 'XYZW')
-    assert all(np.isnan(found[f'{name}_{axis}']) for name in ('SIGMA', 'RATE') for axis in 'XYZ')
+    assert all(np.isnan(found[f'{name}_{axis}']) for axis in 'XYZ'
+               for name in ('SIGMA', 'RATE', 'PROTECTION'))
     back = space_packet.decode(packet)
-    assert back.quaternion is None and back.rate_rad_s is None
+    assert back.quaternion is None and back.rate_rad_s is None and back.protection_rad is None
     assert back.state is TrackerCode.UNKNOWN
 
 
@@ -109,16 +113,16 @@ def test_a_stamp_that_does_not_fit_is_named(stamp_ns):
 
 
 def test_damage_is_named(packet):
-    for length in (0, 5, 89):
-        with pytest.raises(TelemetryError, match=f'{length} bytes, must be 90: cut short'):
+    for length in (0, 5, 101):
+        with pytest.raises(TelemetryError, match=f'{length} bytes, must be 102: cut short'):
             space_packet.decode(packet[:length])
-    for place in range(6, 90):
+    for place in range(6, 102):
         wrong = bytearray(packet)
         wrong[place] ^= 1
         with pytest.raises(TelemetryError, match='wrong checksum'):
             space_packet.decode(bytes(wrong))
-    with pytest.raises(TelemetryError, match='data length 85'):
-        space_packet.decode(packet[:5] + b'\x54' + packet[6:])
+    with pytest.raises(TelemetryError, match='data length 97'):
+        space_packet.decode(packet[:5] + b'\x60' + packet[6:])
 
 
 @pytest.mark.parametrize(('begin', 'data', 'words'), [
@@ -128,7 +132,7 @@ def test_damage_is_named(packet):
 def test_what_is_wrong_in_spite_of_its_checksum_is_named(packet, begin, data, words):
     wrong = bytearray(packet)
     wrong[begin:begin + len(data)] = data
-    wrong[88:] = space_packet.binascii.crc_hqx(bytes(wrong[:88]), 0xFFFF).to_bytes(2, 'big')
+    wrong[100:] = space_packet.binascii.crc_hqx(bytes(wrong[:100]), 0xFFFF).to_bytes(2, 'big')
     with pytest.raises(TelemetryError, match=words):
         space_packet.decode(bytes(wrong))
 

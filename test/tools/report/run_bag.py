@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Vector3Stamped
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -25,6 +26,7 @@ from startracker_ros.ros.messages.attitude import (
     attitude_to_pose, quaternion_to_message, tracked_attitude_to_imu)
 from startracker_ros.ros.messages.camera_info import camera_to_message
 from startracker_ros.ros.messages.clouds import centroids_to_message, tracks_to_message
+from startracker_ros.ros.messages.geometry import vector_to_geometry
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.image import image_to_message
 
@@ -35,6 +37,7 @@ FRAMES = 60
 # Frames without an attitude: at the start, and where the lock is lost.
 UNSOLVED = (0, 1, 30, 31, 32)
 SIGMA_ARCSEC = np.array([2.0, 3.0, 20.0])
+PROTECTION_ARCSEC = np.array([12.0, 18.0, 120.0])
 RATE_RAD_S = np.radians([0.2, 0.1, 0.05])
 HOSTILE = '</script><img src=x onerror="alert(1)"> & \u2028'
 # When the messages of a frame are sent, ms after its stamp.
@@ -52,6 +55,11 @@ def truth(frame: int) -> np.ndarray:
 def error_arcsec(frame: int) -> np.ndarray:
     """Return the error (3,) about sensor axes that the attitude of a frame has."""
     return SIGMA_ARCSEC * np.random.default_rng(frame).normal(size=3)
+
+
+def protection_rad(frame: int) -> np.ndarray:
+    """Return the protection level (3,) rad of a frame: frame 2 has no bound about z."""
+    return np.where([False, False, frame == 2], np.inf, PROTECTION_ARCSEC * ARCSEC)
 
 
 def attitude(frame: int) -> AttitudeEstimate:
@@ -131,7 +139,9 @@ def _messages() -> Iterator[tuple[int, str, Any]]:
                 ('attitude', quaternion_to_message(
                     # The sign of a quaternion says nothing, and may change from frame to frame.
                     attitude(frame).quaternion * (-1) ** frame, inertial)),
-                ('attitude_cov', attitude_to_pose(attitude(frame), inertial))]
+                ('attitude_cov', attitude_to_pose(attitude(frame), inertial)),
+                ('protection_level', Vector3Stamped(
+                    header=header, vector=vector_to_geometry(protection_rad(frame))))]
         if frame % 10 == 0:
             rows.append(('/diagnostics', DiagnosticArray(header=header, status=[
                 status_message(f'star_tracker: {HOSTILE}', HOSTILE, DiagnosticStatus.WARN

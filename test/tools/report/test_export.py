@@ -21,7 +21,8 @@ import pytest
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-from run_bag import error_arcsec, FRAMES, HOSTILE, START_NS, STEP_NS, UNSOLVED, write_run
+from run_bag import (
+    error_arcsec, FRAMES, HOSTILE, protection_rad, START_NS, STEP_NS, UNSOLVED, write_run)
 from startracker_ros.io.export.aem import aem_text, AemError, AemLabels
 from startracker_ros.io.export.files import export_bag
 from startracker_ros.io.export.segments import lock_segments
@@ -153,6 +154,9 @@ def test_csv_holds_the_figures_of_the_bag(run: Path, tmp_path: Path) -> None:
         [error_arcsec(frame) for frame in SOLVED], atol=1e-6)
     np.testing.assert_array_equal([float(row['cov_xy_rad2']) for row in rows],
                                   recording.covariance_sensor[:, 0, 1])
+    np.testing.assert_array_equal(
+        [[float(row[f'protection_{axis}_rad']) for axis in 'xyz'] for row in rows],
+        [protection_rad(frame) for frame in SOLVED])
     tracks = read_csv(tmp_path / 'tracks.csv')
     cloud = recording.tracks.rows
     for name in cloud.dtype.names:
@@ -188,10 +192,12 @@ def test_parquet_holds_the_same_as_csv(run: Path, tmp_path: Path) -> None:
 
 def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
     bag = write_run(tmp_path / 'run', leave_out=(
-        'truth/attitude', 'attitude_cov', 'attitude_imu', 'tracks', '/diagnostics'))
+        'truth/attitude', 'attitude_cov', 'attitude_imu', 'protection_level', 'tracks',
+        '/diagnostics'))
     export_bag(bag, tmp_path / 'out', ('csv', 'parquet'), LABELS)
     row = read_csv(tmp_path / 'out' / 'attitude.csv')[0]
-    assert {row[name] for name in ('cov_xx_rad2', 'rate_x_rad_s', 'error_z_arcsec')} == {''}
+    assert {row[name] for name in ('cov_xx_rad2', 'rate_x_rad_s', 'error_z_arcsec',
+                                   'protection_x_rad')} == {''}
     table = pyarrow.parquet.read_table(tmp_path / 'out' / 'attitude.parquet')
     assert table['error_x_arcsec'].null_count == table.num_rows
     assert read_csv(tmp_path / 'out' / 'tracks.csv') == []

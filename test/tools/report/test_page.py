@@ -161,7 +161,8 @@ def test_one_cursor_links_all_figures(wide: Page, run: Path) -> None:
     time_s = float(re.search(r'[\d.]+', wide.text('#cursor-time'))[0])
     duration_s = Panels(load_recording(run)).duration_s
     assert time_s == pytest.approx(duration_s / 2, abs=0.05)
-    assert re.fullmatch(r'3 sigma ±6 arcsec · error \S+ arcsec', wide.text('#error-x .readout'))
+    assert re.fullmatch(r'protection level ±12 arcsec · 3 sigma ±6 arcsec · error \S+ arcsec',
+                        wide.text('#error-x .readout'))
     assert 'tracks' in wide.text('#stars .readout')
     assert wide.text('#states .readout') == 'TRACKING'
     assert wide.count('.cursor[visibility=visible]') == wide.count('.plot svg')
@@ -333,6 +334,8 @@ def test_the_command(run: Path, tmp_path: Path) -> None:
     assert rows['frames'] == '60' and rows['image to attitude, p50 / p95'] == '19.0 / 19.0 ms'
     numbers = {row['case']: (row['value'], row['unit'], row['p95']) for row in found}
     assert numbers['frames'] == (60, '', None)
+    assert numbers['roll protection level, median'] == (pytest.approx(120), 'arcsec', None)
+    assert numbers['errors beyond protection level'] == (0, 'frames', None)
     assert numbers['image to attitude, p50 / p95'] == (pytest.approx(19), 'ms', pytest.approx(19))
     assert (tmp_path / 'report.html').read_text().startswith('<!DOCTYPE html>')
     for arguments, words in (([str(tmp_path / 'none')], 'does not exist'),

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from run_bag import (
-    CAMERA, error_arcsec, FRAMES, RATE_RAD_S, SIGMA_ARCSEC, START_NS, STEP_NS, truth, UNSOLVED,
-    write_run)
+    CAMERA, error_arcsec, FRAMES, PROTECTION_ARCSEC, protection_rad, RATE_RAD_S, SIGMA_ARCSEC,
+    START_NS, STEP_NS, truth, UNSOLVED, write_run)
 from startracker_ros.core.astro.epoch import utc
+from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.recordings.loading import load_recording
 from startracker_ros.io.recordings.recording import Recording
@@ -44,6 +45,32 @@ def test_figures_of_a_run(run: Path) -> None:
     np.testing.assert_allclose(recording.stage_ms('tracks', 'attitude')[1], 2)
     np.testing.assert_allclose(recording.latency_ms(), 19)
     assert {row.case: row.holds for row in summarise(recording)}['wrong attitudes']
+    np.testing.assert_array_equal(
+        recording.protection_rad, [protection_rad(frame) for frame in SOLVED])
+    assert recording.beyond_protection() == (len(SOLVED), 0)
+
+
+def test_errors_beyond_their_protection_level_do_not_hold(tmp_path: Path) -> None:
+    def damage(topic: str, message: Any) -> Any:
+        if topic == 'protection_level':
+            if frame_of(message) == 40:
+                return None
+            message.vector.y = {50: abs(error_arcsec(50)[1]) * 0.99 * ARCSEC,
+                                51: float('nan'), 52: -1.0}.get(frame_of(message), np.inf)
+        return message
+    recording = load_recording(write_run(tmp_path / 'run', change=damage))
+    unknown = [SOLVED.index(frame) for frame in (40, 51, 52)]
+    assert np.flatnonzero(np.isnan(recording.protection_rad[:, 1])).tolist() == unknown
+    assert recording.beyond_protection() == (len(SOLVED) - 3, 1)
+    problem, = recording.problems
+    assert '/protection_level: 2 of 54 messages not used: protection level [' in problem
+    row, = [row for row in summarise(recording) if 'protection' in row.case]
+    assert (row.ours, row.holds) == (1, False)
+    assert Panels(recording).key_figures()['errors beyond protection level'].low
+    without = load_recording(write_run(tmp_path / 'none', leave_out=('protection_level',)))
+    assert np.isnan(without.protection_rad).all() and without.beyond_protection() == (0, 0)
+    assert not any('protection' in name for name in (
+        *Panels(without).key_figures(), *(row.case for row in summarise(without))))
 
 
 def test_panels_hold_the_figures(run: Path) -> None:
@@ -52,6 +79,10 @@ def test_panels_hold_the_figures(run: Path) -> None:
     assert [state['state'] for state in panels.states()] == [
         'LOST', 'ACQUIRING', 'TRACKING', 'LOST', 'ACQUIRING', 'TRACKING']
     assert panels.states()[3]['from'] == pytest.approx(3.0)
+    bounds = [panel['series'][0] for panel in panels.errors()]
+    assert {series['name'] for series in bounds} == {'protection level'}
+    assert bounds[1]['y'][0] == pytest.approx(PROTECTION_ARCSEC[1])
+    assert bounds[2]['y'][:2] == [None, pytest.approx(PROTECTION_ARCSEC[2])]
     right_ascension, declination, roll = panels.attitude()
     drawn, ours = (series['y'] for series in right_ascension['series'])
     assert np.abs(np.diff(drawn)).max() < 1, 'the jump from 360 to 0 must not be drawn'

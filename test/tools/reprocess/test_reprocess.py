@@ -17,6 +17,7 @@ import numpy as np
 from pictures import assert_legible
 import pytest
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.reader import decode, read_messages, read_topics
@@ -71,10 +72,14 @@ def test_bags_are_those_of_the_nodes(finished_run):
     recording = load_recording(bag)
     assert recording.complete and not recording.problems
     assert np.all(np.diff(recording.attitude_ns) > 0)
-    table = open_run(folder).table('frames', 'head_1', ['stamp_ns', 'q_x'])
+    bounds = [f'protection_{axis}_rad' for axis in 'xyz']
+    table = open_run(folder).table('frames', 'head_1', ['stamp_ns', 'q_x', *bounds])
     known = np.isfinite(table['q_x'])
     np.testing.assert_array_equal(table['stamp_ns'][known], recording.attitude_ns)
     np.testing.assert_allclose(table['q_x'][known], recording.quaternion[:, 0], atol=1e-15)
+    np.testing.assert_allclose(
+        np.stack([table[name][known] for name in bounds], -1), recording.protection_rad, rtol=1e-6)
+    assert (recording.protection_rad > recording.sigma_arcsec() * ARCSEC).all()
     ids = [decode(message.type_name, message.data) for message in read_messages(
         bag, topics=('/head_1/tracker_state',))]
     assert {status.message for status in ids} <= {'LOST', 'ACQUIRING', 'TRACKING'}
