@@ -80,6 +80,29 @@ def bootstrapped(statistic: Callable[[np.ndarray], float], count: int) -> Interv
     return Interval(statistic(np.arange(count)), float(low), float(high))
 
 
+def independent(values: np.ndarray) -> int:
+    """
+    Return how many independent values have the mean of a series (F,) as accurately.
+
+    F over the integrated autocorrelation time, the sum of which ends where pairs of neighbours
+    are no longer positive (Geyer 1992, initial positive sequence).
+    """
+    deviation = values - np.mean(values)
+    correlation = np.correlate(deviation, deviation, 'full')[len(values) - 1:]
+    correlation /= correlation[0]
+    pairs = correlation[:len(values) // 2 * 2].reshape(-1, 2).sum(axis=1)
+    end = np.argmax(pairs <= 0) if np.any(pairs <= 0) else len(pairs)
+    return max(1, int(len(values) / (2 * pairs[:end].sum() - 1)))
+
+
+def chi_square_mean(values: np.ndarray, degrees: int) -> Interval:
+    """Return the mean over its degrees of freedom of a correlated series of chi-squares (F,)."""
+    total = degrees * independent(values)
+    mean = float(np.mean(values)) / degrees
+    high, low = mean * total / stats.chi2.ppf(_TAILS, total)
+    return Interval(mean, float(low), float(high))
+
+
 def block_mean(values: np.ndarray) -> Interval:
     """Return the mean of a series (F,) whose neighbours may be correlated, of its blocks' means."""
     if len(values) < 2 * BLOCKS:
@@ -93,7 +116,7 @@ def block_trend(time_s: np.ndarray, values: np.ndarray, degree: int) -> Interval
     Return the coefficient of time^degree in a series (F,), by its blocks.
 
     The scatter of the means of blocks about the polynomial is noise and wander together, so that
-    what moves at random is not stated as a drift.
+    a wander within blocks is not stated as a drift.
     """
     if len(values) < 2 * BLOCKS:
         return UNKNOWN

@@ -3,19 +3,25 @@
 
 """The data sheet of a night: images in, rows out."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.io.table import Result
 from startracker_ros.tools.night.earth_motion import fit_motion
 from startracker_ros.tools.night.frames import observe
-from startracker_ros.tools.night.rows import all_rows, MISSED, Night
-from startracker_ros.tools.night.sources import camera_of_bag, NightError, timed_images
+from startracker_ros.tools.night.intervals import CONFIDENCE
+from startracker_ros.tools.night.rows import all_rows, MET, MISSED, Night
+from startracker_ros.tools.night.sources import (
+    camera_of_bag, NightError, timed_images, TimedImage)
 
-_LEAST_ATTITUDES = 3
+_LEAST_FRAMES = 20
+_WRONG_RAD = np.radians(1.0)
+"""No mount shakes so much: an attitude that is off by more is that of another field."""
 
 
 def night(source: Path, camera: Camera | None, *, site: Site | None = None,
@@ -29,20 +35,40 @@ def night(source: Path, camera: Camera | None, *, site: Site | None = None,
     ImageError, BagError.
     """
     camera = camera or camera_of_bag(source, namespace)
-    frames = observe(timed_images(source, start_year, interval_s, namespace), camera, site)
-    with_attitude = [frame for frame in frames if frame.alone is not None]
-    if len(with_attitude) < _LEAST_ATTITUDES:
-        raise NightError(f'{source}: {len(with_attitude)} of {len(frames)} images are identified')
-    stamps = np.array([frame.stamp_ns for frame in frames])
-    motion = fit_motion(np.array([frame.stamp_ns for frame in with_attitude]),
-                        np.array([frame.alone for frame in with_attitude]), tracking)
-    rows = all_rows(Night(camera, frames, motion, tracking, site is not None))
+    seen = measure(timed_images(source, start_year, interval_s, namespace), camera, site, tracking)
+    rows = all_rows(seen)
+    stamps = np.array([frame.stamp_ns for frame in seen.frames])
+    goals = [each for each in rows if each.verdict in (MET, MISSED)]
     return Result('night', rows, {
-        'begin': utc(stamps[0]), 'end': utc(stamps[-1]), 'frames': len(frames),
+        'begin': utc(stamps[0]), 'end': utc(stamps[-1]), 'frames': len(stamps),
         'interval_s': float(np.median(np.diff(stamps))) * 1e-9,
         'camera': f'{camera.width} x {camera.height} px, {np.degrees(camera.fov_x_rad):.2f} deg',
         'mount': 'constant rate' if tracking else 'fixed to the Earth',
         'site': 'none: no refraction, no diurnal aberration' if site is None else
         f'{site.latitude_deg:g} {site.longitude_deg:g} {site.height_m:g}',
-        'goals missed': '; '.join(each.case for each in rows if each.verdict == MISSED) or 'none',
-    })
+        'goals': len(goals),
+        'missed': '; '.join(each.case for each in goals if each.verdict == MISSED) or 'none',
+        'missed_by_chance': (1 - CONFIDENCE) * len(goals),
+    }, notes={'missed_by_chance': 'expected, of an ideal instrument'})
+
+
+def measure(images: Iterable[TimedImage], camera: Camera, site: Site | None, tracking: bool
+            ) -> Night:
+    """Return what the images of a camera show, with the motion that fits them; NightError."""
+    frames = observe(images, camera, site)
+    known = [index for index, frame in enumerate(frames) if frame.alone is not None]
+    if len(known) < _LEAST_FRAMES:
+        raise NightError(f'{len(known)} of {len(frames)} images are identified, at least '
+                         f'{_LEAST_FRAMES} are needed')
+    stamps = np.array([frames[index].stamp_ns for index in known])
+    quaternions = np.array([frames[index].alone for index in known])
+    motion = fit_motion(stamps, quaternions, tracking)
+    off_rad = np.linalg.norm(attitude_error(quaternions, motion.icrf(stamps)), axis=1)
+    for index in np.array(known)[off_rad > _WRONG_RAD]:
+        frames[index] = frames[index]._replace(alone=None)
+    found = int(np.sum(off_rad <= _WRONG_RAD))
+    if found < _LEAST_FRAMES:
+        does = 'turns at a constant rate' if tracking else 'stands still on the Earth'
+        raise NightError(f'{found} of {len(known)} attitudes are those of a camera that {does}, '
+                         f'at least {_LEAST_FRAMES} are needed')
+    return Night(camera, frames, motion, tracking, site is not None)

@@ -15,11 +15,10 @@ from startracker_ros.tools.night.detection import (
 from startracker_ros.tools.night.earth_motion import EarthMotion
 from startracker_ros.tools.night.frames import Frame, published_errors, star_rows
 from startracker_ros.tools.night.intervals import (
-    block_mean, block_trend, Interval, share, successive_sigma, UNKNOWN)
+    block_mean, block_trend, chi_square_mean, Interval, share, successive_sigma, UNKNOWN)
 from startracker_ros.tools.night.patterns import (
     field_columns, field_degree, fit_pattern, Pattern, phase_columns, PHASE_COLUMNS,
     single_coefficient)
-from startracker_ros.tools.night.sources import NightError
 from startracker_ros.tools.night.stamps import line_time_s, stamp_jitter_s
 from startracker_ros.tools.night.stars import frame_normals, Stars, turns_of, without_turns
 
@@ -28,7 +27,8 @@ _HOUR_S = 3600.0
 _JOINED_INTERVALS = 2.5
 """Of the usual time between frames: neighbours that are farther apart are not compared."""
 _LEAST_STARS = 3
-_LEAST_FRAMES = 20
+_LEAST_PUBLISHED = 20
+_WRONG_SIGMAS = 5.0
 _COARSE_JITTER_S, _COARSE_LINE_S = 10e-3, 100e-6
 """Drivers stamp to some ms, rolling shutters need 5 to 100 us a line: wider intervals say
 nothing."""
@@ -156,10 +156,7 @@ def _without_line(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def all_rows(night: Night) -> list[NightRow]:
-    """Return the rows of a night; NightError of too few frames."""
-    if len(night.used) < _LEAST_FRAMES:
-        raise NightError(f'{len(night.used)} frames with an attitude, at least {_LEAST_FRAMES} '
-                         'are needed')
+    """Return the rows of a night."""
     return [each for section in (_frame_rows, _error_rows, _motion_rows, _covariance_rows,
                                  _stamp_rows, _refraction_rows, _star_rows, _width_rows)
             for each in section(night)]
@@ -236,15 +233,19 @@ def _length(rate: np.ndarray, slopes: Sequence[Interval]) -> Interval:
 
 
 def _covariance_rows(night: Night) -> Iterator[NightRow]:
+    section, method = 'Covariance', 'published, about the fitted motion'
     stamps, error, covariance = published_errors(night.frames, night.motion)
-    found = UNKNOWN
-    if len(stamps) >= _LEAST_FRAMES:
+    nees, wrong = UNKNOWN, UNKNOWN
+    if len(stamps) >= _LEAST_PUBLISHED:
         about = _without_line(night.motion.seconds(stamps), error)
-        nees = np.einsum('fi,fij,fj->f', about, np.linalg.inv(covariance), about) / 3
+        square = np.einsum('fi,fij,fj->f', about, np.linalg.inv(covariance), about)
         # Two parameters of each axis were fitted.
-        found = block_mean(nees * len(nees) / (len(nees) - 2))
-    yield row('Covariance', 'normalised error squared of an axis', found, '',
-              'published, about the fitted motion', 1.0)
+        nees = chi_square_mean(square * len(square) / (len(square) - 2), 3)
+        sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        beyond = np.any(np.abs(about) > _WRONG_SIGMAS * sigma, axis=1)
+        wrong = share(int(np.sum(beyond)), len(beyond))
+    yield row(section, 'normalised error squared of an axis', nees, '', method, 1.0)
+    yield row(section, 'attitudes beyond 5 sigma on an axis', wrong, '%', method, 0.0)
 
 
 def _stamp_rows(night: Night) -> Iterator[NightRow]:
