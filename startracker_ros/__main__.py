@@ -24,8 +24,8 @@ def main() -> None:
 
 
 for _command in (run, live, solve, calibrate, demo, record, play, info, report, export, doctor,
-                 campaign, bench, datasheet, design, night, telemetry, simulate, reprocess, compare,
-                 trend, tracklets):
+                 campaign, bench, datasheet, design, night, telemetry, simulate, reprocess,
+                 compare, trend, tracklets):
     main.add_command(_command)
 demo.add_command(demo_closed_loop)
 

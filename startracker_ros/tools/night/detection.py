@@ -55,4 +55,3 @@ def _half(magnitude: np.ndarray, found: np.ndarray, trials: np.ndarray) -> float
         steps = (magnitude - parameters[0]) / width
         return float(found @ np.logaddexp(0, steps) + (trials - found) @ np.logaddexp(0, -steps))
     return float(minimize(loss, start, method='Nelder-Mead').x[0])
-

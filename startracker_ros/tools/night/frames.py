@@ -8,13 +8,16 @@ from itertools import chain, islice
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core.astro.aberration import (
+    apparent_directions, Vantage, vantage_near_earth)
+from startracker_ros.core.astro.earth import FIRST_YEAR, in_range, LAST_YEAR
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.ground_site import Site
-from startracker_ros.core.astro.observer_motion import Observer, observer_at
+from startracker_ros.core.astro.observer_motion import Observer
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.catalog.deep import camera_catalog
-from startracker_ros.core.catalog.onboard import onboard_catalog
+from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.extraction import (
     CentroidExtractor, ExtractionOptions, Searched)
@@ -44,15 +47,17 @@ _LENS_PX = 0.05
 
 class Frame(NamedTuple):
     """
-    What one image shows: centroids, the stars that the observer sees, attitudes.
+    What one image shows: centroids, attitudes, widths.
 
-    alone is q_icrf_from_sensor (4,) of this image identified by itself, published that of the
-    star tracker, each None without; width_uv (K, 2) px and width_px (K,) are PSF sigmas.
+    onboard are the stars and vantage is that of the observer. alone is q_icrf_from_sensor (4,) of
+    this image identified by itself, published that of the star tracker, each None without;
+    width_uv (K, 2) px and width_px (K,) are PSF sigmas.
     """
 
     stamp_ns: int
     centroids: Centroids
-    sky: ApparentCatalog
+    onboard: OnboardCatalog
+    vantage: Vantage
     alone: np.ndarray | None
     published: Attitude | None
     width_uv: np.ndarray
@@ -61,16 +66,20 @@ class Frame(NamedTuple):
 
 def observe(images: Iterable[TimedImage], camera: Camera, site: Site | None) -> list[Frame]:
     """
-    Return what the images of a camera show; NightError unless each is later than the one before.
+    Return what the images of a camera show.
 
-    A site adds its velocity and its air to the places of stars. The star tracker has its
-    defaults, but for the time it bridges where frames are far apart.
+    NightError for images of another size, and unless each is later than the one before. A site
+    adds its velocity and its air to the places of stars. The star tracker has its defaults, but
+    for the time it bridges where frames are far apart.
     """
     images = iter(images)
     first = [*islice(images, 2)]
     if len(first) < 2:
         raise NightError(f'{len(first)} images are no night')
     year = epoch_year_from_stamp(first[0].stamp_ns)
+    if not in_range(year):
+        raise NightError(f'J{year:.2f}: the motion of the Earth is known from {FIRST_YEAR:.0f} to '
+                         f'{LAST_YEAR:.0f} only')
     tracker = StarTracker(
         camera, year, **_bridging((first[1].stamp_ns - first[0].stamp_ns) * 1e-9))
     identifier = make_identifier(camera, year)
@@ -80,17 +89,20 @@ def observe(images: Iterable[TimedImage], camera: Camera, site: Site | None) -> 
     for stamp_ns, image in chain(first, images):
         if frames and stamp_ns <= frames[-1].stamp_ns:
             raise NightError(f'image {len(frames) + 1} is not later than the one before it')
+        if image.shape != (camera.height, camera.width):
+            raise NightError(f'image {len(frames) + 1} of {image.shape[1]} x {image.shape[0]} px, '
+                             f'the camera has {camera.width} x {camera.height}')
         now = epoch_year_from_stamp(stamp_ns)
         if site is not None:
             tracker.add_observer(stamp_ns, site.position_m(now), site.velocity_m_s(now))
         published = tracker.process(stamp_ns, image).attitude
         extraction, searched = extractor.search(image)
-        sky = ApparentCatalog(onboard, _observer(now, site))
+        vantage = _vantage(now, site)
         found = icrf_identification(
-            identifier.identify(extraction.centroids), extraction.centroids, camera, sky,
-            identifier.options)
+            identifier.identify(extraction.centroids), extraction.centroids, camera,
+            ApparentCatalog(onboard, Observer(vantage, 0.0, 'full')), identifier.options)
         frames.append(Frame(
-            stamp_ns, extraction.centroids, sky,
+            stamp_ns, extraction.centroids, onboard, vantage,
             None if found.attitude is None else found.attitude.quaternion, published,
             *_widths(extraction.centroids, searched)))
     return frames
@@ -112,10 +124,11 @@ def _bridging(interval_s: float) -> dict[str, float]:
             'roll_acceleration_deg_s2': max(defaults.roll_acceleration_deg_s2 * steadier, 1e-6)}
 
 
-def _observer(year: float, site: Site | None) -> Observer:
+def _vantage(year: float, site: Site | None) -> Vantage:
+    """Return where the observer is; without a site as on an Earth that does not turn."""
     if site is None:
-        return observer_at(year, None)
-    return observer_at(year, site.velocity_m_s(year), site.air(year))
+        return vantage_near_earth(year, np.zeros(3))
+    return vantage_near_earth(year, site.velocity_m_s(year))._replace(air=site.air(year))
 
 
 def _widths(centroids: Centroids, searched: Searched | None) -> tuple[np.ndarray, np.ndarray]:
@@ -161,21 +174,25 @@ def star_rows(frames: Sequence[Frame], motion: EarthMotion, camera: Camera) -> S
 
 def _stars_of(number: int, frame: Frame, q_alone: np.ndarray, q_fitted: np.ndarray,
               camera: Camera) -> Stars:
-    onboard = frame.sky.onboard
+    onboard = frame.onboard
     near = onboard.within(rotate(q_alone, [0.0, 0.0, 1.0]), camera.corner_angle_rad)
-    near = near[~(onboard.blended[near] | frame.sky.crowded(near))]
-    direction = frame.sky.direction(near)
+    near = near[~onboard.blended[near]]
+    direction = apparent_directions(onboard.direction[near], frame.vantage)
     expected = camera.project(rotate(conjugate(q_alone), direction))
     inside = camera.contains(expected, _MARGIN_PX)
     near, direction, expected = near[inside], direction[inside], expected[inside]
+    without_air = apparent_directions(
+        onboard.direction[near], frame.vantage._replace(air=None))
     index, seen = nearest(frame.centroids.uv, expected, _NEAR_PX)
     measured = np.where(seen[:, None], _of(frame.centroids.uv, index), np.nan)
     sensor = rotate(conjugate(q_fitted), direction)
+    fitted, unlifted = (camera.project(each) for each in (
+        sensor, rotate(conjugate(q_fitted), without_air)))
     return Stars(
         np.full(len(near), number), near, onboard.magnitude[near], expected, seen,
-        measured - camera.project(sensor),
+        measured - fitted,
         np.hypot(np.where(seen, _of(frame.centroids.sigma_px, index), np.nan), _LENS_PX),
-        turn_jacobian(camera, sensor), _refraction(frame.sky, near, q_fitted, sensor, camera))
+        turn_jacobian(camera, sensor), fitted - unlifted)
 
 
 def _of(column: np.ndarray, index: np.ndarray) -> np.ndarray:
@@ -188,16 +205,6 @@ def turn_jacobian(camera: Camera, sensor: np.ndarray) -> np.ndarray:
     uv = camera.project(sensor)
     return np.stack([(camera.project(sensor - step * np.cross(axis, sensor)) - uv) / step
                      for axis in np.eye(3)], axis=-1)
-
-
-def _refraction(sky: ApparentCatalog, star: np.ndarray, q: np.ndarray, sensor: np.ndarray,
-                camera: Camera) -> np.ndarray:
-    vantage = sky.observer.vantage
-    if vantage is None or vantage.air is None:
-        return np.zeros((len(star), 2))
-    without = ApparentCatalog(
-        sky.onboard, sky.observer._replace(vantage=vantage._replace(air=None)))
-    return camera.project(sensor) - camera.project(rotate(conjugate(q), without.direction(star)))
 
 
 def published_errors(frames: Sequence[Frame], motion: EarthMotion

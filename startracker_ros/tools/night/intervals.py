@@ -104,7 +104,7 @@ def chi_square_mean(values: np.ndarray, degrees: int) -> Interval:
 
 
 def block_mean(values: np.ndarray) -> Interval:
-    """Return the mean of a series (F,) whose neighbours may be correlated, of its blocks' means."""
+    """Return the mean of a series (F,) of correlated neighbours, by the means of its blocks."""
     if len(values) < 2 * BLOCKS:
         return UNKNOWN
     means = np.array([block.mean() for block in np.array_split(values, BLOCKS)])

@@ -17,7 +17,7 @@ from startracker_ros.tools.night.frames import Frame, published_errors, star_row
 from startracker_ros.tools.night.intervals import (
     block_mean, block_trend, chi_square_mean, Interval, share, successive_sigma, UNKNOWN)
 from startracker_ros.tools.night.patterns import (
-    field_columns, field_degree, fit_pattern, Pattern, phase_columns, PHASE_COLUMNS,
+    field_columns, field_degree, fit_pattern, Pattern, PHASE_COLUMNS, phase_columns,
     single_coefficient)
 from startracker_ros.tools.night.stamps import line_time_s, stamp_jitter_s
 from startracker_ros.tools.night.stars import frame_normals, Stars, turns_of, without_turns

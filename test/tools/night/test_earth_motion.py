@@ -3,9 +3,9 @@
 
 """The motion of a camera on the Earth out of its attitudes."""
 
+from night_sky import OnEarth, START_NS
 import numpy as np
 import pytest
-from night_sky import OnEarth, START_NS
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, multiply, quaternion_from_rotation_vector)
 from startracker_ros.tools.night.earth_motion import fit_motion
