@@ -243,7 +243,7 @@ def night(source: Path, camera_file: Path | None, tracking: bool, epoch_year: fl
           interval_s: float | None, namespace: str | None, as_json: bool, **observer_site: Any
           ) -> None:
     """
-    Data sheet of a real night: errors, noise, drift, detection and stamps of a camera on a tripod.
+    Measure a camera by a night on a tripod: noise, errors, drift, detection, stamps.
 
     The Earth turns the sky by a known law: no turntable is needed. Images of a folder are in order
     of their names.

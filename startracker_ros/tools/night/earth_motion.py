@@ -3,7 +3,6 @@
 
 """The attitude of a camera that stands on the Earth, or turns on it at a constant rate."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -81,25 +80,30 @@ def _typical(time_s: np.ndarray, earth: np.ndarray, rate: np.ndarray) -> np.ndar
 
 def _least_squares(stamp_ns: int, time_s: np.ndarray, earth: np.ndarray, q_start: np.ndarray,
                    rate: np.ndarray) -> EarthMotion:
-    def errors(start_turn: np.ndarray, change: np.ndarray) -> np.ndarray:
-        start = multiply(q_start, quaternion_from_rotation_vector(start_turn))
-        turn = quaternion_from_rotation_vector(time_s[:, None] * (rate + change))
-        return attitude_error(earth, multiply(start, turn))
+    """Return the fit by Gauss-Newton steps of start and rate, both in rad over the night."""
+    scale = np.repeat([1.0, 1 / np.abs(time_s).max()], 3)
     for _ in range(_ITERATIONS):
-        error = errors(np.zeros(3), np.zeros(3))
+        error = _errors(time_s, earth, q_start, rate)
+        moved = [_errors(time_s, earth, *_stepped(q_start, rate, _STEP * axis))
+                 for axis in np.diag(scale)]
+        jacobian = (np.stack(moved, axis=-1) - error[..., None]) / _STEP
         good = inliers(error - np.median(error, axis=0))
-        # A rate changes the attitude by its time: both parameters in rad over the night.
-        span_s = float(np.abs(time_s).max()) or 1.0
-        jacobian = _jacobian(lambda x: errors(x[:3], x[3:] / span_s), error)
         step, *_ = np.linalg.lstsq(jacobian[good].reshape(-1, 6), -error[good].ravel(), None)
-        q_start = multiply(q_start, quaternion_from_rotation_vector(step[:3]))
-        rate = rate + step[3:] / span_s
+        q_start, rate = _stepped(q_start, rate, step * scale)
     return EarthMotion(stamp_ns, q_start, rate)
 
 
-def _jacobian(function: Callable[[np.ndarray], np.ndarray], value: np.ndarray) -> np.ndarray:
-    """Return the derivatives (F, 3, 6) of function(x) (F, 3) at x = 0."""
-    return np.stack([(function(_STEP * axis) - value) / _STEP for axis in np.eye(6)], axis=-1)
+def _stepped(q_start: np.ndarray, rate: np.ndarray, step: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray]:
+    """Return start and rate after a step (6,) of both."""
+    return multiply(q_start, quaternion_from_rotation_vector(step[:3])), rate + step[3:]
+
+
+def _errors(time_s: np.ndarray, earth: np.ndarray, q_start: np.ndarray, rate: np.ndarray
+            ) -> np.ndarray:
+    """Return the errors (F, 3) rad of attitudes (F, 4) on the Earth about a motion."""
+    turn = quaternion_from_rotation_vector(time_s[:, None] * rate)
+    return attitude_error(earth, multiply(q_start, turn))
 
 
 def inliers(errors: np.ndarray) -> np.ndarray:

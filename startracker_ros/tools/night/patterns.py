@@ -25,16 +25,17 @@ PHASE_COLUMNS = 4
 
 
 class Pattern(NamedTuple):
-    """Coefficients (C,) of columns (N, 2, C) px and their covariance (C, C)."""
+    """Coefficients (C,) of columns (N, 2, C) px and their covariance (C, C), by so many stars."""
 
     columns: np.ndarray
     coefficients: np.ndarray
     covariance: np.ndarray
+    stars: int
 
     def part(self, chosen: slice) -> 'Pattern':
         """Return the pattern of some coefficients."""
         return Pattern(self.columns[..., chosen], self.coefficients[chosen],
-                       self.covariance[chosen, chosen])
+                       self.covariance[chosen, chosen], self.stars)
 
     @property
     def shift_px(self) -> np.ndarray:
@@ -43,13 +44,15 @@ class Pattern(NamedTuple):
 
     @property
     def found(self) -> bool:
-        """Return whether the coefficients are more than their errors explain (Wald's test)."""
+        """Return whether the coefficients are more than their errors explain (Hotelling's T^2)."""
+        count = len(self.coefficients)
         square = self.coefficients @ np.linalg.pinv(self.covariance) @ self.coefficients
-        return bool(square > stats.chi2.ppf(CONFIDENCE, len(self.coefficients)))
+        return bool(square * (self.stars - count) / (count * (self.stars - 1))
+                    > stats.f.ppf(CONFIDENCE, count, self.stars - count))
 
     def rms(self, linear: np.ndarray) -> Interval:
         """
-        Return the rms of values linear c, linear (..., C), without what the errors of c add.
+        Return the rms of the values linear c, linear (..., C), without what the errors of c add.
 
         For M = mean linear^T linear the square c^T M c is too large by tr(M S) on average, S the
         covariance; its variance is 4 c^T M S M c + 2 tr(M S M S) for the true c.
@@ -82,7 +85,7 @@ def fit_pattern(stars: Stars, columns: np.ndarray) -> Pattern | None:
                        for own, part in zip(information, gradient)])
     deviation = others - others.mean(axis=0)
     covariance = (len(names) - 1) / len(names) * deviation.T @ deviation
-    return Pattern(columns, coefficients, covariance)
+    return Pattern(columns, coefficients, covariance, len(names))
 
 
 def field_columns(uv: np.ndarray, camera: Camera, degree: int, *, shear: bool = True
@@ -135,6 +138,5 @@ def single_coefficient(stars: Stars, camera: Camera, column: np.ndarray, degree:
          field_columns(stars.uv, camera, degree, shear=False)], axis=-1)) if degree else None
     if pattern is None:
         return UNKNOWN
-    names = len(np.unique(stars.star))
     return normal(float(pattern.coefficients[0]), float(pattern.covariance[0, 0]) ** 0.5,
-                  names - 1)
+                  pattern.stars - 1)
