@@ -237,11 +237,14 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
 @click.option('--interval-s', type=click.FloatRange(1e-3, 3600), default=None,
               help='Time between two images of a folder or a video.  [default: by their own '
               'times]')
+@click.option('--datasheet', type=click.Path(path_type=Path, exists=True, dir_okay=False),
+              help='What `startracker datasheet --json` printed of the camera, for the column '
+              'simulated.')
 @namespace_option
 @json_option
 def night(source: Path, camera_file: Path | None, tracking: bool, epoch_year: float | None,
-          interval_s: float | None, namespace: str | None, as_json: bool, **observer_site: Any
-          ) -> None:
+          interval_s: float | None, datasheet: Path | None, namespace: str | None, as_json: bool,
+          **observer_site: Any) -> None:
     """
     Measure a camera by a night on a tripod: noise, errors, drift, detection, stamps.
 
@@ -264,5 +267,6 @@ def night(source: Path, camera_file: Path | None, tracking: bool, epoch_year: fl
         camera = None if camera_file is None else load_camera(camera_file)
     with exit_1_on(NightError, BagError, ImageError):
         result = measure(source, camera, site=site, start_year=epoch_year,
-                         interval_s=interval_s, tracking=tracking, namespace=namespace)
+                         interval_s=interval_s, tracking=tracking, namespace=namespace,
+                         datasheet=datasheet)
     print_result(result, as_json)

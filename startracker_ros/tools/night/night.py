@@ -4,6 +4,8 @@
 """The data sheet of a night: images in, rows out."""
 
 from collections.abc import Iterable
+from dataclasses import replace
+import json
 from pathlib import Path
 
 import numpy as np
@@ -26,17 +28,20 @@ _WRONG_RAD = np.radians(1.0)
 
 def night(source: Path, camera: Camera | None, *, site: Site | None = None,
           start_year: float | None = None, interval_s: float | None = None,
-          tracking: bool = False, namespace: str | None = None) -> Result:
+          tracking: bool = False, namespace: str | None = None,
+          datasheet: Path | None = None) -> Result:
     """
     Return the data sheet of the camera that took the images of a bag, a folder or a video.
 
     camera None is that of the bag. The camera stands still on the Earth or, tracking, turns there
-    at a constant rate about a constant axis. NightError for images that are no night of it;
+    at a constant rate about a constant axis. datasheet is JSON of `startracker datasheet`.
+    NightError for images that are no night of it, and for a file that is no such document;
     ImageError, BagError.
     """
+    simulated = {} if datasheet is None else _figures_at_rest(datasheet)
     camera = camera or camera_of_bag(source, namespace)
     seen = measure(timed_images(source, start_year, interval_s, namespace), camera, site, tracking)
-    rows = all_rows(seen)
+    rows = [replace(each, simulated=simulated.get(each.case)) for each in all_rows(seen)]
     stamps = np.array([frame.stamp_ns for frame in seen.frames])
     goals = [each for each in rows if each.verdict in (MET, MISSED)]
     return Result('night', rows, {
@@ -50,6 +55,15 @@ def night(source: Path, camera: Camera | None, *, site: Site | None = None,
         'missed': '; '.join(each.case for each in goals if each.verdict == MISSED) or 'none',
         'missed_by_chance': (1 - CONFIDENCE) * len(goals),
     }, notes={'missed_by_chance': 'expected, of an ideal instrument'})
+
+
+def _figures_at_rest(datasheet: Path) -> dict[str, float | None]:
+    """Return the figures of a data sheet at rest, by the cases of a night."""
+    try:
+        rows = json.loads(datasheet.read_bytes())['rows']
+        return {each['case'].replace(', 0 deg/s', ''): each['ours'] for each in rows}
+    except (ValueError, KeyError, TypeError) as error:
+        raise NightError(f'{datasheet}: not a document of startracker datasheet --json') from error
 
 
 def measure(images: Iterable[TimedImage], camera: Camera, site: Site | None, tracking: bool

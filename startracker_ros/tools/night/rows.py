@@ -42,7 +42,8 @@ class NightRow:
     One figure: ours, errors 1 sigma, with its 95 % confidence interval low to high.
 
     goal is that of an ideal instrument; it is met where the interval contains it. What the motion
-    cannot show is not observable: the interval is what may be hidden.
+    cannot show is not observable: the interval is what may be hidden. simulated is the figure of
+    the data sheet by simulation, None without one.
     """
 
     section: str
@@ -54,6 +55,7 @@ class NightRow:
     goal: float | None = None
     verdict: str = ''
     method: str = ''
+    simulated: float | None = None
 
 
 def row(section: str, case: str, found: Interval, unit: str, method: str,

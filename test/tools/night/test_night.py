@@ -6,6 +6,7 @@
 from dataclasses import replace
 from functools import cache
 import json
+from pathlib import Path
 
 from commands import invoke
 import cv2
@@ -28,6 +29,7 @@ DRIFT_ARCSEC_H = np.array([0.0, -600.0, 300.0])
 BENT = replace(CAMERA, distortion=(0.06, 0.0, 0.0, 0.0, 0.0))
 MOUNT = OnEarth(arcsec_per_hour(0, 360 * 3600.0, 0))
 LATE_S = 0.05
+SHEET = Path(__file__).parents[3] / 'docs' / 'results' / 'datasheet.json'
 
 
 @cache
@@ -183,16 +185,20 @@ def test_a_frame_of_another_field_is_left_out():
     assert rows['temporal noise, cross boresight'].high < 3
 
 
-def test_the_command_takes_a_folder_and_a_site(folder):
+def test_the_command_takes_a_folder_a_site_and_a_simulated_sheet(folder):
     done, document = command(
         folder, '--camera', folder / 'camera.yaml', '--epoch', YEAR, '--interval-s', 6,
-        '--site', 48, 11, 500, '--pressure-hpa', 0)
+        '--site', 48, 11, 500, '--pressure-hpa', 0, '--datasheet', SHEET)
     assert done.exit_code == 0, done.stderr
     assert document['conditions']['frames'] == 24
     rows = {row['case']: row for row in document['rows']}
     sky = rows['rate of the sky']
     assert sky['low'] < 15.041 < sky['high'] and sky['verdict'] == MET
     assert rows['delay, constant part']['ours'] is None
+    simulated = {row['case']: row['ours'] for row in json.loads(SHEET.read_text())['rows']}
+    for kind in ('temporal noise', 'field-of-view spatial error', 'pixel spatial error'):
+        for axis in ('cross boresight', 'about boresight'):
+            assert rows[f'{kind}, {axis}']['simulated'] == simulated[f'{kind}, 0 deg/s, {axis}']
 
 
 def test_the_command_says_what_is_missing(folder, tmp_path):
@@ -201,6 +207,7 @@ def test_the_command_says_what_is_missing(folder, tmp_path):
             ((folder,), 'images need --camera', 2),
             ((folder, *camera), '--epoch of the first image is needed', 1),
             ((folder, *camera, '--epoch', YEAR), '--interval-s is needed', 1),
+            ((folder, *camera, '--datasheet', camera[1]), 'not a document of', 1),
             ((tmp_path, *camera, '--epoch', YEAR, '--interval-s', 6), '0 images', 1)):
         done, _ = command(*words)
         assert done.exit_code == status and text in done.stderr, done.stderr
