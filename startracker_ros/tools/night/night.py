@@ -40,7 +40,8 @@ def night(source: Path, camera: Camera | None, *, site: Site | None = None,
     """
     simulated = {} if datasheet is None else _figures_at_rest(datasheet)
     camera = camera or camera_of_bag(source, namespace)
-    seen = measure(timed_images(source, start_year, interval_s, namespace), camera, site, tracking)
+    images = timed_images(source, start_year, interval_s, namespace, zone_needed=site is not None)
+    seen = measure(images, camera, site, tracking)
     rows = [replace(each, simulated=simulated.get(each.case)) for each in all_rows(seen)]
     stamps = np.array([frame.stamp_ns for frame in seen.frames])
     goals = [each for each in rows if each.verdict in (MET, MISSED)]

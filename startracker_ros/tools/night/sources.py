@@ -41,13 +41,14 @@ def is_bag(path: Path) -> bool:
 
 
 def timed_images(source: Path, start_year: float | None, interval_s: float | None,
-                 namespace: str | None) -> Iterator[TimedImage]:
+                 namespace: str | None, *, zone_needed: bool = False) -> Iterator[TimedImage]:
     """
     Yield the images of a bag, a folder or a video, in order of their stamps.
 
     Those of a folder are stamped by their files, EXIF or DATE-OBS. Where start_year is given the
     first one is of that time, and where interval_s is given each is so much later than the one
-    before. NightError where no stamps are known; ImageError, BagError.
+    before. NightError where no stamps are known, or where needed no zone of them; ImageError,
+    BagError.
     """
     if is_bag(source):
         yield from _of_bag(source, namespace)
@@ -57,7 +58,7 @@ def timed_images(source: Path, start_year: float | None, interval_s: float | Non
             time_s = frame.time_s if interval_s is None else frame.number * interval_s
             yield TimedImage(begin_ns + round(time_s * 1e9), frame.image)
     else:
-        yield from _of_files(source, start_year, interval_s)
+        yield from _of_files(source, start_year, interval_s, zone_needed)
 
 
 def _begin_ns(source: Path, start_year: float | None, taken: Taken | None = None) -> int:
@@ -69,14 +70,16 @@ def _begin_ns(source: Path, start_year: float | None, taken: Taken | None = None
     return taken.stamp_ns
 
 
-def _of_files(folder: Path, start_year: float | None, interval_s: float | None
-              ) -> Iterator[TimedImage]:
+def _of_files(folder: Path, start_year: float | None, interval_s: float | None,
+              zone_needed: bool) -> Iterator[TimedImage]:
     begin_ns, first = 0, None
     for number, path in enumerate(image_paths([folder])):
         photograph = read_photograph(path)
         taken = photograph.taken
         if not number:
             begin_ns, first = _begin_ns(path, start_year, taken), taken
+            if zone_needed and start_year is None and taken and not taken.zone_known:
+                raise NightError(f'{path}: no time zone in it, --epoch is needed for --site')
         if interval_s is not None:
             later_ns = round(number * interval_s * 1e9)
         elif taken is None or first is None:

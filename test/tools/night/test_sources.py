@@ -42,6 +42,18 @@ def test_a_given_start_moves_all_and_an_interval_replaces_their_steps(dated):
     assert [after - before for before, after in pairwise(even)] == [2_500_000_000] * 2
 
 
+def test_the_place_of_the_zenith_needs_a_time_zone(dated, tmp_path_factory):
+    assert len([*timed_images(dated, None, None, None, zone_needed=True)]) == 3
+    local = tmp_path_factory.mktemp('local') / 'a.jpg'
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0x9003] = '2026:11:23 23:00:00'
+    Image.fromarray(PIXELS.astype(np.uint8)).save(local, exif=exif)
+    assert len(stamps(local.parent)) == 1
+    with pytest.raises(NightError, match='no time zone'):
+        next(timed_images(local.parent, None, None, None, zone_needed=True))
+    next(timed_images(local.parent, 2026.5, None, None, zone_needed=True))
+
+
 def test_a_file_without_a_time_is_named(dated):
     fits.PrimaryHDU(PIXELS).writeto(dated / '3.fits')
     with pytest.raises(NightError, match=r'3\.fits: no time in it, --interval-s'):
