@@ -7,12 +7,13 @@ from collections.abc import Iterable
 from dataclasses import replace
 import json
 from pathlib import Path
+import sys
 
 import numpy as np
 from startracker_ros.core.astro.epoch import utc
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.maths.rotation import attitude_error
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.io.table import Result
 from startracker_ros.tools.night.earth_motion import fit_motion
 from startracker_ros.tools.night.frames import observe
@@ -24,6 +25,8 @@ from startracker_ros.tools.night.sources import (
 _LEAST_FRAMES = 20
 _WRONG_RAD = np.radians(1.0)
 """No mount shakes so much: an attitude that is off by more is that of another field."""
+_TURNING_RAD_S = 5 * ARCSEC
+"""No tripod gives way so fast, a third of the rate of the sky."""
 
 
 def night(source: Path, camera: Camera | None, *, site: Site | None = None,
@@ -41,7 +44,7 @@ def night(source: Path, camera: Camera | None, *, site: Site | None = None,
     simulated = {} if datasheet is None else _figures_at_rest(datasheet)
     camera = camera or camera_of_bag(source, namespace)
     images = timed_images(source, start_year, interval_s, namespace, zone_needed=site is not None)
-    seen = measure(images, camera, site, tracking)
+    seen = measure(_progress(images), camera, site, tracking)
     rows = [replace(each, simulated=simulated.get(each.case)) for each in all_rows(seen)]
     stamps = np.array([frame.stamp_ns for frame in seen.frames])
     goals = [each for each in rows if each.verdict in (MET, MISSED)]
@@ -56,6 +59,15 @@ def night(source: Path, camera: Camera | None, *, site: Site | None = None,
         'missed': '; '.join(each.case for each in goals if each.verdict == MISSED) or 'none',
         'missed_by_chance': (1 - CONFIDENCE) * len(goals),
     }, notes={'missed_by_chance': 'expected, of an ideal instrument'})
+
+
+def _progress(images: Iterable[TimedImage]) -> Iterable[TimedImage]:
+    """Return the images, counted on a terminal."""
+    if not sys.stderr.isatty():
+        return images
+    from rich.console import Console
+    from rich.progress import track
+    return track(images, 'night', total=None, console=Console(stderr=True), transient=True)
 
 
 def _figures_at_rest(datasheet: Path) -> dict[str, float | None]:
@@ -86,4 +98,8 @@ def measure(images: Iterable[TimedImage], camera: Camera, site: Site | None, tra
         does = 'turns at a constant rate' if tracking else 'stands still on the Earth'
         raise NightError(f'{found} of {len(known)} attitudes are those of a camera that {does}, '
                          f'at least {_LEAST_FRAMES} are needed')
+    rate_rad_s = float(np.linalg.norm(motion.rate_rad_s))
+    if rate_rad_s > _TURNING_RAD_S and not tracking:
+        raise NightError(f'the camera turns by {rate_rad_s / ARCSEC:.3g} arcsec/s on the Earth: '
+                         '--tracking, if that is the rate of its mount')
     return Night(camera, frames, motion, tracking, site is not None)

@@ -176,6 +176,11 @@ def test_images_that_are_no_night_are_refused(frames, text):
         measure(images(Anywhere(), frames=frames), CAMERA, AIRLESS, tracking=False)
 
 
+def test_a_mount_that_turns_is_no_tripod():
+    with pytest.raises(NightError, match='360 arcsec/s on the Earth: --tracking'):
+        measure(images(MOUNT, frames=24, step_s=2.0), CAMERA, AIRLESS, tracking=False)
+
+
 def test_a_frame_of_another_field_is_left_out():
     other = images(OnEarth(east_rad=1.0), frames=24)
     mixed = [wrong if number == 7 else right
