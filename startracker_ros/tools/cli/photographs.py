@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Commands that take image files: solve, calibrate."""
+"""Commands that take image files: solve, calibrate, night."""
 
 from collections.abc import Callable
 from datetime import datetime
@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING, TypeVar
 
 import click
 from startracker_ros.tools.cli.outcome import exit_1_on, NeedsArguments, usage_error_on
-from startracker_ros.tools.cli.shared import json_option, print_result
+from startracker_ros.tools.cli.shared import json_option, namespace_option, print_result
 
 if TYPE_CHECKING:
     from startracker_ros.tools.photographs.epoch_and_site import ObserverSite
@@ -63,8 +63,13 @@ class _Frames(click.ParamType):
         return chosen
 
 
-def _observer_options(epoch_default: str) -> Callable[[_Command], _Command]:
-    """Return options for when the images were taken, and from where."""
+def _observer_options(epoch_default: str, *, flying: bool = True
+                      ) -> Callable[[_Command], _Command]:
+    """Return options for when the images were taken, and from where, flying or on the ground."""
+    velocity = click.option('--velocity', 'velocity_km_s', type=float, nargs=3,
+                            help='Velocity of the camera about the Earth, x y z in km/s on '
+                            'ICRF axes, for aberration.')
+
     def add(function: _Command) -> _Command:
         for option in (
                 click.option('--temperature-c', type=float, default=10.0, show_default=True,
@@ -72,9 +77,7 @@ def _observer_options(epoch_default: str) -> Callable[[_Command], _Command]:
                 click.option('--pressure-hpa', type=click.FloatRange(0, 1200), default=None,
                              help='Pressure of the air at the site, 0 for no refraction.  '
                              '[default: standard atmosphere at its height]'),
-                click.option('--velocity', 'velocity_km_s', type=float, nargs=3,
-                             help='Velocity of the camera about the Earth, x y z in km/s on '
-                             'ICRF axes, for aberration.'),
+                *((velocity,) if flying else ()),
                 click.option('--site', type=float, nargs=3,
                              help='Latitude and longitude in deg, east positive, and height in '
                              'm of a camera on the ground, for aberration and refraction.'),
@@ -86,9 +89,9 @@ def _observer_options(epoch_default: str) -> Callable[[_Command], _Command]:
     return add
 
 
-def _observer_site(site: tuple[float, float, float] | None,
-                   velocity_km_s: tuple[float, float, float] | None, pressure_hpa: float | None,
-                   temperature_c: float) -> 'ObserverSite':
+def _observer_site(site: tuple[float, float, float] | None, pressure_hpa: float | None,
+                   temperature_c: float,
+                   velocity_km_s: tuple[float, float, float] | None = None) -> 'ObserverSite':
     """Return where the camera was; UsageError for options that do not go together."""
     import numpy as np
     from startracker_ros.core.astro.ground_site import Site
@@ -221,4 +224,49 @@ def calibrate(images: tuple[Path, ...], output: Path, fov_deg: float | None,
                                  camera_file=camera_file, epoch_year=epoch_year,
                                  observer=where.observer(epoch_of(epoch_year)), terms=terms,
                                  distortion_model=distortion_model)
+    print_result(result, as_json)
+
+
+@click.command()
+@click.argument('source', type=click.Path(path_type=Path, exists=True), metavar='BAG|FOLDER|VIDEO')
+@click.option('--camera', 'camera_file', type=click.Path(path_type=Path),
+              help='Camera YAML, or FITS header with SIP.  [default: camera_info of the bag]')
+@click.option('--tracking', is_flag=True, help='The mount turns at a constant unknown rate about '
+              'a constant axis; without it the camera stands still on the Earth.')
+@_observer_options('stamps of the bag, EXIF or DATE-OBS', flying=False)
+@click.option('--interval-s', type=click.FloatRange(1e-3, 3600), default=None,
+              help='Time between two images of a folder or a video.  [default: by their own '
+              'times]')
+@click.option('--datasheet', type=click.Path(path_type=Path, exists=True, dir_okay=False),
+              help='What `startracker datasheet --json` printed of the camera, for the column '
+              'simulated.')
+@namespace_option
+@json_option
+def night(source: Path, camera_file: Path | None, tracking: bool, epoch_year: float | None,
+          interval_s: float | None, datasheet: Path | None, namespace: str | None, as_json: bool,
+          **observer_site: Any) -> None:
+    """
+    Measure a camera by a night on a tripod: noise, errors, drift, detection, stamps.
+
+    The Earth turns the sky by a known law: no turntable is needed. Images of a folder are in order
+    of their names.
+    """
+    from startracker_ros.core.camera.model import CameraError
+    from startracker_ros.io.bags.errors import BagError
+    from startracker_ros.io.images.camera_files import load_camera
+    from startracker_ros.io.images.images import ImageError
+    from startracker_ros.tools.night.night import night as measure
+    from startracker_ros.tools.night.sources import is_bag, NightError
+    bag = is_bag(source)
+    if camera_file is None and not bag:
+        raise click.UsageError('images need --camera: startracker calibrate makes it of them')
+    if bag and (epoch_year is not None or interval_s is not None):
+        raise click.UsageError('a bag has its stamps: no --epoch and no --interval-s')
+    site = _observer_site(**observer_site).site
+    with usage_error_on(CameraError):
+        camera = None if camera_file is None else load_camera(camera_file)
+    with exit_1_on(NightError, BagError, ImageError):
+        result = measure(source, camera, site=site, start_year=epoch_year,
+                         interval_s=interval_s, tracking=tracking, namespace=namespace,
+                         datasheet=datasheet)
     print_result(result, as_json)
