@@ -238,9 +238,9 @@ def _look_up_orders(table: QuadTable, direction: np.ndarray, stars: np.ndarray, 
             longest = max(longest, _square(direction, stars[a], stars[b]))
     four, code = np.empty(4, np.int64), np.empty(4)
     for a in range(4):
-        for b in range(4):
+        for b in range(a):
             square = _square(direction, stars[a], stars[b])
-            if a == b or square < longest * (1 - 2 * tolerance):
+            if square < longest * (1 - 2 * tolerance):
                 continue
             four[0], four[1] = stars[a], stars[b]
             rest = 2
@@ -248,12 +248,26 @@ def _look_up_orders(table: QuadTable, direction: np.ndarray, stars: np.ndarray, 
                 if c != a and c != b:
                     four[rest] = stars[c]
                     rest += 1
+            if not quad_code(direction, four, code):
+                continue
             side = 2 * np.arcsin(min(np.sqrt(square) / 2, 1.0))
-            for _ in range(2):
-                four[2], four[3] = four[3], four[2]
-                if quad_code(direction, four, code) and _in_order(code, tolerance):
+            for order in range(4):
+                _exchange(four, code, order & 1)
+                if _in_order(code, tolerance):
                     count = _look_up(table, code, tolerance, low, high, side, four, found, count)
     return count
+
+
+@inlined
+def _exchange(four: np.ndarray, code: np.ndarray, ends: int) -> None:
+    """Exchange A and B, or else C and D, of stars (4,) and their code (4,)."""
+    if ends:
+        four[0], four[1] = four[1], four[0]
+        for k in range(2):
+            code[2 * k], code[2 * k + 1] = 1 - code[2 * k], -code[2 * k + 1]
+    else:
+        four[2], four[3] = four[3], four[2]
+        code[0], code[1], code[2], code[3] = code[2], code[3], code[0], code[1]
 
 
 @compiled
