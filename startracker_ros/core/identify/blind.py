@@ -34,7 +34,7 @@ from startracker_ros.core.identify.identification import (
     Identification, IdentificationOptions, limit_for, per_centroid, usable_stars)
 from startracker_ros.core.identify.ladder import Attempt, chip_ratio, REFERENCE_YEAR
 from startracker_ros.core.identify.sky_quads import matching_quads, sky_quads, SkyQuads
-from startracker_ros.core.identify.support import support, support_weights
+from startracker_ros.core.identify.support import support, supporters
 from startracker_ros.core.identify.verification import (
     rejected, Verification, Verifier, VerifierData, verify)
 from startracker_ros.core.stored_arrays import digest, prepare
@@ -86,6 +86,8 @@ _BATCHES, _MIRRORED_BATCHES = (0, 8, 12, 16, 22, 30), (0, 8, 12, 16)
 _MOST_CANDIDATES = 50_000  # of one look-up
 # Error of an ideal lens; how far the field of a candidate is from that of its catalogue.
 _FLOOR_PX, _SCALE_ERROR = 1.0, 0.075
+# Of which the fourth star of the quad and the order of brightness have up to 8.
+_LEAST_SUPPORT = 9.0
 _SAME_PX = 1.5  # distance of a star in two lists
 
 
@@ -253,9 +255,9 @@ def best_of_quads(verifier: VerifierData, image: np.ndarray, sigma: np.ndarray, 
     for k in range(len(base)):
         for m in range(4):
             four[m], stars[m] = base[k, m], star[k, m]
-        weights, reach = support_weights(image, sigma, four[:3], verifier.tolerance_sigmas)
-        # The fourth star of the quad, and another one.
-        if support(verifier.sky, weights, reach, stars[0], stars[1], stars[2], 1) < 2:
+        seen_by = supporters(verifier.sky, image, sigma, four[:3], verifier.tolerance_sigmas)
+        if support(verifier.sky, seen_by, stars[0], stars[1], stars[2],
+                   _LEAST_SUPPORT) <= _LEAST_SUPPORT:
             continue
         verification = verify(verifier, seen, sigma, four, stars, tested)
         if verification.false_alarm < best.false_alarm:
