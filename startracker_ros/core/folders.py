@@ -12,7 +12,7 @@ import tempfile
 from typing import BinaryIO
 from uuid import uuid4
 
-DATABASES = 'pairs-*', 'catalogue-*'
+DATABASES = 'pairs-*', 'catalogue-*', 'quads-*'
 """Names of the files of pattern databases in the cache folder."""
 
 MAX_DATABASE_BYTES = 1_600_000_000

@@ -31,7 +31,7 @@ MOST_RESIDENT_BYTES = 100_000_000
 """Size of the mapped files that a search of many databases keeps in memory."""
 
 # To be raised whenever the same input would give other arrays or another layout.
-_VERSION = 3
+_VERSION = 4
 # CRC of all that follows, size of the file, length of the table of the arrays.
 _PREFIX = struct.Struct('<IQI')
 _ALIGNMENT = 64

@@ -107,8 +107,7 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
         attempt.identification, attempt.centroids, attempt.nominal)
     if identification.attitude is None:
         raise ValueError('an attempt without an attitude')
-    onboard = attempt.identifier.onboard
-    start = attempt.identifier.camera
+    onboard, start = attempt.onboard, attempt.camera
     star = onboard.index_of(identification.hip)
     star[identification.hip == 0] = -1
     first = int(np.count_nonzero(star >= 0))

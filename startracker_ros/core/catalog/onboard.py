@@ -3,7 +3,7 @@
 
 """The on-board catalogue of a camera: close doubles merged, blended stars marked."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -38,7 +38,7 @@ class OnboardCatalog:
     blended (N,) is True for these and for entries of several components, none much brighter than
     the others: the image may be off the direction. crowd_rad is the separation of neighbours.
     variation_mag (N,) is the standard deviation of the brightness of a variable, 0 for others.
-    stored is where the arrays are mapped from.
+    motion (N, 3) is the proper motion in rad a year. stored is where the arrays are mapped from.
     """
 
     hip: np.ndarray
@@ -48,10 +48,19 @@ class OnboardCatalog:
     blended: np.ndarray
     crowd_rad: float = 0.0
     variation_mag: np.ndarray | None = None
+    motion: np.ndarray | None = None
     stored: StoredArrays | None = None
 
     def __len__(self) -> int:
         return len(self.hip)
+
+    def after(self, years: float) -> 'OnboardCatalog':
+        """Return the same entries so many years later, without the change of parallax."""
+        if self.motion is None:
+            return self
+        direction = self.direction + years * self.motion
+        direction /= np.sqrt(np.einsum('ij,ij->i', direction, direction))[:, None]
+        return replace(self, direction=direction)
 
     def within(self, center: np.ndarray, radius_rad: float) -> np.ndarray:
         """Return the star indices (M,) up to radius_rad from center (3,), brightest first."""
@@ -60,7 +69,7 @@ class OnboardCatalog:
     def index_of(self, hip: np.ndarray) -> np.ndarray:
         """Return the star index (M,) of each Hipparcos number (M,), -1 if it has no entry."""
         # Numbers beyond either end are clipped to entries of no star.
-        return self._index_of_hip.take(hip, mode='clip')
+        return self._index_of_hip.take(hip, mode='clip').astype(int)
 
     def variation(self, star_index: np.ndarray) -> np.ndarray:
         """Return variation_mag of entries (M,), 0 for a catalogue that has none."""
@@ -82,7 +91,7 @@ class OnboardCatalog:
     @cached_property
     def _index_of_hip(self) -> np.ndarray:
         """Star indices by Hipparcos number, from 0 to one more than the greatest."""
-        index = np.full(int(self.hip.max(initial=0)) + 2, -1)
+        index = np.full(int(self.hip.max(initial=0)) + 2, -1, np.int32)
         index[self.hip] = np.arange(len(self))
         return index
 
@@ -114,9 +123,13 @@ def build_onboard_catalog(catalog: StarCatalog, epoch_year: float, *, magnitude_
     order = np.argsort(magnitude, kind='stable')
     # In float32 like the catalogue, so that a star exactly at the limit is included.
     order = order[magnitude[order].astype(np.float32) <= np.float32(magnitude_limit)]
-    return OnboardCatalog(catalog.hip[brightest[order]], direction[order], magnitude[order],
-                          crowded[order], blended[order], crowd_rad,
-                          catalog.variation_mag[brightest[order]])
+    # Of the brightest component, to whom the others are bound or only close.
+    rows = brightest[order]
+    bright = catalog.rows(rows)
+    motion = bright.directions(epoch_year + 1) - bright.directions(epoch_year)
+    return OnboardCatalog(catalog.hip[rows], direction[order], magnitude[order], crowded[order],
+                          blended[order], crowd_rad, catalog.variation_mag[rows],
+                          motion.astype(np.float32))
 
 
 def onboard_catalog(catalog: StarCatalog, camera: Camera, epoch_year: float,

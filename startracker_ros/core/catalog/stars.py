@@ -61,7 +61,11 @@ class StarCatalog:
         """Return the stars of magnitude up to and including limit."""
         # In float32 like the magnitudes, so that a star exactly at the limit is included.
         count = int(np.searchsorted(self.magnitude, np.float32(limit), side='right'))
-        return StarCatalog(*(getattr(self, field.name)[:count] for field in fields(self)))
+        return self.rows(slice(count))
+
+    def rows(self, which: np.ndarray | slice) -> 'StarCatalog':
+        """Return these rows."""
+        return StarCatalog(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def directions(self, epoch_year: float, observer_au: np.ndarray | None = None) -> np.ndarray:
         """

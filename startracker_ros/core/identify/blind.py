@@ -2,50 +2,93 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Identification of an image of unknown scale: one nominal field of view after the other.
+Identification of an image of unknown scale: quads of its stars, whatever their size.
 
-The fields are geometric steps of the long side of the image, 1 to 120 deg, that the tolerance of
-the focal length covers without a gap. Those close to the likely field come first, with a
-millisecond each, then all of them with more; the time of all together is limited. A candidate is
-accepted when its false-alarm probability is below false_alarm_max over the number of all
-searches.
+The code of a quad (sky_quads.py) does not depend on the scale of the image, so one look-up
+searches all fields of view. A quad of the sky with the same code gives the scale, hence the field
+of view, and all stars of such a field verify it as in any identification. In wide fields the shape
+of a quad depends on its place in the image: one lens after the other is assumed there, and quads
+of about its scale are candidates.
 
-The databases do not depend on the image: two fields share one, whatever the number and shape of
-the pixels, and the disk cache has it for the next process.
+Of T candidates tested so far, each has T times the false-alarm probability of a single one. It is
+accepted below false_alarm_max over _HARMONIC, more than the sum of 1 / T over all tests of an
+image.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
-from itertools import chain, islice, product
-import time
+from itertools import islice, pairwise, product
+from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core.camera.lens import plane_points
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import camera_catalog, load_deep_catalog
+from startracker_ros.core.catalog.onboard import CROWD_MAGNITUDES, OnboardCatalog
+from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.core.identify.ladder import Attempt, Step, UncalibratedPyramid
+from startracker_ros.core.compiled import compiled
+from startracker_ros.core.identify.cache import cached_onboard
+from startracker_ros.core.identify.identification import (
+    Identification, IdentificationOptions, limit_for, per_centroid, usable_stars)
+from startracker_ros.core.identify.ladder import Attempt, chip_ratio, REFERENCE_YEAR
+from startracker_ros.core.identify.sky_quads import matching_quads, sky_quads, SkyQuads
+from startracker_ros.core.identify.support import support, supporters
+from startracker_ros.core.identify.verification import (
+    rejected, Verification, Verifier, VerifierData, verify)
+from startracker_ros.core.stored_arrays import digest, prepare
 
-FOV_ERROR = 0.05
-"""Tolerance of the focal length of each field."""
+LENS_ERROR = 0.12
+"""How far the focal length of the fitted lens may be from that of the quad, as a share."""
 
 _LOWEST_DEG, _HIGHEST_DEG = 1.0, 120.0
 LIKELY_DEG = 25.0
-"""The middle of the fields of most photographs, 10 to 60 deg, by ratio."""
-
-_LIKELY_FIELDS = 29  # some 6 to 80 deg: these first, with further lens models
 _LISTS = 2
-_STEP = 1.0 + 2 * FOV_ERROR
-_FIELDS_PER_DATABASE = 2
-# What the images of a database are like; other shapes see some more or fewer of its stars.
+_STEP = 1.1
+_FIELDS_PER_CATALOGUE = 2
+_STARS_PER_FIELD = 30.0
+# What the images of a catalogue are like; other shapes see some more or fewer of its stars.
 _WIDTH, _HEIGHT = 1024, 768
 COARSEST_PIXEL_DEG = 0.3
 """Larger pixels resolve no stars."""
 
-_STEPS = (Step(1.0), Step(1.0, pixel_ratio=0.5), Step(0.2), Step(1.0, pixel_ratio=2.0))
-# A search that succeeds mostly does so within a millisecond or two.
-_PASSES_S, _TIME_LIMIT_S, _MIRRORED_LIMIT_S = (0.0015, 0.004), 2.0, 0.6
+_HARMONIC = 13.0  # of 200,000 candidates; a hopeless image has some 10,000
+ATTEMPTS = 2
+"""Searches of one image at most: as it is, and mirrored."""
+
+
+class _Lens(NamedTuple):
+    """
+    A lens that is assumed: field of view of the long side, fy / fx, and tolerance of codes.
+
+    The field of a candidate is low to high times that.
+    """
+
+    fov_deg: float
+    pixel_ratio: float
+    tolerance: float
+    low: float
+    high: float
+
+
+# Up to this field of view one lens, 10 deg wide, stands for all. Tolerances of codes: an error of
+# a pixel in a side of 300 px; of pixels that are not square; of a wide lens half a step off.
+_PLANE_DEG, _PLANE_MOST_DEG, _WIDE_STEP = 10.0, 28.0, 1.1
+_TOLERANCE, _RATIO_TOLERANCE, _WIDE_TOLERANCE = 0.005, 0.01, 0.008
+_PLANE = _Lens(_PLANE_DEG, 1.0, _TOLERANCE, _LOWEST_DEG / _PLANE_DEG, _PLANE_MOST_DEG / _PLANE_DEG)
+_WIDE = tuple(_Lens(float(fov_deg), 1.0, _WIDE_TOLERANCE, 1 / _WIDE_STEP, _WIDE_STEP)
+              for fov_deg in np.geomspace(_PLANE_MOST_DEG, 118.0, 16))
+# Longest sides of the quads of a table in deg, stars in the square of one, and whether deep ones.
+_TABLES = ((2.4, 70.0, 3.0, False), (0.6, 2.4, 1.2, False), (0.3, 0.6, 0.8, True))
+# Quads are made of so many of the brightest stars, in turn.
+_BATCHES, _MIRRORED_BATCHES = (0, 8, 12, 16, 22, 30), (0, 8, 12, 16)
+_MOST_CANDIDATES = 50_000  # of one look-up
+# Error of an ideal lens; how far the field of a candidate is from that of its catalogue.
+_FLOOR_PX, _SCALE_ERROR = 1.0, 0.075
+# Of which the fourth star of the quad and the order of brightness have up to 8.
+_LEAST_SUPPORT = 9.0
+_SAME_PX = 1.5  # distance of a star in two lists
 
 
 def _half_tangents() -> np.ndarray:
@@ -55,16 +98,22 @@ def _half_tangents() -> np.ndarray:
 
 
 _TANGENTS = _half_tangents()
-# Mirrored images are named as such: the first step alone.
-ATTEMPTS = _LISTS * (len(_STEPS) + 1) * len(_TANGENTS)
-"""Identifications of one image at most, each of which may be wrong by chance."""
 
 
-class _BlindPyramid(UncalibratedPyramid):
-    """The pyramid method for deeper images than the automatic limit, and a small database."""
+class _Field(NamedTuple):
+    """The camera of a field of view, its catalogue at REFERENCE_YEAR and its verifier."""
 
-    stars_per_field = 30.0
-    most_pairs = 1e6
+    camera: Camera
+    onboard: OnboardCatalog
+    verifier: Verifier
+
+
+class _Candidates(NamedTuple):
+    """Image stars (K, 4) of the centroids that may be the stars of the numbers (K, 4)."""
+
+    centroids: Centroids
+    base: np.ndarray
+    number: np.ndarray
 
 
 class BlindIdentifier:
@@ -72,75 +121,176 @@ class BlindIdentifier:
 
     def __init__(self, epoch_year: float,
                  options: IdentificationOptions = IdentificationOptions()) -> None:
-        """Databases are built when their field is first searched."""
-        self._epoch_year = epoch_year
-        self._options = replace(options, fov_error_percent=100 * FOV_ERROR,
-                                time_limit_s=_PASSES_S[-1],
-                                false_alarm_max=options.false_alarm_max / ATTEMPTS)
+        """Tables and catalogues are loaded, or built, when they are first searched."""
+        self._years = epoch_year - REFERENCE_YEAR
+        self._options = options
+        self._false_alarm_max = options.false_alarm_max / ATTEMPTS / _HARMONIC
         self._deep = cache(load_deep_catalog)
-        self._databases: dict[int, _BlindPyramid] = {}
+        self._tables: dict[int, tuple[StarCatalog, SkyQuads]] = {}
+        self._catalogues: dict[int, OnboardCatalog] = {}
         self._shape = (0, 0)
-        self._identifiers: dict[tuple[int, Step], _BlindPyramid] = {}
+        self._fields: dict[tuple[int, float], _Field] = {}
 
-    def identify(self, lists: Iterable[Centroids], shape: tuple[int, int], likely_deg: float
-                 ) -> Iterator[Attempt]:
-        """
-        Yield the result of each search of an image of shape (H, W) px.
+    def identify(self, lists: Iterable[Centroids], shape: tuple[int, int]) -> Iterator[Attempt]:
+        """Yield each identification of an image of shape (H, W) px."""
+        yield from self._identify(lists, shape, _BATCHES)
 
-        likely_deg is the field of view of the long side that is searched first.
-        """
-        yield from self._identify(lists, shape, likely_deg, _STEPS, _TIME_LIMIT_S)
-
-    def identify_mirrored(self, lists: Iterable[Centroids], shape: tuple[int, int],
-                          likely_deg: float) -> Iterator[Attempt]:
+    def identify_mirrored(self, lists: Iterable[Centroids], shape: tuple[int, int]
+                          ) -> Iterator[Attempt]:
         """Yield the results of a quick search in lists that are flipped from left to right."""
-        yield from self._identify(lists, shape, likely_deg, _STEPS[:1], _MIRRORED_LIMIT_S)
+        yield from self._identify(lists, shape, _MIRRORED_BATCHES)
 
-    def _identify(self, lists: Iterable[Centroids], shape: tuple[int, int], likely_deg: float,
-                  steps: Sequence[Step], left_s: float) -> Iterator[Attempt]:
+    def _identify(self, lists: Iterable[Centroids], shape: tuple[int, int],
+                  batches: Sequence[int]) -> Iterator[Attempt]:
         if shape != self._shape:
-            self._shape, self._identifiers = shape, {}
-        order = np.argsort(np.abs(np.log(_TANGENTS / np.tan(np.radians(likely_deg) / 2))))
-        likely, others = order[:_LIKELY_FIELDS], order[_LIKELY_FIELDS:]
-        first = [*product(steps[:2], likely)]
-        all_of_them = chain(first, product(steps[:1], others), product(steps[2:], likely),
-                            product(steps[1:], others))
-        short_s, long_s = _PASSES_S
-        for time_s, (step, field) in chain(product([short_s], first),
-                                           product([long_s], all_of_them)):
-            nominal = _camera(shape, _TANGENTS[field])
-            if np.degrees(nominal.pixel_rad) > COARSEST_PIXEL_DEG:
+            self._shape, self._fields = shape, {}
+        tested, used = 0, list(islice(lists, _LISTS))
+        for first, last in pairwise(batches):
+            for table in range(len(_TABLES)):
+                found = self._candidates(used, table, first, last)
+                for (number, ratio), candidates in sorted(found.items()):
+                    field = self._field(number, ratio)
+                    if field.onboard.stored is not None:
+                        prepare(field.onboard.stored)
+                    for one in candidates:
+                        tested += len(one.base)
+                        attempt = self._verified(field, one, tested)
+                        if attempt is not None:
+                            yield attempt
+                            # One list may have the stars with too many other spots for a lens.
+                            yield from (_in_list(attempt, other) for other in used
+                                        if other is not one.centroids)
+
+    def _candidates(self, lists: Sequence[Centroids], table: int, first: int, last: int
+                    ) -> dict[tuple[int, float], list[_Candidates]]:
+        """Return the candidates of the quads of a table by field and pixel ratio."""
+        found: dict[tuple[int, float], list[_Candidates]] = {}
+        for lens, centroids in product(_lenses(self._shape, table), lists):
+            camera = _camera(self._shape, np.tan(np.radians(lens.fov_deg) / 2), lens.pixel_ratio)
+            _, direction, _ = self._stars(camera, centroids)
+            if len(direction) <= first:
                 continue
-            identifier = self._identifier(int(field), step, nominal)
-            identifier.prepare()
-            for centroids in islice(lists, _LISTS):
-                start_s = time.thread_time()
-                found = identifier.identify_within(centroids, time_s)
-                left_s -= time.thread_time() - start_s
-                yield Attempt(found, identifier, centroids, nominal)
-                if left_s < 0:
-                    return
+            catalog, quads = self._table(table)
+            base, row, ratio = matching_quads(
+                quads.table, direction, first, last, lens.tolerance, lens.low, lens.high,
+                _MOST_CANDIDATES)
+            number = catalog.hip[quads.table.star[row]]
+            tangent = np.tan(np.radians(np.minimum(lens.fov_deg * ratio, 170.0)) / 2)
+            field = np.abs(np.log(tangent[:, None] / _TANGENTS)).argmin(1)
+            for chosen in np.unique(field):
+                mine = field == chosen
+                found.setdefault((int(chosen), lens.pixel_ratio), []).append(
+                    _Candidates(centroids, base[mine], number[mine]))
+        return found
 
-    def _identifier(self, field: int, step: Step, nominal: Camera) -> _BlindPyramid:
-        key = field, step
-        if key not in self._identifiers:
-            camera = replace(nominal, fy=nominal.fy * step.pixel_ratio)
-            options = replace(self._options, sigma_floor_px=step.sigma_floor_px)
-            self._identifiers[key] = self._database(field).with_camera(camera, options)
-        return self._identifiers[key]
+    def _verified(self, field: _Field, candidates: _Candidates, tested: int) -> Attempt | None:
+        """Return the best of candidates, None if it is not accepted."""
+        centroids = candidates.centroids
+        star = field.onboard.index_of(candidates.number)
+        known = (star >= 0).all(1)
+        base, star = candidates.base[known], star[known]
+        index, direction, sigma_rad = self._stars(field.camera, centroids)
+        best, verification = best_of_quads(
+            field.verifier.data, direction, sigma_rad, base, star, tested)
+        if best < 0 or verification.false_alarm > self._false_alarm_max:
+            return None
+        match = field.verifier.verify(direction, sigma_rad, base[best], star[best], tested)
+        hip, magnitude, residual_px = per_centroid(
+            len(centroids), index, match.star, match.residual_px, field.onboard.hip,
+            field.onboard.magnitude)
+        return Attempt(
+            Identification('identified', f'{match.matched} stars', hip, magnitude, residual_px,
+                           match.attitude, match.focal_ratio, match.false_alarm),
+            field.camera, field.onboard.after(self._years), centroids,
+            replace(field.camera, fy=field.camera.fx))
 
-    def _database(self, field: int) -> _BlindPyramid:
-        widest = min(field // _FIELDS_PER_DATABASE * _FIELDS_PER_DATABASE
-                     + _FIELDS_PER_DATABASE, len(_TANGENTS)) - 1
-        if widest not in self._databases:
+    def _stars(self, camera: Camera, centroids: Centroids
+               ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return usable_stars(camera.lens, centroids.uv, np.argsort(-centroids.flux),
+                            centroids.sigma_px, self._options.max_image_stars, _FLOOR_PX)
+
+    def _table(self, number: int) -> tuple[StarCatalog, SkyQuads]:
+        if number not in self._tables:
+            least, most, density, deep = _TABLES[number]
+            catalog = self._deep() if deep else load_catalog()
+            self._tables[number] = catalog, sky_quads(
+                catalog, REFERENCE_YEAR, least, most, density)
+        prepare(self._tables[number][1].stored)
+        return self._tables[number]
+
+    def _field(self, field: int, pixel_ratio: float) -> _Field:
+        key = field, pixel_ratio
+        if key not in self._fields:
+            camera = _camera(self._shape, _TANGENTS[field], pixel_ratio)
+            onboard = self._onboard(field)
+            self._fields[key] = _Field(camera, onboard, Verifier(
+                camera, onboard, self._options.tolerance_sigmas, _SCALE_ERROR,
+                lens_known=False))
+        return self._fields[key]
+
+    def _onboard(self, field: int) -> OnboardCatalog:
+        widest = min(field // _FIELDS_PER_CATALOGUE * _FIELDS_PER_CATALOGUE
+                     + _FIELDS_PER_CATALOGUE, len(_TANGENTS)) - 1
+        if widest not in self._catalogues:
             camera = _camera((_HEIGHT, _WIDTH), _TANGENTS[widest])
-            self._databases[widest] = _BlindPyramid(
-                camera, self._epoch_year, self._options, camera_catalog(camera, self._deep))
-        return self._databases[widest]
+            catalog = camera_catalog(camera, self._deep)
+            limit = limit_for(camera, catalog, _STARS_PER_FIELD)
+            neighbours = catalog.brighter_than(limit + CROWD_MAGNITUDES)
+            vars(neighbours).update(digest=digest(catalog.digest, len(neighbours)))
+            self._catalogues[widest] = cached_onboard(neighbours, camera, REFERENCE_YEAR, limit)
+        return self._catalogues[widest]
 
 
-def _camera(shape: tuple[int, int], tangent: float) -> Camera:
+@compiled
+def best_of_quads(verifier: VerifierData, image: np.ndarray, sigma: np.ndarray, base: np.ndarray,
+                  star: np.ndarray, tested: int) -> tuple[int, Verification]:
+    """
+    Return the row of the most probable candidate, -1 for none, and its verification.
+
+    Stars base (K, 4) of image (N, 3) are taken for the catalogue stars star (K, 4).
+    """
+    seen = plane_points(verifier.equidistant, image)
+    best, row = rejected(len(image)), -1
+    four, stars = np.empty(4, np.int64), np.empty(4, np.int64)
+    for k in range(len(base)):
+        for m in range(4):
+            four[m], stars[m] = base[k, m], star[k, m]
+        seen_by = supporters(verifier.sky, image, sigma, four[:3], verifier.tolerance_sigmas)
+        if support(verifier.sky, seen_by, stars[0], stars[1], stars[2],
+                   _LEAST_SUPPORT) <= _LEAST_SUPPORT:
+            continue
+        verification = verify(verifier, seen, sigma, four, stars, tested)
+        if verification.false_alarm < best.false_alarm:
+            best, row = verification, k
+    return row, best
+
+
+def _in_list(attempt: Attempt, centroids: Centroids) -> Attempt:
+    """Return an identification with the stars of another list of the same image."""
+    found = attempt.identification
+    known = np.flatnonzero(found.hip)
+    apart = np.linalg.norm(centroids.uv[:, None] - attempt.centroids.uv[known], axis=2)
+    there = np.flatnonzero(apart.min(0, initial=np.inf) < _SAME_PX)
+    here = apart[:, there].argmin(0) if len(there) else there
+    hip = np.zeros(len(centroids), np.int32)
+    magnitude, residual_px = np.full((2, len(centroids)), np.nan)
+    hip[here], magnitude[here], residual_px[here] = (
+        column[known[there]] for column in (found.hip, found.magnitude, found.residual_px))
+    return attempt._replace(centroids=centroids, identification=replace(
+        found, hip=hip, magnitude=magnitude, residual_px=residual_px))
+
+
+def _lenses(shape: tuple[int, int], table: int) -> tuple[_Lens, ...]:
+    """Return the lenses that are assumed of an image of shape (H, W) with a table."""
+    height, width = shape
+    narrow = (_PLANE, *(_PLANE._replace(pixel_ratio=ratio, tolerance=_RATIO_TOLERANCE)
+                        for ratio in (chip_ratio(width, height) or 0.5, 2.0)))
+    return tuple(lens for lens in narrow + (_WIDE if table == 0 else ())
+                 if lens.low * lens.fov_deg < COARSEST_PIXEL_DEG * max(shape))
+
+
+def _camera(shape: tuple[int, int], tangent: float, pixel_ratio: float = 1.0) -> Camera:
     """Return the ideal camera whose long side has the tangent of half its field."""
     height, width = shape
     focal = max(shape) / 2 / float(tangent)
-    return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+    return Camera(width, height, focal, focal * pixel_ratio, (width - 1) / 2, (height - 1) / 2)

@@ -13,7 +13,7 @@ from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.identify.pairs import build_pairs, MOST_PAIRS, PairDatabase
 from startracker_ros.core.stored_arrays import digest, stored_arrays
 
-_COLUMNS = 'hip', 'direction', 'magnitude', 'crowded', 'blended', 'variation_mag'
+_COLUMNS = 'hip', 'direction', 'magnitude', 'crowded', 'blended', 'variation_mag', 'motion'
 _PAIRS = tuple(field.name for field in fields(PairDatabase) if field.name != 'stored')
 
 

@@ -128,7 +128,7 @@ class Identifier(ABC):
         catalog = camera_catalog(camera) if catalog is None else catalog
         self.camera = camera
         self.options = options
-        self.magnitude_limit = options.magnitude_limit or _limit_for(
+        self.magnitude_limit = options.magnitude_limit or limit_for(
             camera, catalog, self.stars_per_field)
         self.scale_error = options.fov_error_percent / 100
         # Proper motion of a year is far below the tolerances: one database for the whole year.
@@ -298,7 +298,7 @@ def _share_of_sky(camera: Camera) -> float:
     return camera.fov_x_rad * camera.fov_y_rad / (4 * np.pi)
 
 
-def _limit_for(camera: Camera, catalog: StarCatalog, stars_per_field: float) -> float:
+def limit_for(camera: Camera, catalog: StarCatalog, stars_per_field: float) -> float:
     """Return the magnitude limit at which a field holds stars_per_field stars on average."""
     wanted = min(int(stars_per_field / _share_of_sky(camera)), len(catalog) - 1)
     # Rounded up, so that cameras that are nearly alike share a database.

@@ -19,10 +19,20 @@ import time
 from typing import NamedTuple
 
 from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.photograph import LISTS
 from startracker_ros.core.identify.identification import Identification, IdentificationOptions
 from startracker_ros.core.identify.pyramid import BrightLevel, PyramidIdentifier
+
+
+REFERENCE_YEAR = 2015.0
+"""
+Epoch of the databases of uncalibrated cameras, one set for all images.
+
+Proper motion since then is far below the tolerances of a search; the lens is fitted to stars
+that have moved.
+"""
 
 
 class Step(NamedTuple):
@@ -71,10 +81,11 @@ class UncalibratedPyramid(PyramidIdentifier):
 
 
 class Attempt(NamedTuple):
-    """A result, the identifier that has its lens and catalogue, centroids and nominal camera."""
+    """A result, its lens, catalogue of the epoch and centroids, and the nominal camera."""
 
     identification: Identification
-    identifier: PyramidIdentifier
+    camera: Camera
+    onboard: OnboardCatalog
     centroids: Centroids
     nominal: Camera
 
@@ -86,7 +97,8 @@ class LadderIdentifier:
                  options: IdentificationOptions = IdentificationOptions()) -> None:
         """Databases are built when the first step of their depth is reached."""
         self.camera = camera
-        self._epoch_year = epoch_year
+        self._years = epoch_year - REFERENCE_YEAR
+        self._moved: dict[float, OnboardCatalog] = {}
         self._options = replace(options, false_alarm_max=options.false_alarm_max / ATTEMPTS)
         self._steps: dict[Step, PyramidIdentifier] = {}
         self._databases: dict[float, PyramidIdentifier] = {}
@@ -141,7 +153,11 @@ class LadderIdentifier:
         identifier.prepare()
         start_s = time.thread_time()
         found = identifier.identify_within(centroids, time_s)
-        return Attempt(found, identifier, centroids, self.camera), time.thread_time() - start_s
+        spent_s = time.thread_time() - start_s
+        onboard = identifier.onboard
+        if found.attitude is not None:
+            onboard = self._moved.setdefault(step.deeper_mag, onboard.after(self._years))
+        return Attempt(found, identifier.camera, onboard, centroids, self.camera), spent_s
 
     def _identifier(self, step: Step) -> PyramidIdentifier | None:
         """Return the identifier of a step, None for a lens that folds the image."""
@@ -163,7 +179,7 @@ class LadderIdentifier:
                 limit = self.magnitude_limit + deeper_mag
                 options = replace(options, magnitude_limit=min(limit, 9.0))
             self._databases[deeper_mag] = UncalibratedPyramid(
-                self.camera, self._epoch_year, options)
+                self.camera, REFERENCE_YEAR, options)
         return self._databases[deeper_mag]
 
     def _camera(self, step: Step) -> Camera | None:

@@ -124,9 +124,9 @@ def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], likely_deg: 
     height, width = shape
     return _Search(
         Camera.from_fov(width, height, likely_deg),
-        lambda lists: identifier.identify(lists, shape, likely_deg),
-        lambda lists: identifier.identify_mirrored(lists, shape, likely_deg),
-        blind.FOV_ERROR, blind.ATTEMPTS, '1 to 120 deg')
+        lambda lists: identifier.identify(lists, shape),
+        lambda lists: identifier.identify_mirrored(lists, shape),
+        blind.LENS_ERROR, blind.ATTEMPTS, '1 to 120 deg')
 
 
 def _known_field(epoch_year: float, options: IdentificationOptions, camera: Camera) -> _Search:
@@ -158,7 +158,7 @@ def _without_bodies(attempt: Attempt, lens: LearntLens, bodies: Bodies, fov_erro
                     ) -> tuple[Attempt, LearntLens, tuple[BodyInImage, ...]]:
     """Return the lens fitted without the spots of bodies, which may be near a catalogue star."""
     matched = lens.star >= 0
-    magnitude = np.where(matched, attempt.identifier.onboard.magnitude[lens.star], np.nan)
+    magnitude = np.where(matched, attempt.onboard.magnitude[lens.star], np.nan)
     mapping = SkyMapping(lens.camera, lens.axis_quaternion)
     seen, spots = bodies.in_image(mapping), bodies.spots(mapping, attempt.centroids, magnitude)
     if (spots & matched).any():
@@ -174,7 +174,7 @@ def _without_bodies(attempt: Attempt, lens: LearntLens, bodies: Bodies, fov_erro
 def _identification(attempt: Attempt, lens: LearntLens, attempts: int,
                     observer: Observer) -> Identification:
     """Return the stars of the fitted lens."""
-    onboard, known = attempt.identifier.onboard, lens.star >= 0
+    onboard, known = attempt.onboard, lens.star >= 0
     hip = np.where(known, onboard.hip[lens.star], 0).astype(np.int32)
     magnitude = np.where(known, onboard.magnitude[lens.star], np.nan)
     false_alarm = attempt.identification.false_alarm_probability * attempts

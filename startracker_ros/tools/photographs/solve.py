@@ -41,7 +41,7 @@ DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_pro
 # What a person knows of the field of view of a photograph, and of a calibrated camera.
 UNCALIBRATED_PERCENT, CALIBRATED_PERCENT = 5.0, 0.5
 # Nobody flies by a photograph: on a busy machine it may take as long as its search needs.
-PHOTOGRAPH_LIMIT_S = 3.0
+PHOTOGRAPH_LIMIT_S = 1.0
 
 
 def solve_image(image: np.ndarray, extractor: CentroidExtractor, identifier: Identifier,

@@ -3,6 +3,7 @@
 
 """Databases are shared, bounded in memory, and gone with their owner."""
 
+from dataclasses import replace
 import errno
 import gc
 from pathlib import Path
@@ -14,9 +15,9 @@ from skies import SMALL_CAMERA as CAMERA
 from startracker_ros.core import stored_arrays
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.folders import cache_folder
-from startracker_ros.core.identify.blind import BlindIdentifier
 from startracker_ros.core.identify.identification import IdentificationOptions, METHODS
 from startracker_ros.core.identify.methods import make_identifier
+from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.stages.identification import IdentificationStage
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.tracking import make_track_filter
@@ -181,8 +182,7 @@ def test_databases_die_with_a_call_of_solve(no_garbage_collection):
 
 
 def test_searches_of_one_database_share_its_catalogue():
-    blind = BlindIdentifier(2020.0)
-    database = blind._database(30)
-    other = database.with_camera(CAMERA, database.options)
+    database = PyramidIdentifier(CAMERA, 2020.0, BRIGHT)
+    other = database.with_camera(replace(CAMERA, fy=0.9 * CAMERA.fy), BRIGHT)
     assert other.verifier.data.sky.start is database.verifier.data.sky.start
     assert other.verifier.data.sky.direction is database.onboard.direction

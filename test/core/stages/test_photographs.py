@@ -257,8 +257,7 @@ def test_a_lens_that_folds_its_image_at_the_found_focal_length_is_rejected(sky_d
     wide = Camera(1024, 768, 1500, 1500, 511.5, 383.5, (-0.35, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(CameraError, match='folds'):
         wide.with_focal_ratio(0.5)
-    identifier = attempt.identifier.with_camera(wide, attempt.identifier.options)
     lens = learn_lens(attempt._replace(
-        identifier=identifier,
+        camera=wide,
         identification=replace(attempt.identification, focal_ratio=0.5)), 0.05)
     assert 'folds' in lens.rejected

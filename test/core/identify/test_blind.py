@@ -1,0 +1,104 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Fields of view that nobody knows are found by quads, and noise has none."""
+
+import numpy as np
+import pytest
+from startracker_ros.core.calibration.learnt_lens import learn_lens
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.deep import camera_catalog
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.folders import cache_folder
+from startracker_ros.core.identify.blind import BlindIdentifier, LENS_ERROR
+from startracker_ros.core.maths.rotation import (
+    attitude_error, matrix_from_quaternion, random_attitude)
+
+WIDTH, HEIGHT, EPOCH_YEAR = 1392, 1040, 2030.0
+SHAPE = HEIGHT, WIDTH
+NOISE_PX = 0.3
+
+
+def centroids(uv, flux):
+    order = np.argsort(-flux)
+    count = len(uv)
+    return Centroids(uv[order], flux[order], np.full(count, 50.0), np.full(count, NOISE_PX))
+
+
+def frame(rng, fov_deg, stars, spots):
+    """Return the brightest stars of a random field among false spots, and the attitude."""
+    camera, q = Camera.from_fov(WIDTH, HEIGHT, fov_deg), random_attitude(rng)
+    catalog = camera_catalog(camera)
+    direction, matrix = catalog.directions(EPOCH_YEAR), matrix_from_quaternion(q)
+    seen = np.flatnonzero(direction @ matrix[:, 2] > np.cos(camera.corner_angle_rad))
+    uv = camera.project(direction[seen] @ matrix)
+    seen, uv = seen[camera.contains(uv)][:stars], uv[camera.contains(uv)][:stars]
+    magnitude = catalog.magnitude[seen] + rng.normal(0, 0.3, len(seen))
+    uv = np.vstack([uv + rng.normal(0, NOISE_PX, uv.shape),
+                    rng.uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (spots, 2))])
+    flux = 10 ** (-0.4 * magnitude)
+    return centroids(uv, np.concatenate([flux, rng.choice(flux, spots)])), q
+
+
+@pytest.fixture(scope='module')
+def identifier():
+    return BlindIdentifier(EPOCH_YEAR)
+
+
+@pytest.mark.parametrize('fov_deg', [6.0, 9.0, 14.0, 22.0, 35.0, 60.0, 100.0])
+def test_a_field_of_any_width_is_found(identifier, fov_deg):
+    rng, solved = np.random.default_rng(int(fov_deg)), 0
+    for _ in range(5):
+        stars, q = frame(rng, fov_deg, 15, 15)
+        for attempt in identifier.identify([stars], SHAPE):
+            lens = learn_lens(attempt, LENS_ERROR)
+            if not lens.rejected:
+                off_rad = np.linalg.norm(attitude_error(lens.attitude.quaternion, q))
+                assert off_rad < 0.01 * np.radians(fov_deg)
+                assert np.degrees(lens.camera.fov_x_rad) == pytest.approx(fov_deg, rel=0.02)
+                solved += 1
+                break
+    # Of a hundred simulated fields of each width at least 90 are found.
+    assert solved >= 3
+
+
+@pytest.mark.parametrize('spots', [4, 12, 60])
+@pytest.mark.parametrize('seed', range(3))
+def test_random_spots_are_no_field(identifier, spots, seed):
+    rng = np.random.default_rng(seed)
+    noise = centroids(rng.uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (spots, 2)),
+                      10 ** rng.uniform(2, 4, spots))
+    assert not [*identifier.identify([noise], SHAPE)]
+
+
+def test_a_mirrored_field_is_found_only_mirrored(identifier):
+    stars, _ = frame(np.random.default_rng(3), 14.0, 20, 0)
+    flipped = centroids([WIDTH - 1, 0] + stars.uv * [-1, 1], stars.flux)
+    assert not [*identifier.identify([flipped], SHAPE)]
+    assert next(identifier.identify_mirrored([stars], SHAPE), None) is not None
+
+
+def test_a_list_without_stars_takes_those_of_another(identifier):
+    """Each identification is of the stars of all lists, the first being too poor for a quad."""
+    stars, _ = frame(np.random.default_rng(3), 14.0, 20, 0)
+    few = stars.select(np.arange(len(stars)) < 3)
+    first, second = list(identifier.identify([few, stars], SHAPE))[:2]
+    assert first.centroids is stars and second.centroids is few
+    np.testing.assert_array_equal(second.identification.hip, first.identification.hip[:3])
+    assert second.identification.hip.any()
+
+
+def test_all_epochs_share_one_set_of_databases(identifier):
+    stars, _ = frame(np.random.default_rng(3), 14.0, 20, 0)
+    assert next(identifier.identify([stars], SHAPE), None) is not None
+    files = {file.name for file in cache_folder().iterdir()}
+    later = next(BlindIdentifier(1995.0).identify([stars], SHAPE))
+    assert {file.name for file in cache_folder().iterdir()} == files
+    # 61 Cygni moves by 5.3 arcsec a year.
+    catalog = camera_catalog(Camera.from_fov(WIDTH, HEIGHT, 14.0))
+    row, = np.flatnonzero(catalog.hip == 104214)
+    star, = later.onboard.index_of(np.array([104214]))
+    # Its companion is the same entry: their photocentre is within half of their separation.
+    off_rad = np.linalg.norm(later.onboard.direction[star] - catalog.directions(1995.0)[row])
+    moved_rad = np.linalg.norm(catalog.directions(2015.0)[row] - catalog.directions(1995.0)[row])
+    assert off_rad < 0.25 * moved_rad
