@@ -75,6 +75,7 @@ def test_replay_and_reprocessing_agree(nodes, probe, reprocessed):
                        'protection_level'][stamp_ns].vector) for stamp_ns in last)))
     # Some stars differ; where one of them doubts the motion of a frame its bound is far wider.
     np.testing.assert_allclose(np.median(ours / other, axis=0), 1, atol=0.2)
+    apart = []
     for stamp_ns in last:
         ours, other = replayed[stamp_ns], reprocessed['tracker_state'][stamp_ns]
         assert (ours.name, ours.level, ours.message) == (other.name, other.level, 'TRACKING')
@@ -89,4 +90,6 @@ def test_replay_and_reprocessing_agree(nodes, probe, reprocessed):
         ours, other = (tracked_attitude_from_imu(messages[stamp_ns]).attitude
                        for messages in (imu, reprocessed['attitude_imu']))
         error = attitude_error(ours.quaternion, other.quaternion)
-        assert error @ np.linalg.solve(ours.covariance_sensor, error) < 1
+        apart.append(error @ np.linalg.solve(ours.covariance_sensor, error))
+    # Of 30 stars one more at a gate of 5 sigma moves the attitude by 25 x 3 / 30.
+    assert np.median(apart) < 0.2 and max(apart) < 2.5

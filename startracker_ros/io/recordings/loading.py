@@ -208,7 +208,8 @@ class _Reader:
         bound = np.array([decoded.vector.x, decoded.vector.y, decoded.vector.z])
         if not (bound > 0).all():
             raise MessageError(f'protection level {bound.tolist()} is no bound')
-        self._protection[self._stamp_ns(decoded, message)] = bound
+        # A turn by more does not exist.
+        self._protection[self._stamp_ns(decoded, message)] = np.where(bound < np.pi, bound, np.inf)
 
     def _note_attitude(self, stamp_ns: int, quaternion: np.ndarray, message: BagMessage) -> None:
         """Keep an attitude; the topic `attitude` has the last word where several tell one."""

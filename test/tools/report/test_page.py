@@ -95,9 +95,9 @@ def test_page_renders_without_an_error(page: Page, report: Path, width: int, hei
     assert (sum(map(int, re.findall(r'\d+', background))) < 150) == dark
     for name in SECTIONS:
         assert page.count(f'#section-{name} .missing') == 0, page.text(f'#section-{name}')
-    assert page.count('#error-x path.band') == page.count('#error-z path.dots') == 1
-    # The keys of a band and of the dots in it differ.
-    assert page.count('#error-x .swatch.band') == page.count('#error-x .swatch.dots') == 1
+    # The protection level and 3 sigma; the keys of bands and of the dots in them differ.
+    assert page.count('#error-x path.band') == page.count('#error-x .swatch.band') == 2
+    assert page.count('#error-z path.dots') == page.count('#error-x .swatch.dots') == 1
     assert page.count('#states rect.state') == 6
     assert page.count('.mark-name') > 10
     assert page.evaluate("""[...document.querySelectorAll('.mark-name')].every((name) => {
