@@ -138,7 +138,7 @@ class Verifier:
         candidates so far.
         """
         seen = plane_points(self.data.equidistant, image)
-        result = verify(self.data, seen, sigma_rad, np.asarray(base), np.asarray(star, int),
+        result = verify(self.data, seen, sigma_rad, np.asarray(base, int), np.asarray(star, int),
                         tested)
         attitude = None
         if result.false_alarm < 1:
