@@ -44,6 +44,8 @@ LENS_ERROR = 0.12
 
 _LOWEST_DEG, _HIGHEST_DEG = 1.0, 120.0
 LIKELY_DEG = 25.0
+"""That of the camera that stands for a photograph of which nothing is known."""
+
 _LISTS = 2
 _STEP = 1.1
 _FIELDS_PER_CATALOGUE = 2

@@ -24,6 +24,11 @@ class BagFiles:
     message_compression: str = ''
 
 
+def is_bag_folder(folder: Path) -> bool:
+    """Return whether a folder is a bag, one that was not closed included."""
+    return (folder / 'metadata.yaml').is_file() or any(folder.glob('*.mcap*'))
+
+
 def find_files(bag: Path, report: Callable[[str], None] | None) -> BagFiles:
     """
     Return the files of a bag folder, or the file itself; BagError if they cannot be read.

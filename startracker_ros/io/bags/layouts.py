@@ -88,6 +88,14 @@ def camera_from_message(message: Any) -> Camera:
     return _camera(message.width, message.height, fx, fy, cx, cy, distortion, model)
 
 
+def protection_from_message(message: Any) -> np.ndarray:
+    """Return the bound (3,) of a `protection_level`; MessageError where it is none."""
+    bound = np.array([message.vector.x, message.vector.y, message.vector.z])
+    if not (bound > 0).all():
+        raise MessageError(f'protection level {bound.tolist()} is no bound')
+    return bound
+
+
 def read_cloud(message: Any, wanted: np.dtype) -> np.ndarray:
     """Return the rows (N,) of a cloud in the wanted layout; MessageError names the field."""
     count = message.width * message.height

@@ -12,7 +12,8 @@ from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.maths.rotation import matrix_from_quaternion
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.layouts import (
-    camera_from_message, CENTROID_DTYPE, MessageError, read_cloud, STAR_DTYPE, TRACK_DTYPE)
+    camera_from_message, CENTROID_DTYPE, MessageError, protection_from_message, read_cloud,
+    STAR_DTYPE, TRACK_DTYPE)
 from startracker_ros.io.bags.reader import BagMessage, BagTopic, read_messages, read_topics
 from startracker_ros.io.recordings.recording import (
     Clouds, DiagnosticRecord, full_name, Recording, TopicTimes)
@@ -205,9 +206,7 @@ class _Reader:
                 self._rate[stamp_ns] = np.array([rate.x, rate.y, rate.z])
 
     def _on_protection(self, decoded: Any, message: BagMessage) -> None:
-        bound = np.array([decoded.vector.x, decoded.vector.y, decoded.vector.z])
-        if not (bound > 0).all():
-            raise MessageError(f'protection level {bound.tolist()} is no bound')
+        bound = protection_from_message(decoded)
         # A turn by more does not exist.
         self._protection[self._stamp_ns(decoded, message)] = np.where(bound < np.pi, bound, np.inf)
 

@@ -129,10 +129,14 @@ class Recording:
         variance = np.diagonal(self.covariance_sensor, axis1=1, axis2=2)
         return np.sqrt(np.where(variance >= 0, variance, np.nan)) / ARCSEC
 
+    def protection_arcsec(self, stamps_ns: np.ndarray) -> np.ndarray:
+        """Return the protection level (M, 3) of attitudes at stamps (M,)."""
+        return self.protection_rad[np.searchsorted(self.attitude_ns, stamps_ns)] / ARCSEC
+
     def beyond_protection(self) -> tuple[int, int]:
         """Return how many frames of known error have a protection level, and exceed it."""
         stamps, error, _ = self.errors()
-        bound = self.protection_rad[np.searchsorted(self.attitude_ns, stamps)] / ARCSEC
+        bound = self.protection_arcsec(stamps)
         return (int(np.count_nonzero(~np.isnan(bound).any(axis=1))),
                 int(np.count_nonzero((np.abs(error) > bound).any(axis=1))))
 
@@ -195,4 +199,5 @@ def gaps_after(stamps: np.ndarray) -> np.ndarray:
 
 
 def full_name(namespace: str, topic: str) -> str:
+    """Return the full name of a topic of a star tracker."""
     return f'/{namespace}/{topic}' if namespace else f'/{topic}'

@@ -4,7 +4,6 @@
 """Messages of the nodes to the frame report of telemetry."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Vector3Stamped
 import numpy as np
 from sensor_msgs.msg import Imu, Temperature
 from startracker_ros.io.bags.layouts import MessageError, ns_from_stamp
@@ -26,14 +25,6 @@ def report_from_imu(message: Imu) -> FrameReport:
     if rate is not None and not np.isfinite(rate).all():
         raise MessageError(f'angular velocity {rate.tolist()} is not finite')
     return FrameReport(stamp_ns, tracked.attitude.quaternion, np.sqrt(variance), rate)
-
-
-def protection_from_message(message: Vector3Stamped) -> tuple[int, np.ndarray]:
-    """Return stamp and bound (3,) of `protection_level`; MessageError where it is none."""
-    bound = np.array([message.vector.x, message.vector.y, message.vector.z])
-    if not (bound > 0).all():
-        raise MessageError(f'protection level {bound.tolist()} is no bound')
-    return ns_from_stamp(message.header.stamp), bound
 
 
 def state_from_status(message: DiagnosticStatus) -> tuple[TrackerCode, int, float]:

@@ -13,14 +13,14 @@ import numpy as np
 from sensor_msgs.msg import Imu, Temperature
 from startracker_ros.core.astro.epoch import RESTART_NS
 from startracker_ros.core.extras import MissingLibraryError
+from startracker_ros.io.bags.layouts import ns_from_stamp, protection_from_message
 from startracker_ros.io.telemetry.encoder import Encoder, TelemetryOptions
 from startracker_ros.io.telemetry.link import Link, LinkError
 from startracker_ros.io.telemetry.report import FrameReport, TelemetryError
 from startracker_ros.ros import qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages.telemetry import (
-    background_from_diagnostics, protection_from_message, report_from_imu, state_from_status,
-    temperature_from_message)
+    background_from_diagnostics, report_from_imu, state_from_status, temperature_from_message)
 from startracker_ros.ros.node import main_of, PipelineNode, StartError
 
 _VALID_S = 3.0
@@ -79,7 +79,8 @@ class TelemetryBridgeNode(PipelineNode):
             self._set('background', background_dn=background_dn)
 
     def _on_protection(self, message: Vector3Stamped) -> None:
-        self._protection = protection_from_message(message)
+        self._protection = (ns_from_stamp(message.header.stamp),
+                            protection_from_message(message))
 
     def _on_attitude_imu(self, message: Imu) -> None:
         report = report_from_imu(message)

@@ -29,6 +29,7 @@ from startracker_ros.core.identify.icrf import icrf_identification
 from startracker_ros.core.identify.methods import make_identifier
 from startracker_ros.core.maths.rotation import attitude_error, conjugate, rotate
 from startracker_ros.core.star_tracker import StarTracker
+from startracker_ros.core.track.motion_models import image_jacobian
 from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.tools.night.earth_motion import EarthMotion, inliers
 from startracker_ros.tools.night.sources import NightError, TimedImage
@@ -192,19 +193,11 @@ def _stars_of(number: int, frame: Frame, q_alone: np.ndarray, q_fitted: np.ndarr
         np.full(len(near), number), near, onboard.magnitude[near], expected, seen,
         measured - fitted,
         np.hypot(np.where(seen, _of(frame.centroids.sigma_px, index), np.nan), _LENS_PX),
-        turn_jacobian(camera, sensor), fitted - unlifted)
+        image_jacobian(camera, sensor), fitted - unlifted)
 
 
 def _of(column: np.ndarray, index: np.ndarray) -> np.ndarray:
     return column[index] if len(column) else np.full((len(index), *column.shape[1:]), np.nan)
-
-
-def turn_jacobian(camera: Camera, sensor: np.ndarray) -> np.ndarray:
-    """Return how pixels (N, 2, 3) of sensor directions (N, 3) move by a turn of the sensor."""
-    step = 1e-6
-    uv = camera.project(sensor)
-    return np.stack([(camera.project(sensor - step * np.cross(axis, sensor)) - uv) / step
-                     for axis in np.eye(3)], axis=-1)
 
 
 def published_errors(frames: Sequence[Frame], motion: EarthMotion

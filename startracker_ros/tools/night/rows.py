@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC
+from startracker_ros.tools.figures.correctness import count_wrong, nees_of, WRONG_SIGMAS
 from startracker_ros.tools.night.detection import (
     BIN_MAG, limiting_magnitude, shares_by_magnitude)
 from startracker_ros.tools.night.earth_motion import EarthMotion
@@ -28,7 +29,6 @@ _JOINED_INTERVALS = 2.5
 """Of the usual time between frames: neighbours that are farther apart are not compared."""
 _LEAST_STARS = 3
 _LEAST_PUBLISHED = 20
-_WRONG_SIGMAS = 5.0
 _COARSE_JITTER_S, _COARSE_LINE_S = 10e-3, 100e-6
 """Drivers stamp to some ms, rolling shutters need 5 to 100 us a line: wider intervals say
 nothing."""
@@ -240,14 +240,14 @@ def _covariance_rows(night: Night) -> Iterator[NightRow]:
     nees, wrong = UNKNOWN, UNKNOWN
     if len(stamps) >= _LEAST_PUBLISHED:
         about = _without_line(night.motion.seconds(stamps), error)
-        square = np.einsum('fi,fij,fj->f', about, np.linalg.inv(covariance), about)
+        square = nees_of(about, covariance)
         # Two parameters of each axis were fitted.
         nees = chi_square_mean(square * len(square) / (len(square) - 2), 3)
         sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        beyond = np.any(np.abs(about) > _WRONG_SIGMAS * sigma, axis=1)
-        wrong = share(int(np.sum(beyond)), len(beyond))
+        wrong = share(count_wrong(about, sigma).wrong, len(about))
     yield row(section, 'normalised error squared of an axis', nees, '', method, 1.0)
-    yield row(section, 'attitudes beyond 5 sigma on an axis', wrong, '%', method, 0.0)
+    yield row(section, f'attitudes beyond {WRONG_SIGMAS:g} sigma on an axis', wrong, '%', method,
+              0.0)
 
 
 def _stamp_rows(night: Night) -> Iterator[NightRow]:

@@ -11,6 +11,7 @@ import numpy as np
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.bags.folder import is_bag_folder
 from startracker_ros.io.bags.layouts import (
     camera_from_message, image_from_message, MessageError, ns_from_stamp)
 from startracker_ros.io.bags.reader import read_messages, read_topics
@@ -36,7 +37,7 @@ class NightError(ValueError):
 def is_bag(path: Path) -> bool:
     """Return whether a path is a bag and no images."""
     if path.is_dir():
-        return (path / 'metadata.yaml').is_file() or any(path.glob('*.mcap*'))
+        return is_bag_folder(path)
     return path.suffix in ('.mcap', '.db3', '.zstd')
 
 

@@ -160,8 +160,7 @@ class Panels:
         if not len(stamps):
             stamps, sigma = self.recording.attitude_ns, self.recording.sigma_arcsec()
             error = np.empty((0, 3))
-        attitude_ns = self.recording.attitude_ns
-        bound = self.recording.protection_rad[np.searchsorted(attitude_ns, stamps)] / ARCSEC
+        bound = self.recording.protection_arcsec(stamps)
         panels = []
         for axis, name in enumerate(AXES):
             series = []

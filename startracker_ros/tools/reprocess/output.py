@@ -19,7 +19,7 @@ from startracker_ros.io.bags.cloud_rows import centroid_rows, star_rows, track_r
 from startracker_ros.io.bags.qos import QosProfile
 from startracker_ros.io.bags.tracker_state import NAME, tracker_state_values
 from startracker_ros.io.bags.writer import BagWriter
-from startracker_ros.tools.reprocess.plan import full_name
+from startracker_ros.io.recordings.recording import full_name
 
 INERTIAL = 'icrf'
 TOPICS = {

@@ -14,9 +14,10 @@ from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.options import option, Options
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.errors import BagError
-from startracker_ros.io.bags.folder import find_files
+from startracker_ros.io.bags.folder import find_files, is_bag_folder
 from startracker_ros.io.bags.layouts import camera_from_message, MessageError
 from startracker_ros.io.bags.reader import BagTopic, read_blocks_ns, read_messages, read_topics
+from startracker_ros.io.recordings.recording import full_name
 from startracker_ros.tools.reprocess.remote import fetch, is_url
 
 IMAGE = 'sensor_msgs/msg/Image'
@@ -132,7 +133,7 @@ def find_bags(named: Iterable[str], copies: Path = Path(COPIES)) -> list[Path]:
 
 def _bags_under(folder: Path) -> list[Path]:
     """Return the folder itself if it is a bag, or all bags below it."""
-    if (folder / 'metadata.yaml').is_file() or any(folder.glob('*.mcap*')):
+    if is_bag_folder(folder):
         return [folder]
     below = sorted(child for child in folder.iterdir()
                    if child.is_dir() and not child.name.startswith('.'))
@@ -178,11 +179,6 @@ def plan_bag(bag: Path, name: str, source: str, options: SegmentOptions) -> BagP
     except (BagError, OSError) as error:
         problem(str(error))
     return plan
-
-
-def full_name(namespace: str, topic: str) -> str:
-    """Return the full name of a topic of a star tracker."""
-    return f'/{namespace}/{topic}' if namespace else f'/{topic}'
 
 
 def _trackers(topics: Mapping[str, BagTopic], source: str) -> dict[str, str]:

@@ -25,10 +25,11 @@ from startracker_ros.io.bags.layouts import (
     read_cloud)
 from startracker_ros.io.bags.reader import BagMessage, read_messages
 from startracker_ros.io.bags.telemetry import state_from_odometry, unit_quaternion
+from startracker_ros.io.recordings.recording import full_name
 from startracker_ros.tools.reprocess.frame_fit import fit_frame, FrameFit, Stars
 from startracker_ros.tools.reprocess.leftovers import Leftovers
 from startracker_ros.tools.reprocess.output import INERTIAL, SegmentBag
-from startracker_ros.tools.reprocess.plan import full_name, IMAGE, Segment
+from startracker_ros.tools.reprocess.plan import IMAGE, Segment
 from startracker_ros.tools.reprocess.smoothing import Smoothing
 from startracker_ros.tools.reprocess.tables import SegmentTables
 from startracker_ros.tools.reprocess.widths import FittedStars, NO_STARS

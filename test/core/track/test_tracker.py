@@ -230,13 +230,18 @@ def test_few_stars_that_come_and_go_in_a_fast_turn_are_no_loss():
     assert losses == 0 and published > 0.9 * 4 * 98
 
 
+def after_twelve_frames(motion):
+    """Return a tracker, stamp and centroids of frame 13, the mask and hip of stars it follows."""
+    tracker = tracking(motion, 12, max_stars=12)
+    followed = tracker.update(*motion.frame(12)[:2]).hip
+    stamp_ns, centroids, hip = motion.frame(13)
+    return tracker, stamp_ns, centroids, np.isin(hip, followed), followed
+
+
 def test_other_stars_than_those_followed_are_used_where_they_are_as_predicted():
     motion = Motion(ONBOARD, (0.0, 4.0, 0.0))
     for shift_px, trusted in ((None, True), (60.0, False)):
-        tracker = tracking(motion, 12, max_stars=12)
-        followed = tracker.update(*motion.frame(12)[:2]).hip
-        stamp_ns, centroids, hip = motion.frame(13)
-        mine = np.isin(hip, followed)
+        tracker, stamp_ns, centroids, mine, followed = after_twelve_frames(motion)
         if shift_px is None:
             centroids = centroids.select(~mine)
         else:
@@ -254,10 +259,7 @@ def test_other_stars_than_those_followed_are_used_where_they_are_as_predicted():
 def test_other_stars_are_not_used_where_those_followed_are_elsewhere_or_cannot_have_left():
     for rate_deg_s, away_px in ((0.5, None), (4.0, 5.0)):
         motion = Motion(ONBOARD, (0.0, rate_deg_s, 0.0))
-        tracker = tracking(motion, 12, max_stars=12)
-        followed = tracker.update(*motion.frame(12)[:2]).hip
-        stamp_ns, centroids, hip = motion.frame(13)
-        mine = np.isin(hip, followed)
+        tracker, stamp_ns, centroids, mine, _ = after_twelve_frames(motion)
         if away_px is None:
             centroids = centroids.select(~mine)
         else:
@@ -268,10 +270,8 @@ def test_other_stars_are_not_used_where_those_followed_are_elsewhere_or_cannot_h
 
 def test_a_start_by_its_own_prediction_does_not_count_against_a_hint():
     motion = Motion(ONBOARD, (0.0, 4.0, 0.0))
-    tracker = tracking(motion, 12, max_stars=12)
-    followed = tracker.update(*motion.frame(12)[:2]).hip
-    stamp_ns, centroids, hip = motion.frame(13)
-    tracker.update(stamp_ns, centroids.select(~np.isin(hip, followed)))
+    tracker, stamp_ns, centroids, mine, _ = after_twelve_frames(motion)
+    tracker.update(stamp_ns, centroids.select(~mine))
     assert 'where the tracks before had them' in tracker.reason
     tracker._enter(TrackerState.LOST, 'by hand')
     stamp_ns, centroids, hip = motion.frame(14)

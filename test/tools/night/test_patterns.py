@@ -7,7 +7,7 @@ from night_sky import CAMERA
 import numpy as np
 import pytest
 from scipy import stats
-from startracker_ros.tools.night.frames import turn_jacobian
+from startracker_ros.core.track.motion_models import image_jacobian
 from startracker_ros.tools.night.intervals import CONFIDENCE
 from startracker_ros.tools.night.patterns import (
     field_columns, field_degree, fit_pattern, PHASE_COLUMNS, phase_columns, single_coefficient)
@@ -25,7 +25,7 @@ def night(rng, shift=lambda uv: 0.0):
     uv = (begin + step * np.arange(FRAMES)[:, None, None]) % (CAMERA.width - 1)
     frame, star = np.indices((FRAMES, STARS)).reshape(2, -1)
     uv = uv.reshape(-1, 2)
-    jacobian = turn_jacobian(CAMERA, CAMERA.unproject(uv))
+    jacobian = image_jacobian(CAMERA, CAMERA.unproject(uv))
     turn = rng.normal(0, TURN_RAD, (FRAMES, 3))
     residual = (np.einsum('nki,ni->nk', jacobian, turn[frame]) + shift(uv)
                 + rng.normal(0, STAR_PX, (STARS, 2))[star] + rng.normal(0, NOISE_PX, uv.shape))
