@@ -1,24 +1,29 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The attitude on its topics."""
+"""The attitude on its topics, in ICRF and with respect to J2000, the Earth and the orbit."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from geometry_msgs.msg import (
     PoseWithCovarianceStamped, QuaternionStamped, TransformStamped, Vector3Stamped)
 import numpy as np
 from sensor_msgs.msg import Imu
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.astro.frames import gcrs_from_itrf, gcrs_from_j2000
+from startracker_ros.core.astro.orbit import orbit_frame
+from startracker_ros.core.astro.state import State
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.attitude.validation import TrustedAttitude
-from startracker_ros.core.maths.rotation import ARCSEC
+from startracker_ros.core.maths.rotation import (
+    ARCSEC, conjugate, multiply, quaternion_from_matrix, sign_continuous)
 from startracker_ros.core.options import option, Options
 from startracker_ros.core.track.tracks import TrackedAttitude
 from startracker_ros.ros import qos
 from startracker_ros.ros.body_output import BodyOutput
 from startracker_ros.ros.diagnostics import OK, WARN
-from startracker_ros.ros.frames import FrameOptions
-from startracker_ros.ros.frames_output import FramesOutput
+from startracker_ros.ros.frames import ExtraFrameOptions, FrameOptions
 from startracker_ros.ros.messages.attitude import (
     attitude_to_imu, attitude_to_pose, quaternion_to_message, rotation_to_transform,
     tracked_attitude_to_imu)
@@ -99,3 +104,37 @@ def _describe(attitude: AttitudeEstimate, protection_rad: np.ndarray) -> dict[st
             'cross_boresight_sigma_arcsec': f'{np.hypot(*sigma[:2]) / np.sqrt(2):.2f}',
             'roll_sigma_arcsec': f'{sigma[2]:.2f}',
             'protection_level_arcsec': ' '.join(f'{x:.2f}' for x in protection_rad / ARCSEC)}
+
+
+class FramesOutput:
+    """Publishes attitude_j2000, attitude_itrf and attitude_orbit where publish_frames is set."""
+
+    def __init__(self, node: PipelineNode) -> None:
+        self._node = node
+        self._publishers: dict[str, Any] = {}
+        self._previous: dict[str, np.ndarray] = {}
+        if node.options(ExtraFrameOptions).publish_frames:
+            self._advertise()
+
+    def _advertise(self) -> None:
+        self._publishers = {
+            frame: self._node.advertise(QuaternionStamped, f'attitude_{frame}', qos.LIST)
+            for frame in ('j2000', 'itrf', 'orbit')}
+
+    def publish(self, stamp_ns: int, q_icrf_from_sensor: np.ndarray, state: State | None) -> None:
+        """Publish an attitude (4,); state is the odometry of its stamp, None without."""
+        options = self._node.options(ExtraFrameOptions)
+        if not options.publish_frames:
+            return
+        if not self._publishers:
+            # The parameter is live.
+            self._advertise()
+        frames = {'j2000': gcrs_from_j2000(),
+                  'itrf': gcrs_from_itrf(epoch_year_from_stamp(stamp_ns), options.ut1_utc_s)}
+        if state is not None:
+            frames['orbit'] = orbit_frame(state.position_m, state.velocity_m_s)
+        for frame, icrf_from_frame in frames.items():
+            q = multiply(conjugate(quaternion_from_matrix(icrf_from_frame)), q_icrf_from_sensor)
+            self._previous[frame] = sign_continuous(q, self._previous.get(frame))
+            self._publishers[frame].publish(quaternion_to_message(
+                self._previous[frame], make_header(stamp_ns, frame)))

@@ -3,7 +3,9 @@
 
 """What the nodes behind a camera share: camera_info, order of the frames, gyro rates."""
 
+from collections import Counter, deque
 from collections.abc import Callable
+from threading import Lock, Thread
 import time
 from typing import Any
 
@@ -16,7 +18,6 @@ from startracker_ros.io.bags.layouts import camera_from_message, MessageError, n
 from startracker_ros.io.bags.telemetry import rate_from_imu
 from startracker_ros.ros import qos
 from startracker_ros.ros.cadence import Cadence
-from startracker_ros.ros.camera_setup import CameraSetup, is_building, WaitingMessages
 from startracker_ros.ros.diagnostics import WARN
 from startracker_ros.ros.memory import return_free_memory
 from startracker_ros.ros.node import PipelineNode
@@ -29,6 +30,78 @@ _DROPPED = 'dropped without camera_info'
 _LINK_PERIOD_S = 0.02
 LINK_LIMIT_S = 10.0
 """Time to find the stage before: on a busy machine discovery takes seconds, or it does not run."""
+
+# One after the other: the nodes of a process share catalogues, which are built once then.
+_BUILDING = Lock()
+
+
+def is_building() -> bool:
+    """Return whether a thread of this process builds something for a camera."""
+    return _BUILDING.locked()
+
+
+class CameraSetup:
+    """Calls build() in a thread; it must not use anything that the node changes meanwhile."""
+
+    def __init__(self, camera: Camera, epoch_year: float, build: Callable[[], Any]) -> None:
+        self.camera = camera
+        self.epoch_year = epoch_year
+        self._build = build
+        self._built: Any = None
+        self._error: BaseException | None = None
+        self._thread = Thread(target=self._run, name='camera set-up', daemon=True)
+        self._thread.start()
+
+    @property
+    def is_done(self) -> bool:
+        """Whether build() has ended."""
+        return not self._thread.is_alive()
+
+    def built(self) -> Any:
+        """Return what build() has returned, or raise what it has raised."""
+        if self._error is not None:
+            raise self._error
+        return self._built
+
+    def _run(self) -> None:
+        with _BUILDING:
+            try:
+                self._built = self._build()
+            except BaseException as error:
+                self._error = error
+
+
+class WaitingMessages:
+    """Messages in the order of their arrival, of each topic a bounded number of the newest."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[str, Callable[[], None]]] = deque()
+        self._counts: Counter[str] = Counter()
+
+    def add(self, topic: str, process: Callable[[], None], depth: int) -> bool:
+        """Keep the processing of a message; return whether the oldest was dropped for it."""
+        self._waiting.append((topic, process))
+        self._counts[topic] += 1
+        if self._counts[topic] <= depth:
+            return False
+        del self._waiting[next(index for index, entry in enumerate(self._waiting)
+                               if entry[0] == topic)]
+        self._counts[topic] -= 1
+        return True
+
+    def process(self) -> None:
+        """Process all."""
+        while self._waiting:
+            topic, process = self._waiting.popleft()
+            self._counts[topic] -= 1
+            process()
+
+    def clear(self) -> list[str]:
+        """Drop all; return their topics."""
+        topics = [topic for topic, _ in self._waiting]
+        self._waiting.clear()
+        self._counts.clear()
+        return topics
 
 
 class CameraNode(PipelineNode):

@@ -6,7 +6,6 @@
 import sys
 
 from rclpy.utilities import remove_ros_args
-
 from startracker_ros.ros.executables import NODES, STAGES
 from startracker_ros.ros.node import node_class_of, run
 

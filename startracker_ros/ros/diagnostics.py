@@ -1,11 +1,12 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The status of a node on /diagnostics, once a second."""
+"""The status of a node on /diagnostics, once a second; each change is logged once."""
 
 from collections import Counter
 from collections.abc import Callable
 import math
+import re
 from threading import Event, Thread
 import time
 
@@ -14,7 +15,6 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from startracker_ros.ros.transitions import Transitions
 from std_msgs.msg import Header
 
 TaskResult = tuple[bytes, str, dict[str, object]]
@@ -32,6 +32,8 @@ _COMPILING_S = 0.9
 _COMPILING_POLL_S = 0.1
 # A timer tick that is later means that the process was busy or stopped.
 _LATE_S = 0.4
+
+_NUMBER = re.compile(r'[-+]?\d+(\.\d+)?([eE][-+]?\d+)?')
 
 
 def status_message(name: str, hardware_id: str, level: bytes, message: str,
@@ -195,3 +197,36 @@ class Diagnostics:
             header=Header(stamp=self._node.get_clock().now().to_msg()),
             status=[status_message(f'{self._node_name}: {task}', self._hardware_id, *result)
                     for task, result in results.items()]))
+
+
+class Transitions:
+    """
+    Separates changes of a condition from repeats, which differ in their numbers at most.
+
+    A condition that alternates with every frame must not flood the log: after a burst of lines,
+    one line in period_s is logged, with the number of changes left out before it.
+    """
+
+    def __init__(self, *, burst: int = 10, period_s: float = 1.0) -> None:
+        self._burst = self._allowance = float(burst)
+        self._period_s = period_s
+        self._condition: tuple[object, str] | None = None
+        self._suppressed = 0
+        self._newest_s: float | None = None
+
+    def line(self, level: object, text: str, now_s: float) -> str | None:
+        """Return the line to log for a condition at a time of the steady clock, if any."""
+        condition = level, _NUMBER.sub('#', text)
+        if condition == self._condition:
+            return None
+        self._condition = condition
+        if self._newest_s is not None:
+            gained = (now_s - self._newest_s) / self._period_s
+            self._allowance = min(self._burst, self._allowance + gained)
+        self._newest_s = now_s
+        if self._allowance < 1:
+            self._suppressed += 1
+            return None
+        self._allowance -= 1
+        suppressed, self._suppressed = self._suppressed, 0
+        return f'{text} ({suppressed} changes before were not logged)' if suppressed else text

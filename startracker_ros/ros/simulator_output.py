@@ -1,13 +1,14 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the simulator publishes beside its images: truth, gyro, navigation, temperature."""
+"""The simulated instrument of sky_simulator, and what it publishes beside its images."""
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import QuaternionStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import Imu, PointCloud2, Temperature
+from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.state import State
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids
@@ -19,8 +20,15 @@ from startracker_ros.ros.messages.gyro import gyro_to_imu
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.messages.odometry import motion_to_odometry, state_to_odometry
 from startracker_ros.ros.node import PipelineNode
+from startracker_ros.ros.source import SourceOptions
+from startracker_ros.sim.sky.detector import DetectorOptions
+from startracker_ros.sim.sky.from_options import SceneOptions, simulator_parts
 from startracker_ros.sim.sky.gyro import GyroOptions
+from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
+from startracker_ros.sim.sky.motion_state import Motion
+from startracker_ros.sim.sky.mounted import HeadOptions, mounted, seed_in_namespace
 from startracker_ros.sim.sky.navigation import NavigationOptions
+from startracker_ros.sim.sky.presets import with_preset
 from startracker_ros.sim.sky.simulator import Frame, SkySimulator
 from std_msgs.msg import Header
 
@@ -108,3 +116,24 @@ def _stars_message(frame: Frame, camera: Camera, header: Header) -> PointCloud2:
                       sigma_px=np.zeros(count))
     return stars_to_message(exact, frame.stars.hip, frame.stars.magnitude, np.zeros(count),
                             camera, header)
+
+
+def detector_options(node: PipelineNode) -> DetectorOptions:
+    """Return the options of the detector, with the preset."""
+    return with_preset(node.options(DetectorOptions), node.options(SceneOptions).preset)
+
+
+def make_simulator(node: PipelineNode, camera: Camera, start_ns: int,
+                   body: Motion | None = None) -> SkySimulator:
+    """
+    Return the simulator of a node from a stamp on, along the motion of a body or its own.
+
+    Heads in different namespaces have seeds of their own.
+    """
+    head = node.options(HeadOptions)
+    seed = seed_in_namespace(node.options(SceneOptions).seed, node.get_namespace())
+    motion = (motion_from_options(node.options(MotionOptions), seed=seed, head=head)
+              if body is None else mounted(body, head))
+    return SkySimulator(camera, motion, epoch_year=epoch_year_from_stamp(start_ns),
+                        frame_rate_hz=node.options(SourceOptions).frame_rate_hz, seed=seed,
+                        **simulator_parts(node.options, camera))

@@ -14,7 +14,7 @@ from limits import HANGS_S
 import pytest
 import rclpy
 import startracker_ros
-from startracker_ros.evaluation.harness.managed_nodes import NodeManager
+from startracker_ros.evaluation.harness.random_transitions import NodeManager
 from startracker_ros.ros.diagnostics import Diagnostics, OK
 from startracker_ros.ros.processes import node_environment, NodeProcesses
 

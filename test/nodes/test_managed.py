@@ -13,9 +13,9 @@ import pytest
 from sensor_msgs.msg import Imu, PointCloud2
 from startracker_ros.core.maths.rotation import attitude_error, matrix_from_quaternion
 from startracker_ros.evaluation.campaign.lifecycle import rows_of
-from startracker_ros.evaluation.harness.managed_nodes import (
-    ACTIVATE, ACTIVE, CLEANUP, CONFIGURE, DEACTIVATE, INACTIVE, NodeManager, UNCONFIGURED)
-from startracker_ros.evaluation.harness.random_transitions import RandomTransitions
+from startracker_ros.evaluation.harness.random_transitions import (
+    ACTIVATE, ACTIVE, CLEANUP, CONFIGURE, DEACTIVATE, INACTIVE, NodeManager, RandomTransitions,
+    UNCONFIGURED)
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES

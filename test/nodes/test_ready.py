@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 from skies import START_NS
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.evaluation.harness.managed_nodes import ACTIVE, NodeManager
+from startracker_ros.evaluation.harness.random_transitions import ACTIVE, NodeManager
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, ns_from_stamp
 from startracker_ros.io.bags.reader import read_messages
 from startracker_ros.ros import qos

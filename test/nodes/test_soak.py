@@ -5,7 +5,6 @@
 
 import numpy as np
 import pytest
-
 from startracker_ros.evaluation.campaign.resources import growth
 from startracker_ros.evaluation.campaign.soak import rows_of
 from startracker_ros.evaluation.harness.soak import NODES, Soak

@@ -13,7 +13,7 @@ from startracker_ros.core.astro.exclusion import ExclusionOptions, HORIZON_S
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import quaternion_from_axes
 from startracker_ros.core.track.tracks import Hint
-from startracker_ros.ros.tracker_state_output import TrackerStateOutput
+from startracker_ros.ros.star_tracker_output import TrackerStateOutput
 
 STAMP_NS = 1_790_000_000_000_000_000
 RATE = np.radians([0.0, 0.5, 0.0])

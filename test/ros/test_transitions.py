@@ -3,7 +3,7 @@
 
 """Each change of a condition is logged once, repeats and floods are not."""
 
-from startracker_ros.ros.transitions import Transitions
+from startracker_ros.ros.diagnostics import Transitions
 
 
 def test_a_condition_is_told_when_it_changes_and_not_when_its_numbers_do():

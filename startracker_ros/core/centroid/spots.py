@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from startracker_ros.core.centroid.background import measure_background, over_image, readable
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.connected import connected_spots
 from startracker_ros.core.centroid.quota import brightest
 from startracker_ros.core.centroid.smoothing import gaussian_kernel
+from startracker_ros.core.compiled import compiled
 
 MAX_STARS = 60
 BRIGHT_SPOTS, FAINTEST_SHARE = 12, 0.25
@@ -124,3 +124,42 @@ def _joined(stars: Centroids, spots: Centroids) -> Centroids:
     """Return both, brightest first."""
     joined = stars.joined(spots)
     return joined.select(np.argsort(-joined.flux, kind='stable'))
+
+
+@compiled
+def connected_spots(u: np.ndarray, v: np.ndarray, width: int, height: int
+                    ) -> tuple[np.ndarray, int]:
+    """
+    Return the number (N,) of the spot of each of the pixels u, v (N,), and how many there are.
+
+    The pixels are in the order of the image, (width, height) px. Those that touch, by a side or a
+    corner, are one spot. Union of sets with halved paths (Tarjan 1975).
+    """
+    parent = np.arange(len(u))
+    # One more than the pixel that is there, 0 for none.
+    seen = np.zeros((height + 1, width + 2), np.int32)
+    for i in range(len(u)):
+        row, column = v[i] + 1, u[i] + 1
+        for r, c in ((row, column - 1), (row - 1, column - 1), (row - 1, column),
+                     (row - 1, column + 1)):
+            if seen[r, c]:
+                one, other = _first(parent, i), _first(parent, seen[r, c] - 1)
+                parent[max(one, other)] = min(one, other)
+        seen[row, column] = i + 1
+    spot, count = np.empty(len(u), np.int64), 0
+    for i in range(len(u)):
+        if parent[i] == i:
+            spot[i] = count
+            count += 1
+        else:
+            spot[i] = spot[_first(parent, i)]
+    return spot, count
+
+
+@compiled
+def _first(parent: np.ndarray, i: int) -> int:
+    """Return the first pixel of the set of pixel i."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i

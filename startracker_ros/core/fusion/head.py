@@ -4,6 +4,7 @@
 """One head: its mount in the state of the fusion, its frames, and whether it counts."""
 
 from collections import Counter, deque
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -12,7 +13,6 @@ import math
 import numpy as np
 from startracker_ros.core.astro.epoch import RESTART_NS
 from startracker_ros.core.fusion.filter_steps import body_attitude
-from startracker_ros.core.fusion.head_noise import HeadNoise
 from startracker_ros.core.fusion.mounts import basis, Mount, MountOptions
 from startracker_ros.core.fusion.state import GATE, Measurement
 from startracker_ros.core.maths.rotation import (
@@ -23,6 +23,11 @@ _REMEMBERED = 64  # stamps of one head
 _SILENT_RATIO = 3.0
 _ROUNDING_RAD2 = (0.01 * ARCSEC) ** 2
 _HOTTEST_C = 150.0  # of electronics; in kelvin that would be colder than any head
+
+_MEAN = 3.0  # of the normalised innovation squared of an attitude
+_FRAMES = 32  # over which it is averaged
+_SUSPICIOUS = 1.5  # times that of the best other head; 5 sigma of the average
+_RATE = 1 / 64  # slower than the average, so that the scale does not oscillate
 
 
 class HeadState(StrEnum):
@@ -240,3 +245,32 @@ class Head:
         self.state, self.reason = state, reason
         self.agreed.clear()
         self.disagreed = 0
+
+
+class HeadNoise:
+    """
+    The scale by which the covariance of a head is multiplied.
+
+    It matches the normalised innovation squared (NIS) with its expectation (covariance matching,
+    Mehra, IEEE Trans. Autom. Control 17, 1972). Only a head that stands out from the best of the
+    others is scaled: a manoeuvre or a wrong gyro enlarges the innovations of all heads.
+    """
+
+    def __init__(self) -> None:
+        self.scale = 1.0
+        self._nis = _MEAN
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether the errors are so large that a user should know."""
+        return self.scale > _SUSPICIOUS
+
+    def add(self, nis: float, others: Iterable['HeadNoise']) -> None:
+        """Use the NIS of a frame; others are those of the other heads that count, if any."""
+        self._nis += (min(nis, GATE) - self._nis) / _FRAMES
+        expected = min((other._nis for other in others), default=None)
+        if expected is None:
+            return
+        ratio = self._nis / max(expected, _MEAN)
+        if ratio > _SUSPICIOUS or self.scale > 1:
+            self.scale = max(1.0, self.scale * (1 + _RATE * (ratio - 1)))

@@ -13,7 +13,6 @@ from startracker_ros.core.centroid.extraction import (
 from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.centroid.streak import SHORTEST_PX, Streak
 from startracker_ros.core.options import option, Options
-from startracker_ros.core.stages.stale_rows import StaleRows
 
 LEAST_PREDICTED = 4
 LEAST_SHARE = 0.75  # of the predicted stars that were seen in the image searched last
@@ -32,6 +31,10 @@ WIDE_PX = 1.6  # PSF sigma beyond which spots may be debris
 EXPOSURE_DOUBT = 0.06  # of an exposure that streaks show
 POINT_PX = 4.0  # a longer streak is none that is seen as a point
 FASTER = 2.0  # times the speed at which stars were points: they may be streaks
+
+COMPARED = 64  # rows of an image
+LEAST_NOISY = 0.02  # share of a row's pixels that are not its median: it is no dead or dark row
+LEAST_ROWS = 4
 
 
 @dataclass(frozen=True)
@@ -330,3 +333,33 @@ def _refused(status: str, reason: str) -> Extraction:
 def _motion_px(streak: Streak) -> np.ndarray:
     """Return the motion (3,) of the middle of an image in px, and of its corner by the roll."""
     return np.array([streak.u_px, streak.v_px, np.hypot(streak.u0, streak.v0) * streak.roll])
+
+
+class StaleRows:
+    """Compares each image with the one before; two exposures never have the same noise."""
+
+    def __init__(self) -> None:
+        self._before: np.ndarray | None = None
+
+    def find(self, image: np.ndarray) -> tuple[int, int]:
+        """
+        Return the first and the last row that equal those of the image before; (0, 0) if none.
+
+        They are the upper part of the image, the lower part, or all of it. Equal rows between
+        others are no torn frame: the noise of such images, drawn or compressed, says nothing.
+        """
+        step = max(1, len(image) // COMPARED)
+        sample, before = image[::step].copy(), self._before
+        self._before = sample
+        if before is None or before.shape != sample.shape or before.dtype != sample.dtype:
+            return 0, 0
+        if not (sample == before).all(axis=1).any():
+            return 0, 0
+        noisy = np.flatnonzero(np.mean(
+            sample != np.median(sample, axis=1, keepdims=True), axis=1) >= LEAST_NOISY)
+        stale = (sample[noisy] == before[noisy]).all(axis=1)
+        changes = int(np.count_nonzero(stale[1:] != stale[:-1]))
+        if len(noisy) < LEAST_ROWS or not stale.any() or changes > 1:
+            return 0, 0
+        rows = noisy[stale] * step
+        return int(rows[0]), len(image) - 1 if stale[-1] else int(rows[-1])

@@ -33,8 +33,7 @@ from startracker_ros.core.track.options import TrackerOptions
 from startracker_ros.core.track.prediction import predict_stars, visible_stars
 from startracker_ros.core.track.rolling_shutter import at_frame_time
 from startracker_ros.core.track.rotation_fit import median, OUTLIER_SIGMA, RotationFit
-from startracker_ros.core.track.start import (
-    HintedStart, Start, start_of_prediction, start_of_two)
+from startracker_ros.core.track.start import HintedStart, Start, start_of_prediction, start_of_two
 from startracker_ros.core.track.tracks import Hint, TrackedAttitude, Tracks
 
 RECENT_FRAMES = 64

@@ -26,8 +26,7 @@ from startracker_ros.core.identify.pyramid import PyramidIdentifier
 from startracker_ros.core.identify.quad import base_quads, matching_quads, QuadIdentifier
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, multiply, quaternion_from_pointing,
-    quaternion_from_rotation_vector, radec_from_unit, random_attitude,
-    unit_from_radec)
+    quaternion_from_rotation_vector, radec_from_unit, random_attitude, unit_from_radec)
 from startracker_ros.evaluation.campaign.centroid import (
     EPOCH_YEAR as NIGHT_EPOCH_YEAR, known_attitude, solutions)
 from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_map, split_trials

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import time
 
 import numpy as np
-
 from startracker_ros.evaluation.harness.fault_rig import CAMERA, FaultRig
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.processes import HarnessError

@@ -10,7 +10,6 @@ import signal
 import time
 
 import numpy as np
-
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.evaluation.harness.fault_injection import (
     Expected, Fault, FRAMES_BOUND_S, STALE, Times)

@@ -14,7 +14,6 @@ import numpy as np
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image, Imu
-
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.io.bags.layouts import ns_from_stamp

@@ -9,17 +9,18 @@ import random
 import time
 
 from geometry_msgs.msg import QuaternionStamped
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 import numpy as np
+from rclpy.client import Client
 from rich.progress import Progress
 from sensor_msgs.msg import CameraInfo, Imu
-
-from startracker_ros.evaluation.harness.managed_nodes import (
-    ACTIVATE, ACTIVE, CLEANUP, CONFIGURE, DEACTIVATE, NEXT_STATE, NodeManager, UNCONFIGURED)
 from startracker_ros.evaluation.harness.process_sample import ProcessSample, sample_process
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import (
     quaternion_from_message, tracked_attitude_from_imu)
+from startracker_ros.ros.probe import Probe
 from startracker_ros.ros.rig import Rig
 from startracker_ros.tools.figures.correctness import verdict, WrongCount
 
@@ -36,6 +37,19 @@ _ATTITUDES = 3
 _START_TIMEOUT_S = 600.0
 # On a busy machine this process may read nothing for seconds.
 _DEEP = 1000
+
+UNCONFIGURED, INACTIVE, ACTIVE = (
+    State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE)
+CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = (
+    Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP,
+    Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE)
+NEXT_STATE = {
+    (UNCONFIGURED, CONFIGURE): INACTIVE, (INACTIVE, ACTIVATE): ACTIVE,
+    (ACTIVE, DEACTIVATE): INACTIVE, (INACTIVE, CLEANUP): UNCONFIGURED}
+"""The primary states and transitions of the ROS 2 lifecycle, without shutdown."""
+
+_CONNECT_ATTEMPTS = 40
+_CONNECT_RESPONSE_S = 3.0
 
 
 @dataclass
@@ -192,3 +206,43 @@ class RandomTransitions(Rig):
         for name in self.processes.processes:
             self.result.samples.setdefault(name, []).append(
                 sample_process(self.processes.pid(name)))
+
+
+class NodeManager:
+    """Changes the states of managed nodes; HarnessError where one does not respond."""
+
+    def __init__(self, probe: Probe) -> None:
+        self._probe = probe
+        self._clients: dict[str, Client] = {}
+
+    def change(self, node: str, transition: int) -> bool:
+        """Return whether a transition succeeded; it is requested once only."""
+        if node not in self._clients:
+            self._clients[node] = self._connected(node)
+        request = ChangeState.Request()
+        request.transition.id = transition
+        future = self._clients[node].call_async(request)
+        self._probe.wait(future.done, f'the response of {node}')
+        return future.result().success
+
+    def state(self, node: str) -> int:
+        """Return the primary state of a node."""
+        return self._probe.call(
+            GetState, f'/{node}/get_state', GetState.Request()).current_state.id
+
+    def _connected(self, node: str) -> Client:
+        """
+        Return a client that the service has discovered.
+
+        Until then responses are lost, so a transition that no state has is requested repeatedly.
+        """
+        client = self._probe.create_client(ChangeState, f'/{node}/change_state')
+        self._probe.wait(client.service_is_ready, f'the services of {node}')
+        futures = []
+        for _ in range(_CONNECT_ATTEMPTS):
+            futures.append(client.call_async(ChangeState.Request()))
+            if self._probe.spin_until(
+                    lambda: any(one.done() for one in futures), _CONNECT_RESPONSE_S):
+                break
+        self._probe.wait(lambda: any(one.done() for one in futures), f'a response of {node}')
+        return client

@@ -11,7 +11,6 @@ import time
 import numpy as np
 from rich.progress import Progress
 from sensor_msgs.msg import CameraInfo, Image, Imu
-
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.stars import load_catalog

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from rclpy.utilities import remove_ros_args
-
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros.node import node_class_of, PipelineNode, run
 

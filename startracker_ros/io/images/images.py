@@ -5,6 +5,7 @@
 
 from collections.abc import Sequence
 import glob
+import io
 from pathlib import Path
 import struct
 from typing import NamedTuple
@@ -14,8 +15,8 @@ import cv2
 import numpy as np
 from startracker_ros.core.camera.distortion import PLUMB_BOB
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.core.extras import MissingLibraryError
-from startracker_ros.io.images import fits_image, raw_image
+from startracker_ros.core.extras import extra, MissingLibraryError
+from startracker_ros.io.images import fits_image
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.exif import read_exif, Taken, upright
 
@@ -28,10 +29,13 @@ MOST_PIXELS = 120_000_000
 # The catalogue has 25 stars a square degree, to V 11.
 LEAST_FOV_DEG = 0.3
 _GZIP = b'\x1f\x8b'
+_RAW_SUFFIXES = ('.arw', '.cr2', '.cr3', '.dng', '.nef', '.orf', '.pef', '.raf', '.rw2', '.srw')
 _SUFFIXES = ('.bmp', '.fit', '.fit.gz', '.fits', '.fits.fz', '.fits.gz', '.fts', '.jpeg', '.jpg',
-             '.pgm', '.png', '.tif', '.tiff', '.webp', *raw_image.SUFFIXES)
+             '.pgm', '.png', '.tif', '.tiff', '.webp', *_RAW_SUFFIXES)
 # What it warns of is an ImageError. OpenCV 4.6, that of Ubuntu Noble, has the older name.
 _SILENT = 0
+
+
 (getattr(cv2, 'setLogLevel', None) or cv2.utils.logging.setLogLevel)(_SILENT)
 
 
@@ -94,7 +98,7 @@ def read_photograph(path: str | Path) -> Photograph:
     try:
         if begin.startswith(fits_image.BEGIN):
             return Photograph(*fits_image.read_fits(content.tobytes(), MOST_PIXELS))
-        if path.suffix.lower() in raw_image.SUFFIXES:
+        if path.suffix.lower() in _RAW_SUFFIXES:
             return _read_raw(content.tobytes())
     except (ValueError, MissingLibraryError) as error:
         raise ImageError(f'{path}: {error}') from error
@@ -112,7 +116,7 @@ def _decompressed(content: bytes) -> bytes:
 
 
 def _read_raw(content: bytes) -> Photograph:
-    image = raw_image.read_raw(content, MOST_PIXELS)
+    image = read_raw(content, MOST_PIXELS)
     # LibRaw has turned it upright.
     exif = read_exif(content, (2 * image.shape[1], 2 * image.shape[0]))
     return Photograph(image, exif.fov_deg, exif.taken)
@@ -252,3 +256,26 @@ def camera_of(path: Path | str, image: np.ndarray, camera: Camera | None, fov_de
         raise ImageError(f'{path}: {width} x {height} px, the camera has '
                          f'{camera.width} x {camera.height}')
     return camera
+
+
+def read_raw(content: bytes, most_pixels: int) -> np.ndarray:
+    """
+    Return a RAW image (H, W) uint16 upright, linear, at half the resolution of the sensor.
+
+    Each pixel is the mean of the colours of one 2 x 2 cell of the mosaic. ValueError for a file
+    that LibRaw cannot read or with more pixels; MissingLibraryError without rawpy.
+    """
+    with extra('raw', 'rawpy', 'A camera RAW file'):
+        import rawpy
+    try:
+        with rawpy.imread(io.BytesIO(content)) as raw:
+            width, height = raw.sizes.width, raw.sizes.height
+            if width * height > most_pixels:
+                raise ValueError(f'{width} x {height} px, at most '
+                                 f'{most_pixels // 1_000_000} million px are solved')
+            colours = raw.postprocess(
+                half_size=True, gamma=(1, 1), no_auto_bright=True, output_bps=16,
+                user_wb=[1.0, 1.0, 1.0, 1.0], output_color=rawpy.ColorSpace.raw)
+    except rawpy.LibRawError as error:
+        raise ValueError(f'LibRaw cannot read it: {error}') from error
+    return colours.mean(axis=2).round().astype(np.uint16)

@@ -9,15 +9,14 @@ import sys
 from rosgraph_msgs.msg import Clock as ClockMessage
 from startracker_ros.io.bags.playback import Playback, PlaybackOptions, PlayOptions
 from startracker_ros.io.bags.reader import BagMessage
-from startracker_ros.ros.awaited_subscribers import AwaitedSubscribers
 from startracker_ros.ros.bag_qos import playback_qos
 from startracker_ros.ros.diagnostics import ERROR, OK, WARN
 from startracker_ros.ros.messages.header import stamp_from_ns
 from startracker_ros.ros.messages.message_types import message_class
 from startracker_ros.ros.node import main_of, PipelineNode
-from startracker_ros.ros.playable import held_by_latched, open_playable
-from startracker_ros.ros.playback_controls import (
-    advertise_controls, summary, wait_for_subscribers)
+from startracker_ros.ros.player_steps import (
+    advertise_controls, AwaitedSubscribers, held_by_latched, open_playable, summary,
+    wait_for_subscribers)
 
 
 class BagPlayerNode(PipelineNode):

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
 from startracker_ros.core.options import option, Options
 from startracker_ros.io.images.images import image_paths, ImageError, read_image
 from startracker_ros.ros.diagnostics import ERROR, OK

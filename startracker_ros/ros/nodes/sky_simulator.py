@@ -13,9 +13,8 @@ from startracker_ros.ros.managed import StartError
 from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.motion_input import MotionInput, MotionInputOptions
 from startracker_ros.ros.node import main_of
-from startracker_ros.ros.simulated_sky import detector_options, make_simulator
 from startracker_ros.ros.simulator_output import (
-    GyroOutput, NavigationOutput, TemperatureOutput, TruthOutput)
+    detector_options, GyroOutput, make_simulator, NavigationOutput, TemperatureOutput, TruthOutput)
 from startracker_ros.ros.source import CameraOptions, SourceNode, SourceOptions
 from startracker_ros.sim.sky.from_options import SceneOptions, SKY_OPTIONS
 from startracker_ros.sim.sky.gyro import GyroOptions

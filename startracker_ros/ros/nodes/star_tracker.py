@@ -28,9 +28,8 @@ from startracker_ros.ros.messages.attitude import (
 from startracker_ros.ros.messages.clouds import tracks_to_message
 from startracker_ros.ros.node import main_of
 from startracker_ros.ros.odometry_input import OdometryInput
-from startracker_ros.ros.predictions_output import PredictionsOutput
-from startracker_ros.ros.target_output import TargetOutput
-from startracker_ros.ros.tracker_state_output import TrackerStateOutput
+from startracker_ros.ros.star_tracker_output import (
+    PredictionsOutput, TargetOutput, TrackerStateOutput)
 from std_msgs.msg import Header
 
 

@@ -9,8 +9,7 @@ from typing import Any
 import click
 from startracker_ros.core.options import yaml_value
 from startracker_ros.ros.executables import EXECUTABLES, NODES, STAGES
-from startracker_ros.tools.cli.outcome import (
-    Commands, exit_1_on, NeedsArguments, usage_error_on)
+from startracker_ros.tools.cli.outcome import Commands, exit_1_on, NeedsArguments, usage_error_on
 from startracker_ros.tools.cli.shared import (
     become_node, finish, finish_measured, json_option, print_result, seed_option)
 

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 import shutil
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Time
 import cv2
@@ -26,12 +26,14 @@ from startracker_ros.core.astro.bodies import bodies_at
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.folders import replaced
+from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.rotation import pointing_from_quaternion
 from startracker_ros.core.stages.bodies import Bodies
+from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.io.bags.layouts import image_from_message, ns_from_stamp
 from startracker_ros.io.images.camera_files import load_camera, save_camera
-from startracker_ros.io.images.capture import CaptureError, CaptureOptions, open_device
+from startracker_ros.io.images.capture import CaptureError, CaptureOptions, Device, open_device
 from startracker_ros.io.images.images import ImageError
 from startracker_ros.io.table import Result
 from startracker_ros.ros import qos
@@ -41,7 +43,6 @@ from startracker_ros.ros.messages.clouds import centroids_from_message, tracks_f
 from startracker_ros.ros.messages.image import image_message_from_cdr
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.ros.rig import Rig
-from startracker_ros.tools.live.first_lens import first_lens
 from startracker_ros.tools.live.sky_page import SkyPage
 from startracker_ros.tools.photographs.outputs import annotated
 
@@ -52,6 +53,10 @@ _LEAST_RESIDUAL_PX, _RESIDUAL_SIGMAS = 1.0, 3.0
 _SOURCE = 'camera_source: camera'
 _END = 'all images of '
 _NO_FRAMES = 'nothing received yet'
+
+# The false-alarm probability holds for one image; here many are tried.
+_LEAST_MATCHED = 8
+_OPTIONS = IdentificationOptions(fov_error_percent=5.0)
 
 
 class LiveView:
@@ -284,3 +289,36 @@ def _watch(rig: LiveRig, view: LiveView, end_s: float, source: dict[str, object]
             # Frames in flight.
             rig.probe.spin_for(1.0)
             return
+
+
+class FirstLens(NamedTuple):
+    """A camera, and the 1-sigma error per axis in px that its lens leaves in a star's pixel."""
+
+    camera: Camera
+    error_px: float
+
+
+def first_lens(device: Device, fov_deg: float | None,
+               on_image: Callable[[np.ndarray, np.ndarray, str], None]) -> FirstLens | None:
+    """
+    Return the lens of the first image of a device that is solved, None when its images end.
+
+    fov_deg is the horizontal field of view to 5 %, None where it is unknown. on_image receives
+    each image (H, W), its spots (N, 2) and why it is not solved, empty if it is.
+    """
+    solver = None
+    while (captured := device.read()) is not None:
+        image = captured.image
+        if solver is None:
+            height, width = image.shape
+            camera = None if fov_deg is None else Camera.from_fov(width, height, fov_deg)
+            solver = PhotographSolver(epoch_year_from_stamp(captured.stamp_ns), _OPTIONS)
+        solution = solver.solve(image, camera)
+        found = solution.identification
+        solved = solution.sky is not None and found.matched >= _LEAST_MATCHED
+        few = f'{found.matched} stars, {_LEAST_MATCHED} are needed for a lens'
+        on_image(image, solution.centroids.uv,
+                 '' if solved else found.reason if solution.sky is None else few)
+        if solved:
+            return FirstLens(solution.camera, solution.lens_px)
+    return None

@@ -8,8 +8,7 @@ from itertools import chain, islice
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.astro.aberration import (
-    apparent_directions, Vantage, vantage_near_earth)
+from startracker_ros.core.astro.aberration import apparent_directions, Vantage, vantage_near_earth
 from startracker_ros.core.astro.earth import FIRST_YEAR, in_range, LAST_YEAR
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
 from startracker_ros.core.astro.ground_site import Site
@@ -19,8 +18,7 @@ from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.catalog.deep import camera_catalog
 from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.centroid.extraction import (
-    CentroidExtractor, ExtractionOptions, Searched)
+from startracker_ros.core.centroid.extraction import CentroidExtractor, ExtractionOptions, Searched
 from startracker_ros.core.centroid.gaussian_fit import fit_stars
 from startracker_ros.core.centroid.noise import initial_noise_model
 from startracker_ros.core.centroid.psf import SIGMA, U, V

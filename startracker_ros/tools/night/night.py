@@ -19,8 +19,7 @@ from startracker_ros.tools.night.earth_motion import fit_motion
 from startracker_ros.tools.night.frames import observe
 from startracker_ros.tools.night.intervals import CONFIDENCE
 from startracker_ros.tools.night.rows import all_rows, MET, MISSED, Night
-from startracker_ros.tools.night.sources import (
-    camera_of_bag, NightError, timed_images, TimedImage)
+from startracker_ros.tools.night.sources import camera_of_bag, NightError, timed_images, TimedImage
 
 _LEAST_FRAMES = 20
 _WRONG_RAD = np.radians(1.0)

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.tools.night.intervals import (
-    CONFIDENCE, Interval, normal, root, UNKNOWN)
+from startracker_ros.tools.night.intervals import CONFIDENCE, Interval, normal, root, UNKNOWN
 from startracker_ros.tools.night.stars import Stars, without_turns
 
 HIGHEST_DEGREE = 3

@@ -8,19 +8,18 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.optimize import minimize
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC
 from startracker_ros.tools.figures.correctness import count_wrong, nees_of, WRONG_SIGMAS
-from startracker_ros.tools.night.detection import (
-    BIN_MAG, limiting_magnitude, shares_by_magnitude)
 from startracker_ros.tools.night.earth_motion import EarthMotion
 from startracker_ros.tools.night.frames import Frame, published_errors, star_rows
 from startracker_ros.tools.night.intervals import (
-    block_mean, block_trend, chi_square_mean, Interval, share, successive_sigma, UNKNOWN)
+    block_mean, block_trend, bootstrapped, chi_square_mean, Interval, root, share,
+    successive_sigma, UNKNOWN)
 from startracker_ros.tools.night.patterns import (
     field_columns, field_degree, fit_pattern, Pattern, PHASE_COLUMNS, phase_columns,
     single_coefficient)
-from startracker_ros.tools.night.stamps import line_time_s, stamp_jitter_s
 from startracker_ros.tools.night.stars import frame_normals, Stars, turns_of, without_turns
 
 AXES = {'cross boresight': slice(0, 2), 'about boresight': slice(2, 3)}
@@ -34,6 +33,12 @@ _COARSE_JITTER_S, _COARSE_LINE_S = 10e-3, 100e-6
 nothing."""
 
 MET, MISSED, NOT_OBSERVABLE = 'met', 'missed', 'not observable'
+
+BIN_MAG = 0.5
+_LEAST_WIDTH_MAG = 0.01
+
+_SIGMAS = 1.96
+_SLOWEST_RAD_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -293,3 +298,80 @@ def _width_rows(night: Night) -> Iterator[NightRow]:
                             for each in np.unique(frame[chosen])])
         yield row('Star images', f'PSF sigma, {name} of the half diagonal', block_mean(medians),
                   'px', 'Gaussian fits of bright stars')
+
+
+def shares_by_magnitude(stars: Stars) -> list[tuple[float, Interval]]:
+    """
+    Return the lower end of each bin of magnitude and the share in % of its stars found.
+
+    The frames of one star are not independent: each star is a trial with the share of its frames.
+    """
+    magnitude, found, trials = per_star(stars)
+    bins = np.floor(magnitude / BIN_MAG)
+    return [(float(each * BIN_MAG), share(float(np.sum((found / trials)[bins == each])),
+                                          int(np.sum(bins == each))))
+            for each in np.unique(bins)]
+
+
+def limiting_magnitude(stars: Stars) -> Interval:
+    """
+    Return the magnitude of which half of the stars are found; unknown where all or none are.
+
+    Logistic regression p = 1 / (1 + exp((m - m50) / w)), its interval by resampling stars.
+    """
+    magnitude, found, trials = per_star(stars)
+    if not 0 < found.sum() < trials.sum():
+        return UNKNOWN
+    return bootstrapped(lambda rows: _half(magnitude[rows], found[rows], trials[rows]),
+                        len(magnitude))
+
+
+def per_star(stars: Stars) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return magnitude, frames with a centroid and frames in view (S,) of each star."""
+    _, first, star = np.unique(stars.star, return_index=True, return_inverse=True)
+    return (stars.magnitude[first], np.bincount(star, stars.seen).astype(float),
+            np.bincount(star).astype(float))
+
+
+def _half(magnitude: np.ndarray, found: np.ndarray, trials: np.ndarray) -> float:
+    if not 0 < found.sum() < trials.sum():
+        return np.nan
+    start = np.array([np.average(magnitude, weights=np.maximum(found, 1e-9)), np.log(0.3)])
+
+    def loss(parameters: np.ndarray) -> float:
+        width = max(float(np.exp(parameters[1])), _LEAST_WIDTH_MAG)
+        steps = (magnitude - parameters[0]) / width
+        return float(found @ np.logaddexp(0, steps) + (trials - found) @ np.logaddexp(0, -steps))
+    return float(minimize(loss, start, method='Nelder-Mead').x[0])
+
+
+def stamp_jitter_s(errors: np.ndarray, covariance: np.ndarray, rate_rad_s: np.ndarray,
+                   joined: np.ndarray) -> Interval:
+    """
+    Return the scatter of the stamps by errors (F, 3) rad of attitudes turning at rate (3,) rad/s.
+
+    An error of a stamp is a turn along the motion. What errors along it have more than those
+    across it, both across the boresight, is that of the stamps. covariance (F, 3, 3) are the
+    errors that the stars state, for their ratio.
+    """
+    rate = rate_rad_s[:2]
+    speed = float(np.linalg.norm(rate))
+    if speed < _SLOWEST_RAD_S:
+        return UNKNOWN
+    axes = np.array([rate, [-rate[1], rate[0]]]) / speed
+    along, across = (successive_sigma(errors[:, :2] @ axis[:, None], joined) for axis in axes)
+    stated = [float(np.mean(np.einsum('i,fij,j->f', axis, covariance[:, :2, :2], axis)))
+              for axis in axes]
+    expected = across.value ** 2 * stated[0] / stated[1]
+    count = int(np.count_nonzero(joined))
+    degrees = 2 * count ** 2 / max(3 * count - 1, 1)
+    sigma = np.sqrt(2 * (along.value ** 4 + expected ** 2) / degrees)
+    square = along.value ** 2 - expected
+    return root(square, float(sigma), square > _SIGMAS * sigma).scaled(1 / speed)
+
+
+def line_time_s(stars: Stars, camera: Camera, rates_rad_s: np.ndarray, degree: int) -> Interval:
+    """Return the delay from row to row by residuals of frames turning at rates (F, 3) rad/s."""
+    flow = np.einsum('nki,ni->nk', stars.jacobian, rates_rad_s[stars.frame])
+    rows = stars.uv[:, 1] - (camera.height - 1) / 2
+    return single_coefficient(stars, camera, flow * rows[:, None], degree)

@@ -3,12 +3,14 @@
 
 """Attitude of image files: extraction, identification, pointing."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
+from itertools import chain, count, islice
 from pathlib import Path
 import sys
 import time
+from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.astro.observer_motion import Observer
@@ -26,13 +28,13 @@ from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.stages.solution import MIN_STARS, Solution
 from startracker_ros.io.images.camera_files import is_wcs
-from startracker_ros.io.images.images import calibrated_camera, camera_of, ImageError, Photograph
-from startracker_ros.io.images.video import is_video
+from startracker_ros.io.images.images import (
+    calibrated_camera, camera_of, ImageError, Photograph, read_photograph)
+from startracker_ros.io.images.video import frames, is_video
 from startracker_ros.io.images.wcs_file import read_wcs_camera
 from startracker_ros.io.table import Result
 from startracker_ros.tools.photographs.epoch_and_site import Epoch, epoch_of, ObserverSite, OPTION
 from startracker_ros.tools.photographs.outputs import Outputs
-from startracker_ros.tools.photographs.shots import output_names, Shot, shots
 
 DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_probability',
            'detected', 'lens', 'epoch', 'epoch_from', 'bodies', 'frame', 'time_s')
@@ -42,6 +44,54 @@ DETAILS = ('path', 'status', 'quaternion', 'covariance_sensor', 'false_alarm_pro
 UNCALIBRATED_PERCENT, CALIBRATED_PERCENT = 5.0, 0.5
 # Nobody flies by a photograph: on a busy machine it may take as long as its search needs.
 PHOTOGRAPH_LIMIT_S = 1.0
+
+
+class Shot(NamedTuple):
+    """
+    A photograph, or the reason why its file cannot be read.
+
+    output is the name of what is written of it, frame its number in a video and time_s its time
+    there, None for an image.
+    """
+
+    path: Path
+    output: str
+    photograph: Photograph | None = None
+    error: str = ''
+    frame: int | None = None
+    time_s: float | None = None
+
+    @property
+    def label(self) -> str:
+        """Return the name of the file, with the number of the frame of a video."""
+        return self.path.name + ('' if self.frame is None else f'#{self.frame}')
+
+
+def shots(paths: Iterable[Path], names: Iterable[str], selection: slice) -> Iterator[Shot]:
+    """Yield the photographs of files, of videos the selected frames; names are of output."""
+    for path, name in zip(paths, names):
+        try:
+            if not is_video(path):
+                yield Shot(path, name, read_photograph(path))
+                continue
+            number = None
+            for number, time_s, image in islice(
+                    frames(path), selection.start, selection.stop, selection.step):
+                yield Shot(path, f'{name}_frame{number:05d}', Photograph(image), frame=number,
+                           time_s=time_s)
+            if number is None:
+                yield Shot(path, name, error=f'{path}: --frames selects no frame of it')
+        except ImageError as error:
+            yield Shot(path, name, error=str(error))
+
+
+def output_names(paths: Sequence[Path]) -> list[str]:
+    """Return a name of the files for each image, numbered where several have the same."""
+    names: dict[str, None] = {}
+    for path in paths:
+        numbered = (f'{path.stem}-{number}' for number in count(2))
+        names[next(name for name in chain([path.stem], numbered) if name not in names)] = None
+    return [*names]
 
 
 def solve_image(image: np.ndarray, extractor: CentroidExtractor, identifier: Identifier,

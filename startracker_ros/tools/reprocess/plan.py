@@ -7,10 +7,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 import hashlib
 import json
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.extras import extra
 from startracker_ros.core.options import option, Options
 from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.errors import BagError
@@ -18,7 +19,6 @@ from startracker_ros.io.bags.folder import find_files, is_bag_folder
 from startracker_ros.io.bags.layouts import camera_from_message, MessageError
 from startracker_ros.io.bags.reader import BagTopic, read_blocks_ns, read_messages, read_topics
 from startracker_ros.io.recordings.recording import full_name
-from startracker_ros.tools.reprocess.remote import fetch, is_url
 
 IMAGE = 'sensor_msgs/msg/Image'
 SOURCES = {'centroids': cdr.POINT_CLOUD, 'image_raw': IMAGE}
@@ -27,6 +27,8 @@ COPIES = '.copies'
 
 _SPARSE = 20_000
 """Most camera_info of a bag that are read to find the one before each segment."""
+
+_BAG_FILES = ('*.mcap', '*.mcap.zstd', 'metadata.yaml')
 
 
 @dataclass(frozen=True)
@@ -241,3 +243,47 @@ def _occupied(bag: Path, topic: str, length_ns: int) -> list[int]:
     # A clock that jumps: a block may span years.
     return sorted({message.log_time_ns // length_ns
                    for message in read_messages(bag, topics=(topic,), tolerant=True)})
+
+
+def is_url(name: str) -> bool:
+    """Return whether a name is a URL, as s3://bucket/flight."""
+    return '://' in name
+
+
+def fetch(url: str, folder: Path) -> list[Path]:
+    """
+    Copy the bags of a URL, a pattern maybe, below a folder; return the copies of what it names.
+
+    Files that are there with the same size are kept. BagError where there is no bag, or the file
+    system of the URL cannot be used; OSError where a copy cannot be written.
+    """
+    with extra('scale', 'fsspec', 'A bag at a URL'):
+        from fsspec.core import url_to_fs
+    try:
+        system, root = url_to_fs(url)
+        named = sorted(system.glob(root)) if any(mark in root for mark in '*?[') else [root]
+        files = {name: [file for file in system.find(name)
+                        if any(PurePosixPath(file).match(kind) for kind in _BAG_FILES)]
+                 for name in named}
+        sizes = {file: int(system.size(file)) for found in files.values() for file in found}
+    except (ImportError, ValueError, OSError) as error:
+        raise BagError(f'{url}: {error or type(error).__name__}') from error
+    if not sizes:
+        raise BagError(f'{url}: no bag there')
+    for file, size in sizes.items():
+        copy = _copy_of(file, folder)
+        if copy.is_file() and copy.stat().st_size == size:
+            continue
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        part = copy.with_name(copy.name + '.part')
+        try:
+            system.get_file(file, str(part))
+        except OSError as error:
+            raise BagError(f'{url}: {file}: {error}') from error
+        part.replace(copy)
+    return [_copy_of(name, folder) for name, found in files.items() if found]
+
+
+def _copy_of(file: str, folder: Path) -> Path:
+    return folder.joinpath(*(part for part in PurePosixPath(file).parts
+                             if part not in ('/', '..')))

@@ -4,7 +4,7 @@
 """The command reprocess: plans, hands segments to workers, resumes, puts the run together."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
@@ -14,11 +14,13 @@ import numpy as np
 from rich.progress import (
     BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn)
 from startracker_ros.io.bags.errors import BagError
+from startracker_ros.io.bags.mcap_file import McapFile
+from startracker_ros.io.bags.metadata import bag_information, FileRecord, to_yaml, TopicRecord
+from startracker_ros.io.bags.qos import qos_from_yaml
 from startracker_ros.io.export.tables import load_parquet_writer
 from startracker_ros.io.output import check_output, output_folder, write_output
 from startracker_ros.io.table import Result
 from startracker_ros.io.workers import cluster, completed
-from startracker_ros.tools.reprocess.metadata import write_metadata
 from startracker_ros.tools.reprocess.parameters import ParameterSet
 from startracker_ros.tools.reprocess.plan import (
     bag_names, COPIES, find_bags, plan_bag, Problem, Segment, SegmentOptions)
@@ -241,3 +243,34 @@ def _text(error: Exception) -> str:
 def _write_json(path: Path, content: object) -> None:
     output_folder(path.parent)
     write_output(path, json.dumps(content, indent=1, default=str) + '\n')
+
+
+def write_metadata(folder: Path, records: Iterable[SegmentRecord]) -> None:
+    """Write metadata.yaml into each bag folder of a run, with its files in the order of time."""
+    files: dict[Path, list[Path]] = {}
+    for record in records:
+        for name in record.files:
+            if name.endswith('.mcap'):
+                files.setdefault((folder / name).parent, []).append(folder / name)
+    for bag, paths in files.items():
+        information = _information(paths)
+        write_output(bag / 'metadata.yaml',
+                     to_yaml({'rosbag2_bagfile_information': information}))
+
+
+def _information(paths: list[Path]) -> dict:
+    """Return the metadata of a bag of these files."""
+    topics: dict[str, TopicRecord] = {}
+    found = []
+    for path in paths:
+        with McapFile(path) as file:
+            counts = file.statistics.channel_message_counts if file.statistics else {}
+            found.append(FileRecord(path.name, sum(counts.values()), file.span_ns))
+            for channel in file.channels.values():
+                schema = file.schemas[channel.schema_id]
+                topic = topics.setdefault(channel.topic, TopicRecord(
+                    channel.topic, schema.name, channel.metadata['topic_type_hash'],
+                    qos_from_yaml(channel.metadata['offered_qos_profiles'])))
+                topic.message_count += counts.get(channel.id, 0)
+    found.sort(key=lambda record: record.span_ns or (0, 0))
+    return bag_information(found, list(topics.values()))

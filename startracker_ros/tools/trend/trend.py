@@ -16,12 +16,136 @@ from startracker_ros.io.table import Result
 from startracker_ros.tools.report.chart import chart
 from startracker_ros.tools.report.template import content_policy, resource, template
 from startracker_ros.tools.reprocess.compare import draw_extremes
-from startracker_ros.tools.reprocess.runs import open_run
-from startracker_ros.tools.trend.pixels import hot_pixels, PixelRow
+from startracker_ros.tools.reprocess.runs import open_run, Run
+from startracker_ros.tools.reprocess.widths import GRID, width_px
 from startracker_ros.tools.trend.series import all_series, distortion, Series
-from startracker_ros.tools.trend.stars import bad_stars, StarRow
 from startracker_ros.tools.trend.steps import drift, find_steps, Step, StepSearch
-from startracker_ros.tools.trend.widths import width_maps, WidthMap
+
+LEAST_FRAMES = 100
+"""Frames of a star that is held against its catalogue entry."""
+
+_POSITION_SIGMAS = 6.0
+_LARGEST_DIFFERENCE_MAG = 0.3
+_LARGEST_SCATTER_MAG = 0.15
+_MAD = 1.4826
+
+LEAST_STARS = 100
+"""Stars of a cell whose width is known, to 5 %."""
+
+MIDDLE = slice(GRID // 4, GRID - GRID // 4)
+
+
+@dataclass(frozen=True)
+class PixelRow:
+    """A hot pixel: the frames that have it, and the begins of its first and last segment."""
+
+    tracker: str
+    u: int
+    v: int
+    frames: int
+    first: str
+    last: str
+
+
+def hot_pixels(run: Run, tracker: str) -> list[PixelRow]:
+    """Return the hot pixels of a tracker, those of most frames first."""
+    table = run.table('hot_pixels', tracker, ['stamp_ns', 'u', 'v', 'count'])
+    if not len(table['stamp_ns']):
+        return []
+    pixels, first, which = np.unique(np.stack([table['u'], table['v']], -1), axis=0,
+                                     return_index=True, return_inverse=True)
+    which = which.ravel()
+    frames = np.bincount(which, table['count']).astype(int)
+    last = np.zeros(len(pixels), np.int64)
+    np.maximum.at(last, which, table['stamp_ns'])
+    return [PixelRow(tracker, int(pixels[k, 0]), int(pixels[k, 1]), int(frames[k]),
+                     utc(int(table['stamp_ns'][first[k]])), utc(int(last[k])))
+            for k in np.argsort(-frames, kind='stable')]
+
+
+@dataclass(frozen=True)
+class StarRow:
+    """One star: mean residual to east and north, scatter over its errors, magnitude, faults."""
+
+    hip: int
+    magnitude: float
+    frames: int
+    east_arcsec: float
+    north_arcsec: float
+    scatter_over_sigma: float
+    difference_mag: float
+    scatter_mag: float
+    faults: str
+
+
+def bad_stars(run: Run) -> list[StarRow]:
+    """Return the stars with a fault in any tracker, the worst position first."""
+    columns = ('hip', 'magnitude', 'count', 'weight', 'east', 'north', 'chi2', 'difference_mag',
+               'square_mag2')
+    tables = [run.table('stars', tracker, ['stamp_ns', *columns]) for tracker in run.trackers]
+    joined = {name: np.concatenate([table[name] for table in tables]) for name in columns}
+    hip, first, which = np.unique(joined['hip'], return_index=True, return_inverse=True)
+    sums = {name: np.bincount(which, joined[name], len(hip)) for name in columns[2:]}
+    many = sums['count'] >= LEAST_FRAMES
+    sums = {name: column[many] for name, column in sums.items()}
+    hip, magnitude = hip[many], joined['magnitude'][first][many]
+    east, north = sums['east'] / sums['weight'], sums['north'] / sums['weight']
+    scatter = np.sqrt(sums['chi2'] / (2 * sums['count']))
+    difference = sums['difference_mag'] / sums['count']
+    scatter_mag = np.sqrt(np.maximum(sums['square_mag2'] / sums['count'] - difference ** 2, 0))
+    # What the lens leaves to all stars is no fault of one.
+    floor = _MAD * float(np.median(np.abs(np.stack([east, north])))) if len(hip) else 0.0
+    sigma = np.hypot(1 / np.sqrt(sums['weight']), floor)
+    offset = np.hypot(east, north)
+    rows = []
+    for k in np.argsort(-offset):
+        faults = [text for text, found in (
+            ('position', offset[k] > _POSITION_SIGMAS * sigma[k]),
+            ('scatter', scatter[k] > 2.0),
+            ('magnitude', abs(difference[k]) > _LARGEST_DIFFERENCE_MAG),
+            ('variable', scatter_mag[k] > _LARGEST_SCATTER_MAG)) if found]
+        if faults:
+            rows.append(StarRow(
+                int(hip[k]), float(magnitude[k]), int(sums['count'][k]), float(east[k]),
+                float(north[k]), float(scatter[k]), float(difference[k]),
+                float(scatter_mag[k]), ', '.join(faults)))
+    return rows
+
+
+@dataclass(frozen=True)
+class WidthMap:
+    """
+    The widths of star images in a month, 1 sigma in px.
+
+    width_px (GRID, GRID) by row and column of the cells, NaN with fewer than LEAST_STARS; middle
+    and edge are those of the middle half of both axes and of the rest, with their 1 sigma.
+    """
+
+    tracker: str
+    month: str
+    width_px: np.ndarray
+    middle: tuple[float, float]
+    edge: tuple[float, float]
+
+
+def width_maps(run: Run, tracker: str) -> list[WidthMap]:
+    """Return the map of each month of a tracker."""
+    table = run.table('widths', tracker, ['stamp_ns', 'column', 'row', 'count', 'square_px2'])
+    months = table['stamp_ns'].astype('datetime64[ns]').astype('datetime64[M]')
+    maps = []
+    for month in np.unique(months):
+        chosen = months == month
+        cell = (table['row'][chosen].astype(int) * GRID + table['column'][chosen])
+        count, square = (np.bincount(cell, table[name][chosen], GRID ** 2).reshape(GRID, GRID)
+                         for name in ('count', 'square_px2'))
+        middle = np.zeros((GRID, GRID), bool)
+        middle[MIDDLE, MIDDLE] = True
+        with np.errstate(invalid='ignore', divide='ignore'):
+            width = np.where(count >= LEAST_STARS, np.sqrt(square / count), np.nan)
+        maps.append(WidthMap(tracker, str(month), width, *(
+            width_px(float(square[part].sum()), int(count[part].sum()))
+            for part in (middle, ~middle))))
+    return maps
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from star_windows import psf_image, windows_of
 from startracker_ros.core.centroid.background import measure_background, readable
-from startracker_ros.core.centroid.connected import connected_spots
 from startracker_ros.core.centroid.detection import Threshold
 from startracker_ros.core.centroid.frame import prepare
 from startracker_ros.core.centroid.gaussian_fit import fit_stars
@@ -22,6 +21,7 @@ from startracker_ros.core.centroid.rejection import Rejections
 from startracker_ros.core.centroid.shape import classify_shapes, lone_pixels, MARGIN
 from startracker_ros.core.centroid.smoothing import (
     filter_across, filter_down, filtered_at, gaussian_kernel)
+from startracker_ros.core.centroid.spots import connected_spots
 from startracker_ros.core.centroid.windowed_search import peaks_near
 
 NOISE, BACKGROUND = NoiseModel(0.8), 100.0

@@ -20,8 +20,7 @@ from startracker_ros.evaluation.campaign.lenses import draw_lens_field, solve_le
 from startracker_ros.io.images.images import ImageError, read_image, read_photograph
 from startracker_ros.tools.photographs.epoch_and_site import epoch_of, ObserverSite
 from startracker_ros.tools.photographs.outputs import Outputs
-from startracker_ros.tools.photographs.shots import output_names
-from startracker_ros.tools.photographs.solve import solve_files, Solvers
+from startracker_ros.tools.photographs.solve import output_names, solve_files, Solvers
 
 WIDE = IdentificationOptions(fov_error_percent=5.0)
 SIDE_PX = 384

@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from startracker_ros.core.stages.stale_rows import StaleRows
+from startracker_ros.core.stages.extraction import StaleRows
 
 
 def noise(seed, shape=(512, 640)):

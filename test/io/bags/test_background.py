@@ -9,9 +9,9 @@ import time
 
 from limits import HANGS_S
 import pytest
-from startracker_ros.io.bags.background import BackgroundWriter
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.reader import read_messages
+from startracker_ros.io.bags.recording import BackgroundWriter
 from startracker_ros.io.bags.writer import BagWriter
 
 

@@ -12,8 +12,7 @@ from hypothesis import given, settings, strategies as st
 from limits import HANGS_S
 from mcap.reader import make_reader
 import pytest
-from rosbags.interfaces import (
-    QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime)
+from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import Reader
 from rosbags.typesys.store import Typestore
 from startracker_ros.io.bags.errors import BagError

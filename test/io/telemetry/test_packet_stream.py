@@ -13,10 +13,10 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 from startracker_ros.io.telemetry import nos3, space_packet
-from startracker_ros.io.telemetry.capture import decode_capture
+from startracker_ros.io.telemetry.capture import (
+    CUT_SHORT, DAMAGED, decode_capture, PacketStream, SKIPPED)
 from startracker_ros.io.telemetry.link import Link, LinkError
 from startracker_ros.io.telemetry.report import FrameReport
-from startracker_ros.io.telemetry.stream import CUT_SHORT, DAMAGED, PacketStream, SKIPPED
 
 Q = np.array([0.1, -0.5, 0.7, 0.5])
 # Every second packet has the beginning of a packet among its numbers: 0xDEAD as Q3.

@@ -6,8 +6,7 @@
 import fsspec
 import pytest
 from startracker_ros.io.bags.errors import BagError
-from startracker_ros.tools.reprocess.plan import find_bags
-from startracker_ros.tools.reprocess.remote import fetch
+from startracker_ros.tools.reprocess.plan import fetch, find_bags
 
 
 @pytest.fixture

@@ -34,8 +34,7 @@ from startracker_ros.tools.reprocess.plan import plan_bag, SegmentOptions
 from startracker_ros.tools.reprocess.runs import open_run
 from startracker_ros.tools.reprocess.tracklets import tracklets
 from startracker_ros.tools.reprocess.work import finished
-from startracker_ros.tools.trend.pixels import hot_pixels
-from startracker_ros.tools.trend.trend import trend
+from startracker_ros.tools.trend.trend import hot_pixels, trend
 
 CAMERA = Camera.from_fov(640, 640, 15.0)
 FLIGHT = FlightOptions(days=0.0015, bag_hours=1.0, heads=1, magnitude_limit=5.5, fov_deg=15.0)

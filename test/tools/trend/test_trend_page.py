@@ -6,10 +6,9 @@
 from browser import assert_readable, Page
 import numpy as np
 import pytest
-from startracker_ros.tools.trend.pixels import PixelRow
 from startracker_ros.tools.trend.series import Series
 from startracker_ros.tools.trend.steps import find_steps
-from startracker_ros.tools.trend.trend import drift_rows, trend_page
+from startracker_ros.tools.trend.trend import drift_rows, PixelRow, trend_page
 
 BEGIN_NS = 1_767_225_600 * 10 ** 9
 

@@ -1,20 +1,91 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which topics of a bag are published."""
+"""The steps of the bag player: chosen topics, wait for subscribers, services, its end."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+import time
 
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import CameraInfo
 from startracker_ros.io.bags.errors import BagError
 from startracker_ros.io.bags.latched import held_before, held_messages
 from startracker_ros.io.bags.patterns import selected
-from startracker_ros.io.bags.playback import PlayOptions
+from startracker_ros.io.bags.playback import Playback, PlayOptions
 from startracker_ros.io.bags.reader import BagMessage, BagTopic
 from startracker_ros.io.bags.schemas import message_schema
 from startracker_ros.io.bags.tolerant import TolerantBag
 from startracker_ros.ros.managed import StartError
 from startracker_ros.ros.messages.message_types import message_class
+from startracker_ros.ros.node import PipelineNode
+
+_LAST_MESSAGES_S = 10.0
+
+
+def advertise_controls(node: PipelineNode, playback: Callable[[], Playback | None]) -> None:
+    """Advertise ~/pause, ~/resume and ~/step of the current playback."""
+    def advertise(name: str, act: Callable[[Playback], tuple[bool, str]]) -> None:
+        def on_request() -> tuple[bool, str]:
+            current = playback()
+            return (False, 'not configured') if current is None else act(current)
+        node.advertise_trigger(name, on_request)
+    advertise('pause', lambda current: (current.pause(), 'paused'))
+    advertise('resume', lambda current: (current.resume(), 'playing'))
+    advertise('step', lambda current: (
+        (True, 'one message more') if current.step() else (False, 'not paused: pause first')))
+
+
+def wait_for_subscribers(publishers: Iterable[Publisher]) -> None:
+    """Wait until the last messages are acknowledged, for a short time."""
+    end_s = time.monotonic() + _LAST_MESSAGES_S
+    for publisher in publishers:
+        publisher.wait_for_all_acked(Duration(seconds=max(0.0, end_s - time.monotonic())))
+
+
+def summary(playback: Playback, topics: int) -> str:
+    """Return what was played, and how late."""
+    median, p95, worst = playback.pacing_ms()
+    return (f'{playback.published} messages of {topics} topics; late by {median:.2f} ms median, '
+            f'{p95:.2f} ms p95, {worst:.2f} ms at most')
+
+
+class AwaitedSubscribers:
+    """The subscribers that a player waits for, from now until the limit of its options."""
+
+    def __init__(self, publishers: Mapping[str, Publisher], options: PlayOptions,
+                 node: PipelineNode) -> None:
+        self._publishers = publishers
+        self._options = options
+        self._node = node
+        self._limit_s = time.monotonic() + options.wait_limit_s
+        self._begin_s: float | None = None
+
+    def are_there(self) -> bool:
+        """Return whether to begin: all are matched or the limit is over, and the delay as well."""
+        now_s = time.monotonic()
+        if self._begin_s is None:
+            missing = self._missing()
+            if missing and now_s < self._limit_s:
+                self._node.diagnostics.report_event(
+                    f'waiting for subscribers of {", ".join(missing)}', expected=True)
+                return False
+            self._begin_s = now_s + self._options.start_delay_s
+            if missing:
+                self._node.get_logger().warning(
+                    f'played without all subscribers of {", ".join(missing)}')
+        return now_s >= self._begin_s
+
+    def _missing(self) -> list[str]:
+        """Return the topics with fewer matched subscribers than the options name."""
+        return [publisher.topic_name for publisher in self._publishers.values()
+                if publisher.get_subscription_count() < self._needed(publisher)]
+
+    def _needed(self, publisher: Publisher) -> int:
+        options = self._options
+        return max(options.wait_for_subscribers,
+                   options.wait_for_camera_users if publisher.msg_type is CameraInfo else 0)
 
 
 def open_playable(options: PlayOptions, *, own_clock: bool, warn: Callable[[str], object],

@@ -1,21 +1,32 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The state of the star tracker on its topics and in the diagnostics."""
+"""What the star tracker publishes: its state, expected centroids, and its target."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
+from sensor_msgs.msg import PointCloud2
 from startracker_ros.core.astro.exclusion import BlindingForecast, ExclusionOptions, HORIZON_S
 from startracker_ros.core.attitude.gyro import GyroErrorOptions
+from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.centroid.centroids import Centroids
+from startracker_ros.core.centroid.prediction import PredictedCentroids
 from startracker_ros.core.maths.compiled_rotation import turned
+from startracker_ros.core.stages.bodies import Bodies, BodyInImage
+from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.track.options import TrackerOptions
+from startracker_ros.core.track.target import TargetTracker
 from startracker_ros.core.track.track_filter import TrackerState, TrackFilter
+from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.io.bags.tracker_state import NAME, tracker_state_values
 from startracker_ros.ros import qos
 from startracker_ros.ros.camera_node import CameraNode
 from startracker_ros.ros.diagnostics import OK, status_message, WARN
+from startracker_ros.ros.messages.clouds import centroids_to_message, predictions_to_message
 from startracker_ros.ros.messages.header import make_header
+from startracker_ros.ros.node import PipelineNode
 from startracker_ros.ros.odometry_input import OdometryInput
+from std_msgs.msg import Header
 
 _FORECAST_NS = 1_000_000_000
 
@@ -104,3 +115,58 @@ class TrackerStateOutput:
                 'seconds_to_return': f'{round(blinding.return_s, 1):g}',
                 **{f'{name.lower()}_limb_deg': f'{angle:.2f}'
                    for name, angle in blinding.limb_deg.items()}}
+
+
+class PredictionsOutput:
+    """Publishes predicted_centroids, and reports the bodies in the image."""
+
+    def __init__(self, node: PipelineNode) -> None:
+        self._node = node
+        self._publisher = node.advertise(PointCloud2, 'predicted_centroids', qos.LIST)
+
+    def publish(self, tracker: TrackFilter, targets: PredictedCentroids | None, camera: Camera,
+                header: Header) -> None:
+        """Publish what the newest frame predicts, with the targets of its time."""
+        bodies = _bodies(tracker, camera, ns_from_stamp(header.stamp))
+        self._node.diagnostics.values['bodies'] = ', '.join(
+            body.name for body in bodies) or 'none'
+        predicted = tracker.predicted
+        if predicted is not None and targets is not None:
+            predicted = predicted.joined(targets)
+        self._publisher.publish(predictions_to_message(predicted, header, bodies))
+
+
+def _bodies(tracker: TrackFilter, camera: Camera, stamp_ns: int) -> tuple[BodyInImage, ...]:
+    """Return planets, Moon and Sun at the newest frame, none without an attitude."""
+    tracked, observer = tracker.attitude, tracker.sky.at(stamp_ns).observer
+    if tracked is None:
+        return ()
+    return Bodies(observer.bodies).in_image(
+        SkyMapping(camera, tracked.attitude.quaternion, observer.vantage))
+
+
+class TargetOutput:
+    """Searches each frame for the target and publishes it, while anybody subscribes."""
+
+    def __init__(self, node: PipelineNode) -> None:
+        self._diagnostics = node.diagnostics
+        self._publisher = node.advertise(PointCloud2, 'target_centroid', qos.LIST)
+
+    def update(self, targets: TargetTracker, stars: TrackFilter, centroids: Centroids,
+               windowed: bool, camera: Camera, header: Header) -> PredictedCentroids | None:
+        """
+        Publish the target of a frame, an empty cloud if there is none.
+
+        Return where it is and what may become one, None without a subscriber or an attitude.
+        """
+        tracked = stars.attitude
+        if tracked is None or not self._publisher.get_subscription_count():
+            return None
+        target = targets.update(
+            ns_from_stamp(header.stamp), tracked.attitude, centroids, windowed)
+        self._publisher.publish(centroids_to_message(
+            Centroids.empty() if target is None else target.centroid, camera, header))
+        self._diagnostics.values.update(
+            spots_without_star=targets.spots,
+            target='none' if target is None else f'{target.rate_deg_s:.4f} deg/s')
+        return targets.predicted(tracked.rate_rad_s)
