@@ -57,6 +57,13 @@ def write_picture(path: str | Path, figure: Any, **options: Any) -> None:
         figure.savefig(file, format='png', **options)
 
 
+def save_picture(figure: Any, path: Path) -> Path:
+    """Write the figure of a campaign, its folder made where it is missing; return the path."""
+    output_folder(path.parent)
+    write_picture(path, figure, dpi=90)
+    return path
+
+
 def check_output(path: str | Path) -> None:
     """Raise OutputError where output_file() would, before long work and not after it."""
     with _named(path):

@@ -11,7 +11,7 @@ import pytest
 
 HANG = """
 import ctypes, sys
-from startracker_ros.ros.forced_exit import exit_after
+from startracker_ros.ros.shutdown import exit_after
 exit_after(float(sys.argv[1]), int(sys.argv[2]))
 ctypes.PyDLL(None).sleep(600)  # keeps the lock of the interpreter
 """

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import matrix_from_rotation_vector, turned
-from startracker_ros.core.maths.symmetric_matrix import inverse
+from startracker_ros.core.maths.small_algebra import inverse
 
 
 class AttitudeState(NamedTuple):

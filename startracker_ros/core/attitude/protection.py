@@ -27,7 +27,7 @@ import math
 from statistics import NormalDist
 
 import numpy as np
-from startracker_ros.core.maths.symmetric_matrix import is_positive_definite
+from startracker_ros.core.maths.small_algebra import is_positive_definite
 from startracker_ros.core.options import option, Options
 
 MISSED_DETECTION = 1e-4

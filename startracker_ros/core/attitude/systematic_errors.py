@@ -15,7 +15,7 @@ from startracker_ros.core.astro.constants import SPEED_OF_LIGHT_M_S
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.camera.lens import Lens, ray, undistort
 from startracker_ros.core.compiled import compiled
-from startracker_ros.core.maths.symmetric_matrix import inverse
+from startracker_ros.core.maths.small_algebra import inverse
 
 
 def with_velocity_error(attitude: AttitudeEstimate, velocity_sigma_m_s: float,

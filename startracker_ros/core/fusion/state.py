@@ -17,7 +17,7 @@ import numpy as np
 from startracker_ros.core.attitude.gyro import GyroStep
 from startracker_ros.core.fusion import filter_steps
 from startracker_ros.core.maths.compiled_rotation import turned
-from startracker_ros.core.maths.symmetric_matrix import is_positive_definite
+from startracker_ros.core.maths.small_algebra import is_positive_definite
 
 BODY = 9
 """Elements of the error state that are not of the mounts."""

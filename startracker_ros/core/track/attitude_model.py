@@ -19,7 +19,7 @@ from startracker_ros.core.centroid.centroids import Centroids, UNKNOWN_EXPOSURE
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import attitude_error
-from startracker_ros.core.maths.symmetric_matrix import is_positive_definite
+from startracker_ros.core.maths.small_algebra import is_positive_definite
 from startracker_ros.core.track.acceleration import AngularAcceleration
 from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import correct, Correction

@@ -27,7 +27,7 @@ import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import matrix_from_rotation_vector
-from startracker_ros.core.maths.symmetric_matrix import determinant, inverse
+from startracker_ros.core.maths.small_algebra import determinant, inverse
 
 FRAMES = 10
 """In which a jump that one frame does not show comes out."""

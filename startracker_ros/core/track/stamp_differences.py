@@ -10,7 +10,7 @@ import numpy as np
 from startracker_ros.core.attitude.attitude_state import AttitudeState
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
-from startracker_ros.core.maths.symmetric_matrix import inverse, is_positive_definite
+from startracker_ros.core.maths.small_algebra import inverse, is_positive_definite
 
 FRAMES = 20  # whose times are compared
 LIMIT_SIGMAS = 2.5  # a longer time, as that of a jump of the rate, counts as this

@@ -24,8 +24,8 @@ from startracker_ros.core.centroid.extraction import CentroidExtractor, Extracti
 from startracker_ros.core.centroid.moments import WEIGHTS
 from startracker_ros.core.extras import new_figure
 from startracker_ros.core.maths.rotation import conjugate, rotate
-from startracker_ros.evaluation.campaign.picture import save_picture
 from startracker_ros.io.images.images import read_image
+from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.rows import PaperRow
 

@@ -20,7 +20,7 @@ from startracker_ros.evaluation.campaign.extended_grid_frames import (
     BIN_DEG, camera, CATALOG_LIMIT, CATALOG_SIGMA_MAG, CATALOG_SIGMA_PX, Condition, DRIFT_DEG_H,
     frames, gyro_drift_px, METHODS, RANDOM_DEG_H, RATE_DEG_S, Tally)
 from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
-from startracker_ros.evaluation.campaign.picture import save_picture
+from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.rows import judged, PaperRow, trials_for_percent
 

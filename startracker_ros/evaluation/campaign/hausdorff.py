@@ -18,7 +18,7 @@ from startracker_ros.evaluation.campaign.hausdorff_frames import (
     builds, directions, five_star_frames, FRAMES, Outcomes, SLOW_CAMERA, SLOW_CELL, SlowPeer,
     stored_sets)
 from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
-from startracker_ros.evaluation.campaign.picture import save_picture
+from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.correctness import CORRECT_TEXT
 from startracker_ros.tools.figures.rows import Check, combined, judged, PaperRow

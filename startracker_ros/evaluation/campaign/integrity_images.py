@@ -25,9 +25,8 @@ from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import SteadyMotion
 from startracker_ros.sim.sky.motion_state import Motion
 from startracker_ros.sim.sky.presets import with_preset
-from startracker_ros.sim.sky.shake import ShakenMotion
+from startracker_ros.sim.sky.shake import ShakenMotion, SwayingMotion
 from startracker_ros.sim.sky.simulator import SkySimulator
-from startracker_ros.sim.sky.sway import SwayingMotion
 
 FRAMES = 60
 START_FRAMES = 10

@@ -25,7 +25,7 @@ from startracker_ros.evaluation.campaign.jpdaf_runs import (
     CAMERA, Cell, DETECTION_PROBABILITY, DT_S, FALSE_POINTS, FRAMES, GYRO, make_run, PUBLISHED,
     Run, STARS)
 from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_trials
-from startracker_ros.evaluation.campaign.picture import save_picture
+from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 

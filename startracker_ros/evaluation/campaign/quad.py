@@ -30,8 +30,8 @@ from startracker_ros.core.maths.rotation import (
 from startracker_ros.evaluation.campaign.centroid import (
     EPOCH_YEAR as NIGHT_EPOCH_YEAR, known_attitude, solutions)
 from startracker_ros.evaluation.campaign.parallel import concatenated, parallel_map, split_trials
-from startracker_ros.evaluation.campaign.picture import save_picture
 from startracker_ros.io.images.images import read_image
+from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.tools.figures.correctness import (

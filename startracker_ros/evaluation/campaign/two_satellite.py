@@ -18,10 +18,10 @@ from startracker_ros.core.extras import new_figure
 from startracker_ros.core.locate.line_of_sight import line_of_sight
 from startracker_ros.core.locate.location import locate
 from startracker_ros.core.maths.rotation import ARCSEC, quaternion_from_matrix
-from startracker_ros.evaluation.campaign.picture import save_picture
 from startracker_ros.evaluation.campaign.two_satellite_scene import (
     ALL, ALTITUDE_KM, CAMERA_PX, INCLINATION_DEG, PERFECT, PROPORTIONS, Scene, SEPARATION_DEG,
     SOURCES)
+from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
 from startracker_ros.tools.figures.rows import judged, mean_chi_square_bounds, PaperRow
 from startracker_ros.tools.figures.timing import cpu_timed

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import click
 from startracker_ros.tools.cli.outcome import exit_1_on
-from startracker_ros.tools.cli.shared import finish_measured as finish, json_option, seed_option
+from startracker_ros.tools.cli.shared import (
+    finish_measured as finish, json_option, output_option, seed_option)
 
 
 @click.command('closed-loop')
-@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
-              default='demo_closed_loop', show_default=True,
-              help='Folder for bag, pictures, report page and logs.')
+@output_option('demo_closed_loop', 'Folder for bag, pictures, report page and logs.')
 @seed_option
 @json_option
 def demo_closed_loop(output: Path, seed: int, as_json: bool) -> None:

@@ -14,7 +14,8 @@ from startracker_ros.evaluation.datasheet.design_options import DesignOptions
 from startracker_ros.io.output import check_output
 from startracker_ros.tools.cli.outcome import exit_1_on, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    finish_measured as finish, json_option, scheduler_option, seed_option, trials_option)
+    finish_measured as finish, json_option, output_option, scheduler_option, seed_option,
+    trials_option)
 
 
 @click.command()
@@ -23,8 +24,7 @@ from startracker_ros.tools.cli.shared import (
 @click.option('--optics', 'optics_file', type=click.Path(path_type=Path),
               help='YAML with options of the detector of sky_simulator: PSF, exposure, noise.')
 @click.option('--quick', is_flag=True, help='Simulate little: a minute, wide intervals.')
-@click.option('-o', '--output', type=click.Path(path_type=Path, dir_okay=False),
-              default='datasheet.html', show_default=True, help='The page.')
+@output_option('datasheet.html', 'The page.', folder=False)
 @scheduler_option
 @seed_option
 @json_option

@@ -9,8 +9,7 @@ from typing import Any
 
 import click
 from startracker_ros.tools.cli.outcome import exit_1_on
-from startracker_ros.tools.cli.shared import (
-    check_names, finish_measured, json_option, seed_option)
+from startracker_ros.tools.cli.shared import check_names, finish_measured, json_option, seed_option
 
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]
 

@@ -1,7 +1,7 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Motion of a camera that is not uniform within an exposure: vibration, and sudden kicks."""
+"""Motion that is not uniform within an exposure, vibration and sudden kicks, and a smooth sway."""
 
 from dataclasses import dataclass, replace
 
@@ -96,3 +96,28 @@ def uneven_instants(exposure_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Return instants (K,) in s from the middle of an exposure and their equal weights (K,)."""
     instants = ((np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5) * exposure_s
     return instants, np.full(_INSTANTS, 1 / _INSTANTS)
+
+
+@dataclass(frozen=True)
+class SwayingMotion:
+    """
+    A motion with a sinusoidal turn added about an axis (3,) of unit length on sensor axes.
+
+    angle = amplitude_rad sin(2 pi t / period_s + phase_rad).
+    """
+
+    steady: Motion
+    axis: np.ndarray
+    amplitude_rad: float
+    period_s: float
+    phase_rad: float = 0.0
+
+    def at(self, time_s: float) -> MotionState:
+        """Return the state."""
+        state, w = self.steady.at(time_s), 2 * np.pi / self.period_s
+        phase = w * time_s + self.phase_rad
+        turn = quaternion_from_rotation_vector(self.axis * self.amplitude_rad * np.sin(phase))
+        return replace(
+            state, q_icrf_from_sensor=multiply(state.q_icrf_from_sensor, turn),
+            rate_rad_s=rotate(conjugate(turn), state.rate_rad_s)
+            + self.axis * self.amplitude_rad * w * np.cos(phase))

@@ -9,7 +9,7 @@ import sys
 import click
 from startracker_ros.tools.cli.outcome import exit_1_on, FailedError, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    become_node, json_option, namespace_option, print_result)
+    become_node, json_option, namespace_option, output_option, print_result)
 
 
 @click.command()
@@ -110,8 +110,7 @@ def info(bag: Path, output: Path | None, as_json: bool) -> None:
 
 @click.command()
 @click.argument('bag', type=click.Path(path_type=Path))
-@click.option('-o', '--output', type=click.Path(path_type=Path, dir_okay=False),
-              default='report.html', show_default=True, help='Page to write.')
+@output_option('report.html', 'Page to write.', folder=False)
 @namespace_option
 @json_option
 def report(bag: Path, output: Path, namespace: str | None, as_json: bool) -> None:
@@ -125,8 +124,7 @@ def report(bag: Path, output: Path, namespace: str | None, as_json: bool) -> Non
 
 @click.command()
 @click.argument('bag', type=click.Path(path_type=Path))
-@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
-              default='export', show_default=True, help='Folder for the files.')
+@output_option('export', 'Folder for the files.')
 @click.option('--format', 'formats', multiple=True, default=('aem', 'csv'), show_default=True,
               type=click.Choice(['aem', 'csv', 'parquet']), help='One or more of them.')
 @click.option('--originator', default='UNKNOWN', show_default=True, help='Of the AEM.')

@@ -3,23 +3,18 @@
 
 """Commands about long flights: simulate, reprocess, compare, trend, tracklets."""
 
-from collections.abc import Callable
 from pathlib import Path
 import sys
-from typing import Any
 
 import click
 from startracker_ros.tools.cli.outcome import exit_1_on, FAILED, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    json_option, print_result, scheduler_option, seed_option)
+    json_option, output_option, print_result, scheduler_option, seed_option)
+
+_FILES = 'Folder for the files.'
 
 workers_option = click.option('--workers', type=click.IntRange(1, 256), default=None,
                               help='Processes of this machine.  [default: one for each core]')
-
-
-def _output_option(default: str) -> Callable[..., Any]:
-    return click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
-                        default=default, show_default=True, help='Folder for the files.')
 
 
 def _workers(workers: int | None) -> int:
@@ -28,7 +23,7 @@ def _workers(workers: int | None) -> int:
 
 
 @click.command()
-@_output_option('flight')
+@output_option('flight', _FILES)
 @click.option('--set', 'settings', multiple=True, metavar='NAME=VALUE',
               help='Options of the flight, listed by --options.')
 @click.option('--options', 'listed', is_flag=True, help='List the options, and end.')
@@ -58,7 +53,7 @@ def simulate(output: Path, settings: tuple[str, ...], listed: bool, workers: int
 
 @click.command()
 @click.argument('bags', nargs=-1, required=True, metavar='BAG...')
-@_output_option('reprocessed')
+@output_option('reprocessed', _FILES)
 @click.option('--source', type=click.Choice(['centroids', 'image_raw']), default=None,
               help='What is processed.  [default: centroids where a bag has them]')
 @click.option('--parameters', 'files', multiple=True,
@@ -129,8 +124,7 @@ def compare(out_a: Path, out_b: Path, picture: Path | None, as_json: bool) -> No
 
 @click.command()
 @click.argument('out', type=click.Path(path_type=Path))
-@click.option('-o', '--output', type=click.Path(path_type=Path, dir_okay=False),
-              default='trend.html', show_default=True, help='Page to write.')
+@output_option('trend.html', 'Page to write.', folder=False)
 @click.option('--orbit-s', type=click.FloatRange(60), default=5801.0, show_default=True,
               help='Period of what changes with the heat of each orbit.')
 @json_option
@@ -145,7 +139,7 @@ def trend(out: Path, output: Path, orbit_s: float, as_json: bool) -> None:
 
 @click.command()
 @click.argument('out', type=click.Path(path_type=Path))
-@_output_option('tracklets')
+@output_option('tracklets', _FILES)
 @click.option('--originator', default='UNKNOWN', show_default=True,
               help='Who makes the messages, for their header.')
 @json_option

@@ -3,15 +3,19 @@
 
 """Commands that run nodes, and the one that looks whether they can: run, demo, live, doctor."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import click
 from startracker_ros.core.options import yaml_value
 from startracker_ros.ros.executables import EXECUTABLES, NODES, STAGES
 from startracker_ros.tools.cli.outcome import Commands, exit_1_on, NeedsArguments, usage_error_on
 from startracker_ros.tools.cli.shared import (
-    become_node, finish, finish_measured, json_option, print_result, seed_option)
+    become_node, finish, finish_measured, json_option, output_option, print_result, seed_option)
+
+if TYPE_CHECKING:
+    from startracker_ros.io.table import Result
 
 
 @click.command(cls=NeedsArguments, no_args_is_help=True,
@@ -48,8 +52,7 @@ def _print_parameters(node: str) -> None:
 
 @click.group(cls=Commands, invoke_without_command=True,
              subcommand_metavar='[COMMAND] [ARGS]...')
-@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False), default='demo',
-              show_default=True, help='Folder for bag, picture and logs.')
+@output_option('demo', 'Folder for bag, picture and logs.')
 @click.option('--seconds', type=click.FloatRange(5, 3600), default=60.0, show_default=True,
               help='Sky time.')
 @seed_option
@@ -59,45 +62,40 @@ def demo(context: click.Context, output: Path, seconds: float, seed: int, as_jso
     """Run all nodes on the simulated sky, record a bag, print and draw the result."""
     if context.invoked_subcommand is not None:
         return
-    from startracker_ros.ros.processes import HarnessError
     from startracker_ros.tools.demos.demo import run_demo
+    _finish_demo(run_demo, output, seconds, seed, as_json)
+
+
+def _finish_demo(run: Callable[..., 'Result'], output: Path, seconds: float, seed: int,
+                 as_json: bool) -> None:
+    from startracker_ros.ros.processes import HarnessError
     with exit_1_on(HarnessError):
-        result = run_demo(output, seconds=seconds, seed=seed)
+        result = run(output, seconds=seconds, seed=seed)
     finish_measured(result, as_json)
 
 
 @demo.command('two-satellite')
-@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
-              default='demo_two_satellite', show_default=True,
-              help='Folder for bag, picture and logs.')
+@output_option('demo_two_satellite', 'Folder for bag, picture and logs.')
 @click.option('--seconds', type=click.FloatRange(10, 90), default=60.0, show_default=True,
               help='Sky time, until the target leaves the field.')
 @seed_option
 @json_option
 def demo_two_satellite(output: Path, seconds: float, seed: int, as_json: bool) -> None:
     """Two satellites, each with a star tracker of its own, locate a third."""
-    from startracker_ros.ros.processes import HarnessError
     from startracker_ros.tools.demos.two_satellite_demo import run_two_satellite_demo
-    with exit_1_on(HarnessError):
-        result = run_two_satellite_demo(output, seconds=seconds, seed=seed)
-    finish_measured(result, as_json)
+    _finish_demo(run_two_satellite_demo, output, seconds, seed, as_json)
 
 
 @demo.command('heads')
-@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),
-              default='demo_heads', show_default=True,
-              help='Folder for bag, picture, report page, mounts and logs.')
+@output_option('demo_heads', 'Folder for bag, picture, report page, mounts and logs.')
 @click.option('--seconds', type=click.FloatRange(10, 600), default=600.0, show_default=True,
               help='Sky time; each head is blinded three times in 600 s.')
 @seed_option
 @json_option
 def demo_heads(output: Path, seconds: float, seed: int, as_json: bool) -> None:
     """Three heads, one attitude; each is blinded in turn by Moon, Sun and Earth."""
-    from startracker_ros.ros.processes import HarnessError
     from startracker_ros.tools.demos.heads_demo import run_heads_demo
-    with exit_1_on(HarnessError):
-        result = run_heads_demo(output, seconds=seconds, seed=seed)
-    finish_measured(result, as_json)
+    _finish_demo(run_heads_demo, output, seconds, seed, as_json)
 
 
 @click.command()
@@ -122,8 +120,7 @@ def demo_heads(output: Path, seconds: float, seed: int, as_json: bool) -> None:
               help='Of the page on this machine.')
 @click.option('--seconds', type=click.FloatRange(1), default=float('inf'),
               help='End after this time.  [default: Ctrl-C]')
-@click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False), default='live',
-              show_default=True, help='Folder for picture, bags, camera YAML and logs.')
+@output_option('live', 'Folder for picture, bags, camera YAML and logs.')
 @json_option
 def live(camera_file: Path | None, fov_deg: float | None, record: bool, port: int,
          seconds: float, output: Path, as_json: bool, **capture: Any) -> None:

@@ -49,6 +49,13 @@ def trials_option(default: int, what: str, *, least: int = 1) -> Callable[[_Comm
                         show_default=True, help=what)
 
 
+def output_option(default: str, what: str, *, folder: bool = True
+                  ) -> Callable[[_Command], _Command]:
+    """Return the option --output of a command that writes a folder or a file; what is its help."""
+    return click.option('-o', '--output', default=default, show_default=True, help=what,
+                        type=click.Path(path_type=Path, file_okay=not folder, dir_okay=folder))
+
+
 def picture_option(what: str) -> Callable[[_Command], _Command]:
     """Return the option --output of a command that draws a picture into that folder."""
     return click.option('-o', '--output', type=click.Path(path_type=Path, file_okay=False),

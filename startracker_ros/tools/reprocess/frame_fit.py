@@ -11,7 +11,7 @@ from startracker_ros.core.camera.lens import Lens, rays, undistorted
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_rotation import matrix_from_quaternion
-from startracker_ros.core.maths.symmetric_matrix import inverse
+from startracker_ros.core.maths.small_algebra import inverse
 
 MATCH_SIGMAS = 5.0
 LEAST_STARS = 4
