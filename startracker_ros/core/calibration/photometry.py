@@ -21,11 +21,10 @@ from startracker_ros.core.calibration.adjustment import MatchedStars
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.band import BANDS, G_BAND, magnitude_in_band
 from startracker_ros.core.catalog.deep import camera_catalog
+from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 
 _REJECT_SIGMAS = 3.0
 _ITERATIONS = 10
-# Of a normal distribution: standard deviation over median absolute deviation.
-_MAD_SIGMA = 1.4826
 # Stars on each fitted parameter.
 _MIN_STARS_EACH = 3
 
@@ -88,7 +87,7 @@ def _fit(design: np.ndarray, observed: np.ndarray, steady: np.ndarray
     for _ in range(_ITERATIONS):
         value = np.linalg.lstsq(design[used], observed[used], rcond=None)[0]
         residual = observed - design @ value
-        within = steady & (np.abs(residual) <= _REJECT_SIGMAS * _MAD_SIGMA * np.median(
+        within = steady & (np.abs(residual) <= _REJECT_SIGMAS * SIGMA_PER_MAD * np.median(
             np.abs(residual)))
         if (within == used).all():
             break

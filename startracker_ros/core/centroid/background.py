@@ -9,13 +9,12 @@ import cv2
 import numpy as np
 from startracker_ros.core.centroid.smoothing import filter_across, filter_down, Kernel
 from startracker_ros.core.compiled import compiled
-from startracker_ros.core.maths.sorting import insert_sorted
+from startracker_ros.core.maths.sorting import insert_sorted, SIGMA_PER_MAD
 
 TILE_PX = 64
 SAMPLE_ROWS = 8  # rows sampled in a tile; each has to be filtered,
 SAMPLES = 16  # so that the pixels along it cost little
 QUANTISATION_DN = 12 ** -0.5  # standard deviation of rounding to whole DN
-SIGMA_PER_MAD = 1.4826  # of a normal distribution
 TAIL_QUANTILE = 0.95  # shows a skewed noise and is not yet made of stars
 TAIL_SIGMAS = 1.6449  # the same quantile of a normal distribution
 TAIL_SAMPLES = 16384

@@ -32,6 +32,7 @@ from startracker_ros.core.centroid.background import background_at, Mesh
 from startracker_ros.core.centroid.psf import FLUX, profile, SHARE, SIGMA, U, V
 from startracker_ros.core.centroid.streak_fit import LENGTH, share_at
 from startracker_ros.core.compiled import compiled
+from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 
 MOST_STARS, LEAST_STARS = 8, 3
 REACH_PX = 10  # beyond the ends of a streak
@@ -65,7 +66,7 @@ def pointing_error(image: np.ndarray, mesh: Mesh, full_scale: float, stars: np.n
     left = _left(image, mesh, stars[chosen], streaked, reach)
     left -= left[::-1, ::-1].copy()
     smooth = _smoothed(left)
-    noise = 1.4826 * np.median(np.abs(smooth))
+    noise = SIGMA_PER_MAD * np.median(np.abs(smooth))
     if not smooth.max() > SIGNIFICANT * noise:
         return covariance
     # In a streak the flux, and with it the error of the model, is spread over its length.

@@ -6,6 +6,9 @@
 import numpy as np
 from startracker_ros.core.compiled import compiled
 
+SIGMA_PER_MAD = 1.4826
+"""Standard deviation over median absolute deviation, of a normal distribution."""
+
 
 @compiled
 def ascending_order(values: np.ndarray) -> np.ndarray:

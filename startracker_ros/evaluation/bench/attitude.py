@@ -16,6 +16,7 @@ from startracker_ros.core.attitude.estimate import (
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, matrix_from_quaternion, random_attitude)
 from startracker_ros.io.table import Result
+from startracker_ros.tools.figures.correctness import nees_of
 from startracker_ros.tools.figures.machine import machine
 from startracker_ros.tools.figures.rows import BenchRow, mean_chi_square_bounds
 from startracker_ros.tools.figures.timing import cpu_timed, garbage_collector_off
@@ -111,8 +112,7 @@ def errors(draws: Sequence[Draw], found: Sequence[tuple[np.ndarray, np.ndarray]]
     quaternion = np.array([each for each, _ in found])
     error = attitude_error(quaternion, np.array([seen.quaternion for seen in draws]))
     sigma = np.sqrt([np.diag(seen.bound) for seen in draws])
-    nees = np.array([one @ np.linalg.solve(covariance, one)
-                     for one, (_, covariance) in zip(error, found)])
+    nees = nees_of(error, np.array([covariance for _, covariance in found]))
     return Errors(error / sigma, nees, quaternion)
 
 

@@ -23,6 +23,7 @@ from startracker_ros.evaluation.campaign.two_satellite_scene import (
     SOURCES)
 from startracker_ros.io.output import save_picture
 from startracker_ros.io.table import Result
+from startracker_ros.tools.figures.correctness import nees_of
 from startracker_ros.tools.figures.rows import judged, mean_chi_square_bounds, PaperRow
 from startracker_ros.tools.figures.timing import cpu_timed
 
@@ -162,7 +163,7 @@ def _consistency(scene: Scene, trials: int, seed: int) -> Iterator[PaperRow]:
     low, high = mean_chi_square_bounds(3, NEES_DRAWS)
     for name, weighted in (('least squares', False), ('weighted', True)):
         error, covariance = scene.draw((ALL, ALL), NEES_DRAWS, seed, weighted=weighted)
-        squared = np.einsum('ni,nij,nj->n', error, np.linalg.inv(covariance), error)
+        squared = nees_of(error, covariance)
         mean = float(squared.mean())
         yield _row(f'normalised error squared, {name}, {NEES_DRAWS} draws', mean,
                    f'{low:.3f} .. {high:.3f} (95 %)', low <= mean <= high)

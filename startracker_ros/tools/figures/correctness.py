@@ -57,10 +57,9 @@ def count_wrong(error_rad: np.ndarray, sigma_rad: np.ndarray) -> WrongCount:
                       int(np.count_nonzero(gross.any(axis=-1))))
 
 
-def nees_of(error_rad: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def nees_of(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Return the normalised squares e^T P^-1 e (N,) of errors (N, 3), mean 3 if P is true."""
-    return np.einsum('ni,ni->n', error_rad,
-                     np.linalg.solve(covariance, error_rad[..., None])[..., 0])
+    return np.einsum('ni,ni->n', error, np.linalg.solve(covariance, error[..., None])[..., 0])
 
 
 def verdict(quaternion: np.ndarray, covariance: np.ndarray, truth: np.ndarray) -> WrongCount:

@@ -11,11 +11,11 @@ from startracker_ros.core.astro.frames import gcrs_from_itrf
 from startracker_ros.core.maths.rotation import (
     attitude_error, conjugate, multiply, quaternion_from_matrix, quaternion_from_rotation_vector,
     rotation_vector_from_quaternion)
+from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 
 _ITERATIONS = 6
 _STEP = 1e-6
 _OUTLIER_SIGMAS = 6.0
-_SIGMA_OF_MEDIAN = 1.4826
 """Standard deviation of a normal variate over the median of its size."""
 
 
@@ -109,4 +109,4 @@ def _errors(time_s: np.ndarray, earth: np.ndarray, q_start: np.ndarray, rate: np
 def inliers(errors: np.ndarray) -> np.ndarray:
     """Return which errors (N, A) are within the scatter of most of them."""
     size = np.linalg.norm(errors, axis=-1)
-    return size <= _OUTLIER_SIGMAS * _SIGMA_OF_MEDIAN * np.median(size) + 1e-12
+    return size <= _OUTLIER_SIGMAS * SIGMA_PER_MAD * np.median(size) + 1e-12

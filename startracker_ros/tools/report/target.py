@@ -12,7 +12,7 @@ from startracker_ros.core.astro.orbit import orbit_frame
 from startracker_ros.core.extras import new_figure, PAGE_IN
 from startracker_ros.io.bags.reader import read_messages
 from startracker_ros.io.output import write_picture
-from startracker_ros.tools.figures.correctness import WRONG_SIGMAS
+from startracker_ros.tools.figures.correctness import nees_of, WRONG_SIGMAS
 from startracker_ros.tools.figures.rows import DemoRow
 from startracker_ros.tools.report.picture import draw_error, draw_field
 
@@ -51,8 +51,7 @@ class TargetRecording:
 
     def normalised(self) -> np.ndarray:
         """Return the squared errors (N,) in units of the covariance."""
-        error = self.position_m - self.truth_m
-        return np.einsum('ni,nij,nj->n', error, np.linalg.inv(self.covariance_m2), error)
+        return nees_of(self.position_m - self.truth_m, self.covariance_m2)
 
 
 def _xyz(vector: Any) -> list[float]:

@@ -13,6 +13,7 @@ from startracker_ros.core.frame_result import Attitude, FrameResult
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.core.track.track_filter import TrackerState
 from startracker_ros.io.export.tables import load_parquet_writer
+from startracker_ros.tools.figures.correctness import nees_of
 from startracker_ros.tools.reprocess.frame_fit import FrameFit
 from startracker_ros.tools.reprocess.widths import FittedStars, width_rows
 
@@ -207,7 +208,7 @@ def accuracy(rows: np.ndarray) -> tuple[int, float, float]:
     for pair, i, j in zip(PAIRS, *UPPER):
         covariance[:, i, j] = covariance[:, j, i] = rows[f'cov_{pair}_rad2'][known]
     error = error[known]
-    nees = np.einsum('ni,nij,nj->n', error, np.linalg.inv(covariance / ARCSEC ** 2), error)
+    nees = nees_of(error * ARCSEC, covariance)
     return len(error), float((error[:, :2] ** 2).sum()), float(nees.sum())
 
 

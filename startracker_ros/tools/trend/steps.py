@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
+from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 
 FALSE_ALARM = 1e-10
 """Of one date. A month has 43,200 of them, at 1 a minute."""
@@ -19,7 +20,6 @@ as long as drift and oscillation stay what they are."""
 _LEAST_BINS = 20
 _MOST_STEPS = 50
 _HARMONICS = 2
-_MAD = 1.4826
 _BLOCK = 10_000
 
 
@@ -70,7 +70,7 @@ def find_steps(stamp_ns: np.ndarray, values: np.ndarray, orbit_s: float) -> Step
         without = white - (np.arange(len(white)) >= date)[:, None] * size[best]
         # Noise that is not white makes all fits scatter more, also those without this step.
         sizes_without, _ = _fits(time_s, without, orbit_s)
-        scatter = np.maximum(1.0, _MAD * np.median(
+        scatter = np.maximum(1.0, SIGMA_PER_MAD * np.median(
             np.abs(sizes_without) / np.sqrt(variance)[:, None], axis=0))
         significance = float(np.sum((size[best] / scatter) ** 2) / variance[best])
         if not significance > limit:
@@ -92,7 +92,7 @@ def _whitening(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     change = np.diff(values, axis=0) / np.sqrt(2)
     # Without the steps themselves.
     size = np.abs(change - np.median(change, axis=0))
-    usual = (size <= 6 * _MAD * np.median(size, axis=0) + 1e-300).all(axis=1)
+    usual = (size <= 6 * SIGMA_PER_MAD * np.median(size, axis=0) + 1e-300).all(axis=1)
     covariance = np.atleast_2d(np.cov(change[usual].T)) + 1e-300 * np.eye(values.shape[1])
     variance, axes = np.linalg.eigh(covariance)
     sigma = np.sqrt(np.maximum(variance, 1e-300))

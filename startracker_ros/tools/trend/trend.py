@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from startracker_ros.core.astro.epoch import utc
+from startracker_ros.core.maths.sorting import SIGMA_PER_MAD
 from startracker_ros.io.output import write_output
 from startracker_ros.io.table import Result
 from startracker_ros.tools.report.chart import chart
@@ -27,7 +28,6 @@ LEAST_FRAMES = 100
 _POSITION_SIGMAS = 6.0
 _LARGEST_DIFFERENCE_MAG = 0.3
 _LARGEST_SCATTER_MAG = 0.15
-_MAD = 1.4826
 
 LEAST_STARS = 100
 """Stars of a cell whose width is known, to 5 %."""
@@ -94,7 +94,7 @@ def bad_stars(run: Run) -> list[StarRow]:
     difference = sums['difference_mag'] / sums['count']
     scatter_mag = np.sqrt(np.maximum(sums['square_mag2'] / sums['count'] - difference ** 2, 0))
     # What the lens leaves to all stars is no fault of one.
-    floor = _MAD * float(np.median(np.abs(np.stack([east, north])))) if len(hip) else 0.0
+    floor = SIGMA_PER_MAD * float(np.median(np.abs(np.stack([east, north])))) if len(hip) else 0.0
     sigma = np.hypot(1 / np.sqrt(sums['weight']), floor)
     offset = np.hypot(east, north)
     rows = []
