@@ -24,7 +24,7 @@ SAFE_LOADERS = {'yaml.SafeLoader', 'yaml.CSafeLoader'}
 # Modules named by a table in the code or, in message_types.py, by data that is checked below.
 MAY_IMPORT_BY_NAME = {
     'ros/messages/message_types.py', 'ros/node.py', 'tools/doctor/install.py',
-    'evaluation/bench/centroid.py',
+    'evaluation/bench/centroid.py', 'evaluation/cli/measurement.py',
     'evaluation/bench/jpda.py',
     # Names of the package, out of signatures.json, which is installed with it.
     '__init__.py', 'core/compiled_types.py', 'warm_up.py',
