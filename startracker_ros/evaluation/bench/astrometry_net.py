@@ -46,23 +46,25 @@ def centre(printed: str) -> np.ndarray | None:
         *np.radians([float(found[1]), float(found[2])]))
 
 
-def solve(image: np.ndarray, fov_deg: float, fov_error: float
+def solve(image: np.ndarray, field_deg: tuple[float, float] | None = None
           ) -> tuple[np.ndarray | None, float]:
     """
     Return the direction (3,) of the centre of an image (H, W), and the CPU time in s.
 
-    The width of the field is given to a share. The time is that of the processes it starts.
+    field_deg limits the width of the field, where it is known. The time is that of the processes
+    of the command.
     """
+    limits = [] if field_deg is None else [
+        '--scale-units', 'degwidth', '--scale-low', str(field_deg[0]),
+        '--scale-high', str(field_deg[1])]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'image.png'
         cv2.imwrite(str(path), image)
         before_s = _cpu_s()
         try:
             printed = subprocess.run(
-                [COMMAND, '--no-plots', '--dir', folder, '--cpulimit', str(CPU_LIMIT_S),
-                 '--scale-units', 'degwidth', '--scale-low', str(fov_deg / (1 + fov_error)),
-                 '--scale-high', str(fov_deg / (1 - fov_error)), str(path)],
-                capture_output=True, text=True, timeout=_HANGS_S).stdout
+                [COMMAND, '--no-plots', '--dir', folder, '--cpulimit', str(CPU_LIMIT_S), *limits,
+                 str(path)], capture_output=True, text=True, timeout=_HANGS_S).stdout
         except subprocess.TimeoutExpired:
             printed = ''
         return centre(printed), _cpu_s() - before_s

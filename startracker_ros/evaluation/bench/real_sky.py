@@ -7,9 +7,10 @@ Photographs with known answers: ours beside tetra3rs, cedar-solve and astrometry
 Each solver is given the field of view with an error of up to 5 %, drawn for each image. Every
 solver of star lists gets the stars of every detection: `nodes` is the list that nodes and `solve
 --camera` use, `ours` the longest of those that `startracker solve` tries. `startracker solve` and
-astrometry.net get the images. brightest_percent is the share of the twelve brightest catalogue
-stars of each image that `startracker solve` solved that a list has. `any of` counts an image as
-correct that at least one of the peers solves, each with its own detection.
+astrometry.net get the images, `blind` without the field of view. brightest_percent is the share
+of the twelve brightest catalogue stars of each image that `startracker solve` solved that a list
+has. `any of` counts an image as correct that at least one of the peers solves, each with its own
+detection.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -46,7 +47,7 @@ FOV_ERROR = 0.05
 _MAX_STARS = 60
 _OPTIONS = IdentificationOptions(fov_error_percent=100 * FOV_ERROR)
 OURS, NODES, TETRA3RS, WHOLE = 'ours', 'nodes', 'tetra3rs', 'startracker solve'
-ALL = 'all'
+ALL, BLIND = 'all', ', blind'
 BRIGHTEST = 12
 _EDGE_PX = 5.0  # of a catalogue star that has to be in an image
 _NEAR_SHARE = 0.006  # of the width of the image: what a fitted lens leaves
@@ -133,7 +134,7 @@ def solve_ours(ladder: LadderIdentifier, given: Camera, centroids: Centroids
     return None
 
 
-def _whole(images: Sequence[Photograph], cameras: Sequence[Camera]
+def _whole(images: Sequence[Photograph], cameras: Sequence[Camera | None]
            ) -> tuple[list[Found], list[np.ndarray]]:
     """Return what `startracker solve` does with images, and the brightest stars of each."""
     found, bright = [], []
@@ -233,10 +234,13 @@ def _group_answers(images: Sequence[Photograph], cameras: Sequence[Camera], ceda
     """Yield detection, solver, brightest_percent and answers to the images of one camera."""
     whole, bright = _whole(images, cameras)
     yield WHOLE, OURS, None, whole
+    yield WHOLE, OURS + BLIND, None, _whole(images, [None] * len(images))[0]
     if astrometry_net.is_installed():
         yield ASTROMETRY_NET, ASTROMETRY_NET, None, [
-            astrometry_net.solve(image.image, float(np.degrees(given.fov_x_rad)), FOV_ERROR)
+            astrometry_net.solve(image.image, _field_limits_deg(given))
             for image, given in zip(images, cameras)]
+        yield ASTROMETRY_NET, ASTROMETRY_NET + BLIND, None, [
+            astrometry_net.solve(image.image) for image in images]
     detections: dict[str, list[tuple[float, Centroids]]] = {
         OURS: [cpu_timed(detect_ours, image.image) for image in images],
         NODES: [cpu_timed(detect_for_nodes, image.image) for image in images]}
@@ -258,6 +262,11 @@ def _group_answers(images: Sequence[Photograph], cameras: Sequence[Camera], ceda
             yield detection, name, share, [
                 (direction, time_s + more_s)
                 for (direction, time_s), more_s in zip(solve(lists), detect_s)]
+
+
+def _field_limits_deg(given: Camera) -> tuple[float, float]:
+    fov_deg = float(np.degrees(given.fov_x_rad))
+    return fov_deg / (1 + FOV_ERROR), fov_deg / (1 - FOV_ERROR)
 
 
 def _row(images: Sequence[Photograph], name: str, detection: str, solver: str,
