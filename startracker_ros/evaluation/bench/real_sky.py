@@ -2,17 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Photographs with known answers: ours beside tetra3rs and cedar-solve, detection times solver.
+Photographs with known answers: ours beside tetra3rs, cedar-solve and astrometry.net.
 
 Each solver is given the field of view with an error of up to 5 %, drawn for each image. Every
-solver gets the stars of every detection: `nodes` is the list that nodes and `solve --camera` use,
-`ours` the longest of those that `startracker solve` tries. brightest_percent is the share of the
-twelve brightest catalogue stars of each image that `startracker solve` solved that a list has.
+solver of star lists gets the stars of every detection: `nodes` is the list that nodes and `solve
+--camera` use, `ours` the longest of those that `startracker solve` tries. `startracker solve` and
+astrometry.net get the images, `blind` without the field of view. brightest_percent is the share
+of the twelve brightest catalogue stars of each image that `startracker solve` solved that a list
+has. `any of` counts an image as correct that at least one of the peers solves, each with its own
+detection.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import chain
+from dataclasses import dataclass
 from pathlib import Path
 import sys
 import tempfile
@@ -31,6 +33,8 @@ from startracker_ros.core.identify.ladder import LadderIdentifier
 from startracker_ros.core.maths.rotation import rotate
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.solution import Solution
+from startracker_ros.evaluation.bench import astrometry_net
+from startracker_ros.evaluation.bench.astrometry_net import ASTROMETRY_NET
 from startracker_ros.evaluation.bench.corpus import View
 from startracker_ros.evaluation.bench.peers import CEDAR, Cedar, Tetra3rs
 from startracker_ros.evaluation.bench.photographs import (
@@ -43,6 +47,7 @@ FOV_ERROR = 0.05
 _MAX_STARS = 60
 _OPTIONS = IdentificationOptions(fov_error_percent=100 * FOV_ERROR)
 OURS, NODES, TETRA3RS, WHOLE = 'ours', 'nodes', 'tetra3rs', 'startracker solve'
+ALL, BLIND = 'all', ', blind'
 BRIGHTEST = 12
 _EDGE_PX = 5.0  # of a catalogue star that has to be in an image
 _NEAR_SHARE = 0.006  # of the width of the image: what a fitted lens leaves
@@ -129,7 +134,7 @@ def solve_ours(ladder: LadderIdentifier, given: Camera, centroids: Centroids
     return None
 
 
-def _whole(images: Sequence[Photograph], cameras: Sequence[Camera]
+def _whole(images: Sequence[Photograph], cameras: Sequence[Camera | None]
            ) -> tuple[list[Found], list[np.ndarray]]:
     """Return what `startracker solve` does with images, and the brightest stars of each."""
     found, bright = [], []
@@ -184,32 +189,58 @@ def run_real_sky_bench(folders: Sequence[Path], *, seed: int = 1, cedar_python: 
     rng = np.random.default_rng(seed)
     cameras = [given_camera(image, rng) for image in images]
     rows: list[RealSkyRow] = []
-    ours: dict[int, Found] = {}
+    answers: dict[tuple[str, str], dict[int, Found]] = {}
     with tempfile.TemporaryDirectory() as folder:
         cedar = Cedar(cedar_python, folder) if cedar_python else None
         for group in dict.fromkeys((image.group, image.image.shape) for image in images):
             chosen = [k for k, image in enumerate(images)
                       if (image.group, image.image.shape) == group]
-            group_images, group_cameras = [images[k] for k in chosen], [cameras[k] for k in chosen]
-            whole, bright = _whole(group_images, group_cameras)
-            ours.update(zip(chosen, whole))
-            for row in chain([_row(group_images, WHOLE, OURS, whole)],
-                             _group_rows(group_images, group_cameras, bright, cedar)):
-                print(row, file=sys.stderr, flush=True)
-                rows.append(row)
-        rows.append(_row(images, WHOLE, OURS, [ours[k] for k in range(len(images))], 'all'))
+            group_images = [images[k] for k in chosen]
+            for detection, solver, share, found in _group_answers(
+                    group_images, [cameras[k] for k in chosen], cedar):
+                answers.setdefault((detection, solver), {}).update(zip(chosen, found))
+                rows.append(_row(group_images, group_images[0].group, detection, solver, found,
+                                 share))
+                print(rows[-1], file=sys.stderr, flush=True)
         version = cedar.version() if cedar else 'absent: --cedar-python names its venv'
+    of_all = {pair: [found[k] for k in range(len(images))] for pair, found in answers.items()}
+    rows += [_row(images, ALL, *pair, found) for pair, found in of_all.items()]
+    # Each with its own detection.
+    peers = {solver: found for (detection, solver), found in of_all.items()
+             if detection == solver and solver != OURS}
+    if peers:
+        rows.append(_row(images, ALL, 'any of', ', '.join(peers), [
+            _best(image, found) for image, found in zip(images, zip(*peers.values()))]))
     return Result('bench real-sky', rows, {
         'machine': machine(),
         'given': f'the field of view, off by up to {FOV_ERROR:.0%}',
         'correct': f'image centre within {CORRECT_OF_FIELD:.0%} of the field of view',
-        'times': 'process CPU time of detection and solution, databases in memory',
-        **peer_versions(TETRA3RS), CEDAR: version, 'seed': seed})
+        'times': 'process CPU time of detection and solution, databases in memory; of '
+                 f'{ASTROMETRY_NET} that of its processes, which end after '
+                 f'{astrometry_net.CPU_LIMIT_S} s',
+        **peer_versions(TETRA3RS), CEDAR: version, ASTROMETRY_NET: astrometry_net.version(),
+        'seed': seed})
 
 
-def _group_rows(images: Sequence[Photograph], cameras: Sequence[Camera],
-                bright: Sequence[np.ndarray], cedar: Cedar | None) -> Iterator[RealSkyRow]:
-    """Yield the rows of the images of one camera, each when it is measured."""
+def _best(image: Photograph, found: Sequence[Found]) -> Found:
+    """Return the best answer to an image, and the time of all."""
+    directions = [direction for direction, _ in found if direction is not None]
+    return (max(directions, key=image.is_correct, default=None),
+            sum(time_s for _, time_s in found))
+
+
+def _group_answers(images: Sequence[Photograph], cameras: Sequence[Camera], cedar: Cedar | None
+                   ) -> Iterator[tuple[str, str, float | None, list[Found]]]:
+    """Yield detection, solver, brightest_percent and answers to the images of one camera."""
+    whole, bright = _whole(images, cameras)
+    yield WHOLE, OURS, None, whole
+    yield WHOLE, OURS + BLIND, None, _whole(images, [None] * len(images))[0]
+    if astrometry_net.is_installed():
+        yield ASTROMETRY_NET, ASTROMETRY_NET, None, [
+            astrometry_net.solve(image.image, _field_limits_deg(given))
+            for image, given in zip(images, cameras)]
+        yield ASTROMETRY_NET, ASTROMETRY_NET + BLIND, None, [
+            astrometry_net.solve(image.image) for image in images]
     detections: dict[str, list[tuple[float, Centroids]]] = {
         OURS: [cpu_timed(detect_ours, image.image) for image in images],
         NODES: [cpu_timed(detect_for_nodes, image.image) for image in images]}
@@ -228,16 +259,21 @@ def _group_rows(images: Sequence[Photograph], cameras: Sequence[Camera],
         detect_s, lists = [list(column) for column in zip(*seen)]
         share = share_found(bright, lists, cameras[0].width)
         for name, solve in solvers.items():
-            found = [(direction, time_s + more_s)
-                     for (direction, time_s), more_s in zip(solve(lists), detect_s)]
-            yield replace(_row(images, detection, name, found), brightest_percent=share)
+            yield detection, name, share, [
+                (direction, time_s + more_s)
+                for (direction, time_s), more_s in zip(solve(lists), detect_s)]
 
 
-def _row(images: Sequence[Photograph], detection: str, solver: str, found: Sequence[Found],
-         name: str = '') -> RealSkyRow:
+def _field_limits_deg(given: Camera) -> tuple[float, float]:
+    fov_deg = float(np.degrees(given.fov_x_rad))
+    return fov_deg / (1 + FOV_ERROR), fov_deg / (1 - FOV_ERROR)
+
+
+def _row(images: Sequence[Photograph], name: str, detection: str, solver: str,
+         found: Sequence[Found], brightest_percent: float | None = None) -> RealSkyRow:
     right = [image.is_correct(direction) for image, (direction, _) in zip(images, found)
              if direction is not None]
     times_ms = [1e3 * time_s for _, time_s in found]
-    return RealSkyRow(name or images[0].group, detection, solver, sum(right),
-                      len(right) - sum(right), len(images) - len(right),
-                      float(np.median(times_ms)), float(np.percentile(times_ms, 99)))
+    return RealSkyRow(name, detection, solver, sum(right), len(right) - sum(right),
+                      len(images) - len(right), float(np.median(times_ms)),
+                      float(np.percentile(times_ms, 99)), brightest_percent)
