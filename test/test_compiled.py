@@ -25,7 +25,7 @@ from startracker_ros.core.machine_code_cache import COMPILATIONS
 compiled = []
 COMPILATIONS.listeners.append(lambda name, done, count: compiled.append(name))
 from startracker_ros.core.camera.lens import Lens, undistort
-print(undistort(Lens(9, 9, 1., 1., 4., 4., (0.,) * 9, False, False), 0.25, 0.5))
+print(undistort(Lens(9, 9, 1., 1., 4., 4., (0.,) * 9, False, False, float('inf')), 0.25, 0.5))
 print(machine_code_folder())
 print(code_name('startracker_ros.core.camera.lens'))
 print(len([name for name in compiled if name.endswith('undistort')]))

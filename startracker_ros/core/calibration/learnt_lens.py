@@ -12,7 +12,8 @@ a narrow field the principal point is the same as the attitude, and k1 has no ef
 of the result is therefore that of the middle of the image, which the stars always determine.
 
 Matching and fit alternate: the better the lens, the more stars of the whole image are in the
-gate, which follows the scatter of the residuals.
+gate, which follows the scatter of the residuals. A fisheye has the terms k1 to k4, and the gates
+of fisheye_growth.py.
 """
 
 from dataclasses import dataclass, replace
@@ -20,9 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.estimate import AttitudeEstimate
+from startracker_ros.core.calibration.fisheye_growth import gated
 from startracker_ros.core.calibration.lens_fit import (
-    changed, fit_lens, folds, LEAST_ERROR_PX, linearised, PARAMETERS, stars_in_image)
+    changed, fit_lens, folds, LEAST_ERROR_PX, linearised, RADIAL, stars_in_image)
 from startracker_ros.core.calibration.matching import nearest_pairs
+from startracker_ros.core.camera.distortion import coefficients_of
 from startracker_ros.core.camera.lens import Lens, rays, undistorted
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.catalog.onboard import OnboardCatalog
@@ -33,6 +36,7 @@ from startracker_ros.core.maths.rotation import (
 
 # Prior standard deviations: relative pixel ratio, principal point (of the width), k1.
 _RATIO, _CENTRE, _K1 = 0.05, 0.04, 0.25
+_FISHEYE = [0.06, 0.02, 0.005, 0.001]  # of k1 to k4 of a fisheye
 _FREE_ATTITUDE_RAD = 10.0
 # So few matches leave lens and attitude open; in a narrow field the lens is then held ideal.
 _FEW_MATCHES, _NARROW_RAD = 10, np.radians(20.0)
@@ -89,10 +93,10 @@ class _Lens(NamedTuple):
     quaternion: np.ndarray
 
     def camera(self, start: Camera) -> Camera:
-        """Return the camera, the other terms as those of start; CameraError for none."""
+        """Return the camera, of the distortion model of start; CameraError for none."""
         model = self.model
         return replace(start, fx=model.fx, fy=model.fy, cx=model.cx, cy=model.cy,
-                       distortion=(model.terms[0], *start.distortion[1:]))
+                       distortion=coefficients_of(start.distortion_model, model.terms))
 
 
 def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
@@ -111,8 +115,10 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
     star = onboard.index_of(identification.hip)
     star[identification.hip == 0] = -1
     first = int(np.count_nonzero(star >= 0))
-    free = np.array([_FREE_ATTITUDE_RAD] * 3 + [focal_error, _RATIO, _CENTRE, _CENTRE, _K1])
-    held = np.array([1.0] * 4 + [_HELD] * 4)
+    fisheye = start.model.equidistant
+    free = np.array([_FREE_ATTITUDE_RAD] * 3 + [focal_error, _RATIO, _CENTRE, _CENTRE]
+                    + (_FISHEYE if fisheye else [_K1]))
+    held = np.array([1.0] * 4 + [_HELD] * (len(free) - 4))
     quaternion = identification.attitude.quaternion
     try:
         # A lens at the limit of what a camera can have folds its image at another focal length.
@@ -121,7 +127,7 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
         fit = _grow(lens, start.lens, free, centroids, star, onboard)
         if np.count_nonzero(fit.star >= 0) < _FEW_MATCHES and start.fov_x_rad < _NARROW_RAD:
             fit = _grow(lens, start.lens, free * held, centroids, star, onboard)
-        else:
+        elif not fisheye:
             fit = _best_of_others(fit, lens, start, free, centroids, star, onboard)
         camera = fit.lens.camera(start)
     except CameraError as error:
@@ -136,7 +142,7 @@ def learn_lens(attempt: Attempt, focal_error: float) -> LearntLens:
 
 
 class _Fit(NamedTuple):
-    """A lens, the covariance (8, 8) of its parameters, error per axis, and stars (N,)."""
+    """A lens, the covariance (P, P) of its parameters, error per axis, and stars (N,)."""
 
     lens: _Lens
     covariance: np.ndarray
@@ -160,8 +166,13 @@ def _grow(lens: _Lens, start: Lens, free: np.ndarray, centroids: Centroids, star
             raise CameraError(f'distortion k1 {model.terms[0]:.2g} folds the image over itself')
         lens = _Lens(model, quaternion)
         before, growing = star, iteration < _GROWING
-        gate_px = _gate(error_px, model, onboard, _FIRST_GATE_PX if growing else _LEAST_GATE_PX)
-        star = _match(lens, centroids, onboard, gate_px)
+        if model.equidistant:
+            star = gated(*lens, covariance, max(error_px, _LEAST_GATE_PX / _GATE_SIGMAS),
+                         onboard.direction, centroids.uv)
+        else:
+            gate_px = _gate(error_px, model, onboard,
+                            _FIRST_GATE_PX if growing else _LEAST_GATE_PX)
+            star = _match(lens, centroids, onboard, gate_px)
         if (np.count_nonzero(star >= 0) < _LEAST_MATCHES
                 or not growing and np.array_equal(star, before)):
             break
@@ -213,7 +224,8 @@ def _residuals(lens: _Lens, centroids: Centroids, onboard: OnboardCatalog, star:
     """Return image minus catalogue (N, 2) in px, NaN where not matched."""
     residual = np.full((len(star), 2), np.nan)
     row = star >= 0
-    residual[row] = centroids.uv[row] - linearised(*lens, onboard.direction[star[row]])[0]
+    residual[row] = centroids.uv[row] - linearised(
+        *lens, onboard.direction[star[row]], RADIAL)[0]
     return residual
 
 
@@ -248,10 +260,11 @@ def _attitude(fit: _Fit, residual: np.ndarray, centroids: Centroids) -> Attitude
     lens, row = fit.lens, fit.star >= 0
     middle = _middle(lens)
     # Focal length and distortion hardly move the middle of the image.
-    partial = np.zeros((3, PARAMETERS))
+    parameters = len(fit.covariance)
+    partial = np.zeros((3, parameters))
     partial[:, :3] = matrix_from_quaternion(multiply(conjugate(middle), lens.quaternion))
     for axis in (5, 6):
-        step = np.zeros(PARAMETERS)
+        step = np.zeros(parameters)
         step[axis] = _STEP
         partial[:, axis] = attitude_error(_middle(_Lens(*changed(*lens, step))), middle) / _STEP
     square = np.sum(residual[row] ** 2, axis=1)

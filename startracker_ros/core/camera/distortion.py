@@ -14,6 +14,7 @@ s = a2 + b2 and
 the distorted coordinates are a L + 2 p1 a b + p2 (s + 2 a2), b L + p1 (s + 2 b2) + 2 p2 a b.
 """
 
+import math
 from typing import NamedTuple
 
 Terms = tuple[float, float, float, float, float, float, float, float, float]
@@ -32,11 +33,14 @@ class DistortionModel(NamedTuple):
     limit_deg: float
 
 
+LARGEST_RAD = math.radians(175.0)
+"""The largest angle of a pixel to the optical axis: straight back is no direction."""
+
 PLUMB_BOB, RATIONAL, EQUIDISTANT = 'plumb_bob', 'rational_polynomial', 'equidistant'
 MODELS = {
     PLUMB_BOB: DistortionModel(('k1', 'k2', 'p1', 'p2', 'k3'), False, 170.0),
     RATIONAL: DistortionModel(('k1', 'k2', 'p1', 'p2', 'k3', 'd1', 'd2', 'd3'), False, 170.0),
-    EQUIDISTANT: DistortionModel(('k1', 'k2', 'k3', 'k4'), True, 340.0)}
+    EQUIDISTANT: DistortionModel(('k1', 'k2', 'k3', 'k4'), True, 350.0)}
 """By the name in CameraInfo; its k4, k5, k6 of rational_polynomial are d1, d2, d3 here."""
 
 
@@ -46,3 +50,9 @@ def terms_of(model: str, coefficients: tuple[float, ...]) -> Terms:
     k1, k2, p1, p2, k3, k4, d1, d2, d3 = (
         value.get(name, 0.0) for name in ('k1', 'k2', 'p1', 'p2', 'k3', 'k4', 'd1', 'd2', 'd3'))
     return k1, k2, p1, p2, k3, k4, d1, d2, d3
+
+
+def coefficients_of(model: str, terms: Terms) -> tuple[float, ...]:
+    """Return the coefficients of a model out of all terms."""
+    value = dict(zip(('k1', 'k2', 'p1', 'p2', 'k3', 'k4', 'd1', 'd2', 'd3'), terms))
+    return tuple(value[name] for name in MODELS[model].coefficients)

@@ -11,15 +11,16 @@ distort; focal lengths and principal point make pixels of them.
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.camera.distortion import Terms
-from startracker_ros.core.compiled import compiled
+from startracker_ros.core.camera.distortion import LARGEST_RAD, Terms
+from startracker_ros.core.compiled import compiled, inlined
 
 
 class Lens(NamedTuple):
     """
     Image size, focal lengths and principal point in px, distortion terms.
 
-    distorted is whether any term is not zero; equidistant whether (a, b) is an angle.
+    distorted is whether any term is not zero; equidistant whether (a, b) is an angle; farthest_rad
+    is that of farthest_angle().
     """
 
     width: int
@@ -31,6 +32,32 @@ class Lens(NamedTuple):
     terms: Terms
     distorted: bool
     equidistant: bool
+    farthest_rad: float
+
+
+# An equidistant lens that folds beyond this angle has an image circle; else its terms are wrong.
+_CIRCLE_RAD = np.radians(65.0)
+_ANGLE_STEP_RAD = 1 / 256
+_LARGEST_ERROR = 1e-9  # of an inverse, in focal lengths
+
+
+@compiled
+def farthest_angle(equidistant: bool, terms: Terms) -> float:
+    """
+    Return the largest angle to the axis that has a pixel: beyond, an equidistant lens folds.
+
+    Infinity for other lenses, which must not fold within their images.
+    """
+    if not equidistant:
+        return np.inf
+    k1, k2, _, _, k3, k4, _, _, _ = terms
+    theta = _ANGLE_STEP_RAD
+    while theta < LARGEST_RAD:
+        s = theta * theta
+        if not 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4))) > 0:
+            return theta - _ANGLE_STEP_RAD
+        theta += _ANGLE_STEP_RAD
+    return LARGEST_RAD
 
 
 @compiled
@@ -92,11 +119,13 @@ def distortion_jacobian(terms: Terms, a: float, b: float) -> tuple[float, float,
 
 @compiled
 def undistort(lens: Lens, x: float, y: float) -> tuple[float, float]:
-    """Return the inverse of distort() at x, y, by Newton's method."""
-    if not lens.distorted:
-        return x, y
+    """
+    Return the inverse of distort() at x, y, by Newton's method.
+
+    NaN where a pixel has no direction: beyond the farthest angle, outside the image circle.
+    """
     a, b = x, y
-    for _ in range(20):
+    for _ in range(20 if lens.distorted else 0):
         distorted_x, distorted_y = distort(lens.terms, a, b)
         ex, ey = distorted_x - x, distorted_y - y
         if max(abs(ex), abs(ey)) < 1e-14:
@@ -105,16 +134,33 @@ def undistort(lens: Lens, x: float, y: float) -> tuple[float, float]:
         determinant = xx * yy - cross * cross
         a -= (yy * ex - cross * ey) / determinant
         b -= (xx * ey - cross * ex) / determinant
+    if lens.equidistant and not _is_inverse(lens, a, b, x, y):
+        return np.nan, np.nan
     return a, b
+
+
+@inlined
+def _is_inverse(lens: Lens, a: float, b: float, x: float, y: float) -> bool:
+    """Return whether a, b is within the farthest angle, and distorted x, y."""
+    if not a * a + b * b <= lens.farthest_rad ** 2:
+        return False
+    distorted_x, distorted_y = distort(lens.terms, a, b)
+    return max(abs(distorted_x - x), abs(distorted_y - y)) < _LARGEST_ERROR
 
 
 @compiled
 def project(lens: Lens, directions: np.ndarray) -> np.ndarray:
-    """Return pixels (N, 2) of directions (N, 3) on sensor axes; NaN where plane_point() is."""
+    """
+    Return pixels (N, 2) of directions (N, 3) on sensor axes.
+
+    NaN where plane_point() is, and beyond the farthest angle.
+    """
     uv = np.empty((len(directions), 2))
     for i in range(len(directions)):
         a, b = plane_point(lens.equidistant, directions[i, 0], directions[i, 1],
                            directions[i, 2])
+        if a * a + b * b > lens.farthest_rad ** 2:
+            a = b = np.nan
         x, y = distort(lens.terms, a, b)
         uv[i, 0], uv[i, 1] = lens.fx * x + lens.cx, lens.fy * y + lens.cy
     return uv
@@ -156,12 +202,16 @@ def distortion_errors(lens: Lens, uv: np.ndarray) -> tuple[float, float]:
     Return how far pixels (N, 2) are from invertible.
 
     The largest error of distort() after undistort(), in units of the focal length, and the
-    smallest determinant of its Jacobian, which is positive where the image is not folded.
+    smallest determinant of its Jacobian, which is positive where the image is not folded. Pixels
+    outside the image circle of a fisheye do not count.
     """
     largest, least = 0.0, np.inf
+    circle = lens.equidistant and lens.farthest_rad >= _CIRCLE_RAD
     plane = undistorted(lens, uv)
     for i in range(len(uv)):
         a, b = plane[i, 0], plane[i, 1]
+        if circle and np.isnan(a):
+            continue
         x, y = distort(lens.terms, a, b)
         error = max(abs(lens.fx * x + lens.cx - uv[i, 0]) / lens.fx,
                     abs(lens.fy * y + lens.cy - uv[i, 1]) / lens.fy)

@@ -8,13 +8,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from startracker_ros.core.camera.distortion import DistortionModel, MODELS, PLUMB_BOB, terms_of
+from startracker_ros.core.camera.distortion import (
+    DistortionModel, LARGEST_RAD, MODELS, PLUMB_BOB, terms_of)
 
 if TYPE_CHECKING:
     from startracker_ros.core.camera.lens import Lens
 
-# Of the farthest corner from the axis of an equidistant lens: straight back has no pixel.
-_LARGEST_ANGLE_RAD = np.radians(175)
 # Points of an image (81, 2), as shares of its width and height.
 _GRID = np.stack(np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)), -1).reshape(-1, 2)
 
@@ -67,17 +66,11 @@ class Camera:
 
     def _check_distortion(self) -> None:
         """Raise CameraError for a model that has no inverse somewhere in the image."""
-        from startracker_ros.core.camera.lens import distortion_errors, undistorted
-        pixel = _GRID * [self.width - 1, self.height - 1]
-        error, determinant = distortion_errors(self.lens, pixel)
+        from startracker_ros.core.camera.lens import distortion_errors
+        error, determinant = distortion_errors(
+            self.lens, _GRID * [self.width - 1, self.height - 1])
         if not (error < 1e-9 and determinant > 0):
             raise CameraError(f'distortion {self.distortion} folds the image over itself')
-        if self.model.equidistant:
-            farthest = float(np.linalg.norm(undistorted(self.lens, pixel), axis=1).max())
-            if farthest > _LARGEST_ANGLE_RAD:
-                raise CameraError(
-                    f'a corner of the image is {np.degrees(farthest):.0f} deg from the optical '
-                    f'axis, at most {np.degrees(_LARGEST_ANGLE_RAD):.0f} are possible: crop it')
 
     @classmethod
     def from_fov(cls, width: int, height: int, fov_deg: float,
@@ -111,14 +104,22 @@ class Camera:
 
     @property
     def seen_x_rad(self) -> float:
-        """Horizontal field of view, edge to edge through the centre, with the distortion."""
+        """
+        Horizontal field of view, edge to edge through the centre, with the distortion.
+
+        The edges are those of the image circle where that is smaller than the image.
+        """
         x, _, z = self.unproject(np.array([[-0.5, self.cy], [self.width - 0.5, self.cy]])).T
         left, right = np.arctan2(x, z)
-        return float(right - left)
+        farthest = self.lens.farthest_rad if np.isnan(right - left) else 0.0
+        return float((farthest if np.isnan(right) else right)
+                     - (-farthest if np.isnan(left) else left))
 
     def angle_rad(self, radius: float) -> float:
         """Return the angle from the axis at a radius in undistorted coordinates, signed."""
-        return radius if self.model.equidistant else float(np.arctan(radius))
+        if self.model.equidistant:
+            return min(max(radius, -LARGEST_RAD), LARGEST_RAD)
+        return float(np.arctan(radius))
 
     def radius(self, angle_rad: float) -> float:
         """Return the radius in undistorted coordinates at an angle from the axis."""
@@ -126,10 +127,12 @@ class Camera:
 
     @cached_property
     def corner_angle_rad(self) -> float:
-        """Largest angle between the optical axis and a corner of the image."""
+        """Largest angle between the optical axis and a corner of the image or of its circle."""
         right, bottom = self.width - 0.5, self.height - 0.5
         corners = self.unproject(np.array(
             [[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]]))
+        if np.isnan(corners).any():
+            return self.lens.farthest_rad
         return float(np.arccos(corners[:, 2].min()))
 
     @cached_property
@@ -140,10 +143,11 @@ class Camera:
     @cached_property
     def lens(self) -> 'Lens':
         """Return the camera model for compiled functions."""
-        from startracker_ros.core.camera.lens import Lens
+        from startracker_ros.core.camera.lens import farthest_angle, Lens
+        terms = terms_of(self.distortion_model, self.distortion)
         return Lens(self.width, self.height, float(self.fx), float(self.fy), float(self.cx),
-                    float(self.cy), terms_of(self.distortion_model, self.distortion),
-                    any(self.distortion), self.model.equidistant)
+                    float(self.cy), terms, any(self.distortion), self.model.equidistant,
+                    farthest_angle(self.model.equidistant, terms))
 
     def with_focal_ratio(self, ratio: float) -> 'Camera':
         """Return the camera with both focal lengths multiplied by ratio."""
@@ -167,7 +171,11 @@ class Camera:
         return project(self.lens, flat).reshape(*directions.shape[:-1], 2)
 
     def unproject(self, pixels: np.ndarray) -> np.ndarray:
-        """Return unit vectors (..., 3) in the sensor frame of pixels (..., 2)."""
+        """
+        Return unit vectors (..., 3) in the sensor frame of pixels (..., 2).
+
+        NaN outside the image circle of an equidistant lens.
+        """
         pixels = np.asarray(pixels, float)
         if self._ideal:
             vector = np.empty(pixels.shape[:-1] + (3,))

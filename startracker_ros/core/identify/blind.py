@@ -211,6 +211,10 @@ class BlindIdentifier:
         return usable_stars(camera.lens, centroids.uv, np.argsort(-centroids.flux),
                             centroids.sigma_px, self._options.max_image_stars, _FLOOR_PX)
 
+    def wide_quads(self) -> tuple[StarCatalog, SkyQuads]:
+        """Return the quads of wide fields, and the catalogue of their stars."""
+        return self._table(0)
+
     def _table(self, number: int) -> tuple[StarCatalog, SkyQuads]:
         if number not in self._tables:
             least, most, density, deep = _TABLES[number]

@@ -246,7 +246,8 @@ def usable_stars(lens: Lens, uv: np.ndarray, order: np.ndarray, sigma_px: np.nda
 
     Their indices (N,), directions (N, 3) and errors (N,) in rad, as in FieldStars.
     """
-    chosen = np.empty(min(max_stars, len(order)), np.int64)
+    most = min(max_stars, len(order))
+    chosen, direction, sigma_rad = np.empty(most, np.int64), np.empty((most, 3)), np.empty(most)
     count = 0
     for i in order:
         u, v = uv[i, 0], uv[i, 1]
@@ -259,19 +260,18 @@ def usable_stars(lens: Lens, uv: np.ndarray, order: np.ndarray, sigma_px: np.nda
                 break
         if not usable:
             continue
+        a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
+        # Outside the circle of a fisheye are no stars.
+        if np.isnan(a):
+            continue
+        x, y, z = ray(lens.equidistant, a, b)
+        direction[count, 0], direction[count, 1], direction[count, 2] = x, y, z
+        sigma_rad[count] = np.sqrt((sigma_px[i] ** 2 + sigma_floor_px ** 2) / (lens.fx * lens.fy))
         chosen[count] = i
         count += 1
         if count == max_stars:
             break
-    chosen = chosen[:count]
-    direction, sigma_rad = np.empty((count, 3)), np.empty(count)
-    for i in range(count):
-        u, v = uv[chosen[i], 0], uv[chosen[i], 1]
-        a, b = undistort(lens, (u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
-        direction[i, 0], direction[i, 1], direction[i, 2] = ray(lens.equidistant, a, b)
-        sigma_rad[i] = np.sqrt((sigma_px[chosen[i]] ** 2 + sigma_floor_px ** 2)
-                               / (lens.fx * lens.fy))
-    return chosen, direction, sigma_rad
+    return chosen[:count], direction[:count].copy(), sigma_rad[:count].copy()
 
 
 @compiled

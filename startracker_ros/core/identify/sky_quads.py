@@ -228,6 +228,27 @@ def matching_quads(table: QuadTable, direction: np.ndarray, first: int, last: in
 
 
 @compiled
+def matching_neighbours(table: QuadTable, direction: np.ndarray, quads: np.ndarray,
+                        tolerance: float, low: float, high: float, most: int
+                        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return the quads of the sky that have the code of one of quads (Q, 4), as matching_quads().
+
+    Those with a star that has no direction, NaN, are left out.
+    """
+    found = np.empty((most, 4), np.int32), np.empty(most, np.int64), np.empty(most)
+    stars, count = np.empty(4, np.int64), 0
+    for q in range(len(quads)):
+        seen = True
+        for m in range(4):
+            stars[m] = quads[q, m]
+            seen = seen and not np.isnan(direction[stars[m], 0])
+        if seen:
+            count = _look_up_orders(table, direction, stars, tolerance, low, high, found, count)
+    return found[0][:count].copy(), found[1][:count].copy(), found[2][:count].copy()
+
+
+@compiled
 def _look_up_orders(table: QuadTable, direction: np.ndarray, stars: np.ndarray, tolerance: float,
                     low: float, high: float, found: tuple[np.ndarray, np.ndarray, np.ndarray],
                     count: int) -> int:

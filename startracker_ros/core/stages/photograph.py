@@ -13,7 +13,9 @@ from startracker_ros.core.astro.aberration import apparent_directions
 from startracker_ros.core.astro.observer_motion import AT_REST, Observer
 from startracker_ros.core.attitude.result import AttitudeEstimate
 from startracker_ros.core.attitude.systematic_errors import with_velocity_error
+from startracker_ros.core.calibration.fisheye import FisheyeIdentifier
 from startracker_ros.core.calibration.learnt_lens import learn_lens, LearntLens
+from startracker_ros.core.camera.distortion import EQUIDISTANT
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.centroids import Centroids, ROUND
 from startracker_ros.core.centroid.photograph import Detections
@@ -27,7 +29,9 @@ from startracker_ros.core.stages.bodies import Bodies, BodyInImage
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.core.stages.solution import MIN_STARS, Solution
 
-_SEARCHES = 2  # of the nominal camera, and of any field
+# Of the nominal camera, and of any field; a fisheye is certain.
+_SEARCHES = 2
+_FISHEYE_DEG = 180.0
 _SMALL_RAD = 1e-4  # step from the middle of an image towards its edge
 
 
@@ -48,7 +52,7 @@ class PhotographSolver:
     Solves photographs at one epoch; the lens is fitted to each.
 
     A nominal camera is believed first, then any field of view is searched: both together are as
-    strict as one identification.
+    strict as one identification. Fisheyes are the last, and certain.
     """
 
     def __init__(self, epoch_year: float, options: IdentificationOptions = IdentificationOptions()
@@ -56,6 +60,7 @@ class PhotographSolver:
         """Databases are built, or loaded, when they are first searched."""
         options = replace(options, false_alarm_max=options.false_alarm_max / _SEARCHES)
         self._blind = BlindIdentifier(epoch_year, options)
+        self._fisheye = FisheyeIdentifier(epoch_year, self._blind.wide_quads)
         # Not of a method of this object: the cycle would keep the databases.
         self._known = lru_cache(maxsize=4)(partial(_known_field, epoch_year, options))
 
@@ -70,7 +75,8 @@ class PhotographSolver:
         height, width = image.shape
         likely_deg = LIKELY_DEG if nominal is None else float(np.degrees(max(
             nominal.fov_x_rad, nominal.fov_y_rad)))
-        searches = [_any_field(self._blind, (height, width), likely_deg)]
+        searches = [_any_field(self._blind, (height, width), likely_deg),
+                    _any_fisheye(self._fisheye, (height, width))]
         if nominal is not None:
             searches.insert(0, self._known(nominal))
         detections, first = Detections(image), searches[0]
@@ -127,6 +133,16 @@ def _any_field(identifier: BlindIdentifier, shape: tuple[int, int], likely_deg: 
         lambda lists: identifier.identify(lists, shape),
         lambda lists: identifier.identify_mirrored(lists, shape),
         blind.LENS_ERROR, blind.ATTEMPTS, '1 to 120 deg')
+
+
+def _any_fisheye(identifier: FisheyeIdentifier, shape: tuple[int, int]) -> _Search:
+    """Return the search of an image of shape (H, W) of an unknown fisheye."""
+    height, width = shape
+    return _Search(
+        Camera.from_fov(width, height, _FISHEYE_DEG, EQUIDISTANT),
+        lambda lists: identifier.identify(lists, shape),
+        lambda lists: identifier.identify_mirrored(lists, shape),
+        blind.LENS_ERROR, 1, 'fisheyes up to 190 deg')
 
 
 def _known_field(epoch_year: float, options: IdentificationOptions, camera: Camera) -> _Search:

@@ -119,10 +119,21 @@ def test_messages_have_every_model():
         camera_from_message(Info('fov', [0.1]))
 
 
-def test_a_fisheye_that_folds_or_looks_straight_back_is_rejected():
+def test_outside_the_circle_of_a_fisheye_is_no_direction():
+    """Orthographic, sin(theta) as a series: all that it sees is within the focal length."""
+    camera = Camera(800, 600, 250.0, 250.0, 410.0, 290.0,
+                    (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880), EQUIDISTANT)
+    at_60_deg = camera.unproject([410.0 + 250.0 * np.sin(np.radians(60)), 290.0])
+    np.testing.assert_allclose(at_60_deg, [np.sqrt(3) / 2, 0, 0.5], atol=1e-6)
+    assert np.isnan(camera.unproject([[0.0, 0.0], [410.0, 560.0]])).all()
+    # What is behind the lens would otherwise be folded into its image.
+    assert np.isnan(camera.project([0.5, 0.0, -1.0])).all()
+    assert camera.corner_angle_rad == pytest.approx(np.pi / 2, abs=0.01)
+    assert camera.seen_x_rad == pytest.approx(np.pi, abs=0.02)
+
+
+def test_a_fisheye_that_folds_too_early_or_sees_all_around_is_rejected():
     with pytest.raises(CameraError, match='folds'):
         replace(Camera.from_fov(800, 800, 150, EQUIDISTANT), distortion=(-0.3, 0.0, 0.0, 0.0))
-    with pytest.raises(CameraError, match='deg from the optical axis'):
-        Camera.from_fov(800, 800, 300, EQUIDISTANT)
-    with pytest.raises(CameraError, match='340'):
+    with pytest.raises(CameraError, match='350'):
         Camera.from_fov(800, 100, 350, EQUIDISTANT)
