@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, Protocol
 
 import cv2
 import numpy as np
+from startracker_ros.core.exposure.control import Setting
 from startracker_ros.core.options import option, Options
 from startracker_ros.io.images.images import grey, image_paths, read_image
 from startracker_ros.io.images.video import frames, is_video
@@ -31,6 +32,8 @@ _MOSAICS = {'BA81': 1, 'GBRG': 1, 'GRBG': 1, 'RGGB': 1, 'BG10': 2, 'GB10': 2, 'B
 _PIXEL_BYTES = {**_GREY, **_MOSAICS}
 _MANUAL = 1.0
 _EXPOSURES_PER_S = 1e4
+# Images that are exposed already, or wait in the driver, when a setting is made.
+_UNCHANGED = 3
 # A buffer that waited for longer was not stamped by the monotonic clock.
 _OLDEST_S = 5.0
 _IMAGES_HZ = 10.0
@@ -66,13 +69,15 @@ class Captured(NamedTuple):
     """
     An image (H, W) uint8 or uint16, UNIX time of the middle of its exposure in ns, its source.
 
-    The time, that of the middle row, is off by stamp_error_s at most.
+    The time, that of the middle row, is off by stamp_error_s at most. setting is that of the
+    image, None where it is not known, as in the images after a change.
     """
 
     image: np.ndarray
     stamp_ns: int
     stamp_from: str
     stamp_error_s: float
+    setting: Setting | None = None
 
 
 class Device(Protocol):
@@ -81,6 +86,10 @@ class Device(Protocol):
     name: str
     ends: bool
     problems: list[str]
+    period_s: float
+
+    def change(self, setting: Setting) -> None:
+        """Set exposure time and gain, for some image after the next one."""
 
     def read(self) -> Captured | None:
         """Return the next image when it is there, None when there is none any more."""
@@ -116,14 +125,39 @@ class V4l2Camera:
             raise CaptureError(f'device {self.name}: {_why_closed(self.name)}')
         self._set(options)
         rate_hz = self._capture.get(cv2.CAP_PROP_FPS)
-        self._period_s = 1 / rate_hz if rate_hz > 0 else 1 / 30
+        self.period_s = 1 / rate_hz if rate_hz > 0 else 1 / 30
+        self._setting: Setting | None = None
+        self._unchanged = 0
         # An automatic exposure is anything up to the period.
-        self._exposure_s, self._exposure_error_s = self._period_s / 2, self._period_s / 2
+        self._exposure_s, self._exposure_error_s = self.period_s / 2, self.period_s / 2
         if options.exposure_ms:
-            exposure = self._capture.get(cv2.CAP_PROP_EXPOSURE)
-            self._exposure_s = (exposure / _EXPOSURES_PER_S if exposure > 0
-                                else options.exposure_ms / 1e3)
-            self._exposure_error_s = 0.0
+            self._know(options.exposure_ms)
+
+    def _know(self, exposure_ms: float) -> None:
+        """Take the exposure time that the camera has; that asked for where it does not say."""
+        exposure = self._capture.get(cv2.CAP_PROP_EXPOSURE)
+        self._exposure_s = exposure / _EXPOSURES_PER_S if exposure > 0 else exposure_ms / 1e3
+        self._exposure_error_s = 0.0
+        self._setting = Setting(1e3 * self._exposure_s, self._capture.get(cv2.CAP_PROP_GAIN))
+
+    def change(self, setting: Setting) -> None:
+        """
+        Set exposure time, and gain where it differs, below 0 never.
+
+        The images that are exposed already have the old ones.
+        """
+        before_s, before = self._exposure_s, self._setting
+        self._capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL)
+        self._capture.set(cv2.CAP_PROP_EXPOSURE, setting.exposure_ms * _EXPOSURES_PER_S / 1e3)
+        if setting.gain >= 0 and (before is None or setting.gain != before.gain):
+            self._capture.set(cv2.CAP_PROP_GAIN, setting.gain)
+        fixed = 'exposure_ms cannot be set'
+        if self._capture.get(cv2.CAP_PROP_EXPOSURE) < 0 and fixed not in self.problems:
+            self.problems.append(fixed)
+        self._know(setting.exposure_ms)
+        # Until then it is one of both.
+        self._exposure_error_s = abs(self._exposure_s - before_s)
+        self._unchanged = _UNCHANGED
 
     def _set(self, options: CaptureOptions) -> None:
         """Set what is asked for; what the camera ignores is a problem."""
@@ -163,13 +197,18 @@ class V4l2Camera:
             return None
         # Drivers stamp the beginning or the end of the exposure, of the first row: a rolling
         # shutter has the middle row up to half a period later.
-        source, late_s = 'driver', self._period_s / 2
+        source, late_s = 'driver', self.period_s / 2
         if not 0 <= age_s < _OLDEST_S:
             # An image arrives when its transfer ends, up to a period after its exposure.
-            source, late_s, age_s = 'arrival', self._period_s, 0.0
+            source, late_s, age_s = 'arrival', self.period_s, 0.0
+        setting = None if self._unchanged else self._setting
+        if self._unchanged:
+            self._unchanged -= 1
+        elif setting is not None:
+            self._exposure_error_s = 0.0
         error_s = self._exposure_error_s / 2 + self._exposure_s / 2 + late_s
         stamp_ns = arrived_ns - round((age_s + self._exposure_s / 2) * 1e9)
-        return Captured(self._image(pixels), stamp_ns, source, error_s)
+        return Captured(self._image(pixels), stamp_ns, source, error_s, setting)
 
     def _image(self, pixels: np.ndarray) -> np.ndarray:
         """Return the image (H, W) of what OpenCV returns."""
@@ -203,6 +242,11 @@ class FileDevice:
         self._times_images = _times_and_images(Path(options.device), options.frame_rate_hz)
         self._begin_s = 0.0
         self._begin_ns: int | None = None
+        self.period_s = 1 / (options.frame_rate_hz or _IMAGES_HZ)
+
+    def change(self, setting: Setting) -> None:
+        """Name what files cannot do."""
+        self.problems[:] = ['exposure: auto is for cameras, files stay as they are']
 
     def read(self) -> Captured | None:
         """Return the next image when it is due, None after the last one; ImageError."""

@@ -11,6 +11,7 @@ import time
 from typing import NamedTuple
 
 import cv2
+from startracker_ros.core.exposure.control import Setting
 from startracker_ros.io.images.capture import (
     Captured, CaptureError, CaptureOptions, Device, open_device)
 from startracker_ros.io.images.images import ImageError
@@ -49,6 +50,12 @@ class CaptureThread:
         self._thread = Thread(target=self._run, name='capture', daemon=True)
         self.dropped = self.losses = 0
         self.problems: list[str] = []
+        self.period_s = 0.0
+        self._setting: Setting | None = None
+
+    def change(self, setting: Setting) -> None:
+        """Set exposure time and gain of the device before its next image."""
+        self._setting = setting
 
     def start(self) -> None:
         """Open the device and begin."""
@@ -102,9 +109,12 @@ class CaptureThread:
 
     def _read(self, device: Device) -> bool:
         """Read until the device is lost, return False, or until that is the end."""
-        self.problems = device.problems
+        self.problems, self.period_s = device.problems, device.period_s
         try:
             while not self._stop.is_set():
+                setting, self._setting = self._setting, None
+                if setting is not None:
+                    device.change(setting)
                 captured = device.read()
                 if captured is None:
                     ended = device.ends and self._state.name == CAPTURING

@@ -4,6 +4,8 @@
 """camera_source: a camera of Video4Linux, or files in its place -> image_raw, camera_info."""
 
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.exposure.control import ExposureOptions
+from startracker_ros.io.images.auto_exposure import AutoExposure
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.capture import Captured, CaptureOptions
 from startracker_ros.io.images.capture_thread import (
@@ -24,12 +26,14 @@ class CameraSourceNode(ImageSourceNode):
     The device is open while the node is active.
     """
 
-    option_classes = (CaptureOptions, CameraOptions, FrameOptions, TransportOptions)
+    option_classes = (CaptureOptions, ExposureOptions, CameraOptions, FrameOptions,
+                      TransportOptions)
     task = 'camera'
 
     def __init__(self) -> None:
         super().__init__('camera_source')
         self._capture: CaptureThread | None = None
+        self._exposure: AutoExposure | None = None
         self._camera: Camera | None = None
         self._mismatch = ''
         self.diagnostics.checks.append(self._check)
@@ -45,13 +49,18 @@ class CameraSourceNode(ImageSourceNode):
             self.activate()
 
     def activate(self) -> None:
-        self._capture = CaptureThread(self.options(CaptureOptions), self._wake)
+        capture, exposure = self.options(CaptureOptions), self.options(ExposureOptions)
+        self._capture = CaptureThread(capture, self._wake)
+        if exposure.exposure == 'auto':
+            self._exposure = AutoExposure(exposure, self._capture, capture.exposure_ms)
         self._capture.start()
 
     def deactivate(self) -> None:
         if self._capture is not None:
             self._capture.stop()
-        self._capture = None
+        if self._exposure is not None:
+            self._exposure.close()
+        self._capture = self._exposure = None
 
     def close(self) -> None:
         self.deactivate()
@@ -77,6 +86,8 @@ class CameraSourceNode(ImageSourceNode):
             return
         self._mismatch = ''
         self.publish_image(captured.image, camera, self.sensor_header(captured.stamp_ns))
+        if self._exposure is not None:
+            self._exposure.offer(captured)
         self._report(captured)
 
     def _report(self, captured: Captured) -> None:
@@ -85,6 +96,14 @@ class CameraSourceNode(ImageSourceNode):
                     f'{8 * captured.image.itemsize} bit',
             'stamp_from': captured.stamp_from,
             'stamp_error_ms': f'{1e3 * captured.stamp_error_s:.1f}'})
+        exposure = self._exposure
+        if exposure is not None and exposure.figures is not None and exposure.setting is not None:
+            self.diagnostics.values.update({
+                'exposure_ms': f'{exposure.setting.exposure_ms:.4g}',
+                'gain': f'{exposure.setting.gain:.4g}',
+                'stars': len(exposure.figures.flux),
+                'background_dn': f'{exposure.figures.background_dn:.1f}',
+                'fwhm_px': f'{exposure.figures.fwhm_px:.2f}'})
 
     def _check(self) -> None:
         """Report the state of the device."""

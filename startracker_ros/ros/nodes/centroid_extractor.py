@@ -11,6 +11,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from startracker_ros.core.centroid.extraction import (
     CentroidExtractor, Extraction, ExtractionOptions)
 from startracker_ros.core.centroid.prediction import PredictedCentroids
+from startracker_ros.core.exposure.image_figures import FWHM_PER_SIGMA
 from startracker_ros.core.stages.annotate import annotate, Labels
 from startracker_ros.core.stages.bodies import BodyInImage
 from startracker_ros.core.stages.extraction import ExtractionStage, SearchOptions
@@ -110,6 +111,7 @@ class CentroidExtractorNode(CameraNode):
             'background_dn': f'{extraction.background_dn:.1f}',
             'noise_dn': f'{extraction.noise_dn:.2f}',
             'psf_sigma_px': f'{extraction.psf_sigma_px:.2f}',
+            'fwhm_px': f'{FWHM_PER_SIGMA * extraction.psf_sigma_px:.2f}',
             'streak_px': f'{extraction.streak_px:.1f}',
             'searched': 'near predictions' if self._stage.windowed else 'whole image'})
         for reason, count in extraction.rejected.items():

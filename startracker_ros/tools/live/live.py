@@ -50,7 +50,7 @@ _SHOW_S, _DRAW_S = 0.25, 1.0
 _IMAGES, _KEPT_NS = 5, 5_000_000_000
 _JPEG_QUALITY = 90
 _LEAST_RESIDUAL_PX, _RESIDUAL_SIGMAS = 1.0, 3.0
-_SOURCE = 'camera_source: camera'
+_SOURCE, _EXTRACTOR = 'camera_source: camera', 'centroid_extractor: centroids'
 _END = 'all images of '
 _NO_FRAMES = 'nothing received yet'
 
@@ -158,6 +158,12 @@ class LiveRig(Rig):
             return ''
         return status.message
 
+    @property
+    def focus_text(self) -> str:
+        """Return the width of the star images; a camera in focus has the smallest."""
+        fwhm_px = self.probe.diagnostic_value(_EXTRACTOR, 'fwhm_px')
+        return '-' if fwhm_px in (None, 'nan') else f'stars are {fwhm_px} px wide (FWHM)'
+
     def figures(self) -> dict[str, Any]:
         """Return state, pointing in deg, rate and stars; NaN without an attitude."""
         angles = np.full(3, np.nan) if self.attitude is None else np.degrees(
@@ -178,7 +184,8 @@ class LiveRig(Rig):
                       ('roll', figures['roll_deg'], 'deg'),
                       ('rate', figures['rate_deg_s'], 'deg/s'))}
         return {'state': f'{self.state}: {self.reason}' if self.reason else self.state, **angles,
-                'stars': str(figures['stars']), 'frames': str(figures['frames']),
+                'stars': str(figures['stars']), 'focus': self.focus_text,
+                'frames': str(figures['frames']),
                 'camera': self.source_text}
 
     def picture(self) -> np.ndarray | None:

@@ -9,6 +9,7 @@ import cv2
 from limits import HANGS_S
 import numpy as np
 import pytest
+from startracker_ros.core.exposure.control import Setting
 from startracker_ros.io.images.capture import (
     Captured, CaptureError, CaptureOptions, open_device, V4l2Camera)
 from startracker_ros.io.images.capture_thread import CaptureThread, CAPTURING, ENDED, FAILED, LOST
@@ -112,6 +113,25 @@ def test_the_stamp_is_the_middle_of_the_exposure(monkeypatch):
     check({P.CAP_PROP_EXPOSURE: 400.0}, 0.4, 1000.0, 0.42, 0.045, 'driver')
 
 
+def test_a_change_is_that_not_of_the_images_exposed_already(monkeypatch):
+    capture = FakeCapture(None, 0.4)
+    camera = opened(capture, exposure_ms=20.0)
+    first = camera.read()
+    assert first.setting == Setting(20.0, 5.0)
+    camera.change(Setting(40.0, 7.0))
+    assert capture.values[P.CAP_PROP_EXPOSURE] == 400 and capture.values[P.CAP_PROP_GAIN] == 7
+    found = [camera.read() for _ in range(4)]
+    assert [one.setting for one in found] == [None, None, None, Setting(40.0, 7.0)]
+    # Either of both exposures, for the images in between.
+    assert found[0].stamp_error_s == pytest.approx(found[3].stamp_error_s + 0.01)
+    camera.change(Setting(40.0, -1.0))
+    assert capture.values[P.CAP_PROP_GAIN] == 7
+    fixed = opened(FakeCapture({P.CAP_PROP_EXPOSURE: -1.0}))
+    fixed.change(Setting(40.0, -1.0))
+    fixed.change(Setting(20.0, -1.0))
+    assert fixed.problems == ['exposure_ms cannot be set']
+
+
 def test_raw_buffers_become_images():
     rng = np.random.default_rng(3)
     image = rng.integers(0, 1024, (480, 640)).astype('<u2')
@@ -175,6 +195,7 @@ class Script:
         if isinstance(following, Exception):
             raise following
         self.name, self.ends, self.problems, self.left = 'it', False, ['slow'], following
+        self.period_s = 0.1
         return self
 
     def read(self):

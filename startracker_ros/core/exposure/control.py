@@ -1,0 +1,207 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Exposure time and gain with the most information on the attitude, one step for each image.
+
+While there are stars the setting within reach is chosen whose predicted information is largest
+(information.py). A change after which the stars are gone is taken back, and the next ones are
+smaller. Without stars the setting is the last one that had some, less where the background would
+fill the pixels, and others around it are tried in turn: it never moves away for good.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from startracker_ros.core.centroid.streak import SHORTEST_PX
+from startracker_ros.core.exposure.image_figures import ImageFigures
+from startracker_ros.core.exposure.information import Converter, filled, information
+from startracker_ros.core.options import option, Options
+
+LEAST_STARS = 4
+_REACH = 1.0  # octaves of a step
+_LEAST_REACH = 0.1
+_WIDENED = 1.3  # with each image that has stars
+_WORTH = 1.1  # times the information: for less nothing is changed
+_HEADROOM = 0.1  # power of the amplification for which it has to be worth it
+_STEPS = np.arange(-4, 5) / 4  # of the reach
+# Of the full scale, by the background: what is aimed at, and what is left as it is, so that a
+# background that grows has some images left.
+_FILLED, _MOST_FILLED = 0.45, 0.7
+_FULL = 0.95  # of the full scale, from which a background has no known level
+_DARKER_IF_FULL = 0.25
+# Exponents of 4 around the last setting with stars, which comes back every other time.
+_TRIED = (0, 0, 0, *(one for power in range(1, 7) for one in (power, 0, -power, 0)))
+_LEAST_CHANGE, _LEARNT_SHARE = 1.15, 0.3  # of the exposure, for the dark level
+
+
+class Setting(NamedTuple):
+    """Exposure time in ms, and gain in units of the driver."""
+
+    exposure_ms: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class ExposureOptions(Options):
+    """Who chooses exposure time and gain, and their limits."""
+
+    exposure: str = option(
+        'manual', 'manual: exposure_ms and gain stay as they are set; auto: the stars in the '
+        'images choose them, beginning there', choices=('manual', 'auto'))
+    exposure_min_ms: float = option(0.1, 'shortest exposure time of exposure: auto', unit='ms',
+                                    low=0.01, high=600_000.0)
+    exposure_max_ms: float = option(
+        0.0, 'longest exposure time of exposure: auto; 0: the period of the frames', unit='ms',
+        low=0.0, high=600_000.0)
+    gain_min: float = option(
+        -1.0, 'lowest gain of exposure: auto, in units of the driver', low=-1.0, high=1e6)
+    gain_max: float = option(
+        -1.0, 'highest gain of exposure: auto; not above gain_min: the gain stays', low=-1.0,
+        high=1e6)
+    gain_db: float = option(
+        0.0, 'dB by which a unit of the gain amplifies (20 dB are a factor of 10), often 0.1; 0: '
+        'the gain is a factor', unit='dB', low=0.0, high=20.0)
+
+
+class ExposureLimits(NamedTuple):
+    """The settings that a camera may have; gain_db as in the options."""
+
+    low: Setting
+    high: Setting
+    gain_db: float = 0.0
+
+    @classmethod
+    def of(cls, options: ExposureOptions, period_ms: float, gain: float) -> 'ExposureLimits':
+        """Return the limits of a camera with this period of frames and, if it stays, gain."""
+        longest_ms = max(options.exposure_max_ms or period_ms, options.exposure_min_ms)
+        gains = (options.gain_min, options.gain_max)
+        low, high = gains if 0 <= gains[0] < gains[1] else (gain, gain)
+        return cls(Setting(options.exposure_min_ms, low), Setting(longest_ms, high),
+                   options.gain_db)
+
+    def amplification(self, gain: float) -> float:
+        """Return the factor of a gain."""
+        return 10 ** (self.gain_db * gain / 20) if self.gain_db else max(gain, 1e-3)
+
+    def brightness(self, setting: Setting) -> float:
+        """Return exposure time in ms by amplification."""
+        return setting.exposure_ms * self.amplification(setting.gain)
+
+    def setting(self, exposure_ms: float, amplification: float) -> Setting:
+        """Return the setting within the limits."""
+        gain = 20 * np.log10(amplification) / self.gain_db if self.gain_db else amplification
+        return Setting(float(np.clip(exposure_ms, self.low.exposure_ms, self.high.exposure_ms)),
+                       float(np.clip(gain, self.low.gain, self.high.gain)))
+
+    def as_bright(self, brightness: float, like: Setting) -> Setting:
+        """Return a setting of this brightness: another gain only where no exposure has it."""
+        exposure_ms = self.setting(
+            brightness / self.amplification(like.gain), 1.0).exposure_ms
+        return self.setting(exposure_ms, brightness / exposure_ms)
+
+
+@dataclass(frozen=True)
+class ControlState:
+    """
+    What is known after an image.
+
+    starry is the last setting that had stars, or the first one; starless the number of images
+    without stars since; reach the octaves of a step; streak_px_ms the motion of the stars.
+    before is the last setting with the background in DN that it had.
+    """
+
+    starry: Setting
+    converter: Converter = Converter(0.0, 0.0)
+    streak_px_ms: float = 0.0
+    starless: int = 0
+    reach: float = _REACH
+    before: tuple[Setting, float] | None = None
+
+
+class Decision(NamedTuple):
+    """The state after an image, and the setting of the next one."""
+
+    state: ControlState
+    setting: Setting
+
+
+def next_setting(state: ControlState, setting: Setting, figures: ImageFigures,
+                 limits: ExposureLimits) -> Decision:
+    """Return the setting after an image that was taken with a setting."""
+    state = _learnt(state, setting, figures)
+    fill = filled(figures, state.converter)
+    full = fill >= _FULL
+    if len(figures.flux) >= LEAST_STARS and not full:
+        state = replace(state, streak_px_ms=_motion_px_ms(state, setting, figures))
+        chosen = _best(state, setting, figures, limits)
+        return Decision(replace(state, starry=setting, starless=0,
+                                reach=min(_REACH, _WIDENED * state.reach)), chosen)
+    # The change since the last stars was one too many.
+    lost = state.starless == 0 and setting != state.starry
+    reach = max(state.reach / 2, _LEAST_REACH) if lost else state.reach
+    brightness = limits.brightness(setting)
+    most = brightness * (_DARKER_IF_FULL if full else _FILLED / max(fill, 1e-6))
+    starry = limits.brightness(state.starry)
+    if most < starry:
+        # Stars that the background hides are lost in a darker image, too.
+        return Decision(replace(state, starless=1, reach=reach),
+                        limits.as_bright(most, state.starry))
+    tried = starry * 4.0 ** _TRIED[state.starless % len(_TRIED)]
+    return Decision(replace(state, starless=state.starless + 1, reach=reach),
+                    limits.as_bright(min(tried, most), state.starry))
+
+
+def _best(state: ControlState, setting: Setting, figures: ImageFigures, limits: ExposureLimits
+          ) -> Setting:
+    """Return the setting within reach with the most information, if that is worth a change."""
+    factors = 2.0 ** (state.reach * _STEPS)
+    amplification = limits.amplification(setting.gain)
+    settings = [setting] + list(dict.fromkeys(
+        limits.setting(setting.exposure_ms * longer, amplification * amplified)
+        for longer in factors for amplified in factors[::2]))
+    longer, amplified = np.array([
+        (one.exposure_ms / setting.exposure_ms, limits.amplification(one.gain) / amplification)
+        for one in settings]).T
+    figures = replace(figures, streak_px=state.streak_px_ms * setting.exposure_ms)
+    values = information(figures, state.converter, longer, amplified) / amplified ** _HEADROOM
+    fill = filled(figures, state.converter)
+    brighter = longer * amplified
+    stays = (brighter <= 1) & (fill < _MOST_FILLED)
+    values[~stays & (fill * brighter > _FILLED)] = 0.0
+    best = int(np.argmax(values))
+    if values[best] > _WORTH * values[0]:
+        return settings[best]
+    # Too much background at every setting: the darkest.
+    return setting if values[0] > 0 else settings[int(np.argmin(brighter))]
+
+
+def _motion_px_ms(state: ControlState, setting: Setting, figures: ImageFigures) -> float:
+    """Return the motion of the stars; where they are points it was no more than these hide."""
+    if figures.streak_px:
+        return figures.streak_px / setting.exposure_ms
+    return min(state.streak_px_ms, SHORTEST_PX / setting.exposure_ms)
+
+
+def _learnt(state: ControlState, setting: Setting, figures: ImageFigures) -> ControlState:
+    """
+    Return the state with full scale and dark level as an image shows them.
+
+    The background grows from the dark level in proportion to the exposure.
+    """
+    dark_dn, full_dn = state.converter
+    if np.isfinite(figures.full_scale_dn):
+        full_dn = figures.full_scale_dn
+    elif figures.brightest_dn >= full_dn:
+        full_dn = figures.range_dn
+    background_dn = figures.background_dn
+    if state.before is not None and background_dn < _FULL * full_dn:
+        before, before_dn = state.before
+        times = setting.exposure_ms / before.exposure_ms
+        if before.gain == setting.gain and not 1 / _LEAST_CHANGE < times < _LEAST_CHANGE:
+            seen_dn = (times * before_dn - background_dn) / (times - 1)
+            seen_dn = float(np.clip(seen_dn, 0, min(before_dn, background_dn)))
+            dark_dn += _LEARNT_SHARE * (seen_dn - dark_dn)
+    return replace(state, converter=Converter(min(dark_dn, background_dn), full_dn),
+                   before=(setting, background_dn))
