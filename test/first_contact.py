@@ -9,7 +9,8 @@ python test/first_contact.py [--target demo|test] [--runs N] [--again N] [--loop
 Each of the runs clones anew and has a home of its own; --again repeats the target in the same
 clone, where all is installed. --loops busy loops run beside it, each in a session of its own, so
 that the scheduler of Linux gives each as much as it gives `make`; with --core all of it is on one
-core. Prints one line of JSON a run. Status 1 if one fails.
+core. Prints one line of JSON a run, of a failed one with the file of its output. Status 1 if one
+fails.
 """
 
 import argparse
@@ -53,7 +54,10 @@ def run_target(target: str, clone: Path, home: Path, prefix: list[str]) -> dict[
         'cpu_s': round(cpu_s() - begin_cpu_s), 'load_before': load,
         'load_after': os.getloadavg()[0], **found}
     if done.returncode:
-        result['end'] = done.stdout[-2000:]
+        with tempfile.NamedTemporaryFile('w', prefix='first_contact-', suffix='.log',
+                                         delete=False) as file:
+            file.write(done.stdout)
+        result['log'] = file.name
     return result
 
 
