@@ -21,13 +21,15 @@ class FitsImage(NamedTuple):
     """
     Pixels (H, W) upright, field of view of the long side in deg and time, None if unknown.
 
-    bottom_up is whether the first row of the file is the lowest one of the image.
+    bottom_up is whether the first row of the file is the lowest one of the image, order_known
+    whether the header says so.
     """
 
     image: np.ndarray
     fov_deg: float | None
     taken: Taken | None
     bottom_up: bool
+    order_known: bool
 
 
 def read_fits(content: bytes, most_pixels: int) -> FitsImage:
@@ -50,11 +52,13 @@ def read_fits(content: bytes, most_pixels: int) -> FitsImage:
         except Exception as error:  # noqa: B902
             raise ValueError(f'astropy cannot read this FITS file: {error}') from error
     # The FITS standard has the first row at the bottom, ROWORDER is what cameras write.
-    bottom_up = str(header.get('ROWORDER', '')).strip().upper() != 'TOP-DOWN'
+    order = str(header.get('ROWORDER', '')).strip().upper()
+    bottom_up = order != 'TOP-DOWN'
     image = sixteen_bit(np.ascontiguousarray(pixels[::-1] if bottom_up else pixels))
     # The byte order of the file is that of no array operation of OpenCV.
     image = image.astype(image.dtype.newbyteorder('='))
-    return FitsImage(image, _fov_deg(header, max(image.shape)), _taken(header), bottom_up)
+    return FitsImage(image, _fov_deg(header, max(image.shape)), _taken(header), bottom_up,
+                     order in ('TOP-DOWN', 'BOTTOM-UP'))
 
 
 def _plane(cube: np.ndarray) -> np.ndarray:

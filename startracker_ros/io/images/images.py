@@ -48,14 +48,15 @@ class Photograph(NamedTuple):
     An image (H, W) uint8 or uint16, and what its file says.
 
     fov_deg is the field of view of the long side, taken the time; None where unknown. bottom_up
-    is whether the file has the lowest row of the image first, mirrored whether its first column
-    is the last one of the image.
+    is whether the file has the lowest row of the image first, order_known whether it says which,
+    mirrored whether its first column is the last one of the image.
     """
 
     image: np.ndarray
     fov_deg: float | None = None
     taken: Taken | None = None
     bottom_up: bool = False
+    order_known: bool = True
     mirrored: bool = False
 
     @property
@@ -71,6 +72,11 @@ class Photograph(NamedTuple):
         """Return the photograph flipped from left to right."""
         return self._replace(image=np.ascontiguousarray(self.image[:, ::-1]),
                              mirrored=not self.mirrored)
+
+    def turn_over(self) -> 'Photograph':
+        """Return the photograph by the other order of the rows of its file."""
+        return self._replace(image=np.ascontiguousarray(self.image[::-1]),
+                             bottom_up=not self.bottom_up)
 
 
 def read_image(path: str | Path) -> np.ndarray:

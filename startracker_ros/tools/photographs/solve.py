@@ -133,13 +133,14 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     The lens of the latter is fitted to each image. Without both, EXIF has the field of view; all
     from 1 to 120 deg are searched where that is unknown or does not fit. epoch_year None is the
     time of each image by EXIF, else today. mirror flips each image from left to right first; the
-    result is that of the flipped image. selection is that of the frames of videos and of animated
-    or paged files, each of which is a row. CameraError for an impossible camera; an unreadable
-    image is a row of its own.
+    result is that of the flipped image. A mirrored FITS image whose header has no ROWORDER has its
+    first row at the top. selection is that of the frames of videos and of animated or paged files,
+    each of which is a row. CameraError for an impossible camera; an unreadable image is a row of
+    its own.
     """
     blind = fov_deg is None and camera_file is None
     solvers = Solvers(fov_deg, None if blind else calibrated_camera(camera_file, fov_deg), options)
-    rows, whens, observers, dropped = [], [], [], list[str]()
+    rows, whens, observers, dropped, turned_over = [], [], [], list[str](), list[str]()
     for shot in _progress(shots(paths, output_names(paths), selection), paths):
         if shot.photograph is None:
             rows.append(_unreadable(shot, shot.error))
@@ -150,6 +151,12 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         try:
             solution, solve_ms = solvers.solve(
                 shot.path, photograph, when, observer, observer_site.bodies(when))
+            if solution.status == 'mirrored' and not photograph.order_known:
+                photograph = photograph.turn_over()
+                solution, more_ms = solvers.solve(
+                    shot.path, photograph, when, observer, observer_site.bodies(when))
+                solve_ms += more_ms
+                turned_over.append(shot.label)
         except ImageError as error:
             rows.append(_unreadable(shot, str(error)))
             continue
@@ -167,7 +174,9 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
            if camera_file is not None and is_wcs(camera_file) else {})
     return Result('solve', rows, {
         **fit, **({'mirror': True} if mirror else {}),
-        **({'fov_deg': '; '.join(dropped)} if dropped else {}), 'epoch': whens[0].year,
+        **({'fov_deg': '; '.join(dropped)} if dropped else {}),
+        **({'first row at the top': '; '.join(turned_over)} if turned_over else {}),
+        'epoch': whens[0].year,
         'epoch_from': _different(when.source for when in whens),
         'aberration': _different(observer.condition for observer in observers)}, DETAILS)
 

@@ -93,6 +93,19 @@ def test_mirrored_photographs_have_no_attitude(sky_data, tmp_path):
     assert flipped.conditions['mirror'] and 'mirror' not in straight.conditions
 
 
+def test_a_fits_image_without_row_order_is_solved_by_both(sky_data, tmp_path):
+    name = known_rows(sky_data / 'night-sky-11deg')[0]['file']
+    image = read_image(sky_data / 'night-sky-11deg' / name)
+    fits.PrimaryHDU(image).writeto(tmp_path / 'unknown.fits')
+    fits.PrimaryHDU(image, fits.Header([('ROWORDER', 'BOTTOM-UP')])).writeto(
+        tmp_path / 'known.fits')
+    result = solve_files([tmp_path / 'unknown.fits', tmp_path / 'known.fits',
+                          sky_data / 'night-sky-11deg' / name], fov_deg=11.4, epoch_year=2019.57)
+    unknown, known, straight = result.rows
+    assert unknown['quaternion'] == straight['quaternion'] and not known['solved']
+    assert 'unknown.fits' in result.conditions['first row at the top']
+
+
 def test_a_calibrated_camera_must_fit_the_image(sky_data, tmp_path):
     save_camera(Camera.from_fov(640, 480, 11.4), tmp_path / 'camera.yaml')
     image = sky_data / 'night-sky-11deg' / known_rows(sky_data / 'night-sky-11deg')[0]['file']
