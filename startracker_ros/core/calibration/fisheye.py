@@ -176,4 +176,4 @@ def _share_of_sky(lens: Lens) -> float:
                           z], axis=1)[z > _BELOW_HORIZON]
     u, v = project(lens, direction).T
     seen = (u > -0.5) & (u < lens.width - 0.5) & (v > -0.5) & (v < lens.height - 0.5)
-    return max(np.count_nonzero(seen), 1) / _SKY
+    return max(int(np.count_nonzero(seen)), 1) / _SKY

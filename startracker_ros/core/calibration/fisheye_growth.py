@@ -139,7 +139,7 @@ def _chance(lens: Lens, q: np.ndarray, error_px: float, matched: np.ndarray,
     area = min(2 * np.pi * spread, float(lens.width * lens.height))
     radius_square = _GATE_SQUARE * max(error_px, _LEAST_ERROR_PX) ** 2
     p = min(seen * np.pi * radius_square / area, 1.0)
-    m, n = np.sum(matched >= 0) - _PARAMETER_STARS, len(uv) - _PARAMETER_STARS
+    m, n = int(np.sum(matched >= 0)) - _PARAMETER_STARS, len(uv) - _PARAMETER_STARS
     if m <= 0:
         return 1.0
     return fisher_combined(binomial_tail(m, n, p) * order_probability(matched, matched >= 0))
