@@ -22,7 +22,7 @@ from startracker_ros.core.maths.rotation import unit_from_radec
 ASTROMETRY_NET = 'astrometry.net'
 COMMAND = 'solve-field'
 INDEX_FILES = Path('/usr/share/astrometry')
-CPU_LIMIT_S = 30
+CPU_LIMIT_S = 10
 _HANGS_S = 600
 _CENTRE = re.compile(r'^Field center: \(RA,Dec\) = \((\S+), (\S+)\) deg', re.MULTILINE)
 
