@@ -72,7 +72,7 @@ def run(package, home, **environment):
 def register(package):
     """Register the call of PROGRAM."""
     lens = {'named': 'startracker_ros.core.camera.lens:Lens', 'of': [
-        'int64', 'int64', *['float64'] * 4, ['float64'] * 9, 'bool', 'bool']}
+        'int64', 'int64', *['float64'] * 4, ['float64'] * 9, 'bool', 'bool', 'float64']}
     (package / 'signatures.json').write_text(json.dumps({NAME: [[lens, 'float64', 'float64']]}))
 
 

@@ -52,8 +52,6 @@ _MOST_CANDIDATES = 20_000
 _FREE = np.array([10.0, 10.0, 10.0, 0.1, 0.02, 0.06, 0.06, 0.06, 0.02, 0.005, 0.001])
 _CERTAIN, _BEST = 1e-9, 3
 _MAGNITUDE_LIMIT = 5.5
-# What the cameras of the catalogue resolve.
-_PIXELS = Camera.from_fov(1500, 1500, 150.0, EQUIDISTANT)
 _STARS_PER_SPOT, _FEWEST_STARS = 2.0, 300
 _SKY = 2000  # directions by which the share of the sky in an image is measured
 _BELOW_HORIZON = -0.1
@@ -72,7 +70,9 @@ class FisheyeIdentifier:
     def _onboard(self) -> OnboardCatalog:
         catalog = load_catalog().brighter_than(_MAGNITUDE_LIMIT + CROWD_MAGNITUDES)
         vars(catalog).update(digest=digest(load_catalog().digest, len(catalog)))
-        return cached_onboard(catalog, _PIXELS, REFERENCE_YEAR, _MAGNITUDE_LIMIT)
+        # What such a camera resolves.
+        camera = Camera.from_fov(1500, 1500, 150.0, EQUIDISTANT)
+        return cached_onboard(catalog, camera, REFERENCE_YEAR, _MAGNITUDE_LIMIT)
 
     def identify_mirrored(self, lists: Iterable[Centroids], shape: tuple[int, int]
                           ) -> Iterator[Attempt]:

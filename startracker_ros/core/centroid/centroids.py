@@ -42,6 +42,11 @@ class Centroids:
     exposure_s: tuple[float, float] = UNKNOWN_EXPOSURE
 
     def __post_init__(self) -> None:
+        # Columns of a table are not, and compiled functions are made for arrays that are.
+        for name in ('uv', 'flux', 'snr', 'sigma_px'):
+            value = getattr(self, name)
+            if not value.flags.c_contiguous:
+                object.__setattr__(self, name, np.ascontiguousarray(value))
         if not len(self.covariance):
             object.__setattr__(self, 'covariance', round_errors(self.sigma_px ** 2))
         if not len(self.delay_s):
