@@ -216,8 +216,8 @@ def run_real_sky_bench(folders: Sequence[Path], *, seed: int = 1, cedar_python: 
         'given': f'the field of view, off by up to {FOV_ERROR:.0%}',
         'correct': f'image centre within {CORRECT_OF_FIELD:.0%} of the field of view',
         'times': 'process CPU time of detection and solution, databases in memory; of '
-                 f'{ASTROMETRY_NET} that of its processes, which end after '
-                 f'{astrometry_net.CPU_LIMIT_S} s',
+                 f'{ASTROMETRY_NET} that of its processes, --cpulimit '
+                 f'{astrometry_net.CPU_LIMIT_S}',
         **peer_versions(TETRA3RS), CEDAR: version, ASTROMETRY_NET: astrometry_net.version(),
         'seed': seed})
 
