@@ -6,6 +6,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from startracker_ros.core.centroid.background import readable
 from startracker_ros.core.centroid.detection import full_scale
 from startracker_ros.core.centroid.extraction import Extraction
 
@@ -69,7 +70,8 @@ class ImageFigures:
 
 def _full_scale_dn(image: np.ndarray, levels_dn: np.ndarray) -> float:
     """Return where image (H, W) saturates, infinity where it does not."""
+    bits, image = 8 * image.itemsize, readable(image)
     row_max, background_dn = image.max(axis=1), float(np.median(levels_dn))
-    if background_dn == row_max.max() and background_dn in [2 ** bits - 1 for bits in _DEPTHS]:
+    if background_dn == row_max.max() and background_dn in [2 ** depth - 1 for depth in _DEPTHS]:
         return background_dn
-    return full_scale(image, row_max, background_dn, 8 * image.itemsize)
+    return full_scale(image, row_max, background_dn, bits)
