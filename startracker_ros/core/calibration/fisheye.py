@@ -26,14 +26,14 @@ from startracker_ros.core.calibration.fisheye_growth import best_grown
 from startracker_ros.core.camera.distortion import coefficients_of, EQUIDISTANT
 from startracker_ros.core.camera.lens import farthest_angle, Lens, project, rays, undistorted
 from startracker_ros.core.camera.model import Camera, CameraError
-from startracker_ros.core.catalog.onboard import CROWD_MAGNITUDES, OnboardCatalog
+from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
-from startracker_ros.core.identify.cache import cached_onboard
+from startracker_ros.core.identify.cache import cached_brightest
 from startracker_ros.core.identify.identification import Identification, per_centroid
 from startracker_ros.core.identify.ladder import Attempt, REFERENCE_YEAR
 from startracker_ros.core.identify.sky_quads import matching_neighbours, SkyQuads
-from startracker_ros.core.stored_arrays import digest, prepare
+from startracker_ros.core.stored_arrays import prepare
 
 # theta_d / theta of the projections as a series in theta^2, theta_d the radius over the focal
 # length: 2 tan(theta / 2), theta, 2 sin(theta / 2) and sin(theta).
@@ -68,11 +68,9 @@ class FisheyeIdentifier:
 
     @cached_property
     def _onboard(self) -> OnboardCatalog:
-        catalog = load_catalog().brighter_than(_MAGNITUDE_LIMIT + CROWD_MAGNITUDES)
-        vars(catalog).update(digest=digest(load_catalog().digest, len(catalog)))
         # What such a camera resolves.
         camera = Camera.from_fov(1500, 1500, 150.0, EQUIDISTANT)
-        return cached_onboard(catalog, camera, REFERENCE_YEAR, _MAGNITUDE_LIMIT)
+        return cached_brightest(load_catalog(), camera, REFERENCE_YEAR, _MAGNITUDE_LIMIT)
 
     def identify_mirrored(self, lists: Iterable[Centroids], shape: tuple[int, int]
                           ) -> Iterator[Attempt]:

@@ -25,11 +25,11 @@ import numpy as np
 from startracker_ros.core.camera.lens import plane_points
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.deep import camera_catalog, load_deep_catalog
-from startracker_ros.core.catalog.onboard import CROWD_MAGNITUDES, OnboardCatalog
+from startracker_ros.core.catalog.onboard import OnboardCatalog
 from startracker_ros.core.catalog.stars import load_catalog, StarCatalog
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.compiled import compiled
-from startracker_ros.core.identify.cache import cached_onboard
+from startracker_ros.core.identify.cache import cached_brightest
 from startracker_ros.core.identify.identification import (
     Identification, IdentificationOptions, limit_for, per_centroid, usable_stars)
 from startracker_ros.core.identify.ladder import Attempt, chip_ratio, REFERENCE_YEAR
@@ -37,7 +37,7 @@ from startracker_ros.core.identify.sky_quads import matching_quads, sky_quads, S
 from startracker_ros.core.identify.support import support, supporters
 from startracker_ros.core.identify.verification import (
     rejected, Verification, Verifier, VerifierData, verify)
-from startracker_ros.core.stored_arrays import digest, prepare
+from startracker_ros.core.stored_arrays import prepare
 
 LENS_ERROR = 0.12
 """How far the focal length of the fitted lens may be from that of the quad, as a share."""
@@ -241,9 +241,7 @@ class BlindIdentifier:
             camera = _camera((_HEIGHT, _WIDTH), _TANGENTS[widest])
             catalog = camera_catalog(camera, self._deep)
             limit = limit_for(camera, catalog, _STARS_PER_FIELD)
-            neighbours = catalog.brighter_than(limit + CROWD_MAGNITUDES)
-            vars(neighbours).update(digest=digest(catalog.digest, len(neighbours)))
-            self._catalogues[widest] = cached_onboard(neighbours, camera, REFERENCE_YEAR, limit)
+            self._catalogues[widest] = cached_brightest(catalog, camera, REFERENCE_YEAR, limit)
         return self._catalogues[widest]
 
 

@@ -7,7 +7,8 @@ from dataclasses import fields
 
 import numpy as np
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.catalog.onboard import onboard_catalog, OnboardCatalog
+from startracker_ros.core.catalog.onboard import (
+    CROWD_MAGNITUDES, onboard_catalog, OnboardCatalog)
 from startracker_ros.core.catalog.sky_grid import SkyGrid
 from startracker_ros.core.catalog.stars import StarCatalog
 from startracker_ros.core.identify.pairs import build_pairs, MOST_PAIRS, PairDatabase
@@ -34,6 +35,15 @@ def cached_onboard(catalog: StarCatalog, camera: Camera, epoch_year: float,
     vars(onboard).update(digest=key, grid=SkyGrid(
         onboard.direction, int(arrays['cells']), arrays['start'], arrays['member']))
     return onboard
+
+
+def cached_brightest(catalog: StarCatalog, camera: Camera, epoch_year: float,
+                     magnitude_limit: float) -> OnboardCatalog:
+    """Return cached_onboard() of the stars of a large catalogue that have a part in it."""
+    bright = catalog.brighter_than(magnitude_limit + CROWD_MAGNITUDES)
+    # That of its columns takes long for each of many limits.
+    vars(bright).update(digest=digest(catalog.digest, len(bright)))
+    return cached_onboard(bright, camera, epoch_year, magnitude_limit)
 
 
 def cached_pairs(onboard: OnboardCatalog, min_separation_rad: float,

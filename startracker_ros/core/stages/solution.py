@@ -24,7 +24,8 @@ class Solution:
     camera has the fitted lens where identified, lens_px its error per axis; sky is None unless
     identified, and bodies, which are no centroids of it, are known only then. For an uncalibrated
     camera +z of the attitude is the middle of the image, else the optical axis of the camera.
-    dropped is the nominal camera where the image has another field of view.
+    dropped is the nominal camera where the image has another field of view. turned_over is whether
+    the rows are in the other order than those of the image that was given, a mirrored one.
     """
 
     centroids: Centroids
@@ -34,6 +35,7 @@ class Solution:
     sky: SkyMapping | None = None
     bodies: tuple[BodyInImage, ...] = ()
     dropped: Camera | None = None
+    turned_over: bool = False
 
     @classmethod
     def none(cls, camera: Camera, centroids: Centroids, status: str, reason: str) -> 'Solution':

@@ -27,16 +27,17 @@ _HANGS_S = 600
 _CENTRE = re.compile(r'^Field center: \(RA,Dec\) = \((\S+), (\S+)\) deg', re.MULTILINE)
 
 
+def is_installed() -> bool:
+    """Return whether the command and its index files are there."""
+    return shutil.which(COMMAND) is not None and any(INDEX_FILES.glob('index-*.fits'))
+
+
 def version() -> str:
     """Return the version, or what to install."""
-    if not shutil.which(COMMAND) or not any(INDEX_FILES.glob('index-*.fits')):
+    if not is_installed():
         return f'absent: apt install {ASTROMETRY_NET} astrometry-data-tycho2-10-19'
     shown = subprocess.run([COMMAND, '--version'], capture_output=True, text=True, timeout=30)
     return (shown.stdout + shown.stderr).split()[-1]
-
-
-def is_installed() -> bool:
-    return not version().startswith('absent')
 
 
 def centre(printed: str) -> np.ndarray | None:

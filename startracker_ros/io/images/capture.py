@@ -246,7 +246,9 @@ class FileDevice:
 
     def change(self, setting: Setting) -> None:
         """Name what files cannot do."""
-        self.problems[:] = ['exposure: auto is for cameras, files stay as they are']
+        fixed = 'exposure: auto is for cameras, files stay as they are'
+        if fixed not in self.problems:
+            self.problems.append(fixed)
 
     def read(self) -> Captured | None:
         """Return the next image when it is due, None after the last one; ImageError."""

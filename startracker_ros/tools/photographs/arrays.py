@@ -38,10 +38,12 @@ def solve(image: Image, fov_deg: float | None = None,
     Return attitude and lens of an image, as `startracker solve` does.
 
     fov_deg is the horizontal field of view; without it the file has it, or a search from 1 to
-    120 deg. camera is a calibrated one instead. Both are within fov_error_percent, by default 5,
-    of a calibrated camera 0.5.
+    120 deg and of fisheyes. camera is a calibrated one instead. Both are within fov_error_percent,
+    by default 5, of a calibrated camera 0.5.
     epoch is the Julian year or the time, UTC where it names no zone: without it that of the file,
-    else today without aberration. options are those of star_identifier (IdentificationOptions).
+    else today without aberration. Where a FITS file does not say the order of its rows and the
+    image is mirrored, the result is that of the other order (turned_over). options are those of
+    star_identifier (IdentificationOptions).
     ValueError for wrong options, images and cameras; an image without an attitude has a reason.
     """
     if fov_deg is not None and camera is not None:

@@ -131,12 +131,12 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
     Solve image files of the camera of camera_file, or of an uncalibrated one of fov_deg.
 
     The lens of the latter is fitted to each image. Without both, EXIF has the field of view; all
-    from 1 to 120 deg are searched where that is unknown or does not fit. epoch_year None is the
-    time of each image by EXIF, else today. mirror flips each image from left to right first; the
-    result is that of the flipped image. A mirrored FITS image whose header has no ROWORDER has its
-    first row at the top. selection is that of the frames of videos and of animated or paged files,
-    each of which is a row. CameraError for an impossible camera; an unreadable image is a row of
-    its own.
+    from 1 to 120 deg and fisheyes are searched where that is unknown or does not fit. epoch_year
+    None is the time of each image by EXIF, else today. mirror flips each image from left to right
+    first; the result is that of the flipped image. A mirrored FITS image whose header has no
+    ROWORDER has its first row at the top. selection is that of the frames of videos and of
+    animated or paged files, each of which is a row. CameraError for an impossible camera; an
+    unreadable image is a row of its own.
     """
     blind = fov_deg is None and camera_file is None
     solvers = Solvers(fov_deg, None if blind else calibrated_camera(camera_file, fov_deg), options)
@@ -151,17 +151,14 @@ def solve_files(paths: Sequence[Path], *, fov_deg: float | None = None,
         try:
             solution, solve_ms = solvers.solve(
                 shot.path, photograph, when, observer, observer_site.bodies(when))
-            if solution.status == 'mirrored' and not photograph.order_known:
-                photograph = photograph.turn_over()
-                solution, more_ms = solvers.solve(
-                    shot.path, photograph, when, observer, observer_site.bodies(when))
-                solve_ms += more_ms
-                turned_over.append(shot.label)
         except ImageError as error:
             rows.append(_unreadable(shot, str(error)))
             continue
         whens.append(when)
         observers.append(observer)
+        if solution.turned_over:
+            photograph = photograph.turn_over()
+            turned_over.append(shot.label)
         if solution.dropped is not None:
             dropped.append(f'{shot.label}: {np.degrees(solution.dropped.fov_x_rad):.3g} deg '
                            f'given, {solution.fov_deg:.3g} fits')
@@ -204,7 +201,19 @@ class Solvers:
 
     def solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
               bodies: Bodies) -> tuple[Solution, float]:
-        """Return the solution of an image and its time in ms; ImageError."""
+        """
+        Return the solution of an image and its time in ms; ImageError.
+
+        A mirrored image is turned over where the order of its rows is not known.
+        """
+        solution, time_ms = self._solve(path, photograph, when, observer, bodies)
+        if solution.status == 'mirrored' and not photograph.order_known:
+            solution, more_ms = self._solve(path, photograph.turn_over(), when, observer, bodies)
+            return replace(solution, turned_over=True), time_ms + more_ms
+        return solution, time_ms
+
+    def _solve(self, path: Path | str, photograph: Photograph, when: Epoch, observer: Observer,
+               bodies: Bodies) -> tuple[Solution, float]:
         image = photograph.image
         if self._calibrated is None:
             fov_deg = self._fov_deg or photograph.fov_x_deg

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from PIL import Image
 import pytest
+import startracker_ros as st
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.camera.model import Camera, CameraError
 from startracker_ros.core.maths.rotation import (
@@ -104,6 +105,9 @@ def test_a_fits_image_without_row_order_is_solved_by_both(sky_data, tmp_path):
     unknown, known, straight = result.rows
     assert unknown['quaternion'] == straight['quaternion'] and not known['solved']
     assert 'unknown.fits' in result.conditions['first row at the top']
+    solution = st.solve(tmp_path / 'unknown.fits', fov_deg=11.4, epoch=2019.57)
+    assert solution.turned_over and solution.matched == straight['matched']
+    assert not st.solve(image, fov_deg=11.4, epoch=2019.57).turned_over
 
 
 def test_a_calibrated_camera_must_fit_the_image(sky_data, tmp_path):
