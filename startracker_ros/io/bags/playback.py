@@ -160,7 +160,9 @@ class Playback:
 
     def pacing_ms(self) -> tuple[float, float, float]:
         """Return median, 95th percentile and largest lateness of the messages played."""
-        errors = 1e3 * np.array(self.errors_s)
+        # An array that NumPy reads cannot grow meanwhile.
+        with self._changed:
+            errors = 1e3 * np.array(self.errors_s)
         return tuple(np.percentile(errors, (50, 95, 100))) if len(errors) else (0.0, 0.0, 0.0)
 
     def _run(self) -> None:

@@ -4,6 +4,7 @@
 """The pace of a playback without ROS: nothing comes early or out of turn."""
 
 from collections.abc import Iterator
+import sys
 import threading
 import time
 
@@ -130,6 +131,21 @@ def test_messages_out_of_order_are_played_when_they_are_read() -> None:
     listener.playback.start()
     assert listener.ended.wait(HANGS_S)
     assert listener.numbers() == [0, 2, 1, 4, 3]
+
+
+def test_its_pace_is_asked_for_while_it_plays() -> None:
+    interval_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        listener = Listener(PlaybackOptions(rate=1000.0), [MESSAGES[0]] * 20_000)
+        listener.playback.start()
+        deadline_s = time.monotonic() + HANGS_S
+        while not listener.ended.is_set():
+            assert time.monotonic() < deadline_s
+            listener.playback.pacing_ms()
+    finally:
+        sys.setswitchinterval(interval_s)
+    assert listener.failure is None and len(listener.played) == 20_000
 
 
 def test_a_failure_of_reading_ends_it_by_name() -> None:
