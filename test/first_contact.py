@@ -7,8 +7,8 @@
 python test/first_contact.py [--target demo|test] [--runs N] [--again N] [--loops N] [--core]
 
 Each of the runs clones anew and has a home of its own; --again repeats the target in the same
-clone, where all is installed. --loops busy loops run beside it, each in a session of its own, so
-that the scheduler of Linux gives each as much as it gives `make`; with --core all of it is on one
+clone, where all is installed. --loops busy loops run beside it in the same session, so that the
+scheduler of Linux gives each as much as a busy process of `make`; with --core all of it is on one
 core. Prints one line of JSON a run, of a failed one with the file of its output. Status 1 if one
 fails.
 """
@@ -75,8 +75,7 @@ def main() -> int:
                             capture_output=True, check=True, timeout=60).stdout.strip()
     with ExitStack() as loops:
         for _ in range(options.loops):
-            loop = subprocess.Popen([*prefix, sys.executable, '-c', 'while True: pass'],
-                                    start_new_session=True)
+            loop = subprocess.Popen([*prefix, sys.executable, '-c', 'while True: pass'])
             loops.callback(loop.kill)
         for run in range(options.runs):
             with tempfile.TemporaryDirectory() as folder:
