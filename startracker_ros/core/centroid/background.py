@@ -12,6 +12,12 @@ from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.sorting import insert_sorted, SIGMA_PER_MAD
 
 TILE_PX = 64
+LEAST_TILE_SIGMAS = 16.0  # side of the smallest tile, in PSF sigmas: most of it is sky
+BEND_SIGMAS = 0.25  # of the level within a tile, from which on tiles are halved,
+BENT_SHARE = 0.25  # in so many of them
+CHANGED_SIGMAS = 1.5  # of a pixel, by which the level has changed
+CHANGED_SHARE = 0.25  # at so many places
+RING_PX = 9  # from a star, where that is measured
 SAMPLE_ROWS = 8  # rows sampled in a tile; each has to be filtered,
 SAMPLES = 16  # so that the pixels along it cost little
 QUANTISATION_DN = 12 ** -0.5  # standard deviation of rounding to whole DN
@@ -21,6 +27,8 @@ TAIL_SAMPLES = 16384
 MAX_SIGMAS = 100.0  # to which samples are limited
 MAX_TAIL_RATIO = 1.5  # a longer tail is made of stars
 STEPS_PER_DN = 256  # of samples as int32
+_ANGLES = np.arange(16) * np.pi / 8
+_RING = np.rint(RING_PX * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], 1)).astype(np.int64)
 _FROM_MIDDLE = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5).astype(np.float32)  # in tiles
 _BEFORE_MIDDLE, _AFTER_MIDDLE = _FROM_MIDDLE.clip(max=0), _FROM_MIDDLE.clip(min=0)
 
@@ -60,15 +68,27 @@ def measure_background(image: np.ndarray, kernel: Kernel) -> Mesh:
     The smoothed image is measured because averaging undoes the quantisation that makes the
     MAD of an 8-bit image 0 or 1, and because correlated noise then counts with its effect on
     a star. Where the noise is skewed, as in a camera whose background is cut off at zero, the
-    MAD is scaled up to the upper tail, which makes the false stars.
+    MAD is scaled up to the upper tail, which makes the false stars. Tiles are halved where the
+    level is no plane between their middles, as in a glare: what it leaves would count as noise.
     """
     height, width = image.shape
-    rows, columns = max(1, round(height / TILE_PX)), max(1, round(width / TILE_PX))
     # As images out of DDS: it is compiled for these only.
     image = image.view()
     image.flags.writeable = False
-    return Mesh(*_measure(image, kernel, rows, columns),
-                (rows / height, columns / width))
+    side = TILE_PX
+    while True:
+        rows, columns = max(1, round(height / side)), max(1, round(width / side))
+        level, noise, median_level, median_noise = _measure(image, kernel, rows, columns)
+        side //= 2
+        if side < LEAST_TILE_SIGMAS * kernel.sigma_px or not _is_bent(level, median_noise):
+            return Mesh(level, noise, median_level, median_noise,
+                        (rows / height, columns / width))
+
+
+def has_changed(mesh: Mesh, image: np.ndarray, uv: np.ndarray, noise_dn: float) -> bool:
+    """Return whether the level around stars uv (K, 2) px has changed, by the noise of a pixel."""
+    changed = _change(mesh, image, uv) > CHANGED_SIGMAS * noise_dn
+    return bool(np.count_nonzero(changed) > CHANGED_SHARE * len(uv))
 
 
 def over_image(tiles: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -119,6 +139,36 @@ def slope_at(mesh: Mesh, u: int, v: int, radius: int) -> tuple[float, float]:
     across = background_at(mesh, u + radius, v)[0] - background_at(mesh, u - radius, v)[0]
     down = background_at(mesh, u, v + radius)[0] - background_at(mesh, u, v - radius)[0]
     return across / (2 * radius), down / (2 * radius)
+
+
+@compiled
+def _is_bent(level: np.ndarray, noise: float) -> bool:
+    """Return whether the level of many tiles is no plane between those around them."""
+    count = bent = 0
+    for i in range(1, level.shape[0] - 1):
+        for j in range(1, level.shape[1] - 1):
+            across = abs(level[i, j - 1] - 2 * level[i, j] + level[i, j + 1]) / 8
+            down = abs(level[i - 1, j] - 2 * level[i, j] + level[i + 1, j]) / 8
+            bent += max(across, down) > BEND_SIGMAS * noise
+            count += 1
+    return bent > BENT_SHARE * count
+
+
+@compiled
+def _change(mesh: Mesh, image: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Return how far (K,) DN the median of a ring around places uv (K, 2) is off the level."""
+    height, width = image.shape
+    change, around = np.zeros(len(uv)), np.empty(len(_RING))
+    for i in range(len(uv)):
+        count = 0
+        for k in range(len(_RING)):
+            u, v = int(uv[i, 0]) + _RING[k, 0], int(uv[i, 1]) + _RING[k, 1]
+            if 0 <= u < width and 0 <= v < height:
+                insert_sorted(around, count, image[v, u] - background_at(mesh, u, v)[0])
+                count += 1
+        if count:
+            change[i] = abs(around[count // 2])
+    return change
 
 
 @compiled

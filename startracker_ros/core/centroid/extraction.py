@@ -24,7 +24,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from startracker_ros.core.centroid.background import over_image, pixel_noise, readable
+from startracker_ros.core.centroid.background import over_image, readable
 from startracker_ros.core.centroid.centroids import Centroids
 from startracker_ros.core.centroid.cleaning import (
     are_hits, CLEAN, cleaned, Contamination, find_contamination)
@@ -246,7 +246,8 @@ class CentroidExtractor:
         clean = readable(image)
         if before.contamination != CLEAN:
             clean, _ = cleaned(clean, before.frame.mesh, before.contamination, before.sigma_px)
-        frame, rejections = replace(before.frame, image=clean), Rejections()
+        frame = before.frame.followed_by(clean, uv, before.contamination.hits)
+        before, rejections = before._replace(frame=frame), Rejections()
         sigma_px = before.sigma_px
         if streak is None or streak.longest_px() < SHORTEST_PX:
             peaks, found = peaks_near(frame.image, frame.kernel, frame.mesh, self._threshold, uv,
@@ -325,7 +326,7 @@ class CentroidExtractor:
         image, hits = cleaned(frame.image, frame.mesh, contamination, sigma_px)
         rejections.add('hot_pixel', hits)
         return prepare(image, frame.kernel.sigma_px, self._threshold, frame.bits,
-                       pixel_noise(image) if contamination.hits else 0.0), contamination
+                       contamination.hits), contamination
 
     def _match_filter(self, frame: Frame, known: KnownSigma, narrow: bool
                       ) -> tuple[Frame, float, KnownSigma]:

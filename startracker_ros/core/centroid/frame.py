@@ -3,10 +3,11 @@
 
 """One image with its background and its peaks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from startracker_ros.core.centroid.background import measure_background, Mesh
+from startracker_ros.core.centroid.background import (
+    has_changed, measure_background, Mesh, pixel_noise)
 from startracker_ros.core.centroid.detection import (
     find_peaks, full_scale, Peaks, Search, Threshold)
 from startracker_ros.core.centroid.psf import FLUX, SIGMA, U, V
@@ -54,6 +55,12 @@ class Frame:
         rows = self.image[self.search.row_max == self.full_scale_dn]
         return bool(2 * np.count_nonzero(rows == self.full_scale_dn) > self.image.size)
 
+    def followed_by(self, image: np.ndarray, uv: np.ndarray, hits: bool) -> 'Frame':
+        """Return the frame of a later image (H, W) with stars near uv (K, 2); see prepare()."""
+        if has_changed(self.mesh, image, uv, self.noise_dn):
+            return replace(self, image=image, mesh=_mesh(image, self.kernel, hits))
+        return replace(self, image=image)
+
     def windows(self, peaks: Peaks, sigma_px: float) -> tuple[Windows, np.ndarray]:
         """Return windows for stars of this PSF sigma at K peaks, and initial parameters (K, 5)."""
         radius = max(MIN_RADIUS_PX, int(np.ceil(RADIUS_SIGMAS * sigma_px)))
@@ -67,17 +74,22 @@ class Frame:
 
 
 def prepare(image: np.ndarray, filter_sigma_px: float, threshold: Threshold,
-            bits: int, noise_dn: float = 0.0) -> Frame:
+            bits: int, hits: bool = False) -> Frame:
     """
     Return the frame of image (H, W) uint16 with a filter of this PSF sigma.
 
-    bits is the depth of the pixels as they came, noise_dn the median noise of a pixel where
-    it is known.
+    bits is the depth of the pixels as they came; hits is whether the image had hits on so many
+    pixels that they count in the noise after the filter.
     """
     kernel = gaussian_kernel(filter_sigma_px)
-    mesh = measure_background(image, kernel)
-    if noise_dn:
-        mesh = mesh.scaled(noise_dn * kernel.noise_gain / mesh.median_noise)
+    mesh = _mesh(image, kernel, hits)
     search = find_peaks(image, kernel, mesh, threshold)
     return Frame(image, kernel, mesh, search,
                  full_scale(image, search.row_max, mesh.median_level, bits), bits)
+
+
+def _mesh(image: np.ndarray, kernel: Kernel, hits: bool) -> Mesh:
+    mesh = measure_background(image, kernel)
+    if not hits:
+        return mesh
+    return mesh.scaled(pixel_noise(image) * kernel.noise_gain / mesh.median_noise)

@@ -28,7 +28,7 @@ The stars are not moved by b: whether its flux exceeds the noise changes from im
 import math
 
 import numpy as np
-from startracker_ros.core.centroid.background import background_at, Mesh
+from startracker_ros.core.centroid.background import background_at, Mesh, slope_at
 from startracker_ros.core.centroid.psf import FLUX, profile, SHARE, SIGMA, U, V
 from startracker_ros.core.centroid.streak_fit import LENGTH, share_at
 from startracker_ros.core.compiled import compiled
@@ -129,6 +129,7 @@ def _left(image: np.ndarray, mesh: Mesh, stars: np.ndarray, streaked: bool, reac
     for star in stars:
         left, top = round(star[U]) - reach, round(star[V]) - reach
         level, _ = background_at(mesh, round(star[U]), round(star[V]))
+        across, down = slope_at(mesh, round(star[U]), round(star[V]), reach)
         per_flux = 1 / star[FLUX]
         profile(star[U], star[SIGMA], left, columns)
         profile(star[V], star[SIGMA], top, rows)
@@ -136,7 +137,8 @@ def _left(image: np.ndarray, mesh: Mesh, stars: np.ndarray, streaked: bool, reac
             for x in range(size):
                 share = (share_at(star, left + x, top + y) if streaked
                          else rows[SHARE, y] * columns[SHARE, x])
-                value = (image[top + y, left + x] - level) * per_flux - share
+                sky = level + across * (x - reach) + down * (y - reach)
+                value = (image[top + y, left + x] - sky) * per_flux - share
                 if value > largest[y, x, 0]:
                     k = 0
                     while k + 1 < kept and largest[y, x, k + 1] < value:
