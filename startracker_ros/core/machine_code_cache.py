@@ -352,7 +352,11 @@ class MachineCodeCache:
         types, _ = sigutils.normalize_signature(signature)
         key = key_of(self._name, types)
         found = (unit.load(key, context) for unit in _units(self._module))
-        return next((one for one in found if one is not None), None)
+        loaded = next((one for one in found if one is not None), None)
+        if loaded is not None:
+            # Another process, as a test, may have compiled and kept what is not registered.
+            _log(self._name, types)
+        return loaded
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Keep what was compiled because its types are not registered."""

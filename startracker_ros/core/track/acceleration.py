@@ -31,6 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
+from startracker_ros.core.maths.small_algebra import inverse
 
 MEMORY = 0.93  # of the squared errors of the frames before
 SIGNIFICANT = 5.0  # standard deviations of a mean squared error by chance, of few frames
@@ -51,6 +52,11 @@ ENDS = 0.25  # of an acceleration, 1 sigma: a torque ends at some time without a
 UNSTEADY = 0.15
 """Of what the body moves by from frame to frame and no frames before show, as of a vibration: the
 fit of a star whose light that spreads within the exposure is off by as much, 1 sigma."""
+
+WRONG_SIGMAS = 5.0  # error of an attitude that is wrong
+MISSED = 1e-3
+"""Probability of an error by a jump beyond those sigma that is left to chance: most frames have
+no jump."""
 
 PEAK_MEMORY, PEAK_SIGMAS = 0.97, 6.0
 """What was wrong once in an error of the prediction may be again: it is so many sigma."""
@@ -117,7 +123,7 @@ class AngularAcceleration:
         """Begin new differences; how the body moved before is not forgotten."""
         self._attitude: tuple[int, np.ndarray] | None = None
         self._rate: np.ndarray | None = None
-        self._jump = np.zeros((3, 3))
+        self._jump, self._probability = np.zeros((3, 3)), 0.0
         memory = self._memory
         memory.numbers[FRAMES] = 0.0
         if memory.numbers[WEIGHT]:
@@ -146,21 +152,28 @@ class AngularAcceleration:
             return
         middle_s = dt_s if math.isnan(before_s) else (dt_s + before_s) / 2
         self._since_jump += 1
-        self._jump = np.zeros((3, 3))
+        self._jump, self._probability = np.zeros((3, 3)), 0.0
         if self._since_jump > JUMP_FRAMES:
-            self._jump = probability * np.outer(jump, jump)
+            self._jump, self._probability = probability * np.outer(jump, jump), probability
             if probability > 0.5:
                 self._since_jump = 0
         self.estimate = Estimate(*add_difference(
             self._memory, (self._rate - before) / middle_s, covariance / dt_s ** 4,
             self._since_jump))
 
+    def jump_within(self, exposure_s: tuple[float, float]) -> float:
+        """Return the probability of a jump of the rate within the last exposure."""
+        if math.isnan(self._dt_s):
+            return 0.0
+        return self._probability * min(exposure_s[1] / self._dt_s, 1.0)
+
     def shift(self, exposure_s: tuple[float, float], rate: np.ndarray, focal_px: float) -> Shift:
         """
         Return the shift of the light at the last frame.
 
         exposure_s are the least and the largest exposure, which the frame interval limits; rate
-        (3,) rad/s is that of the body, focal_px the focal length.
+        (3,) rad/s is that of the body, focal_px the focal length, zero where the centroids are no
+        fits of streaks: those are at the centre of the light.
         """
         if math.isnan(self._dt_s):
             return Shift(np.zeros(3), np.zeros((3, 3)))
@@ -303,3 +316,23 @@ def _seconds2(exposure_s: float, dt_s: float, b: float, swings: bool) -> float:
         return exposure_s ** 2 / 24
     w = 2 * half / dt_s
     return (light / math.sin(light) - 1) / w ** 2 * (half / math.sin(half)) ** 2
+
+
+@compiled
+def lacking(covariance: np.ndarray, error: np.ndarray, probability: float) -> np.ndarray:
+    """
+    Return what a covariance (3, 3) lacks for an error (3,) that is possible, zero for nothing.
+
+    With the probability p of the error, the attitude is to be beyond WRONG_SIGMAS by it with the
+    probability MISSED: within c of WRONG_SIGMAS, p exp(-c^2 / 2) / 2 = MISSED (a bound of the
+    normal integral). As much of the square of the error is added as makes its Mahalanobis
+    distance WRONG_SIGMAS - c (Sherman and Morrison).
+    """
+    nothing = np.zeros((3, 3))
+    if probability <= 2 * MISSED:
+        return nothing
+    most = max(WRONG_SIGMAS - math.sqrt(2 * math.log(probability / (2 * MISSED))), 1.0)
+    distance2 = error @ (inverse(covariance) @ error)
+    if distance2 <= most * most:
+        return nothing
+    return np.outer(error, error) * (1 / (most * most) - 1 / distance2)

@@ -20,7 +20,7 @@ from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.compiled_rotation import turned
 from startracker_ros.core.maths.rotation import attitude_error
 from startracker_ros.core.maths.small_algebra import is_positive_definite
-from startracker_ros.core.track.acceleration import AngularAcceleration
+from startracker_ros.core.track.acceleration import AngularAcceleration, lacking
 from startracker_ros.core.track.consistency import Residuals
 from startracker_ros.core.track.correction import correct, Correction
 from startracker_ros.core.track.followed_stars import followed, Measured
@@ -97,6 +97,7 @@ class AttitudeModel(StarModel):
         self._measured: AttitudeEstimate | None = None
         self._jumps, self._mixture = RateJumps(), NO_JUMP
         self._uv = np.empty((0, 2))
+        self._moved, self._streaked = np.zeros(3), False
 
     def update(self, stamp_ns: int, frame: Centroids, sky: ApparentCatalog) -> FrameUpdate:
         """Update by the first hypothesis that the stars confirm, or keep the nominal one."""
@@ -125,7 +126,7 @@ class AttitudeModel(StarModel):
                     break
                 continue
             before_ns = self._state.stamp_ns
-            self._exposure_s = frame.exposure_s
+            self._exposure_s, self._streaked = frame.exposure_s, frame.are_streaks
             mixture = self._measure(hypothesis, predicted, measured, common,
                                     None if nominal is None else nominal[0].state)
             state = _with_jumps(correction.state, mixture)
@@ -135,6 +136,8 @@ class AttitudeModel(StarModel):
             if mixture.is_certain:
                 correction, mixture = correction._replace(state=state), NO_JUMP
             self._mixture = mixture
+            # All of it may be light of a jump that has hardly moved the body.
+            self._moved = rotation_between(predicted.quaternion, state.quaternion)
             self._stamp_jitter.add(self._state, predicted, correction.state, measured)
             self._set_state(correction.state, hypothesis.uses_gyro)
             seen, residuals = self._follow(correction, icrf, Measured(
@@ -293,9 +296,12 @@ class AttitudeModel(StarModel):
         """Return also what the acceleration within the exposure turns the stars by, taken out."""
         estimate = super().with_systematic_errors(estimate, velocity_sigma_m_s)
         turn, covariance = self._acceleration.shift(
-            self._exposure_s, self._state.rate, self._camera.fx)
+            self._exposure_s, self._state.rate, self._camera.fx if self._streaked else 0.0)
+        covariance = estimate.covariance_sensor + covariance
+        covariance += lacking(covariance, self._moved,
+                              self._acceleration.jump_within(self._exposure_s))
         return replace(estimate, quaternion=turned(estimate.quaternion, -turn),
-                       covariance_sensor=estimate.covariance_sensor + covariance)
+                       covariance_sensor=covariance)
 
     def _measure(self, hypothesis: _Hypothesis, predicted: AttitudeState,
                  corrected: AttitudeState, common: np.ndarray,

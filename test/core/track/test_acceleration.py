@@ -5,8 +5,10 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from startracker_ros.core.maths.rotation import ARCSEC, multiply, quaternion_from_rotation_vector
-from startracker_ros.core.track.acceleration import AngularAcceleration
+from startracker_ros.core.track.acceleration import (
+    AngularAcceleration, lacking, MISSED, WRONG_SIGMAS)
 from startracker_ros.evaluation.campaign.integrity_motion import motion_runs
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
@@ -95,6 +97,45 @@ def test_a_jump_of_the_rate_is_in_the_covariance_of_its_frame_only():
     assert sigmas[37] < 0.3 and 5 < sigmas[38] < 5.1
 
 
+def test_the_probability_of_a_jump_within_an_exposure_is_that_of_its_frame():
+    found, still = AngularAcceleration(), np.array([0.0, 0.0, 0.0, 1.0])
+    assert found.jump_within(EXPOSED) == 0
+    for frame in range(20):
+        found.add(frame * 10 ** 8, still, np.eye(3) * SIGMA ** 2, np.zeros(3), 0.02)
+    assert found.jump_within(EXPOSED) == found.jump_within((0.0, np.inf)) == 0.02
+    assert found.jump_within((0.0, DT_S / 4)) == pytest.approx(0.005)
+    found.interrupt()
+    assert found.jump_within(EXPOSED) == 0
+
+
+def test_only_fits_of_streaks_see_their_ends():
+    found, _ = list(frames(sway(1.0, 10.0), count=60))[-1]
+    rate = np.radians(2.0) * AXIS
+    centre, streak = (found.shift(EXPOSED, rate, focal_px) for focal_px in (0.0, 4900.0))
+    assert streak.turn @ AXIS > 1.3 * (centre.turn @ AXIS)
+    assert AXIS @ streak.covariance @ AXIS > 3 * (AXIS @ centre.covariance @ AXIS)
+
+
+@pytest.mark.parametrize('probability', [2.5e-3, 1e-2, 0.1, 0.4])
+def test_an_improbable_error_is_beyond_5_sigma_as_rarely_as_is_left_to_chance(probability):
+    covariance = np.diag([1.0, 1.0, 300.0]) + 0.3
+    axis = np.array([0.6, -0.7, 4.0])
+    axis /= np.sqrt(axis @ np.linalg.solve(covariance, axis))
+    for distance in (0.5, 3.0, 6.0, 40.0):
+        error = distance * axis
+        more = lacking(covariance, error, probability)
+        assert np.linalg.eigvalsh(more)[0] > -1e-9
+        away = np.sqrt(error @ np.linalg.solve(covariance + more, error))
+        # What is known of the error besides is normal, of one sigma.
+        assert probability * norm.sf(WRONG_SIGMAS - away) < MISSED
+        assert away < 0.999 * distance if more.any() else away == pytest.approx(distance)
+
+
+def test_an_error_that_is_left_to_chance_needs_no_covariance():
+    assert not lacking(np.eye(3), np.full(3, 100.0), 2 * MISSED).any()
+    assert lacking(np.eye(3), np.full(3, 100.0), 2.1 * MISSED).any()
+
+
 def test_what_moved_before_a_gap_is_not_forgotten():
     found, _ = list(frames(sway(0.2, 2.0), count=60))[-1]
     found.interrupt()
@@ -111,3 +152,11 @@ def test_the_covariance_of_a_tracker_holds_whatever_moves(name):
     # One frame in five is independent.
     high = mean_chi_square_bounds(3, tally.published // 5)[1]
     assert not tally.wrong and tally.nees / tally.published < high
+
+
+@pytest.mark.parametrize(('name', 'seed'), [
+    ('list, ramps of 0.5 deg/s^2, 4 s, exposed 0.1 s', 712814),
+    ('list, steps of 0.05 deg/s each 3 s, exposed 0.1 s', 704894)])
+def test_what_jumps_within_an_exposure_unseen_is_no_wrong_attitude(name, seed):
+    tally = motion_runs(name, 1, seed)
+    assert tally.available == tally.due and not tally.wrong
