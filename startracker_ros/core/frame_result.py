@@ -22,8 +22,10 @@ class Attitude(AttitudeEstimate):
 
     quaternion (4,) is q_icrf_from_sensor, x, y, z, w: v_icrf = R(q) v_sensor; covariance_sensor
     (3, 3) rad^2 that of a rotation vector about sensor axes. rate_rad_s (3,) is the angular
-    velocity with respect to ICRF on sensor axes, with its covariance (3, 3) rad^2/s^2.
-    acceleration_rad_s2 (3,) is the 1 sigma of the angular acceleration that at() assumes.
+    velocity with respect to ICRF on sensor axes, with its covariance (3, 3) rad^2/s^2;
+    cross_covariance (3, 3) rad^2/s is that of the errors of attitude (rows) and rate, None where it
+    is not known. acceleration_rad_s2 (3,) is the 1 sigma of the angular acceleration that at()
+    assumes.
     protection_rad (3,) bounds the errors about sensor axes, but for misleading_probability;
     infinite where there is no bound, and at another time.
     """
@@ -31,6 +33,7 @@ class Attitude(AttitudeEstimate):
     stamp_ns: int
     rate_rad_s: np.ndarray
     rate_covariance: np.ndarray
+    cross_covariance: np.ndarray | None
     acceleration_rad_s2: np.ndarray
     protection_rad: np.ndarray = field(default_factory=lambda: np.full(3, np.inf))
 
@@ -41,18 +44,22 @@ class Attitude(AttitudeEstimate):
 
     def at(self, stamp_ns: int) -> 'Attitude':
         """
-        Return the attitude at a time near stamp_ns of this one, by its rate.
+        Return the attitude at a time near stamp_ns of this one, before or after it, by its rate.
 
-        The correlation of attitude and rate is not known here, so the covariance is the bound
-        (1 + k) P + (1 + 1 / k) dt^2 P_rate, which holds for any, with the k of least trace; a
-        constant acceleration adds (a dt^2 / 2)^2.
+        As that of a row of a rolling shutter. The covariance is P + dt (C + C^T) + dt^2 P_rate
+        with C = cross_covariance; where that is not known it is the bound (1 + k) P +
+        (1 + 1 / k) dt^2 P_rate, which holds for any, with the k of least trace. A constant
+        acceleration adds (a dt^2 / 2)^2.
         """
         dt_s = (stamp_ns - self.stamp_ns) * 1e-9
         turn = quaternion_from_rotation_vector(self.rate_rad_s * dt_s)
         by_rate = dt_s ** 2 * self.rate_covariance
-        own, other = np.sqrt([np.trace(self.covariance_sensor), np.trace(by_rate)])
-        covariance = self.covariance_sensor
-        if other > 0:
+        covariance, cross = self.covariance_sensor, self.cross_covariance
+        if cross is not None:
+            covariance = covariance + dt_s * (cross + cross.T) + by_rate
+            cross = cross + dt_s * self.rate_covariance
+        elif by_rate.any():
+            own, other = np.sqrt([np.trace(covariance), np.trace(by_rate)])
             covariance = (1 + other / own) * covariance + (1 + own / other) * by_rate
         # The error is about axes that turn with the sensor.
         turned = matrix_from_quaternion(turn).T
@@ -62,6 +69,7 @@ class Attitude(AttitudeEstimate):
             covariance_sensor=(turned @ covariance @ turned.T
                                + np.diag((moved * dt_s / 2) ** 2)),
             rate_covariance=self.rate_covariance + np.diag(moved ** 2),
+            cross_covariance=None if cross is None else turned @ cross,
             protection_rad=self.protection_rad if dt_s == 0 else np.full(3, np.inf))
 
 

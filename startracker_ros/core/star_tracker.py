@@ -181,6 +181,7 @@ class StarTracker:
                    for field in fields(trusted.attitude)},
                 stamp_ns=stamp_ns, rate_rad_s=tracked.rate_rad_s,
                 rate_covariance=tracked.rate_covariance,
+                cross_covariance=self.tracker.cross_covariance,
                 acceleration_rad_s2=self._acceleration_rad_s2,
                 protection_rad=trusted.protection_rad)
             reasons = []

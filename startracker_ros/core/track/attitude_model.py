@@ -339,6 +339,10 @@ class AttitudeModel(StarModel):
     def rate_covariance(self) -> np.ndarray:  # type: ignore[override]  # the same
         return self._state.covariance[3:6, 3:6] + self._mixture.covariance[3:, 3:]
 
+    @property
+    def cross_covariance(self) -> np.ndarray:
+        return self._state.covariance[:3, 3:6] + self._mixture.covariance[:3, 3:]
+
     def _compare_gyro(self, before_ns: int, level: float) -> None:
         """
         Use the gyro once it has agreed with the stars for confirm_frames; report if it does not.

@@ -88,6 +88,11 @@ class StarModel(ABC):
         return None
 
     @property
+    def cross_covariance(self) -> np.ndarray | None:
+        """Return that (3, 3) of the errors of attitude and rate, of a model that knows it."""
+        return None
+
+    @property
     def lens_error_px(self) -> float:
         """Return the error of star positions that stays from frame to frame, where it is known."""
         return 0.0

@@ -134,6 +134,11 @@ class TrackFilter:
         return TrackedAttitude(attitude, self._model.rate_rad_s, self._model.rate_covariance)
 
     @property
+    def cross_covariance(self) -> np.ndarray | None:
+        """Return that (3, 3) of the errors of attitude and rate, None where it is not known."""
+        return self._model.cross_covariance
+
+    @property
     def frame_attitude(self) -> AttitudeEstimate | None:
         """Return the attitude of the newest frame by its stars alone, of a model that has one."""
         measured = self._model.measured_attitude if self.attitude is not None else None
