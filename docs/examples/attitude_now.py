@@ -8,8 +8,6 @@ The newest attitude is propagated by its rate to the time of the message; the co
 its age. Beyond the parameter `max_age_s` nothing is published.
 """
 
-from contextlib import suppress
-
 import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -64,5 +62,10 @@ class AttitudeNow(Node):
 
 if __name__ == '__main__':
     rclpy.init()
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
+    try:
         rclpy.spin(AttitudeNow())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except RuntimeError:
+        if rclpy.ok():  # not stopped just before it publishes
+            raise

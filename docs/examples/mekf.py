@@ -10,8 +10,6 @@ rotation vector about sensor axes and the bias of the gyro: no attitude is singu
 Parameters: `gyro_noise_deg_sqrt_h`, `gyro_bias_walk_deg_h_sqrt_h` and `gyro_bias_deg_h` (1 sigma).
 """
 
-from contextlib import suppress
-
 import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -111,5 +109,10 @@ class MultiplicativeFilter(Node):
 
 if __name__ == '__main__':
     rclpy.init()
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
+    try:
         rclpy.spin(MultiplicativeFilter())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except RuntimeError:
+        if rclpy.ok():  # not stopped just before it publishes
+            raise

@@ -23,8 +23,8 @@ class Attitude(AttitudeEstimate):
     quaternion (4,) is q_icrf_from_sensor, x, y, z, w: v_icrf = R(q) v_sensor; covariance_sensor
     (3, 3) rad^2 that of a rotation vector about sensor axes. rate_rad_s (3,) is the angular
     velocity with respect to ICRF on sensor axes, with its covariance (3, 3) rad^2/s^2;
-    cross_covariance (3, 3) rad^2/s is that of the errors of attitude (rows) and rate, None where it
-    is not known. acceleration_rad_s2 (3,) is the 1 sigma of the angular acceleration that at()
+    cross_covariance (3, 3) rad^2/s is that of the errors of attitude (rows) and rate, None where
+    it is not known. acceleration_rad_s2 (3,) is the 1 sigma of the angular acceleration that at()
     assumes.
     protection_rad (3,) bounds the errors about sensor axes, but for misleading_probability;
     infinite where there is no bound, and at another time.
@@ -33,8 +33,8 @@ class Attitude(AttitudeEstimate):
     stamp_ns: int
     rate_rad_s: np.ndarray
     rate_covariance: np.ndarray
-    cross_covariance: np.ndarray | None
     acceleration_rad_s2: np.ndarray
+    cross_covariance: np.ndarray | None = None
     protection_rad: np.ndarray = field(default_factory=lambda: np.full(3, np.inf))
 
     @property
