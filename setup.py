@@ -66,7 +66,7 @@ setup(
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed', 'signatures.json'],
-                  f'{PACKAGE}.core.catalog': ['*.npz', 'LICENSE'],
+                  f'{PACKAGE}.core.catalog': ['*.npz', '*.txt', 'LICENSE'],
                   f'{PACKAGE}.evaluation.datasheet': ['*.j2'],
                   f'{PACKAGE}.tools.report': ['*.css', '*.j2', '*.js'],
                   f'{PACKAGE}.tools.trend': ['*.j2']},

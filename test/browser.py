@@ -41,6 +41,7 @@ class Page:
         self._session: str | None = None
         self._events: list[str] = []
         self.problems: list[str] = []
+        self._address = 'file:'
         target = self.call('Target.createTarget', url='about:blank')['targetId']
         self._session = self.call('Target.attachToTarget', targetId=target,
                                   flatten=True)['sessionId']
@@ -66,6 +67,7 @@ class Page:
     def load(self, page: Path | str) -> None:
         """Load a file or an address and wait until it has loaded and drawn."""
         self._events.clear()
+        self._address = 'file:' if isinstance(page, Path) else page
         self.call('Page.navigate', url=page.as_uri() if isinstance(page, Path) else page)
         while 'Page.loadEventFired' not in self._events:
             self._next()
@@ -151,17 +153,22 @@ class Page:
             self.problems.append(f'log: {parameters["entry"]["text"]}')
         elif method == 'Network.requestWillBeSent':
             url = parameters['request']['url']
-            if not url.startswith(('file:', 'data:', 'about:')):
+            if not url.startswith((self._address, 'data:', 'about:')):
                 self.problems.append(f'request: {url}')
 
 
-def assert_readable(page: Page, path: Path) -> None:
-    """Assert that a page is whole on phone and screen, light and dark, without a message."""
+def assert_readable(page: Page, path: Path | str, loaded: str = '') -> None:
+    """
+    Assert that a page is whole on phone and screen, light and dark, without a message.
+
+    Its content is there once the JavaScript expression loaded is.
+    """
     for width, phone in ((390, True), (1400, False)):
         for dark in (False, True):
             page.problems.clear()
             page.resize(width, 844, phone=phone, dark=dark)
             page.load(path)
+            page.evaluate(loaded)
             assert page.problems == []
             assert page.evaluate('document.documentElement.scrollWidth') <= width
             assert page.evaluate("""Math.min(...[...document.querySelectorAll('p, td, th, dd')]

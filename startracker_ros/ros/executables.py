@@ -7,6 +7,7 @@ NODES = {name: f'startracker_ros.ros.nodes.{name}' for name in (
     'sky_simulator',
     'image_publisher',
     'camera_source',
+    'exposure_controller',
     'centroid_extractor',
     'star_identifier',
     'star_tracker',

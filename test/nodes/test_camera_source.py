@@ -6,13 +6,18 @@
 import cv2
 from limits import HANGS_S
 import numpy as np
+import pytest
 from rcl_interfaces.srv import SetParameters
+import rclpy
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.exposure.control import Setting
 from startracker_ros.io.bags.layouts import camera_from_message, image_from_message, ns_from_stamp
 from startracker_ros.io.images.camera_files import save_camera
+from startracker_ros.io.images.capture import Captured
 from startracker_ros.ros import qos
+from startracker_ros.ros.nodes.camera_source import CameraSourceNode
 
 
 def write(folder, shape):
@@ -74,3 +79,24 @@ def test_a_wrong_camera_file_stops_the_node(rig, tmp_path):
     assert process.wait(HANGS_S) == 2
     assert 'none.yaml' in (tmp_path / 'camera_source.log').read_text()
     rig.processes.processes.clear()
+
+
+@pytest.fixture
+def node():
+    rclpy.init()
+    node = CameraSourceNode()
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def test_exposure_and_gain_are_reported_as_far_as_they_are_known(node):
+    image, values = np.zeros((4, 4), np.uint8), node.diagnostics.values
+    node._report(Captured(image, 0, 'driver', 0.0))
+    assert 'exposure_ms' not in values and values['stamp_from'] == 'driver'
+    node._report(Captured(image, 0, 'driver', 0.0, Setting(199.96, 64.0)))
+    # One of those after a change, whose setting is not known.
+    node._report(Captured(image, 0, 'driver', 0.0))
+    assert (values['exposure_ms'], values['gain']) == ('200', '64')
+    node.deactivate()
+    assert not values

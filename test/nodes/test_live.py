@@ -13,8 +13,10 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.constellations import constellation_at, NAMES
 from startracker_ros.core.catalog.stars import load_catalog
-from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
+from startracker_ros.core.exposure.image_figures import FWHM_PER_SIGMA
+from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, rotate
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.capture import CaptureOptions
@@ -116,7 +118,18 @@ def test_the_page_shows_state_and_sky_while_it_runs(ran):
     assert any(state.startswith('TRACKING') for state in states), states
     tracking = next(state for state in browser.states if state['state'].startswith('TRACKING')
                     and state['right ascension'] != '-')
-    assert abs(float(tracking['declination'].split()[0])) < 1
+    _, degrees, sigma = tracking['declination'].splitlines()
+    assert abs(float(degrees.removesuffix(' deg'))) < 2
+    assert 0 < float(sigma.split()[1]) < 206
+    boresights = [rotate(MOTION.at(index / RATE_HZ).q_icrf_from_sensor, [0.0, 0.0, 1.0])
+                  for index in range(FRAMES)]
+    assert tracking['constellation'] in {NAMES[constellation_at(one)] for one in boresights}
+    assert int(tracking['stars tracked']) >= 4
+    # A video does not say how it was exposed.
+    assert tracking['exposure'] == '-'
+    focused = next(state['focus'] for state in browser.states if 'px' in state.get('focus', ''))
+    assert float(focused.split()[0]) == pytest.approx(
+        FWHM_PER_SIGMA * DetectorOptions().psf_sigma_px, rel=0.1)
     assert b'<img' in browser.page
     for content in (browser.picture, (folder / 'sky.jpg').read_bytes()):
         picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)

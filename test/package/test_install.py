@@ -126,8 +126,8 @@ def test_ros_finds_package_and_files(install):
 
 def test_all_modules_and_data_are_installed(install):
     def files(folder: Path) -> set[Path]:
-        return {path.relative_to(folder) for pattern in ('*.py', '*.npz', '*.css', '*.j2', '*.js',
-                                                  '*.json')
+        return {path.relative_to(folder) for pattern in ('*.py', '*.npz', '*.txt', '*.css', '*.j2',
+                                                                '*.js', '*.json')
                 for path in (folder / 'startracker_ros').rglob(pattern)}
 
     assert files(install.modules) == files(SOURCE)

@@ -2,11 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Names and lines of well-known constellations, between stars by Hipparcos number.
+Names and boundaries of the constellations, and lines of well-known ones.
 
-The stars were looked up in the catalogue by position and magnitude of their Bayer letters; a test
-compares their constellations with the boundaries of the IAU.
+The lines are between stars by Hipparcos number, which were looked up in the catalogue by position
+and magnitude of their Bayer letters; a test compares their constellations with the boundaries.
 """
+
+from functools import lru_cache
+from pathlib import Path
+
+import erfa
+import numpy as np
+from startracker_ros.core.maths.rotation import radec_from_unit
+
+BOUNDARIES_FILE = Path(__file__).with_name('boundaries.txt')
 
 FIGURES: dict[str, tuple[tuple[int, ...], ...]] = {
     'And': ((677, 3092, 5447, 9640),),
@@ -52,12 +61,48 @@ FIGURES: dict[str, tuple[tuple[int, ...], ...]] = {
             65474)),
 }
 """Polylines of a constellation, by its IAU abbreviation."""
+
 NAMES = {
-    'And': 'Andromeda', 'Aql': 'Aquila', 'Ari': 'Aries', 'Aur': 'Auriga', 'Boo': 'Bootes',
-    'CMa': 'Canis Major', 'CMi': 'Canis Minor', 'Cas': 'Cassiopeia', 'Cen': 'Centaurus',
-    'Cep': 'Cepheus', 'CrB': 'Corona Borealis', 'Cru': 'Crux', 'Crv': 'Corvus', 'Cyg': 'Cygnus',
-    'Del': 'Delphinus', 'Dra': 'Draco', 'Gem': 'Gemini', 'Her': 'Hercules', 'Leo': 'Leo',
-    'Lyr': 'Lyra', 'Ori': 'Orion', 'Peg': 'Pegasus', 'Per': 'Perseus', 'Sco': 'Scorpius',
-    'Sgr': 'Sagittarius', 'Tau': 'Taurus', 'TrA': 'Triangulum Australe', 'Tri': 'Triangulum',
-    'UMa': 'Ursa Major', 'UMi': 'Ursa Minor', 'Vir': 'Virgo',
+    'And': 'Andromeda', 'Ant': 'Antlia', 'Aps': 'Apus', 'Aql': 'Aquila', 'Aqr': 'Aquarius',
+    'Ara': 'Ara', 'Ari': 'Aries', 'Aur': 'Auriga', 'Boo': 'Bootes', 'CMa': 'Canis Major',
+    'CMi': 'Canis Minor', 'CVn': 'Canes Venatici', 'Cae': 'Caelum', 'Cam': 'Camelopardalis',
+    'Cap': 'Capricornus', 'Car': 'Carina', 'Cas': 'Cassiopeia', 'Cen': 'Centaurus',
+    'Cep': 'Cepheus', 'Cet': 'Cetus', 'Cha': 'Chamaeleon', 'Cir': 'Circinus', 'Cnc': 'Cancer',
+    'Col': 'Columba', 'Com': 'Coma Berenices', 'CrA': 'Corona Australis',
+    'CrB': 'Corona Borealis', 'Crt': 'Crater', 'Cru': 'Crux', 'Crv': 'Corvus', 'Cyg': 'Cygnus',
+    'Del': 'Delphinus', 'Dor': 'Dorado', 'Dra': 'Draco', 'Equ': 'Equuleus', 'Eri': 'Eridanus',
+    'For': 'Fornax', 'Gem': 'Gemini', 'Gru': 'Grus', 'Her': 'Hercules', 'Hor': 'Horologium',
+    'Hya': 'Hydra', 'Hyi': 'Hydrus', 'Ind': 'Indus', 'LMi': 'Leo Minor', 'Lac': 'Lacerta',
+    'Leo': 'Leo', 'Lep': 'Lepus', 'Lib': 'Libra', 'Lup': 'Lupus', 'Lyn': 'Lynx', 'Lyr': 'Lyra',
+    'Men': 'Mensa', 'Mic': 'Microscopium', 'Mon': 'Monoceros', 'Mus': 'Musca', 'Nor': 'Norma',
+    'Oct': 'Octans', 'Oph': 'Ophiuchus', 'Ori': 'Orion', 'Pav': 'Pavo', 'Peg': 'Pegasus',
+    'Per': 'Perseus', 'Phe': 'Phoenix', 'Pic': 'Pictor', 'PsA': 'Piscis Austrinus',
+    'Psc': 'Pisces', 'Pup': 'Puppis', 'Pyx': 'Pyxis', 'Ret': 'Reticulum', 'Scl': 'Sculptor',
+    'Sco': 'Scorpius', 'Sct': 'Scutum', 'Ser': 'Serpens', 'Sex': 'Sextans', 'Sge': 'Sagitta',
+    'Sgr': 'Sagittarius', 'Tau': 'Taurus', 'Tel': 'Telescopium', 'TrA': 'Triangulum Australe',
+    'Tri': 'Triangulum', 'Tuc': 'Tucana', 'UMa': 'Ursa Major', 'UMi': 'Ursa Minor',
+    'Vel': 'Vela', 'Vir': 'Virgo', 'Vol': 'Volans', 'Vul': 'Vulpecula',
 }
+"""Names by IAU abbreviation."""
+
+
+def constellation_at(direction: np.ndarray) -> str:
+    """
+    Return the IAU abbreviation of the constellation that has a unit vector (3,) on ICRF axes.
+
+    N. G. Roman, PASP 99, 695 (1987). The boundaries are lines of right ascension and declination
+    of B1875, to which precession of IAU 2006 leads (ERFA, pmat06).
+    """
+    rotation, columns, names = _boundaries()
+    ra, dec = radec_from_unit(rotation @ direction)
+    hours, dec_deg = ra * 12 / np.pi, np.degrees(dec)
+    begin, end, lower_deg = columns
+    return names[int(np.argmax((begin <= hours) & (hours < end) & (lower_deg <= dec_deg)))]
+
+
+@lru_cache(maxsize=1)
+def _boundaries() -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Return the rotation to B1875, columns (3, N) of the table in h and deg, names."""
+    lines = BOUNDARIES_FILE.read_text(encoding='ascii').splitlines()
+    *columns, names = zip(*(line.split() for line in lines if not line.startswith('#')))
+    return erfa.pmat06(*erfa.epb2jd(1875.0)), np.array(columns, float), [*names]

@@ -44,21 +44,27 @@ class Setting(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ExposureOptions(Options):
-    """Who chooses exposure time and gain, and their limits."""
+class ExposureMode(Options):
+    """Who chooses exposure time and gain."""
 
     exposure: str = option(
         'manual', 'manual: exposure_ms and gain stay as they are set; auto: the stars in the '
         'images choose them, beginning there', choices=('manual', 'auto'))
-    exposure_min_ms: float = option(0.1, 'shortest exposure time of exposure: auto', unit='ms',
+
+
+@dataclass(frozen=True)
+class ExposureOptions(Options):
+    """The limits of exposure time and gain."""
+
+    exposure_min_ms: float = option(0.1, 'shortest exposure time that is chosen', unit='ms',
                                     low=0.01, high=600_000.0)
     exposure_max_ms: float = option(
-        0.0, 'longest exposure time of exposure: auto; 0: the period of the frames', unit='ms',
+        0.0, 'longest exposure time that is chosen; 0: the period of the frames', unit='ms',
         low=0.0, high=600_000.0)
     gain_min: float = option(
-        -1.0, 'lowest gain of exposure: auto, in units of the driver', low=-1.0, high=1e6)
+        -1.0, 'lowest gain that is chosen, in units of the driver', low=-1.0, high=1e6)
     gain_max: float = option(
-        -1.0, 'highest gain of exposure: auto; not above gain_min: the gain stays', low=-1.0,
+        -1.0, 'highest gain that is chosen; not above gain_min: the gain stays', low=-1.0,
         high=1e6)
     gain_db: float = option(
         0.0, 'dB by which a unit of the gain amplifies (20 dB are a factor of 10), often 0.1; 0: '

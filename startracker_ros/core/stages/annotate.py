@@ -60,7 +60,7 @@ class Labels:
     """
 
     def __init__(self, shape: tuple[int, ...], uv: np.ndarray, share: float = 1.0) -> None:
-        self.size = max(1.0, max(shape) / 1024) / share
+        self.size = max(1.0, max(shape) / 1024 / share)
         self.thick = round(self.size)
         self._shape = shape
         radius = _CIRCLE_PX * self.size

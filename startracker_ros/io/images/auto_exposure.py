@@ -4,27 +4,38 @@
 """Exposure time and gain of a camera by the stars in its images, in a thread beside it."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Protocol
 
 from startracker_ros.core.centroid.extraction import CentroidExtractor
 from startracker_ros.core.exposure.control import (
     ControlState, ExposureLimits, ExposureOptions, next_setting, Setting)
 from startracker_ros.core.exposure.image_figures import ImageFigures
 from startracker_ros.io.images.capture import Captured
-from startracker_ros.io.images.capture_thread import CaptureThread
 
 _FIRST_MS = 100.0
 _UNKNOWN = 10  # images without a known setting: the device does not have it, or is a new one
 
 
+class Settable(Protocol):
+    """A camera whose exposure time and gain can be changed, for some image after the next one."""
+
+    @property
+    def period_s(self) -> float:
+        """Period of the images."""
+
+    def change(self, setting: Setting) -> None:
+        """Set exposure time and gain; called from another thread."""
+
+
 class AutoExposure:
     """
-    Chooses the settings of a capture by its images, one at a time.
+    Chooses the settings of a camera by its images, one at a time.
 
     Images are searched as fast as one thread can; those meanwhile are not used. figures and
     setting are those of the last one, None before.
     """
 
-    def __init__(self, options: ExposureOptions, capture: CaptureThread, first_ms: float) -> None:
+    def __init__(self, options: ExposureOptions, capture: Settable, first_ms: float) -> None:
         """Begin with an exposure time of first_ms, 0 for 100 ms, and the gain there is."""
         self._options, self._capture = options, capture
         self._first_ms = first_ms or _FIRST_MS
@@ -59,6 +70,13 @@ class AutoExposure:
         self.figures, self.setting = figures, setting
         if chosen != setting:
             self._capture.change(chosen)
+
+    def values(self) -> dict[str, object]:
+        """Return diagnostics of the last image that was searched, empty before."""
+        figures = self.figures
+        return {} if figures is None else {
+            'stars': len(figures.flux), 'background_dn': f'{figures.background_dn:.1f}',
+            'fwhm_px': f'{figures.fwhm_px:.2f}'}
 
     def close(self) -> None:
         """End the thread, after the image in work."""

@@ -4,7 +4,7 @@
 """camera_source: a camera of Video4Linux, or files in its place -> image_raw, camera_info."""
 
 from startracker_ros.core.camera.model import Camera
-from startracker_ros.core.exposure.control import ExposureOptions
+from startracker_ros.core.exposure.control import ExposureMode, ExposureOptions
 from startracker_ros.io.images.auto_exposure import AutoExposure
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.capture import Captured, CaptureOptions
@@ -26,7 +26,7 @@ class CameraSourceNode(ImageSourceNode):
     The device is open while the node is active.
     """
 
-    option_classes = (CaptureOptions, ExposureOptions, CameraOptions, FrameOptions,
+    option_classes = (CaptureOptions, ExposureMode, ExposureOptions, CameraOptions, FrameOptions,
                       TransportOptions)
     task = 'camera'
 
@@ -49,10 +49,11 @@ class CameraSourceNode(ImageSourceNode):
             self.activate()
 
     def activate(self) -> None:
-        capture, exposure = self.options(CaptureOptions), self.options(ExposureOptions)
+        capture = self.options(CaptureOptions)
         self._capture = CaptureThread(capture, self._wake)
-        if exposure.exposure == 'auto':
-            self._exposure = AutoExposure(exposure, self._capture, capture.exposure_ms)
+        if self.options(ExposureMode).exposure == 'auto':
+            self._exposure = AutoExposure(
+                self.options(ExposureOptions), self._capture, capture.exposure_ms)
         self._capture.start()
 
     def deactivate(self) -> None:
@@ -61,6 +62,8 @@ class CameraSourceNode(ImageSourceNode):
         if self._exposure is not None:
             self._exposure.close()
         self._capture = self._exposure = None
+        # Of images with other settings.
+        self.diagnostics.values.clear()
 
     def close(self) -> None:
         self.deactivate()
@@ -96,14 +99,12 @@ class CameraSourceNode(ImageSourceNode):
                     f'{8 * captured.image.itemsize} bit',
             'stamp_from': captured.stamp_from,
             'stamp_error_ms': f'{1e3 * captured.stamp_error_s:.1f}'})
-        exposure = self._exposure
-        if exposure is not None and exposure.figures is not None and exposure.setting is not None:
+        if captured.setting is not None:
             self.diagnostics.values.update({
-                'exposure_ms': f'{exposure.setting.exposure_ms:.4g}',
-                'gain': f'{exposure.setting.gain:.4g}',
-                'stars': len(exposure.figures.flux),
-                'background_dn': f'{exposure.figures.background_dn:.1f}',
-                'fwhm_px': f'{exposure.figures.fwhm_px:.2f}'})
+                'exposure_ms': f'{captured.setting.exposure_ms:.4g}',
+                'gain': f'{captured.setting.gain:.4g}'})
+        if self._exposure is not None:
+            self.diagnostics.values.update(self._exposure.values())
 
     def _check(self) -> None:
         """Report the state of the device."""

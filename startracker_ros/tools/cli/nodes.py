@@ -116,14 +116,17 @@ def demo_heads(output: Path, seconds: float, seed: int, as_json: bool) -> None:
 @click.option('--pixel-format', default='auto', help='Format of V4L2, as Y16 or RGGB.  '
               '[default: 8 bit]')
 @click.option('--record', is_flag=True, help='Record a bag, too.')
+@click.option('--host', default='127.0.0.1', show_default=True, metavar='ADDRESS',
+              help='Address of the page; 0.0.0.0: for all in the networks of this machine, as a '
+              'phone, without a password.')
 @click.option('--port', type=click.IntRange(0, 65535), default=8000, show_default=True,
-              help='Of the page on this machine.')
+              help='Port of the page.')
 @click.option('--seconds', type=click.FloatRange(1), default=float('inf'),
               help='End after this time.  [default: Ctrl-C]')
 @output_option('live', 'Folder for picture, bags, camera YAML and logs.')
 @json_option
-def live(camera_file: Path | None, fov_deg: float | None, record: bool, port: int,
-         seconds: float, output: Path, as_json: bool, **capture: Any) -> None:
+def live(camera_file: Path | None, fov_deg: float | None, record: bool, host: str,
+         port: int, seconds: float, output: Path, as_json: bool, **capture: Any) -> None:
     """Run a camera and the star tracker: state, attitude and annotated sky, until Ctrl-C."""
     from startracker_ros.core.camera.model import CameraError
     from startracker_ros.io.images.capture import CaptureOptions
@@ -131,7 +134,8 @@ def live(camera_file: Path | None, fov_deg: float | None, record: bool, port: in
     from startracker_ros.tools.live.live import run_live
     with usage_error_on(CameraError, ValueError), exit_1_on(HarnessError, output=output):
         result = run_live(output, CaptureOptions(**capture), camera_file=camera_file,
-                          fov_deg=fov_deg, record=record, port=port, seconds=seconds)
+                          fov_deg=fov_deg, record=record, host=host, port=port,
+                          seconds=seconds)
     print_result(result, as_json)
 
 

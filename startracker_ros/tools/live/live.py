@@ -16,34 +16,41 @@ from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Time
 import cv2
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import QuaternionStamped
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
 from rich.live import Live
 from rich.table import Table
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from startracker_ros.core.astro.bodies import bodies_at
 from startracker_ros.core.astro.epoch import epoch_year_from_stamp
+from startracker_ros.core.attitude.pointing import pointing_sigma
 from startracker_ros.core.camera.model import Camera
+from startracker_ros.core.catalog.constellations import constellation_at
+from startracker_ros.core.centroid.extraction import CentroidExtractor
+from startracker_ros.core.exposure.control import Setting
+from startracker_ros.core.exposure.image_figures import FWHM_PER_SIGMA
 from startracker_ros.core.folders import replaced
 from startracker_ros.core.identify.identification import IdentificationOptions
-from startracker_ros.core.maths.rotation import pointing_from_quaternion
+from startracker_ros.core.maths.rotation import ARCSEC, pointing_from_quaternion, rotate
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
 from startracker_ros.io.bags.layouts import image_from_message, ns_from_stamp
 from startracker_ros.io.images.camera_files import load_camera, save_camera
-from startracker_ros.io.images.capture import CaptureError, CaptureOptions, Device, open_device
+from startracker_ros.io.images.capture import (
+    Captured, CaptureError, CaptureOptions, Device, open_device)
 from startracker_ros.io.images.images import ImageError
 from startracker_ros.io.table import Result
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
-from startracker_ros.ros.messages.attitude import quaternion_from_message
+from startracker_ros.ros.messages.attitude import attitude_from_pose
 from startracker_ros.ros.messages.clouds import centroids_from_message, tracks_from_message
 from startracker_ros.ros.messages.image import image_message_from_cdr
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.ros.rig import Rig
-from startracker_ros.tools.live.sky_page import SkyPage
+from startracker_ros.tools.live.sky_page import PICTURE, SkyPage, THIS_MACHINE
+from startracker_ros.tools.live.texts import exposure_text, focus_text, state_texts
 from startracker_ros.tools.photographs.outputs import annotated
 
 _SHOW_S, _DRAW_S = 0.25, 1.0
@@ -75,24 +82,29 @@ class LiveView:
         table = Table(title=f'startracker live, {self._page.url}', title_justify='left',
                       show_header=False, min_width=70)
         for name, value in state.items():
-            table.add_row(name, value)
+            table.add_row(name, value.replace('\n', ', '))
         self._live.update(table)
 
-    def draw(self, draw: Callable[[], np.ndarray | None]) -> None:
-        """Show once a second the picture that the function returns, (H, W, 3) RGB."""
+    def draw(self, draw: Callable[[float], np.ndarray | None]) -> None:
+        """
+        Show once a second the picture that the function returns, (H, W, 3) RGB.
+
+        It has marks for a screen that is so many times 1024 px wide.
+        """
         if time.monotonic() - self._drawn_s < _DRAW_S:
             return
-        picture = draw()
-        if picture is None:
-            return
-        self._drawn_s = time.monotonic()
-        good, content = cv2.imencode('.jpg', picture[..., ::-1],
-                                     [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        if good:
-            self._page.picture = content.tobytes()
-            # Complete at any time, for a viewer that reads it again and again.
-            with replaced(self._picture) as file:
-                file.write(self._page.picture)
+        for name, share in self._page.wanted().items():
+            picture = draw(share)
+            if picture is None:
+                return
+            self._drawn_s = time.monotonic()
+            good, content = cv2.imencode('.jpg', picture[..., ::-1],
+                                         [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+            if good:
+                self._page.pictures[name] = content.tobytes()
+        # Complete at any time, for a viewer that reads it again and again.
+        with replaced(self._picture) as file:
+            file.write(self._page.pictures[PICTURE])
 
 
 class LiveRig(Rig):
@@ -104,19 +116,24 @@ class LiveRig(Rig):
         self.state, self.reason = 'starting', ''
         self.counts = {'frames': 0, 'frames_tracking': 0}
         self.attitude: np.ndarray | None = None
+        self.covariance = np.full((3, 3), np.nan)
         self.rate_deg_s = float('nan')
         # The lists of an image arrive some time after it.
         self._images: deque[Image] = deque(maxlen=_IMAGES)
         self._stamped: dict[str, dict[int, Any]] = {
             topic: {} for topic in ('attitude', 'tracks', 'centroids')}
-        self.probe.collect_diagnostics()
+        self._statuses: dict[str, DiagnosticStatus] = {}
         subscribe = self.probe.create_subscription
+        subscribe(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.LIST)
         subscribe(Image, 'image_raw', self._on_image, qos.IMAGE, raw=True)
         subscribe(DiagnosticStatus, 'tracker_state', self._on_tracker_state, qos.STATE)
-        subscribe(QuaternionStamped, 'attitude', self._on_attitude, qos.LIST)
+        subscribe(PoseWithCovarianceStamped, 'attitude_cov', self._on_attitude, qos.LIST)
         subscribe(Imu, 'attitude_imu', self._on_attitude_imu, qos.LIST)
         for topic in ('tracks', 'centroids'):
             subscribe(PointCloud2, topic, partial(self._on_list, topic), qos.LIST)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self._statuses.update({status.name: status for status in message.status})
 
     def _on_image(self, data: bytes) -> None:
         self._images.append(image_message_from_cdr(data))
@@ -129,8 +146,8 @@ class LiveRig(Rig):
         if self.state != 'TRACKING':
             self.attitude, self.rate_deg_s = None, float('nan')
 
-    def _on_attitude(self, message: QuaternionStamped) -> None:
-        self.attitude = quaternion_from_message(message)
+    def _on_attitude(self, message: PoseWithCovarianceStamped) -> None:
+        self.attitude, self.covariance = attitude_from_pose(message, message.header.frame_id)
         self._keep('attitude', message.header.stamp, self.attitude)
 
     def _on_attitude_imu(self, message: Imu) -> None:
@@ -151,45 +168,46 @@ class LiveRig(Rig):
     @property
     def source_text(self) -> str:
         """Return the condition of the camera."""
-        status = next((status for status in reversed(self.probe.statuses())
-                       if status.name == _SOURCE), None)
+        status = self._statuses.get(_SOURCE)
         # A status is up to a second older than the newest frame.
         if status is None or self.counts['frames'] and status.message == _NO_FRAMES:
             return ''
         return status.message
 
-    @property
-    def focus_text(self) -> str:
-        """Return the width of the star images; a camera in focus has the smallest."""
-        fwhm_px = self.probe.diagnostic_value(_EXTRACTOR, 'fwhm_px')
-        return '-' if fwhm_px in (None, 'nan') else f'stars are {fwhm_px} px wide (FWHM)'
+    def _diagnostic(self, name: str, key: str) -> float:
+        """Return the newest number of a key in the status of a name, NaN without one."""
+        status = self._statuses.get(name, DiagnosticStatus())
+        return float({value.key: value.value for value in status.values}.get(key, 'nan'))
 
     def figures(self) -> dict[str, Any]:
-        """Return state, pointing in deg, rate and stars; NaN without an attitude."""
-        angles = np.full(3, np.nan) if self.attitude is None else np.degrees(
-            pointing_from_quaternion(self.attitude))
+        """Return state, pointing with its 1 sigma, rate, stars and camera; NaN if not known."""
+        angles, sigma, constellation = np.full(3, np.nan), np.full(3, np.nan), ''
+        if self.attitude is not None:
+            angles = np.degrees(pointing_from_quaternion(self.attitude))
+            sigma = pointing_sigma(self.attitude, self.covariance) / ARCSEC
+            constellation = constellation_at(rotate(self.attitude, [0.0, 0.0, 1.0]))
         tracks = self._stamped['tracks']
         hip = tracks_from_message(tracks[max(tracks)]).hip if tracks else np.empty(0)
-        stars = int(np.count_nonzero(hip))
-        return {'state': self.state, **dict(zip(('ra_deg', 'dec_deg', 'roll_deg'), map(
-            float, angles))), 'rate_deg_s': self.rate_deg_s, 'stars': stars, **self.counts}
+        names = 'ra', 'dec', 'roll'
+        return {'state': self.state,
+                **{f'{name}_deg': float(angle) for name, angle in zip(names, angles)},
+                **{f'{name}_sigma_arcsec': float(error) for name, error in zip(names, sigma)},
+                'constellation': constellation, 'rate_deg_s': self.rate_deg_s,
+                'stars': int(np.count_nonzero(hip)),
+                'fwhm_px': self._diagnostic(_EXTRACTOR, 'fwhm_px'),
+                'exposure_ms': self._diagnostic(_SOURCE, 'exposure_ms'),
+                'gain': self._diagnostic(_SOURCE, 'gain'), **self.counts}
 
     def texts(self) -> dict[str, str]:
         """Return what is shown."""
-        figures = self.figures()
-        angles = {name: f'{value:.4f} {unit}' if np.isfinite(value) else '-'
-                  for name, value, unit in (
-                      ('right ascension', figures['ra_deg'], 'deg'),
-                      ('declination', figures['dec_deg'], 'deg'),
-                      ('roll', figures['roll_deg'], 'deg'),
-                      ('rate', figures['rate_deg_s'], 'deg/s'))}
-        return {'state': f'{self.state}: {self.reason}' if self.reason else self.state, **angles,
-                'stars': str(figures['stars']), 'focus': self.focus_text,
-                'frames': str(figures['frames']),
-                'camera': self.source_text}
+        return state_texts(self.figures(), self.reason, self.source_text)
 
-    def picture(self) -> np.ndarray | None:
-        """Return the newest image with an attitude, or with spots, or any; None without one."""
+    def picture(self, share: float) -> np.ndarray | None:
+        """
+        Return the newest image with an attitude, or with spots, or any; None without one.
+
+        Its marks are for a screen that is so many times 1024 px wide.
+        """
         by_stamp = {ns_from_stamp(image.header.stamp): image for image in self._images}
         if not by_stamp:
             return None
@@ -207,12 +225,12 @@ class LiveRig(Rig):
             hip = np.zeros(len(uv), int)
         bodies = () if sky is None else Bodies(bodies_at(stamp_ns)).in_image(sky)
         return annotated(image_from_message(by_stamp[stamp_ns]), uv, hip, sky,
-                         epoch_year_from_stamp(stamp_ns), bodies)
+                         epoch_year_from_stamp(stamp_ns), bodies, share)
 
 
 def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None = None,
-             fov_deg: float | None = None, record: bool = False, port: int = 0,
-             seconds: float = float('inf')) -> Result:
+             fov_deg: float | None = None, record: bool = False,
+             host: str = THIS_MACHINE, port: int = 0, seconds: float = float('inf')) -> Result:
     """
     Run camera and star tracker until SIGINT or SIGTERM, the end of the files, or for seconds.
 
@@ -225,7 +243,7 @@ def run_live(output: Path, capture: CaptureOptions, *, camera_file: Path | None 
     logs.mkdir(parents=True)
     picture, bag = output / 'sky.jpg', output / f'bag_{datetime.now():%Y%m%d_%H%M%S}'
     begin_s = time.monotonic()
-    with SkyPage(port) as page, Live() as live:
+    with SkyPage(host, port) as page, Live() as live:
         view = LiveView(page, live, picture)
         error_px = 0.0
         if camera_file is None:
@@ -261,9 +279,14 @@ def _learn_lens(view: LiveView, capture: CaptureOptions, fov_deg: float | None,
     """Write the lens of the first image that is solved, and return its error in px."""
     view.show(lambda: {'state': 'opening the camera'})
 
-    def on_image(image: np.ndarray, uv: np.ndarray, reason: str) -> None:
-        view.show(lambda: {'state': f'learning the lens: {reason}', 'camera': capture.device})
-        view.draw(partial(annotated, image, uv, np.zeros(len(uv), int), None, 2000.0))
+    def on_image(captured: Captured, uv: np.ndarray, reason: str) -> None:
+        psf_sigma_px = CentroidExtractor().extract(captured.image, points_only=True).psf_sigma_px
+        setting = captured.setting or Setting(float('nan'), -1.0)
+        view.show(lambda: {'state': f'learning the lens\n{reason}'.rstrip(),
+                           'focus': focus_text(FWHM_PER_SIGMA * psf_sigma_px),
+                           'exposure': exposure_text(*setting), 'camera': capture.device})
+        view.draw(lambda share: annotated(
+            captured.image, uv, np.zeros(len(uv), int), None, 2000.0, share=share))
     try:
         device = open_device(capture, lambda wait_s: None)
         try:
@@ -306,12 +329,12 @@ class FirstLens(NamedTuple):
 
 
 def first_lens(device: Device, fov_deg: float | None,
-               on_image: Callable[[np.ndarray, np.ndarray, str], None]) -> FirstLens | None:
+               on_image: Callable[[Captured, np.ndarray, str], None]) -> FirstLens | None:
     """
     Return the lens of the first image of a device that is solved, None when its images end.
 
     fov_deg is the horizontal field of view to 5 %, None where it is unknown. on_image receives
-    each image (H, W), its spots (N, 2) and why it is not solved, empty if it is.
+    each image, its spots (N, 2) and why it is not solved, empty if it is.
     """
     solver = None
     while (captured := device.read()) is not None:
@@ -324,7 +347,7 @@ def first_lens(device: Device, fov_deg: float | None,
         found = solution.identification
         solved = solution.sky is not None and found.matched >= _LEAST_MATCHED
         few = f'{found.matched} stars, {_LEAST_MATCHED} are needed for a lens'
-        on_image(image, solution.centroids.uv,
+        on_image(captured, solution.centroids.uv,
                  '' if solved else found.reason if solution.sky is None else few)
         if solved:
             return FirstLens(solution.camera, solution.lens_px)

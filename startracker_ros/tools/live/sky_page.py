@@ -1,94 +1,141 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A page on this machine with the newest annotated image and the state, for a browser."""
+"""A page with the newest annotated image and the state, for the browser of a laptop or phone."""
 
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import json
+import socket
+from string import Template
 from threading import Thread
+import time
 from types import TracebackType
 from typing import Any, Self
 
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.tools.report.template import resource
 
-_PAGE = """<!DOCTYPE html>
+THIS_MACHINE, _ANY_NETWORK = '127.0.0.1', '0.0.0.0'
+PICTURE, _SMALL_PICTURE = 'sky.jpg', 'sky_small.jpg'
+_SMALL_PX = 640  # the widest screen that has the small picture
+# Width of the screen by 1024 px for which the marks of a picture are made.
+_SHARES = {PICTURE: 1.0, _SMALL_PICTURE: 0.38}
+_WANTED_S = 5.0
+_LEFT_S = 30.0  # without an answer of a browser, as of a phone that is out of reach
+
+_PAGE = Template("""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>startracker live</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">
-<style>STYLE</style></head><body>
-<header><h1>startracker live</h1></header>
-<main><section><table id="state"></table></section>
-<section><img id="sky" alt="no image yet" src="sky.jpg" width="100%"></section></main>
-<script>
-async function refresh() {
-  const table = document.getElementById('state');
-  try {
-    const state = await (await fetch('state.json')).json();
-    table.replaceChildren(...Object.entries(state).map(([name, value]) => {
-      const row = document.createElement('tr');
-      row.append(...[name, value].map(text => {
-        const cell = document.createElement('td');
-        cell.textContent = text;
-        return cell;
-      }));
-      return row;
-    }));
-    document.getElementById('sky').src = 'sky.jpg?' + Date.now();
-  } catch (error) {
-    table.textContent = 'startracker live has ended';
-  }
+<style>$style
+header, main { max-width: none; }
+main { display: flex; flex-direction: column; padding: 0 0 1rem; }
+#state { margin: 0; padding: 0.6rem 1rem;
+  grid-template-columns: repeat(auto-fit, minmax(11rem, 1fr)); }
+#state .wide { grid-column: span 2; }
+#state div:first-child { border-left: 0.5rem solid var(--k); }
+#state dd + dd { font-size: 0.875rem; }
+#sky { width: 100%; }
+.ended #sky { opacity: 0.35; }
+@media (max-width: ${small}px) {
+  #sky { order: -1; }
+  #state { padding-inline: 0.6rem; grid-template-columns: 1fr 1fr; }
 }
-refresh();
-setInterval(refresh, 1000);
+</style></head><body>
+<header><h1>startracker live</h1></header>
+<main><dl class="figures" id="state"></dl><img id="sky" alt="no image yet" hidden></main>
+<script>
+const KINDS = {TRACKING: 'good', ACQUIRING: 'warn', LOST: 'bad'}, WIDE = ['state', 'camera'];
+const sky = document.getElementById('sky');
+function show(state) {
+  document.getElementById('state').replaceChildren(...Object.entries(state).map(
+      ([name, text]) => {
+        const card = document.createElement('div');
+        const lines = text.split('\\n');
+        card.append(...[name, ...lines].map((content, index) => {
+          const element = document.createElement(index ? 'dd' : 'dt');
+          element.textContent = content;
+          return element;
+        }));
+        card.className = WIDE.includes(name) ? 'wide ' + (KINDS[lines[0]] ?? 'other') : '';
+        return card;
+      }));
+}
+async function refresh() {
+  try {
+    show(await (await fetch('state.json')).json());
+    document.body.className = '';
+    sky.src = (innerWidth <= $small ? '$small_picture' : '$picture') + '?' + Date.now();
+    await sky.decode().then(() => { sky.hidden = false; }, () => {});
+  } catch (error) {
+    show({state: 'no answer\\nstartracker live has ended, or is not reached'});
+    document.body.className = 'ended';
+  }
+  setTimeout(refresh, 1000);
+}
+const first = refresh();
 </script></body></html>
-""".replace('STYLE', resource('startracker_ros.tools.report', 'page.css'))
+""").substitute(style=resource('startracker_ros.tools.report', 'page.css'), picture=PICTURE,
+                small_picture=_SMALL_PICTURE, small=_SMALL_PX)
 
 
 class SkyPage:
     """
-    Serves a page on 127.0.0.1; a context manager. port 0 takes any free one.
+    Serves a page at an address of this machine; a context manager. port 0 takes any free one.
 
-    HarnessError when the port cannot be used.
+    HarnessError when address or port cannot be used.
     """
 
-    def __init__(self, port: int) -> None:
-        self.picture = b''
+    def __init__(self, host: str, port: int) -> None:
+        self.pictures: dict[str, bytes] = {}
         self.state: dict[str, str] = {}
+        self._asked_s: dict[str, float] = {}
         page = self
 
         class Handler(BaseHTTPRequestHandler):
             """Answers GET; nothing of a request but its path is used."""
 
+            timeout = _LEFT_S
+
             def do_GET(self) -> None:  # noqa: N802
-                kind, content = page.content(self.path.partition('?')[0])
+                kind, content = page.content(self.path.partition('?')[0].removeprefix('/'))
                 self.send_response(200 if kind else 404)
                 self.send_header('Content-Type', kind or 'text/plain')
                 self.send_header('Content-Length', str(len(content)))
                 self.send_header('Cache-Control', 'no-store')
                 self.end_headers()
                 # A browser that has left meanwhile is no error.
-                with suppress(ConnectionError):
+                with suppress(OSError):
                     self.wfile.write(content)
 
             def log_message(self, *arguments: Any) -> None:
                 """Write no log: the terminal shows the state."""
 
         try:
-            self._server = ThreadingHTTPServer(('127.0.0.1', port), Handler)
+            self._server = ThreadingHTTPServer((host, port), Handler)
         except OSError as error:
-            raise HarnessError(f'port {port}: {error.strerror}; choose another --port') from error
-        self.url = f'http://127.0.0.1:{self._server.server_port}/'
+            raise HarnessError(f'{host} port {port}: {error.strerror}; choose another --host or '
+                               '--port') from error
+        name = socket.gethostname() if host == _ANY_NETWORK else host
+        self.url = f'http://{name}:{self._server.server_port}/'
         self._thread = Thread(target=self._server.serve_forever, daemon=True)
 
-    def content(self, path: str) -> tuple[str, bytes]:
-        """Return content type and content of a path, an empty type for no such page."""
-        if path == '/':
+    def wanted(self) -> dict[str, float]:
+        """Return the pictures to be made, with the screens they are for: width by 1024 px."""
+        since_s = time.monotonic() - _WANTED_S
+        return {name: share for name, share in _SHARES.items()
+                if name == PICTURE or self._asked_s.get(name, since_s) > since_s}
+
+    def content(self, name: str) -> tuple[str, bytes]:
+        """Return content type and content of a name, an empty type for no such page."""
+        if not name:
             return 'text/html', _PAGE.encode()
-        if path == '/state.json':
+        if name == 'state.json':
             return 'application/json', json.dumps(self.state).encode()
-        if path == '/sky.jpg' and self.picture:
-            return 'image/jpeg', self.picture
+        if name in _SHARES:
+            self._asked_s[name] = time.monotonic()
+            if picture := self.pictures.get(name) or self.pictures.get(PICTURE):
+                return 'image/jpeg', picture
         return '', b'not found'
 
     def __enter__(self) -> Self:

@@ -47,14 +47,15 @@ class Outputs:
 
 
 def annotated(image: np.ndarray, uv: np.ndarray, hip: np.ndarray, sky: SkyMapping | None,
-              year: float, bodies: tuple[BodyInImage, ...] = ()) -> np.ndarray:
+              year: float, bodies: tuple[BodyInImage, ...] = (), share: float = 1.0
+              ) -> np.ndarray:
     """
     Return an image (H, W) as (H, W, 3) uint8 RGB with what is in it, and where north is.
 
     uv (N, 2) are its spots, hip (N,) their Hipparcos numbers, 0 for none; sky is None where the
-    attitude is unknown.
+    attitude is unknown. share is that of Labels.
     """
-    labels = Labels(image.shape, uv)
+    labels = Labels(image.shape, uv, share)
     # Names come first, so that no number covers them.
     overlay = np.zeros((*image.shape, 3), np.uint8)
     if sky is not None:

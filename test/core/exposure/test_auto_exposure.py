@@ -44,7 +44,7 @@ def offered(camera, auto, numbers):
 
 def test_it_begins_and_ends_at_a_setting_with_many_stars_also_after_a_loss():
     camera = Camera()
-    auto = AutoExposure(ExposureOptions(exposure='auto'), camera, 0.0)
+    auto = AutoExposure(ExposureOptions(), camera, 0.0)
     offered(camera, auto, range(8))
     assert camera.changes[0] == Setting(100.0, -1.0)
     assert camera.setting == Setting(200.0, 1.0) and len(auto.figures.flux) > 20

@@ -108,7 +108,7 @@ def test_the_prediction_is_what_an_image_with_that_setting_shows():
 
 
 def test_gains_in_db_and_gains_that_stay():
-    options = ExposureOptions(exposure='auto', gain_min=0.0, gain_max=240.0, gain_db=0.1)
+    options = ExposureOptions(gain_min=0.0, gain_max=240.0, gain_db=0.1)
     limits = ExposureLimits.of(options, 50.0, 100.0)
     assert limits.high == Setting(50.0, 240.0)
     assert limits.as_bright(4 * 50.0, Setting(50.0, 0.0)).gain == pytest.approx(120.4, abs=0.1)

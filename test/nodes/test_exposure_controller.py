@@ -1,0 +1,58 @@
+# Copyright 2026 the startracker_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""exposure_controller and a driver that is not of this package, in two processes."""
+
+from pathlib import Path
+import sys
+
+import pytest
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.parameter import Parameter, parameter_value_to_python
+
+DRIVER = Path(__file__).with_name('foreign_driver.py')
+TASK = 'exposure_controller: exposure'
+
+
+def start(rig, kind, **parameters):
+    rig.processes.run('foreign_driver', [sys.executable, str(DRIVER), kind])
+    rig.processes.start('exposure_controller', {
+        'driver': 'foreign_driver', 'exposure_parameter': 'exposure', 'gain_parameter': 'gain',
+        'exposure_unit_us': 100.0 if kind == 'integer' else 1.0, **parameters})
+
+
+def values(probe):
+    request = GetParameters.Request(names=['exposure', 'gain'])
+    return [parameter_value_to_python(value) for value in probe.call(
+        GetParameters, '/foreign_driver/get_parameters', request).values]
+
+
+@pytest.mark.parametrize('kind', ['integer', 'double'])
+def test_a_driver_gets_the_exposure_that_its_stars_ask_for(rig, probe, kind):
+    start(rig, kind, exposure_max_ms=400.0)
+    # It begins at 2 ms, where there are few stars.
+    probe.wait(lambda: float(probe.diagnostic_value(TASK, 'exposure_ms') or 0) > 100,
+               'a longer exposure')
+    probe.wait(lambda: int(probe.diagnostic_value(TASK, 'stars')) > 10, 'stars')
+    exposure, gain = values(probe)
+    assert type(exposure) is type(gain) is (int if kind == 'integer' else float)
+    assert 100 < exposure * (0.1 if kind == 'integer' else 0.001) <= 400 and gain == 3
+
+
+def test_what_does_not_work_is_named(rig, probe):
+    start(rig, 'double', driver='no_such_driver')
+    probe.wait_diagnostic('no node no_such_driver that has parameters')
+    rig.processes.start('exposure_controller', {
+        'driver': 'foreign_driver', 'exposure_parameter': 'shutter'}, ['-r', '__node:=second'])
+    probe.wait_diagnostic('foreign_driver has no number shutter')
+    probe.call(SetParameters, '/foreign_driver/set_parameters', SetParameters.Request(
+        parameters=[Parameter('exposure', value=-1.0).to_parameter_msg()]))
+    rig.processes.start('exposure_controller', {
+        'driver': 'foreign_driver', 'exposure_parameter': 'exposure'}, ['-r', '__node:=third'])
+    probe.wait_diagnostic('exposure of foreign_driver is -1: set it')
+
+
+def test_an_exposure_that_the_driver_refuses_is_named_and_not_believed(rig, probe):
+    start(rig, 'integer', exposure_min_ms=600.0, exposure_max_ms=800.0)
+    probe.wait_diagnostic('exposure of foreign_driver is not set: too long for the sensor')
+    probe.wait(lambda: probe.diagnostic_value(TASK, 'exposure_ms') == '2', 'the old exposure')
