@@ -66,13 +66,19 @@ class Page:
 
     def load(self, page: Path | str) -> None:
         """Load a file or an address and wait until it has loaded and drawn."""
-        self._events.clear()
+        # The page before may go on asking and failing until it is left.
+        self._navigate('about:blank')
+        self.problems.clear()
         self._address = 'file:' if isinstance(page, Path) else page
-        self.call('Page.navigate', url=page.as_uri() if isinstance(page, Path) else page)
-        while 'Page.loadEventFired' not in self._events:
-            self._next()
+        self._navigate(page.as_uri() if isinstance(page, Path) else page)
         self.evaluate('new Promise((done) => requestAnimationFrame(() => '
                       'requestAnimationFrame(done)))')
+
+    def _navigate(self, url: str) -> None:
+        self._events.clear()
+        self.call('Page.navigate', url=url)
+        while 'Page.loadEventFired' not in self._events:
+            self._next()
 
     def evaluate(self, expression: str) -> Any:
         """Return the value of a JavaScript expression, awaited."""
@@ -165,11 +171,10 @@ def assert_readable(page: Page, path: Path | str, loaded: str = '') -> None:
     """
     for width, phone in ((390, True), (1400, False)):
         for dark in (False, True):
-            page.problems.clear()
             page.resize(width, 844, phone=phone, dark=dark)
             page.load(path)
             page.evaluate(loaded)
-            assert page.problems == []
+            assert not page.problems, page.problems
             assert page.evaluate('document.documentElement.scrollWidth') <= width
             assert page.evaluate("""Math.min(...[...document.querySelectorAll('p, td, th, dd')]
                 .map((element) => parseFloat(getComputedStyle(element).fontSize)))""") >= 11

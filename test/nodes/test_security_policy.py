@@ -156,8 +156,10 @@ def test_each_topic_of_the_pipeline_has_one_source():
 def test_only_the_operator_changes_anything_and_the_manager_states():
     flight = profiles(FLIGHT)
     asking = {node for node, rules in flight.items() if ('services', 'request') in rules}
-    assert asking == {'operator', 'pipeline_manager', 'camera_calibrator'}
+    assert asking == {'operator', 'pipeline_manager', 'camera_calibrator', 'exposure_controller'}
     assert flight['camera_calibrator']['services', 'request'] == {'/set_camera_info'}
+    assert flight['exposure_controller']['services', 'request'] == {
+        f'/usb_cam/{service}' for service in ('get_parameters', 'set_parameters')}
     assert flight['pipeline_manager']['services', 'request'] == {
         f'/{stage}/{service}' for stage in STAGES for service in ('change_state', 'get_state')}
     offered = set().union(*(flight[node]['services', 'reply']

@@ -65,7 +65,6 @@ def test_text_of_a_bag_stays_text(page: Page, report: Path) -> None:
     text = report.read_text()
     assert '<img src=x' not in text
     assert '&lt;img src=x' in text
-    page.problems.clear()
     page.load(report)
     assert page.count('img[src=x]') == 0
     assert 'onerror="alert(1)"' in page.text('#section-diagnostic summary')
@@ -82,7 +81,6 @@ def test_data_cannot_end_its_script() -> None:
     (1200, 900, False, False), (390, 844, True, True), (320, 568, True, False)])
 def test_page_renders_without_an_error(page: Page, report: Path, width: int, height: int,
                                        phone: bool, dark: bool) -> None:
-    page.problems.clear()
     page.resize(width, height, phone=phone, dark=dark)
     page.load(report)
     assert page.problems == []
@@ -119,7 +117,6 @@ def test_page_renders_without_an_error(page: Page, report: Path, width: int, hei
 @pytest.fixture()
 def wide(page: Page, report: Path) -> Page:
     page.resize(1200, 900)
-    page.problems.clear()
     page.load(report)
     return page
 
@@ -259,7 +256,6 @@ def test_what_a_bag_does_not_hold_is_said_in_place(
         page: Page, tmp_path: Path, left_out: tuple[str, ...], words: dict[str, str]) -> None:
     bag = write_run(tmp_path / 'run', leave_out=left_out)
     write_report(bag, tmp_path / 'report.html')
-    page.problems.clear()
     page.load(tmp_path / 'report.html')
     assert page.problems == []
     for name in SECTIONS if words else ():
@@ -279,7 +275,6 @@ def test_a_slew_over_the_sky_is_drawn_on_a_map_of_all_of_it(page: Page, tmp_path
         return message
     bag = write_run(tmp_path / 'run', leave_out=('attitude_imu', 'attitude_cov'), change=turn)
     write_report(bag, tmp_path / 'report.html')
-    page.problems.clear()
     page.load(tmp_path / 'report.html')
     assert page.problems == []
     assert 'Hammer' in page.text('#section-sky-map')
@@ -317,7 +312,6 @@ def test_damaged_messages_are_counted_and_the_rest_is_shown(page: Page, tmp_path
     rng = np.random.default_rng(seed)
     bag = write_run(tmp_path / 'run', damage=lambda data: damaged(data, rng))
     write_report(bag, tmp_path / 'report.html')
-    page.problems.clear()
     page.load(tmp_path / 'report.html')
     assert page.problems == []
     assert 'messages not used' in page.text('header')
