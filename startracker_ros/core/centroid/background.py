@@ -85,12 +85,6 @@ def measure_background(image: np.ndarray, kernel: Kernel) -> Mesh:
                         (rows / height, columns / width))
 
 
-def has_changed(mesh: Mesh, image: np.ndarray, uv: np.ndarray, noise_dn: float) -> bool:
-    """Return whether the level around stars uv (K, 2) px has changed, by the noise of a pixel."""
-    changed = _change(mesh, image, uv) > CHANGED_SIGMAS * noise_dn
-    return bool(np.count_nonzero(changed) > CHANGED_SHARE * len(uv))
-
-
 def over_image(tiles: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Return the level or the noise of a mesh at each pixel (H, W), float32."""
     height, width = shape
@@ -155,20 +149,24 @@ def _is_bent(level: np.ndarray, noise: float) -> bool:
 
 
 @compiled
-def _change(mesh: Mesh, image: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Return how far (K,) DN the median of a ring around places uv (K, 2) is off the level."""
+def has_changed(mesh: Mesh, image: np.ndarray, uv: np.ndarray, noise_dn: float) -> bool:
+    """
+    Return whether the level around many of the stars near uv (K, 2) px is another one.
+
+    noise_dn is that of a pixel; the level around a star is the median of a ring.
+    """
     height, width = image.shape
-    change, around = np.zeros(len(uv)), np.empty(len(_RING))
+    around, changed = np.empty(len(_RING)), 0
     for i in range(len(uv)):
-        count = 0
+        u, v = int(uv[i, 0]), int(uv[i, 1])
+        if not (RING_PX <= u < width - RING_PX and RING_PX <= v < height - RING_PX):
+            continue
         for k in range(len(_RING)):
-            u, v = int(uv[i, 0]) + _RING[k, 0], int(uv[i, 1]) + _RING[k, 1]
-            if 0 <= u < width and 0 <= v < height:
-                insert_sorted(around, count, image[v, u] - background_at(mesh, u, v)[0])
-                count += 1
-        if count:
-            change[i] = abs(around[count // 2])
-    return change
+            insert_sorted(around, k, float(image[v + _RING[k, 1], u + _RING[k, 0]]))
+        # A slope leaves the median of a ring as it is.
+        level, _ = background_at(mesh, u, v)
+        changed += abs(around[len(_RING) // 2] - level) > CHANGED_SIGMAS * noise_dn
+    return changed > CHANGED_SHARE * len(uv)
 
 
 @compiled
