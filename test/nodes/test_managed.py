@@ -11,6 +11,7 @@ from limits import HANGS_S
 import numpy as np
 import pytest
 from sensor_msgs.msg import Imu, PointCloud2
+from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.maths.rotation import attitude_error, matrix_from_quaternion
 from startracker_ros.evaluation.campaign.lifecycle import rows_of
 from startracker_ros.evaluation.harness.random_transitions import (
@@ -20,7 +21,6 @@ from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
 from startracker_ros.ros.messages.attitude import quaternion_from_message
-from startracker_ros.tools.figures.correctness import WRONG_SIGMAS
 
 SKY = {'width': 256, 'height': 256, 'fov_deg': 20.0, 'frame_rate_hz': 5.0,
        'motion': 'constant_rate', 'rate_deg_s': [0.05, 0.1, 0.02], 'faint_limit': 6.5}

@@ -12,6 +12,9 @@ from startracker_ros.core.maths.rotation import matrix_from_quaternion
 SOLVERS = ('quest', 'davenport', 'svd', 'triad')
 """The solvers: three of the same best fit, and the two best stars alone."""
 
+WRONG_SIGMAS = 5.0
+"""An attitude is wrong when its error exceeds so many of its own sigma on any axis."""
+
 
 @dataclass(frozen=True)
 class AttitudeEstimate:

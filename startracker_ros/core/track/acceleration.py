@@ -29,6 +29,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.compiled import compiled
 from startracker_ros.core.maths.compiled_quaternion import rotation_between
 from startracker_ros.core.maths.small_algebra import inverse
@@ -53,7 +54,6 @@ UNSTEADY = 0.15
 """Of what the body moves by from frame to frame and no frames before show, as of a vibration: the
 fit of a star whose light that spreads within the exposure is off by as much, 1 sigma."""
 
-WRONG_SIGMAS = 5.0  # error of an attitude that is wrong
 MISSED = 1e-3
 """Probability of an error by a jump beyond those sigma that is left to chance: most frames have
 no jump."""

@@ -7,11 +7,12 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
+from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.frame_result import FrameResult
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 from startracker_ros.core.track.track_filter import TrackerState
-from startracker_ros.tools.figures.correctness import count_wrong, WRONG_SIGMAS
+from startracker_ros.tools.figures.correctness import count_wrong
 
 CAMERA = Camera.from_fov(1024, 1024, 12.0)
 EPOCH_YEAR = 2026.5

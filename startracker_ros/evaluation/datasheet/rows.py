@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from startracker_ros.core.attitude.protection import ProtectionOptions
+from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.evaluation.campaign.integrity_tally import Tally
 from startracker_ros.evaluation.datasheet import estimates
 from startracker_ros.evaluation.datasheet.availability import DISTURBANCES
@@ -18,7 +19,7 @@ from startracker_ros.evaluation.datasheet.published import (
 from startracker_ros.evaluation.datasheet.single_images import ImageErrors
 from startracker_ros.evaluation.datasheet.sky_coverage import SkyFields, star_counts
 from startracker_ros.evaluation.datasheet.tracked_runs import RunCase, Runs
-from startracker_ros.tools.figures.correctness import WRONG_SHARE, WRONG_SIGMAS
+from startracker_ros.tools.figures.correctness import WRONG_SHARE
 from startracker_ros.tools.figures.rows import mean_chi_square_bounds
 
 IMAGES, TRACKER = 'images, one by one', 'images through the tracker'

@@ -12,6 +12,7 @@ covariance is noise, a small one with a covariance too small misleads a filter t
 from typing import NamedTuple
 
 import numpy as np
+from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.maths.rotation import ARCSEC, attitude_error
 
 CORRECT_BORESIGHT_DEG = 0.05
@@ -19,7 +20,6 @@ CORRECT_ROLL_DEG = 0.5
 CORRECT_TEXT = (f'boresight within {CORRECT_BORESIGHT_DEG:g} deg, '
                 f'roll within {CORRECT_ROLL_DEG:g} deg')
 
-WRONG_SIGMAS = 5.0
 WRONG_SHARE = 1e-4
 """Share of the published attitudes that may be wrong in a supported condition."""
 

@@ -9,9 +9,10 @@ from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize
+from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.maths.rotation import ARCSEC
-from startracker_ros.tools.figures.correctness import count_wrong, nees_of, WRONG_SIGMAS
+from startracker_ros.tools.figures.correctness import count_wrong, nees_of
 from startracker_ros.tools.night.earth_motion import EarthMotion
 from startracker_ros.tools.night.frames import Frame, published_errors, star_rows
 from startracker_ros.tools.night.intervals import (

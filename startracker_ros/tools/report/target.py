@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 from startracker_ros.core.astro.orbit import orbit_frame
+from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.extras import new_figure, PAGE_IN
 from startracker_ros.io.bags.reader import read_messages
 from startracker_ros.io.output import write_picture
-from startracker_ros.tools.figures.correctness import nees_of, WRONG_SIGMAS
+from startracker_ros.tools.figures.correctness import nees_of
 from startracker_ros.tools.figures.rows import DemoRow
 from startracker_ros.tools.report.picture import draw_error, draw_field
 

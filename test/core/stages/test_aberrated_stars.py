@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from startracker_ros.core.astro.epoch import stamp_from_epoch_year
+from startracker_ros.core.attitude.result import WRONG_SIGMAS
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.catalog.apparent import ApparentCatalog
 from startracker_ros.core.catalog.onboard import onboard_catalog
@@ -18,7 +19,6 @@ from startracker_ros.core.star_tracker import StarTracker
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
-from startracker_ros.tools.figures.correctness import WRONG_SIGMAS
 from startracker_ros.tools.photographs.solve import solve_image
 
 EPOCH_YEAR = 2026.5
