@@ -69,6 +69,19 @@ def node_environment() -> dict[str, str]:
             'AMENT_PREFIX_PATH': os.pathsep.join(filter(None, prefixes))}
 
 
+def claim_domain(domain: int) -> bool:
+    """Return whether a ROS domain is this process's from now on: no other process took it so."""
+    # A name without a file: the kernel gives it to one socket and frees it with the process.
+    claim = socket.socket(socket.AF_UNIX)
+    try:
+        claim.bind(f'\0startracker_ros/domain/{domain}')
+    except OSError:
+        claim.close()
+        return False
+    _CLAIMS.append(claim)
+    return True
+
+
 def take_domain() -> str:
     """
     Return the id of a ROS domain that no other process on this machine has taken.
@@ -77,15 +90,8 @@ def take_domain() -> str:
     """
     for offset in range(_DOMAINS):
         domain = 1 + (os.getpid() + offset) % _DOMAINS
-        # A name without a file: the kernel gives it to one socket and frees it with the process.
-        claim = socket.socket(socket.AF_UNIX)
-        try:
-            claim.bind(f'\0startracker_ros/domain/{domain}')
-        except OSError:
-            claim.close()
-            continue
-        _CLAIMS.append(claim)
-        return str(domain)
+        if claim_domain(domain):
+            return str(domain)
     raise RuntimeError(f'all {_DOMAINS} ROS domains are taken: end some processes of the tests')
 
 

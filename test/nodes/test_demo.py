@@ -11,25 +11,32 @@ import sys
 
 import cv2
 from foreign_reader import messages_by_topic, stamp_ns
+from geometry_msgs.msg import QuaternionStamped
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Image
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud
+from startracker_ros.ros import qos
 from startracker_ros.ros.executables import STAGES
-from startracker_ros.ros.processes import take_domain
+from startracker_ros.ros.processes import claim_domain, HarnessError
+from startracker_ros.ros.rig import Rig
+from startracker_ros.tools.demos.live_demo import Demo
 
 FRAMES = 80
 
 
 @pytest.fixture(scope='module')
 def demo(tmp_path_factory):
-    """Run the demo for eight seconds of sky time."""
+    """Run the demo for eight seconds of sky time, beside another one."""
     output = tmp_path_factory.mktemp('demo') / 'demo'
+    # What the first demo does; where this fails, somebody else has done so.
+    claim_domain(0)
+    environment = {name: value for name, value in os.environ.items() if name != 'ROS_DOMAIN_ID'}
     done = subprocess.run(
         [sys.executable, '-m', 'startracker_ros', 'demo', '--seconds', str(FRAMES / 10),
          '--output', str(output), '--json'],
-        env={**os.environ, 'ROS_DOMAIN_ID': take_domain()},
-        capture_output=True, text=True, timeout=600)
+        env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     return output, json.loads(done.stdout.splitlines()[-1]), done.stderr
 
@@ -129,6 +136,34 @@ def test_the_picture_shows_stars_and_errors(demo):
     assert marks[:, :between].sum() > 500 and marks[:, between:].sum() < 50
     assert points[:, between:].sum() > 200 and points[:, :between].sum() < 50
     assert Path(output / 'logs' / 'star_tracker.log').read_text().count('TRACKING') >= 1
+
+
+def test_another_star_tracker_in_the_domain_of_the_user_is_named(tmp_path):
+    with Rig(tmp_path) as rig:
+        rig.probe.create_publisher(Image, 'image_raw', qos.IMAGE)
+        done = subprocess.run(
+            [sys.executable, '-m', 'startracker_ros', 'demo', '--output', str(tmp_path / 'demo')],
+            capture_output=True, text=True, timeout=300)
+    assert done.returncode == 1
+    assert '/rig publish in ROS domain' in done.stderr and 'ROS_DOMAIN_ID' in done.stderr
+
+
+class WaitingDemo(Demo):
+    endpoints = {'attitude': (1, 0)}
+    needs = {'/attitude_estimator': ()}
+    frames = 0
+
+    def table(self, frames):
+        raise AssertionError('no node is ready')
+
+
+def test_another_star_tracker_that_comes_later_is_named(tmp_path):
+    with WaitingDemo(tmp_path) as demo:
+        for _ in range(2):
+            demo.probe.create_publisher(QuaternionStamped, 'attitude', qos.LIST)
+        with pytest.raises(HarnessError, match=r'^2 nodes publish attitude in ROS domain \d+, '
+                                               r'where the demo has 1: /demo_monitor'):
+            demo.await_ready()
 
 
 def test_a_folder_that_is_no_bag_is_not_touched(tmp_path):

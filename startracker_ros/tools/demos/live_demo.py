@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 import math
+import os
 from pathlib import Path
 import shutil
 import subprocess
@@ -15,6 +16,10 @@ import time
 from typing import Any
 
 import psutil
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
@@ -25,7 +30,8 @@ from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.io.bags.reader import BagMessage, read_messages
 from startracker_ros.ros import qos
 from startracker_ros.ros.probe import Progress
-from startracker_ros.ros.processes import HarnessError, module_command, node_environment
+from startracker_ros.ros.processes import (
+    claim_domain, HarnessError, module_command, node_environment, set_environment, take_domain)
 from startracker_ros.ros.rig import Rig
 from startracker_ros.tools.demos.readiness import Needs, Readiness
 from startracker_ros.tools.figures.machine import MachineLoad
@@ -35,6 +41,8 @@ STALL_S = 300.0
 """Time without any change after which a demo gives up: a busy machine takes minutes to start."""
 _REPORT_S = 10.0
 _FLUSHES = 2
+_DISCOVERY_S = 0.5
+"""Nodes of an idle machine are found within 0.25 s, those of a busy one within a second."""
 
 
 def _check(progress: Progress, value: object, what: str) -> None:
@@ -45,7 +53,7 @@ def _check(progress: Progress, value: object, what: str) -> None:
 
 class Demo(Rig, ABC):
     """
-    Node processes with a live table, in the ROS domain of the user.
+    Node processes with a live table, in the ROS domain of the user unless that is in use.
 
     endpoints holds the publishers and subscribers, those of the demo and of the recorder
     included, that each topic has once all nodes are connected. needs are all nodes. The
@@ -61,7 +69,9 @@ class Demo(Rig, ABC):
         self.bag = output / 'bag'
         self.load = MachineLoad()
         self._begin_s = time.monotonic()
-        super().__init__(_prepare(output), isolated=False, name='demo_monitor')
+        logs = _prepare(output)
+        _choose_domain([topic for topic, (publishers, _) in self.endpoints.items() if publishers])
+        super().__init__(logs, isolated=False, name='demo_monitor')
         self.probe.collect_diagnostics()
         self._sent_ns = dict.fromkeys(self.camera_infos, 0)
         self._answered_ns = dict.fromkeys(self.camera_infos, 0)
@@ -110,7 +120,7 @@ class Demo(Rig, ABC):
                 report_s = time.monotonic() + _REPORT_S
                 self._print(f'waiting for {", ".join(waiting)}; {len(missing)} of '
                             f'{len(self.endpoints)} topics not connected')
-            self._check_processes()
+            self._check_nodes()
             _check(progress, (readiness.activity(), missing),
                    f'not ready: {", ".join(waiting)}; topics not connected: '
                    f'{", ".join(missing) or "none"}; see {self.log_folder}')
@@ -125,7 +135,7 @@ class Demo(Rig, ABC):
             while self.frames < frames or self._in_flight():
                 self.probe.spin_once(0.1)
                 live.update(self.table(frames))
-                self._check_processes()
+                self._check_nodes()
                 _check(
                     progress, (self.frames, {**self._answered_ns}),
                     f'no attitude_imu after frame {self.frames} of {frames}; see '
@@ -143,9 +153,17 @@ class Demo(Rig, ABC):
     def _print(self, text: str) -> None:
         print(f'[{time.monotonic() - self._begin_s:5.1f} s] {text}', file=sys.stderr, flush=True)
 
-    def _check_processes(self) -> None:
+    def _check_nodes(self) -> None:
+        """HarnessError when a node has ended, or another star tracker publishes."""
         if ended := self.processes.ended():
             raise HarnessError(f'{", ".join(ended)} ended early: see {self.log_folder}')
+        for topic, (publishers, _) in self.endpoints.items():
+            if self.probe.count_publishers(topic) > publishers:
+                names = _publishing_nodes(self.probe, topic)
+                raise HarnessError(
+                    f'{len(names)} nodes publish {topic} in ROS domain '
+                    f'{self._context.get_domain_id()}, where the demo has {publishers}: '
+                    f'{", ".join(names)}. End the others or set another ROS_DOMAIN_ID')
 
     def _missing_endpoints(self) -> list[str]:
         """Return the topics that do not have all their publishers and subscribers yet."""
@@ -212,7 +230,7 @@ class LockStepDemo(Demo):
         progress = Progress(STALL_S)
         while text := missing():
             self.probe.spin_once(0.1)
-            self._check_processes()
+            self._check_nodes()
             _check(progress, text, f'no attitude_imu of {text}; see {self.log_folder}')
 
 
@@ -236,6 +254,45 @@ def start_time_s() -> float:
     # When this fails, the nodes compile for themselves.
     subprocess.run(module_command('startracker_ros.warm_up'), env=node_environment())
     return time.time()
+
+
+def _choose_domain(topics: Sequence[str]) -> None:
+    """
+    Take another ROS domain where one of the topics is published in that of the user, and say so.
+
+    HarnessError where the user has chosen the domain by ROS_DOMAIN_ID.
+    """
+    set_environment(isolated=False)
+    given = os.environ.get('ROS_DOMAIN_ID')
+    # What another demo has only begun to start is not found yet, hence its claim.
+    if given or claim_domain(0):
+        users = _other_nodes(topics)
+        if not users:
+            return
+        if given:
+            raise HarnessError(f'{", ".join(users)} publish in ROS domain {given} what the demo '
+                               'publishes: end them or set another ROS_DOMAIN_ID')
+    os.environ['ROS_DOMAIN_ID'] = take_domain()
+    print('a star tracker runs in ROS domain 0, hence the demo takes another one: '
+          f'ROS_DOMAIN_ID={os.environ["ROS_DOMAIN_ID"]}', file=sys.stderr)
+
+
+def _other_nodes(topics: Sequence[str]) -> list[str]:
+    """Return the nodes that publish one of the topics."""
+    context = Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = Node('demo_looks_around', context=context, enable_rosout=False,
+                    start_parameter_services=False)
+        time.sleep(_DISCOVERY_S)
+        return sorted({name for topic in topics for name in _publishing_nodes(node, topic)})
+    finally:
+        rclpy.shutdown(context=context)
+
+
+def _publishing_nodes(node: Node, topic: str) -> list[str]:
+    return [f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+            for info in node.get_publishers_info_by_topic(topic)]
 
 
 def _prepare(output: Path) -> Path:
