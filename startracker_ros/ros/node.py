@@ -301,7 +301,11 @@ class PipelineNode(ManagedNode):
 
 
 def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = None) -> int:
-    """Run nodes until SIGINT or SIGTERM; return 0, or 2 if one cannot start as requested."""
+    """
+    Run nodes until SIGINT or SIGTERM, or until one requests the end with an exit code.
+
+    Returns 0, that code, or 2 if one cannot start as requested.
+    """
     # First, so that an early signal is not lost.
     shutdown = PipelineNode.shutdown = Shutdown()
     remove_left_behind()
@@ -332,7 +336,7 @@ def run(node_classes: Sequence[type[PipelineNode]], args: list[str] | None = Non
             # spin() of the events executor of rclpy 7.1.6 runs no callback.
             while not shutdown.requested:
                 executor.spin_once(timeout_sec=1.0)
-        code = 0
+        code = shutdown.code
     except (parameters.ParameterError, StartError, CameraError) as error:
         _log_fatal(node_class, error)
         code = 2

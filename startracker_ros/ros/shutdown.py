@@ -33,6 +33,7 @@ class Shutdown:
     def __init__(self) -> None:
         """Install the signal handlers; only the main thread can."""
         self.requested = self.interrupts = False
+        self.code = 0
         self._spinning = False
         self._read, self._write = os.pipe()
         os.set_blocking(self._write, False)
@@ -40,8 +41,9 @@ class Shutdown:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
 
-    def request(self) -> None:
-        """Request shutdown, from any thread."""
+    def request(self, code: int = 0) -> None:
+        """Request shutdown, from any thread, with the exit code of the process."""
+        self.code = code
         os.write(self._write, b'\0')
 
     @contextmanager

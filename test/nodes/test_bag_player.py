@@ -152,6 +152,19 @@ def test_without_subscribers_the_bag_is_played_after_the_limit(nodes, probe, tmp
     assert f'{2 * COUNT} messages of 2 topics' in log
 
 
+def test_a_bag_that_is_gone_before_it_is_played_is_a_failure(nodes, probe, tmp_path):
+    write_bag(tmp_path / 'bag')
+    player = nodes.start('bag_player', {
+        'path': str(tmp_path / 'bag'), 'wait_for_subscribers': 1, **PATIENT})
+    probe.wait(lambda: probe.count_publishers('/state'), 'the player')
+    next((tmp_path / 'bag').glob('*.mcap')).unlink()
+    probe.collect(String, '/state', 100)
+    probe.collect(String, '/fast', BEST_EFFORT)
+    probe.wait(lambda: player.poll() is not None, 'the end of the player')
+    assert nodes.processes.pop('bag_player').returncode == 1
+    assert "'bag.mcap' is not there" in (tmp_path / 'bag_player.log').read_text()
+
+
 def test_pause_step_resume_and_a_node_on_the_time_of_the_bag(nodes, probe, tmp_path):
     write_bag(tmp_path / 'bag')
     probe.collect(String, '/renamed', LATCHED)

@@ -9,6 +9,7 @@ import time
 from urllib.request import urlopen
 
 import cv2
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from limits import HANGS_S
 import numpy as np
 import pytest
@@ -20,14 +21,16 @@ from startracker_ros.core.maths.rotation import ARCSEC, attitude_error, rotate
 from startracker_ros.io.bags.layouts import ns_from_stamp
 from startracker_ros.io.images.camera_files import load_camera
 from startracker_ros.io.images.capture import CaptureOptions
-from startracker_ros.ros.messages.attitude import quaternion_from_message
+from startracker_ros.ros import qos
+from startracker_ros.ros.messages.attitude import mount_to_pose, quaternion_from_message
+from startracker_ros.ros.messages.header import make_header
 from startracker_ros.ros.processes import HarnessError
 from startracker_ros.sim.sky.detector import DetectorOptions
 from startracker_ros.sim.sky.motion import motion_from_options, MotionOptions
 from startracker_ros.sim.sky.simulator import SkySimulator
 from startracker_ros.tools.demos.live_demo import read_stamped
 from startracker_ros.tools.live import live as live_module
-from startracker_ros.tools.live.live import run_live
+from startracker_ros.tools.live.live import LiveRig, run_live
 
 CAMERA = Camera(512, 384, 1000.0, 1000.0, 255.5, 191.5, (-0.15, 0.0, 0.0, 0.0, 0.0))
 # Half a minute: on a busy machine the star tracker needs much of it to build its databases.
@@ -136,6 +139,18 @@ def test_the_page_shows_state_and_sky_while_it_runs(ran):
         assert picture.shape == (384, 512, 3)
         # Marks are coloured.
         assert (np.ptp(picture.astype(int), axis=2) > 60).sum() > 200
+
+
+def test_a_foreign_attitude_that_is_none_is_passed_over(tmp_path):
+    header = make_header(1, 'icrf')
+    with LiveRig(tmp_path, CAMERA) as rig:
+        publisher = rig.probe.advertise(PoseWithCovarianceStamped, 'attitude_cov', qos.LIST)
+
+        def send():
+            publisher.publish(PoseWithCovarianceStamped(header=header))
+            publisher.publish(mount_to_pose(np.array([0.0, 0.0, 0.0, 1.0]), np.eye(3), header))
+        rig.probe.send_until(send, lambda: rig.attitude is not None, 'the attitude')
+        assert (rig.attitude == [0, 0, 0, 1]).all() and (rig.covariance == np.eye(3)).all()
 
 
 def test_what_gives_no_images_is_named(tmp_path):

@@ -20,7 +20,11 @@ from startracker_ros.ros.player_steps import (
 
 
 class BagPlayerNode(PipelineNode):
-    """Publishes serialized messages at the pace of the recording, then ends."""
+    """
+    Publishes serialized messages at the pace of the recording, then ends.
+
+    The status of the process is 1 where the bag could not be read to its end.
+    """
 
     option_classes = (PlayOptions, PlaybackOptions)
     task = 'playing'
@@ -112,7 +116,7 @@ class BagPlayerNode(PipelineNode):
         if not self.configured:
             return
         wait_for_subscribers(self._players.values())
-        self.shutdown.request()
+        self.shutdown.request(int(failure is not None))
 
 
 main = main_of(BagPlayerNode)

@@ -36,7 +36,7 @@ from startracker_ros.core.maths.rotation import ARCSEC, pointing_from_quaternion
 from startracker_ros.core.stages.bodies import Bodies
 from startracker_ros.core.stages.photograph import PhotographSolver
 from startracker_ros.core.stages.sky_mapping import SkyMapping
-from startracker_ros.io.bags.layouts import image_from_message, ns_from_stamp
+from startracker_ros.io.bags.layouts import image_from_message, MessageError, ns_from_stamp
 from startracker_ros.io.images.camera_files import load_camera, save_camera
 from startracker_ros.io.images.capture import (
     Captured, CaptureError, CaptureOptions, Device, open_device)
@@ -147,7 +147,12 @@ class LiveRig(Rig):
             self.attitude, self.rate_deg_s = None, float('nan')
 
     def _on_attitude(self, message: PoseWithCovarianceStamped) -> None:
-        self.attitude, self.covariance = attitude_from_pose(message, message.header.frame_id)
+        try:
+            self.attitude, self.covariance = attitude_from_pose(message, message.header.frame_id)
+        except MessageError as error:
+            # From another node: the estimator publishes none that is no attitude.
+            self.probe.get_logger().warning(f'attitude_cov: {error}', throttle_duration_sec=10.0)
+            return
         self._keep('attitude', message.header.stamp, self.attitude)
 
     def _on_attitude_imu(self, message: Imu) -> None:
