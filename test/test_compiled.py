@@ -30,6 +30,32 @@ print(machine_code_folder())
 print(code_name('startracker_ros.core.camera.lens'))
 print(len([name for name in compiled if name.endswith('undistort')]))
 """
+# Forks processes for PROGRAM: numba, which none of them changes, is imported and has compiled.
+SERVER = """
+import json, os, sys, traceback
+from numba import njit
+njit('float64(float64)')(lambda x: x)
+for line in sys.stdin:
+    program, folder, output, environment = json.loads(line)
+    pid = os.fork()
+    if pid == 0:
+        descriptor = os.open(output, os.O_WRONLY | os.O_CREAT)
+        os.dup2(descriptor, 1)
+        os.dup2(descriptor, 2)
+        os.environ.clear()
+        os.environ.update(environment)
+        os.chdir(folder)
+        sys.path[0] = folder
+        code = 1
+        try:
+            exec(program, {'__name__': '__main__'})
+            code = 0
+        except BaseException:
+            traceback.print_exc()
+        sys.stdout.flush()
+        os._exit(code)
+    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
+"""
 NAME = 'startracker_ros.core.camera.lens.undistort'
 FILES = ('__init__.py', 'warm_up.py', *(f'core/{name}.py' for name in (
     '__init__', 'compilation', 'compiled', 'compiled_types', 'machine_code', 'machine_code_cache',
@@ -52,21 +78,34 @@ def package(tmp_path):
     return copy_of(tmp_path / 'tree')
 
 
-def environment_of(package, home, **variables):
-    clean = {name: value for name, value in os.environ.items()
-             if name not in ('XDG_CACHE_HOME', 'NUMBA_CACHE_DIR', 'STARTRACKER_COMPILED_LOG')}
-    return {**clean, 'HOME': str(home), 'PYTHONPATH': str(package.parent), **variables}
+def environment_of(package=None, home='', **variables):
+    clean = {name: value for name, value in os.environ.items() if name not in (
+        'XDG_CACHE_HOME', 'NUMBA_CACHE_DIR', 'STARTRACKER_COMPILED_LOG', 'PYTHONPATH')}
+    own = {'HOME': str(home), 'PYTHONPATH': str(package.parent)} if package else {}
+    return {**clean, **own, **variables}
 
 
-def run(package, home, **environment):
-    """Run the lens in a process; return folder, name of its code, and how often it compiled."""
-    done = subprocess.run([sys.executable, '-c', PROGRAM], capture_output=True, text=True,
-                          cwd=package.parent, timeout=HANGS_S,
-                          env=environment_of(package, home, **environment))
-    assert done.returncode == 0, done.stderr
-    result, folder, name, compiles = done.stdout.splitlines()
-    assert result == '(0.25, 0.5)'
-    return Path(folder), name, int(compiles)
+@pytest.fixture(scope='module')
+def server():
+    with subprocess.Popen([sys.executable, '-c', SERVER], text=True, stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE, env=environment_of()) as process:
+        yield process
+
+
+@pytest.fixture
+def run(server, tmp_path):
+    def run_lens(package, home, **environment):
+        """Run the lens in a process; return folder and name of its code, and its compilations."""
+        output = tmp_path / 'output'
+        output.unlink(missing_ok=True)
+        print(json.dumps([PROGRAM, str(package.parent), str(output),
+                          environment_of(package, home, **environment)]),
+              file=server.stdin, flush=True)
+        assert server.stdout.readline() == '0\n', output.read_text()
+        result, folder, name, compiles = output.read_text().splitlines()
+        assert result == '(0.25, 0.5)'
+        return Path(folder), name, int(compiles)
+    return run_lens
 
 
 def register(package):
@@ -76,7 +115,7 @@ def register(package):
     (package / 'signatures.json').write_text(json.dumps({NAME: [[lens, 'float64', 'float64']]}))
 
 
-def test_equal_sources_share_their_code_and_changed_ones_do_not(package, tmp_path):
+def test_equal_sources_share_their_code_and_changed_ones_do_not(run, package, tmp_path):
     folder, name, compiles = run(package, tmp_path)
     assert folder == tmp_path / '.cache' / 'startracker_ros' / 'compiled_code'
     assert compiles == 1 and [file.name for file in folder.glob(f'{name}.*')]
@@ -93,7 +132,8 @@ def test_equal_sources_share_their_code_and_changed_ones_do_not(package, tmp_pat
     assert compiles and changed != name
 
 
-def test_code_of_the_install_is_read_and_what_it_lacks_is_kept_with_the_user(package, tmp_path):
+def test_code_of_the_install_is_read_and_what_it_lacks_is_kept_with_the_user(
+        run, package, tmp_path):
     folder = run(package, tmp_path / 'builder')[0]
     shutil.copytree(folder, package / 'compiled_code')
     found, _, compiles = run(package, tmp_path / 'user')
@@ -104,14 +144,14 @@ def test_code_of_the_install_is_read_and_what_it_lacks_is_kept_with_the_user(pac
     assert not run(package, tmp_path / 'file')[2]
 
 
-def test_a_user_whose_cache_cannot_be_written_has_the_code_in_the_package(package, tmp_path):
+def test_a_user_whose_cache_cannot_be_written_has_the_code_in_the_package(run, package, tmp_path):
     # A file where the folder should be stops root, too.
     (tmp_path / 'file').write_text('')
     folder, _, _ = run(package, tmp_path / 'file')
     assert folder == package / 'compiled_code' and not run(package, tmp_path / 'file')[2]
 
 
-def test_without_any_folder_it_still_runs(package, tmp_path):
+def test_without_any_folder_it_still_runs(run, package, tmp_path):
     (package / 'compiled_code').write_text('')
     (tmp_path / 'file').write_text('')
     nowhere = str(tmp_path / 'file')
@@ -119,13 +159,13 @@ def test_without_any_folder_it_still_runs(package, tmp_path):
     assert run(package, nowhere, NUMBA_CACHE_DIR=nowhere)[0] == Path('')
 
 
-def test_the_choice_of_the_user_stays(package, tmp_path):
+def test_the_choice_of_the_user_stays(run, package, tmp_path):
     chosen = tmp_path / 'mine'
     assert run(package, tmp_path, NUMBA_CACHE_DIR=str(chosen))[0] == chosen
     assert list(chosen.glob('*.code*'))
 
 
-def test_registered_functions_are_compiled_beforehand(package, tmp_path):
+def test_registered_functions_are_compiled_beforehand(run, package, tmp_path):
     register(package)
     command = [sys.executable, '-m', 'startracker_ros.warm_up']
     done = subprocess.run(command, capture_output=True, text=True, cwd=package.parent,
@@ -135,7 +175,7 @@ def test_registered_functions_are_compiled_beforehand(package, tmp_path):
     assert not compiles and (folder / name).is_file()
 
 
-def test_the_first_call_compiles_all_that_is_registered_in_another_process(package, tmp_path):
+def test_the_first_call_compiles_all_that_is_registered_in_another_process(run, package, tmp_path):
     register(package)
     folder, name, compiles = run(package, tmp_path)
     # The report is of the process that compiles; this one has loaded the code.
@@ -143,7 +183,7 @@ def test_the_first_call_compiles_all_that_is_registered_in_another_process(packa
     assert not run(package, tmp_path)[2]
 
 
-def test_a_damaged_file_is_not_used(package, tmp_path):
+def test_a_damaged_file_is_not_used(run, package, tmp_path):
     folder, name, _ = run(package, tmp_path)
     file, = folder.glob(f'{name}.*')
     content = file.read_bytes()
@@ -153,7 +193,8 @@ def test_a_damaged_file_is_not_used(package, tmp_path):
     assert run(package, tmp_path)[2] == 0
 
 
-def test_a_process_that_is_ended_while_it_writes_leaves_nothing_half_written(package, tmp_path):
+def test_a_process_that_is_ended_while_it_writes_leaves_nothing_half_written(
+        run, package, tmp_path):
     register(package)
     folder = tmp_path / 'cache'
     process = subprocess.Popen([sys.executable, '-m', 'startracker_ros.warm_up'],

@@ -16,8 +16,10 @@ from startracker_ros.io.bags.reader import read_messages
 from startracker_ros.ros import qos, tables
 from startracker_ros.ros.executables import NODES
 from std_srvs.srv import Trigger
+import yaml
 
 ROOT = Path(__file__).parents[2]
+ANALYZERS = ROOT / 'config' / 'diagnostic_analyzers.yaml'
 GOLDEN_BAG = ROOT / 'bags' / 'slew'
 PIPELINE = ('centroid_extractor', 'star_identifier', 'star_tracker', 'attitude_estimator')
 # Slow enough that a frame is done before the next one on a busy machine, too.
@@ -244,9 +246,48 @@ def check_topics_and_reset(probe, places, folder):
         assert (reset in services) == (node in RESETTABLE), node
 
 
-def test_every_node_has_its_topics_and_parameters_and_ends(
+def analyzers(group):
+    """Return all GenericAnalyzers of a group, those of its groups included."""
+    found = []
+    for value in group.values():
+        if isinstance(value, dict):
+            found += analyzers(value['analyzers']) if value['type'].endswith('Group') else [value]
+    return found
+
+
+def is_match(analyzer, name):
+    """Return whether a GenericAnalyzer has a status, as diagnostic_aggregator documents it."""
+    assert analyzer.keys() <= {'type', 'path', 'expected', 'startswith', 'discard_stale'}
+    assert analyzer['type'] == 'diagnostic_aggregator/GenericAnalyzer'
+    return name in analyzer.get('expected', []) or name.startswith(tuple(analyzer['startswith']))
+
+
+def check_diagnostics(probe, places):
+    """Check that each status is in one group of the aggregator, and each expected one is there."""
+    groups = analyzers(yaml.safe_load(ANALYZERS.read_text())['analyzers']['ros__parameters'])
+
+    def names():
+        return {status.name for status in probe.statuses()}
+    topics = {'centroid_extractor': 'image_raw', 'star_identifier': 'centroids',
+              'star_tracker': 'centroids', 'attitude_estimator': 'tracks'}
+    wanted = {f'{node}: {topic} topic status' for node, topic in topics.items()}
+    assert topics.keys() == set(PIPELINE)
+
+    def all_are_there():
+        return wanted <= names() and {name.split(':')[0] for name in names()} == set(NODES)
+    probe.wait(all_are_there, 'a status of every node')
+    assert all(sum(is_match(group, name) for group in groups) == 1 for name in names()), names()
+    assert {name for group in groups for name in group.get('expected', [])} <= names()
+    for status in probe.statuses():
+        namespace = places[status.name.split(':')[0]].strip('/').rpartition('/')[0]
+        assert status.hardware_id == (namespace or 'star_tracker')
+    assert len(names()) == len(NODES) + len(PIPELINE)
+
+
+def test_every_node_has_its_topics_diagnostics_and_parameters_and_ends(
         rig, nodes, probe, tmp_path, sky_data):
     places = start_all(nodes, probe, tmp_path, sky_data)
+    check_diagnostics(probe, places)
     check_topics_and_reset(probe, places, tmp_path)
     check_parameters(probe, places, tmp_path)
     assert nodes.ended() == []

@@ -9,7 +9,7 @@ from startracker_ros.evaluation.campaign.resources import growth
 from startracker_ros.evaluation.campaign.soak import rows_of
 from startracker_ros.evaluation.harness.soak import NODES, Soak
 # Half of a turn.
-FRAMES = 100
+FRAMES = 60
 
 
 @pytest.fixture(scope='module')

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from startracker_ros.io.bags.layouts import CENTROID_DTYPE, read_cloud
 
-FRAMES = 24
+FRAMES = 20
 
 
 @pytest.fixture(scope='module')
 def demo(tmp_path_factory):
-    """Run the demo for twelve seconds of sky time."""
+    """Run the demo for ten seconds of sky time."""
     output = tmp_path_factory.mktemp('demo') / 'two'
     done = invoke('demo', 'two-satellite', '--seconds', str(FRAMES / 2), '--output', str(output),
                   '--json')

@@ -264,7 +264,7 @@ def _choose_domain(topics: Sequence[str]) -> None:
     """
     set_environment(isolated=False)
     given = os.environ.get('ROS_DOMAIN_ID')
-    # What another demo has only begun to start is not found yet, hence its claim.
+    # What another demo is only starting is not found yet, hence its claim.
     if given or claim_domain(0):
         users = _other_nodes(topics)
         if not users:

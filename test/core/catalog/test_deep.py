@@ -46,10 +46,11 @@ def test_it_extends_hipparcos_and_nothing_collides(deep):
     assert DEEP_FILE.stat().st_size < 10e6
 
 
-def test_every_star_of_gaia_is_there(deep, gaia):
+@pytest.mark.parametrize('step', [10, pytest.param(1, marks=pytest.mark.long)])
+def test_every_star_of_gaia_is_there(deep, gaia, step):
     # At rest at their positions of J2016.0.
-    stars = StarCatalog(**gaia)
-    bright = gaia['magnitude'] > 6
+    stars = StarCatalog(**gaia).rows(slice(None, None, step))
+    bright = stars.magnitude > 6
     direction = stars.directions(CATALOG_EPOCH_YEAR)
     arcsec = matched_arcsec(deep, direction[bright], GAIA_EPOCH_YEAR)
     # The others are fast stars without a proper motion, and doubles.
@@ -59,7 +60,7 @@ def test_every_star_of_gaia_is_there(deep, gaia):
     only = StarCatalog(*(getattr(deep, name)[added] for name in StarCatalog.__match_args__))
     arcsec = matched_arcsec(only, direction, GAIA_EPOCH_YEAR)
     same = arcsec < 0.1
-    assert np.count_nonzero(same) > 370_000
+    assert step * np.count_nonzero(same) > 370_000
     assert np.percentile(arcsec[same], 99.9) < 0.007 * np.sqrt(2)
 
 

@@ -5,6 +5,7 @@
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
+import pytest
 from startracker_ros.core.camera.model import Camera
 from startracker_ros.core.centroid.extraction import CentroidExtractor, SIGMA_IMAGES
 from startracker_ros.io.images.camera_files import save_camera
@@ -33,35 +34,41 @@ def image_of(stars, sigma_px, hits=0, motion_px=0, seed=0):
     return image.clip(0, 65535).astype(np.uint16)
 
 
-IMAGES = [image_of(*kind) for kind in KINDS]
-ALONE = [CentroidExtractor().extract(image) for image in IMAGES]
+@pytest.fixture(scope='module')
+def images():
+    return [image_of(*kind) for kind in KINDS]
+
+
+@pytest.fixture(scope='module')
+def results_alone(images):
+    return [CentroidExtractor().extract(image) for image in images]
 
 
 @settings(max_examples=15, deadline=None)
 @given(st.lists(st.integers(0, len(KINDS) - 1), min_size=2, max_size=6))
-def test_an_image_gives_the_same_after_any_others(order):
+def test_an_image_gives_the_same_after_any_others(images, results_alone, order):
     extractor = CentroidExtractor()
     for index in order:
-        before = IMAGES[index].copy()
-        found, alone = extractor.extract(IMAGES[index]), ALONE[index]
+        before = images[index].copy()
+        found, alone = extractor.extract(images[index]), results_alone[index]
         np.testing.assert_array_equal(found.centroids.uv, alone.centroids.uv)
         np.testing.assert_array_equal(found.centroids.covariance, alone.centroids.covariance)
         assert found.rejected == alone.rejected and found.psf_sigma_px == alone.psf_sigma_px
         assert found.streak == alone.streak and found.status == alone.status
-        np.testing.assert_array_equal(IMAGES[index], before)
+        np.testing.assert_array_equal(images[index], before)
 
 
 @settings(max_examples=15, deadline=None)
 @given(st.lists(st.integers(0, len(KINDS) - 1), min_size=1, max_size=5),
        st.integers(0, len(KINDS) - 1))
-def test_a_search_depends_on_what_is_passed_in_alone(images, last):
+def test_a_search_depends_on_what_is_passed_in_alone(images, earlier, last):
     """The same state gives the same result, whatever else was extracted in between."""
     extractor, searched = CentroidExtractor(), None
-    for index in images:
-        _, searched = extractor.search(IMAGES[index], before=searched)
-    first, after_first = extractor.search(IMAGES[last], before=searched)
-    extractor.search(IMAGES[(last + 1) % len(IMAGES)], before=searched)
-    second, after_second = CentroidExtractor().search(IMAGES[last], before=searched)
+    for index in earlier:
+        _, searched = extractor.search(images[index], before=searched)
+    first, after_first = extractor.search(images[last], before=searched)
+    extractor.search(images[(last + 1) % len(images)], before=searched)
+    second, after_second = CentroidExtractor().search(images[last], before=searched)
     np.testing.assert_array_equal(first.centroids.uv, second.centroids.uv)
     assert first.rejected == second.rejected
     assert (after_first is None) == (after_second is None)

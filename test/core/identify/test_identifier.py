@@ -142,15 +142,15 @@ def test_a_focal_length_far_off_gives_no_result(onboard):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('ratio', [1 / 1.015, *(pytest.param(ratio, marks=pytest.mark.long)
-                                                for ratio in (1 / 1.03, 1.03))])
+@pytest.mark.parametrize('ratio, count', [(1 / 1.015, 10), *(
+    pytest.param(ratio, 25, marks=pytest.mark.long) for ratio in (1 / 1.015, 1 / 1.03, 1.03))])
 @pytest.mark.parametrize('ra_deg, dec_deg', [(56.75, 24.1), (66.7, 16.0)])
-def test_a_wrong_lens_finds_nothing_in_a_cluster(onboard, ra_deg, dec_deg, ratio):
+def test_a_wrong_lens_finds_nothing_in_a_cluster(onboard, ra_deg, dec_deg, ratio, count):
     """Around the Pleiades and the Hyades many stars still match, at a wrong attitude."""
     rng = np.random.default_rng(13)
     identifier = make_identifier(CAMERA.with_focal_ratio(ratio), EPOCH_YEAR,
                                  IdentificationOptions(magnitude_limit=6.0, time_limit_s=0.1))
-    for _ in range(25):
+    for _ in range(count):
         pointing = [ra_deg + rng.uniform(-4, 4), dec_deg + rng.uniform(-4, 4),
                     rng.uniform(0, 360)]
         q = quaternion_from_pointing(*np.radians(pointing))

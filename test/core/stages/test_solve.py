@@ -15,6 +15,7 @@ import pytest
 import startracker_ros as st
 from startracker_ros.core.astro.ground_site import Site
 from startracker_ros.core.camera.model import Camera, CameraError
+from startracker_ros.core.identify.identification import IdentificationOptions
 from startracker_ros.core.maths.rotation import (
     ARCSEC, attitude_error, quaternion_from_pointing, rotate, unit_from_radec)
 from startracker_ros.io.images.camera_files import save_camera
@@ -22,6 +23,9 @@ from startracker_ros.io.images.images import ImageError, read_image
 from startracker_ros.tools.photographs.epoch_and_site import ObserverSite
 from startracker_ros.tools.photographs.outputs import Outputs
 from startracker_ros.tools.photographs.solve import solve_files
+
+# A mirrored image is searched as it is until the time is over.
+HASTY = IdentificationOptions(time_limit_s=0.2)
 
 
 def known_rows(folder):
@@ -78,14 +82,17 @@ def test_hard_night_sky_of_6_degrees(sky_data):
             assert np.hypot(error[0], error[1]) < 60, row['file']
 
 
-def test_mirrored_photographs_have_no_attitude(sky_data, tmp_path):
+def test_mirrored_photographs_are_named_and_have_no_attitude(sky_data, tmp_path):
     folder = sky_data / 'night-sky-11deg'
     names = [row['file'] for row in known_rows(folder)][:1]
     for name in names:
         image = read_image(folder / name)
         cv2.imwrite(str(tmp_path / name), image[:, ::-1])
-    result = solve_files([tmp_path / name for name in names], fov_deg=11.4, epoch_year=2019.57)
-    assert not any(row['solved'] for row in result.rows)
+    result = solve_files([tmp_path / name for name in names], fov_deg=11.4, epoch_year=2019.57,
+                         options=HASTY)
+    for row in result.rows:
+        assert not row['solved'] and row['status'] == 'mirrored'
+        assert 'flip it with --mirror' in row['reason']
     flipped = solve_files([tmp_path / name for name in names], fov_deg=11.4, epoch_year=2019.57,
                           mirror=True)
     straight = solve_files([folder / name for name in names], fov_deg=11.4, epoch_year=2019.57)
@@ -101,11 +108,13 @@ def test_a_fits_image_without_row_order_is_solved_by_both(sky_data, tmp_path):
     fits.PrimaryHDU(image, fits.Header([('ROWORDER', 'BOTTOM-UP')])).writeto(
         tmp_path / 'known.fits')
     result = solve_files([tmp_path / 'unknown.fits', tmp_path / 'known.fits',
-                          sky_data / 'night-sky-11deg' / name], fov_deg=11.4, epoch_year=2019.57)
+                          sky_data / 'night-sky-11deg' / name], fov_deg=11.4, epoch_year=2019.57,
+                         options=HASTY)
     unknown, known, straight = result.rows
     assert unknown['quaternion'] == straight['quaternion'] and not known['solved']
     assert 'unknown.fits' in result.conditions['first row at the top']
-    solution = st.solve(tmp_path / 'unknown.fits', fov_deg=11.4, epoch=2019.57)
+    solution = st.solve(tmp_path / 'unknown.fits', fov_deg=11.4, epoch=2019.57,
+                        time_limit_s=HASTY.time_limit_s)
     assert solution.turned_over and solution.matched == straight['matched']
     assert not st.solve(image, fov_deg=11.4, epoch=2019.57).turned_over
 

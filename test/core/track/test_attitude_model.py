@@ -177,11 +177,11 @@ def random_turns(rng, seconds, acceleration_deg_s2):
 @pytest.mark.slow
 @pytest.mark.parametrize('gyro', [None, true])
 def test_the_covariance_is_consistent(gyro):
-    """The last of 60 frames of 60 runs, with the motion and the errors that are assumed."""
+    """The last of 30 frames of 60 runs, with the motion and the errors that are assumed."""
     total, rate_total, runs = 0.0, 0.0, 60
     for seed in range(runs):
         rng = np.random.default_rng(1000 + seed)
-        motion = Turns(ONBOARD, rates=random_turns(rng, 6.0, 0.005), seed=seed, missed=0.05,
+        motion = Turns(ONBOARD, rates=random_turns(rng, 3.0, 0.005), seed=seed, missed=0.05,
                        pointing_deg=(rng.uniform(60, 120), rng.uniform(-20, 40), 0.0))
         *_, (_, tracker) = frames_of(motion, gyro=gyro)
         total += squared(tracker, motion, motion.frames - 1)

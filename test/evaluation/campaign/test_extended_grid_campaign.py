@@ -98,18 +98,18 @@ def test_the_fourth_step_identifies_observed_stars_by_those_beyond_the_edge():
 
 
 def test_the_command_prints_the_rows_and_draws_the_figures(tmp_path, one_process):
-    done = invoke('campaign', 'extended-grid', '--trials', '12', '--json', '--output',
+    done = invoke('campaign', 'extended-grid', '--trials', '4', '--json', '--output',
                   str(tmp_path))
     document = json.loads(done.stdout.splitlines()[-1])
     assert document['name'] == 'campaign extended-grid'
-    assert document['conditions']['trials'] == 12
+    assert document['conditions']['trials'] == 4
     rows = {row['case']: row for row in document['rows']}
     assert all({'ours', 'paper', 'as_published', 'beyond', 'unit', 'bound', 'holds'} <= set(row)
                for row in rows.values())
     row = rows['success, 1 px, 0.2 mag, 1 s']
     assert row['paper'] == '> 97.4' and row['holds'] is None
     assert row['bound'] == ('as published >= 97.4; beyond >= 97.4: '
-                            'too few trials, 12 of 385')
+                            'too few trials, 4 of 385')
     assert rows['nearest neighbour right, extended image']['paper'] == '86.7'
     assert next(row for case, row in rows.items() if 'false star' in case)['beyond'] == 0
     assert done.exit_code == 0

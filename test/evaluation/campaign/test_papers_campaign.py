@@ -93,8 +93,9 @@ def test_every_claim_of_the_five_papers_can_be_judged():
             assert claim.rows or claim.picture or claim.state == 'cannot be'
 
 
-def test_the_command_runs_a_campaign_and_prints_the_states(tmp_path, sky_data, monkeypatch):
-    monkeypatch.setenv('STARTRACKER_DATA', str(sky_data))
+def test_the_command_runs_a_campaign_and_prints_the_states(
+        tmp_path, few_photographs, monkeypatch):
+    monkeypatch.setenv('STARTRACKER_DATA', str(few_photographs))
     done = invoke('campaign', 'papers', '--only', 'centroid', '--trials', '20', '--json',
                   '--output', str(tmp_path))
     rows = json.loads(done.stdout.splitlines()[-1])['rows']

@@ -15,7 +15,7 @@ from startracker_ros.evaluation.campaign.two_satellite_scene import ALL, Scene
 @pytest.fixture(scope='module')
 def document(tmp_path_factory):
     output = tmp_path_factory.mktemp('campaign')
-    done = invoke('campaign', 'two-satellite', '--trials', '20000', '--output', str(output),
+    done = invoke('campaign', 'two-satellite', '--trials', '5000', '--output', str(output),
                   '--json')
     # Status 1: a row does not hold.
     assert done.exit_code in (0, 1) and done.stdout, done.output

@@ -1,9 +1,10 @@
 # Copyright 2026 the startracker_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The example that finds the delay of a camera behind a gyro, run as a user runs it."""
+"""The example that finds the delay of a camera behind a gyro."""
 
 from pathlib import Path
+import runpy
 import subprocess
 import sys
 
@@ -17,19 +18,22 @@ from startracker_ros.io.bags import cdr
 from startracker_ros.io.bags.writer import BagWriter
 
 ROOT = Path(__file__).parents[3]
+EXAMPLE = ROOT / 'docs' / 'examples' / 'check_delay.py'
 SIGMA_RAD = 2 * ARCSEC
 RATE_SIGMA_RAD_S = 1e-4
 
 
-def check(bag, *topics):
-    return subprocess.run(
-        [sys.executable, str(ROOT / 'docs' / 'examples' / 'check_delay.py'), str(bag), *topics],
-        capture_output=True, text=True, timeout=HANGS_S)
+@pytest.fixture
+def check(monkeypatch, capsys):
+    def run(bag, *topics):
+        monkeypatch.setattr('sys.argv', [str(EXAMPLE), str(bag), *topics])
+        runpy.run_path(str(EXAMPLE), run_name='__main__')
+        return capsys.readouterr().out
+    return run
 
 
-def found_ms(done):
-    assert done.returncode == 0, done.stderr
-    words = done.stdout.split()
+def found_ms(text):
+    words = text.split()
     return float(words[3]), float(words[-2])
 
 
@@ -62,18 +66,22 @@ def write(bag, delay_s, amplitude_rad):
 
 
 @pytest.mark.parametrize('delay_s', [0.0, 0.012, -0.03])
-def test_a_delay_is_found(tmp_path, delay_s):
+def test_a_delay_is_found(check, tmp_path, delay_s):
     write(tmp_path / 'bag', delay_s, 0.1)
     delay_ms, sigma_ms = found_ms(check(tmp_path / 'bag', '/frame_attitude', '/imu'))
     assert sigma_ms < 1 and abs(delay_ms - delay_s * 1e3) < 5 * sigma_ms
 
 
-def test_without_a_motion_it_is_not_determined(tmp_path):
+def test_without_a_motion_it_is_not_determined(check, tmp_path):
     write(tmp_path / 'bag', 0.012, 0.0)
-    done = check(tmp_path / 'bag', '/frame_attitude', '/imu')
-    assert done.returncode == 1 and done.stderr.startswith('not determined')
+    with pytest.raises(SystemExit, match='^not determined'):
+        check(tmp_path / 'bag', '/frame_attitude', '/imu')
 
 
 def test_the_golden_slew_has_none():
-    delay_ms, sigma_ms = found_ms(check(ROOT / 'bags' / 'slew'))
+    """Run as a user runs it."""
+    done = subprocess.run([sys.executable, str(EXAMPLE), str(ROOT / 'bags' / 'slew')],
+                          capture_output=True, text=True, timeout=HANGS_S)
+    assert done.returncode == 0, done.stderr
+    delay_ms, sigma_ms = found_ms(done.stdout)
     assert abs(delay_ms) < 5 * sigma_ms
